@@ -20,9 +20,8 @@ from aleator import (
     Noise,
     Normal,
 )
-from aleator.inference.fit import climbed
+from aleator.inference.fit import climbed, positive, refitted
 from aleator.inference.leave_one_out import informations, leave_one_out, summed_error
-from aleator.inference.refit import positive, refitted
 
 COUNT = 40
 

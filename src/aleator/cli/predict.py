@@ -37,10 +37,8 @@ from aleator.results.units import label
 from aleator.results.values import QUANTILES, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.known import estimated
-from aleator.tasks.individual.session import OWN, session_of
-from aleator.tasks.session import OutcomeSession, Session
+from aleator.tasks.session import OWN, Session
 from aleator.types import Indices
 
 
@@ -135,11 +133,9 @@ def predict(
         runner.progress = progress
         who = OWN if of is not None and of == value.table.id else of
         if asked.distribution:
-            found = session.predict(
-                table, draws, table.transform, QUANTILES, progress, who, not no_noise
-            )
+            found = session.predict(table, draws, QUANTILES, progress, who, not no_noise)
         else:
-            ground = session.ground(table, draws.estimate, table.transform, who, not no_noise)
+            ground = session.ground(table, draws.estimate, who, not no_noise)
             found = asked.table(ground, draws, progress)
     for note in (*made_runs(runner), *held(draws, session), *untested(value, table)):
         options.say(note)
@@ -195,26 +191,19 @@ def _session(
     of: str | None,
 ) -> Session:
     """What predicts; `measured` runs the experiments that were measured."""
-    if not document.get("observations"):
-        if of is not None:
-            raise AleatorError(
-                f"--of {of}: one outcome says too little of the parameters of its experiment",
-                "predict new experiments: leave the option out",
-            )
-        return OutcomeSession(value.model, runner, None, value.experiments)
-    surfaces = value.propagation
-    if value.noise is None or not isinstance(surfaces, ResponseSurface):
+    found = Result.from_document(document)
+    if of is not None and not found.observations:
         raise AleatorError(
-            f"{value.file}: the study has no noise or no surfaces, and its identification had",
-            "identify again",
+            f"--of {of}: one outcome says too little of the parameters of its experiment",
+            "predict new experiments: leave the option out",
         )
 
     def made(asked: object) -> Runner:
         return runner if asked is table or measured is None else measured
 
-    return session_of(
-        str(document.get("propagation")), value.inputs, value.noise,
-        value.experiments.observations.responses, value.experiments, surfaces, made,
+    return Session.again(
+        found, value.file, value.inputs, value.noise, value.experiments, value.propagation,
+        value.density, made,
     )  # fmt: skip
 
 

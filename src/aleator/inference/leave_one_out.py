@@ -9,9 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from aleator.inference.fit import Fit
+from aleator.inference.fit import Fit, refitted
 from aleator.inference.information import BOUND, DIFFERENCES
-from aleator.inference.refit import refitted
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.laws.prior import curvatures
 from aleator.progress import Progress, Silent

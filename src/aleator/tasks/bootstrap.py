@@ -17,8 +17,7 @@ import pandas as pd
 
 from aleator.errors import InputsError, SurroundingsError
 from aleator.inference import resampling
-from aleator.inference.fit import Fit
-from aleator.inference.refit import refitted
+from aleator.inference.fit import Fit, refitted
 from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
 from aleator.results import printed

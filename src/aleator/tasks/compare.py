@@ -13,10 +13,9 @@ import pandas as pd
 
 from aleator.errors import InputsError, nearest
 from aleator.inference.criteria import Criteria
-from aleator.inference.fit import Fit
+from aleator.inference.fit import Fit, refitted
 from aleator.inference.leave_one_out import LeaveOneOut, leave_one_out, summed_error
 from aleator.inference.likelihood_ratio import LikelihoodRatio
-from aleator.inference.refit import refitted
 from aleator.laws.prior import has_prior
 from aleator.progress import Progress, Silent
 from aleator.results import printed

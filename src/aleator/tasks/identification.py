@@ -26,9 +26,10 @@ from aleator.tasks.decide.probability import probabilities
 from aleator.tasks.decide.question import events_asked, responses_asked
 from aleator.tasks.decide.simulator_check import CHECKS
 from aleator.tasks.pictures import pictured
-from aleator.tasks.session import OutcomeSession, Session, kept, missing
+from aleator.tasks.session import Session, kept, missing
 
-NO_SESSION = OutcomeSession(None, None, None)
+NO_SESSION = Session()
+"""That of an identification that was read from a file, with nothing given again."""
 
 
 class Report(Protocol):
@@ -158,7 +159,7 @@ class Identification(Result):
         Raises AleatorError where the identification was read from a file without the simulator.
         """
         return self.session.predict(
-            conditions, self._taken(uncertainty), self.transform, quantiles, progress, of, noise
+            conditions, self._taken(uncertainty), quantiles, progress, of, noise
         )
 
     def probability(
@@ -192,7 +193,7 @@ class Identification(Result):
         Raises InputsError unless one event of one response is asked for, AleatorError as `predict`.
         """
         draws = self._taken(uncertainty)
-        ground = self.session.ground(conditions, draws.estimate, self.transform, of, noise)
+        ground = self.session.ground(conditions, draws.estimate, of, noise)
         events = events_asked(ground, response, above, below, between)
         return probabilities(ground, draws, events, checks, progress)
 
@@ -217,7 +218,7 @@ class Identification(Result):
         for a share that is not between 0 and 1, AleatorError as `predict`.
         """
         draws, asked = self._taken(uncertainty), Tolerance(content, confidence, side)
-        ground = self.session.ground(conditions, draws.estimate, self.transform, of, noise)
+        ground = self.session.ground(conditions, draws.estimate, of, noise)
         which = np.flatnonzero(np.isin(ground.seen.response, responses_asked(ground, response)))
         return limits(ground, draws, asked, which, progress)
 

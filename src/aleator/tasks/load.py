@@ -7,21 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from aleator.errors import AleatorError, InputsError
+from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.model import Model
 from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
-from aleator.observations.responses import Response
-from aleator.observations.transform import Transform
 from aleator.results.schema import read_answer
 from aleator.results.values import in_order
 from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_PROPAGATION
 from aleator.tasks.identification import Identification
-from aleator.tasks.individual.session import IndividualSession, Runners, runners, session_of
-from aleator.tasks.session import OutcomeSession, Session
+from aleator.tasks.session import Runners, Session, runners, runners_like
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -63,16 +59,10 @@ def load(
     found = Identification.from_document(read_answer(path))
     if inputs is None:
         return found
-    made = None if simulator is None else as_simulator(simulator, vectorized)
-    session: Session
-    if found.observations:
-        session = _individual_session(found, path, made, inputs, noise, experiments, propagation)
-    else:
-        if noise is not None:
-            raise InputsError(
-                f"{path} was identified from exact outcomes, without noise", "leave the noise out"
-            )
-        session = OutcomeSession(Model.of(inputs, propagation, density), made, None, experiments)
+    runner = None
+    if simulator is not None:
+        runner = _runners(found, as_simulator(simulator, vectorized), inputs, experiments)
+    session = Session.again(found, path, inputs, noise, experiments, propagation, density, runner)
     try:
         in_order(found.alpha, session.hyperparameters)
     except InputsError as error:
@@ -83,40 +73,13 @@ def load(
     return replace(found, session=session)
 
 
-def _individual_session(
-    found: Identification,
-    path: str | Path,
-    simulator: Simulator | None,
-    inputs: Inputs,
-    noise: Noise | Mapping[str, Noise] | None,
-    experiments: Experiments | None,
-    propagation: ResponseSurface | Collocation,
-) -> IndividualSession:
-    regressed = inputs.regressed and inputs.covariate_model is None
-    if noise is None or (experiments is None and regressed):
-        lacking = "noise" if noise is None else "experiments, whose covariates make the law,"
-        raise AleatorError(
-            f"what can be asked of {path} needs the {lacking} too",
-            f"aleator.load(path, ..., {'noise' if noise is None else 'experiments'}=...)",
-        )
-    surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
-    seen = tuple(Response(name, Transform(each)) for name, each in found.responses.items())
-    return session_of(
-        found.propagation, inputs, noise, seen, experiments, surfaces,
-        _runners(found, simulator, inputs, experiments),
-    )  # fmt: skip
-
-
 def _runners(
-    found: Identification,
-    simulator: Simulator | None,
-    inputs: Inputs,
-    experiments: Experiments | None,
-) -> Runners | None:
+    found: Identification, simulator: Simulator, inputs: Inputs, experiments: Experiments | None
+) -> Runners:
     """What makes runs with the simulator, which gets arrays of what varied within experiments."""
-    if simulator is None:
-        return None
+    if not found.observations:
+        return runners(simulator, inputs.names)
     if experiments is not None:
-        return runners(Runner(simulator, experiments, inputs.names), experiments)
+        return runners_like(Runner(simulator, experiments, inputs.names), experiments)
     varying = {name for entry in found.observations for name in entry.conditions}
     return lambda asked: Runner(simulator, asked, inputs.names, varying=varying)

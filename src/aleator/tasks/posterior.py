@@ -291,7 +291,7 @@ def posterior(
         )
     told = progress or Silent()
     told.stage("posterior")
-    density = RealLine(fit.honest(), fit.hyperparameters, fit.alpha, moving)
+    density = RealLine(fit.likelihood.honest(), fit.hyperparameters, fit.alpha, moving)
     scale = scaled(density, density.u_of(fit.alpha))
     made = sampled(density, scale, draws, chains, seed, _listener(told))
     alphas = np.array([[_in_order(density.alpha_of(u), fit) for u in chain] for chain in made.u])
@@ -345,14 +345,14 @@ def _in_order(alpha: Array, fit: Fit) -> Array:
 
 def _nodes_error(fit: Fit, alphas: Array) -> float:
     """The standard deviation over alphas (A, K) of what more nodes change of log L."""
-    changes = np.array([fit.more_nodes(alpha) for alpha in alphas])
+    changes = np.array([fit.likelihood.more_nodes(alpha) for alpha in alphas])
     return float(np.std(changes[np.isfinite(changes)])) if np.any(np.isfinite(changes)) else 0.0
 
 
 def _outside(fit: Fit, alphas: Array, seed: int) -> float:
     """The share of the laws alphas (A, K) that lies where no simulated values are known."""
     rng = np.random.default_rng(seed)
-    size, low, high = fit.inputs.size, *fit.region.T
+    size, low, high = fit.inputs.size, *fit.likelihood.region.T
     beyond = [
         np.any((x < low) | (x > high), axis=1)
         for x in (drawn(fit.inputs, alpha[:size], fit.count, rng) for alpha in alphas)

@@ -15,6 +15,7 @@ import scipy
 
 from aleator.inference import diagnostics
 from aleator.inference.check import Checked
+from aleator.inference.fit import Fit
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
@@ -39,8 +40,7 @@ from aleator.simulators import Simulator
 from aleator.status import Status
 from aleator.tasks.baselines import LeastSquares, LinearGaussian
 from aleator.tasks.identification import Identification
-from aleator.tasks.outcome_fit import OutcomeFit
-from aleator.tasks.session import OutcomeSession
+from aleator.tasks.session import Session
 from aleator.types import Array
 
 LEAST = 5e-4
@@ -114,8 +114,8 @@ def assemble(
         density_distances=_distances(problem, alpha, exact),
         outcome=table.outcome_name,
         transform=table.transform,
-        session=OutcomeSession(
-            problem.model, simulator, OutcomeFit(problem, alpha, inference, table)
+        session=Session.of_outcomes(
+            problem.model, simulator, Fit.of_outcomes(problem, alpha, inference, table)
         ),
         parameter_correlations=parameter_correlations_of(
             problem.model.inputs, alpha, hyperparameters, inference

@@ -38,6 +38,10 @@ class Measured:
         fit = cls(y, alpha)
         return replace(fit, inference=infer(fit.objective(), alpha, LIMITS))
 
+    @property
+    def likelihood(self) -> Measured:
+        return self
+
     def objective(self):
         def value(alpha: np.ndarray) -> LogLikelihood:
             mean, sd = alpha

@@ -37,7 +37,7 @@ class Judged:
 
 def gap(fit: Fit, points: Array) -> float:
     """Log-likelihood of the best law on points x (J, n) above that of the fit."""
-    best = mixed(fit.given(points), COARSE).log_likelihood
+    best = mixed(fit.likelihood.given(points), COARSE).log_likelihood
     return best - fit.scored().likelihood
 
 

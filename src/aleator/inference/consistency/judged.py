@@ -11,7 +11,7 @@ from aleator.inference.consistency.battery import SHARES, Battery
 from aleator.inference.consistency.calibration import corrected, effective, probabilities
 from aleator.inference.consistency.contrasts import Subject
 from aleator.inference.consistency.residuals import residuals_of
-from aleator.inference.fit import AnyFit, stepped
+from aleator.inference.fit import Fit, stepped
 from aleator.results.values import Statistic
 from aleator.types import Array
 
@@ -53,7 +53,7 @@ def judged(subjects: tuple[Subject, ...], observed: Array, replicates: Array) ->
 
 
 def replicated(
-    fit: AnyFit, battery: Battery, points: int, rng: np.random.Generator
+    fit: Fit, battery: Battery, points: int, rng: np.random.Generator
 ) -> Iterator[Array]:
     """Statistics (T,) of other data under the fitted model, alpha fitted to them; without end.
 

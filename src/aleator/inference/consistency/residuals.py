@@ -56,7 +56,10 @@ def residuals_of(fit: Fit, points: int) -> Residuals:
     assert scores is not None
     observed = np.unique(fit.table.observations.experiment)
     scores = scores[np.ix_(observed, fit.inference.free)]
-    means, products = fit.variates() or (np.zeros((fit.count, 0)), np.zeros((fit.count, 0, 0)))
+    means, products = fit.likelihood.variates() or (
+        np.zeros((fit.count, 0)),
+        np.zeros((fit.count, 0, 0)),
+    )
     return Residuals(
         special.ndtri(inside),
         known,

@@ -64,7 +64,7 @@ def expected_scores(fit: Fit, rng: np.random.Generator, progress: Progress) -> S
 
 
 def _over_outcomes(fit: Fit, lowest: Array, highest: Array, progress: Progress) -> Scores:
-    low, high = fit.span()
+    low, high = fit.likelihood.span()
     low, high = np.clip(low, lowest, highest), np.clip(high, lowest, highest)
     outcomes = low + np.linspace(0.0, 1.0, NODES)[:, None] * (high - low)
     ends = [*zip(outcomes, outcomes, strict=True)]

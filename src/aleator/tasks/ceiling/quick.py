@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from aleator.inference.ceiling.bootstrap import judged
 from aleator.inference.fit import Fit
+from aleator.inference.likelihood_at import IndividualsAt
 from aleator.likelihood.individual import OnSurfaces
 from aleator.progress import Progress
 from aleator.tasks.ceiling.ceiling import best_of
 from aleator.tasks.ceiling.sought import Sought
-from aleator.tasks.individual.fit import IndividualFit
 
 REPLICATES = 39
 FEWEST = 5
@@ -46,14 +46,14 @@ def best_possible(fit: Fit, seed: int, progress: Progress) -> dict[str, float] |
 def _small(fit: Fit) -> bool:
     inputs = fit.inputs
     return (
-        isinstance(fit, IndividualFit)
+        isinstance(fit.likelihood, IndividualsAt)
         and not inputs.regressed
         and 1 <= inputs.scattering <= PARAMETERS
         and fit.count >= FEWEST
-        and len(fit.table.observations) * fit.likelihood.nodes.xi.shape[1] <= VALUES
+        and len(fit.table.observations) * fit.likelihood.integral.nodes.xi.shape[1] <= VALUES
     )
 
 
 def _allowed(fit: Fit) -> int:
-    assert isinstance(fit, IndividualFit)
-    return ON_SURFACES if isinstance(fit.likelihood.predictor, OnSurfaces) else DIRECT
+    assert isinstance(fit.likelihood, IndividualsAt)
+    return ON_SURFACES if isinstance(fit.likelihood.integral.predictor, OnSurfaces) else DIRECT

@@ -62,7 +62,7 @@ class Sought:
         mass = around(held_region(inputs, [fit.alpha], 1, FAR), inputs.box)
         laws = [*inputs.laws.values()]
         bounded = np.array([law.bounded for law in laws])[:, None]
-        region = within(fit.region, np.where(bounded, fit.region, mass))
+        region = within(fit.likelihood.region, np.where(bounded, fit.likelihood.region, mass))
         return cls(fit, moving, region[moving])
 
     @property
@@ -107,7 +107,7 @@ class Sought:
 
     def log_density(self, z: Array) -> Array:
         """log p(observations | parameters) (N, J) at points (J, s) of the unit cube."""
-        return self.fit.given(self.x(z))
+        return self.fit.likelihood.given(self.x(z))
 
     @property
     def count(self) -> int:
@@ -132,10 +132,8 @@ class Sought:
         return there.x(np.concatenate([self._covering, there.own(rng)]))
 
     def own(self, rng: np.random.Generator) -> Array:
-        """A draw (N, s) of the parameters of each experiment, where that can be told."""
-        x = self.fit.individuals(rng)
-        if x is None:
-            return np.empty((0, len(self.moving)))
+        """A draw (N, s) of the parameters of each experiment."""
+        x = self.fit.likelihood.individuals(rng)
         step = max(1, len(x) // self.count)
         return self.z(x[::step][np.all(np.isfinite(x[::step]), axis=1)])
 

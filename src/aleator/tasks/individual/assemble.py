@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Checked
 from aleator.inference.diagnostics.centering import centering_advice
 from aleator.inference.diagnostics.check import check_refusals
@@ -21,6 +22,7 @@ from aleator.inference.diagnostics.individual import (
     without_surfaces,
 )
 from aleator.inference.diagnostics.surfaces import judged, worse_than_estimated
+from aleator.inference.fit import Fit
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
     IndividualLikelihood,
@@ -33,14 +35,12 @@ from aleator.results.values import Diagnostic, IndividualReport, LogLikelihoodRe
 from aleator.status import Status
 from aleator.tasks.identification import Identification
 from aleator.tasks.individual.answer import Answer, Question
-from aleator.tasks.individual.calibration import sequential_pit
 from aleator.tasks.individual.curves import law_curves
 from aleator.tasks.individual.failed import failing_share
-from aleator.tasks.individual.fit import IndividualFit
 from aleator.tasks.individual.guess import HUGE
 from aleator.tasks.individual.observed import observation_reports
-from aleator.tasks.individual.session import DIRECT, IndividualSession, runners
 from aleator.tasks.ledger import Ledger
+from aleator.tasks.session import DIRECT, Session
 from aleator.tasks.summary import (
     LEAST,
     estimates_of,
@@ -126,13 +126,12 @@ def assembled(
         quadrature={"nodes": end.likelihood.nodes.xi.shape[1], "gap": end.gap},
         responses={r.name: str(r.transform) for r in table.observations.responses},
         law_curves=law_curves(inputs, alpha, len(table.ids)),
-        session=IndividualSession(
+        session=Session.of_individuals(
             inputs,
             question.noise,
-            question.table.observations.responses,
             question.table,
-            runners(question.runner, question.table),
-            IndividualFit(end.likelihood, alpha, inference, table, end.coarse.rule),
+            question.runner,
+            Fit.of_individuals(end.likelihood, alpha, inference, table, end.coarse.rule),
             answer.surfaces is None,
             question.surfaces,
         ),

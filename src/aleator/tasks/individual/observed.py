@@ -9,6 +9,7 @@ import numpy as np
 from aleator.likelihood.individual import IndividualLikelihood, IndividualParameters
 from aleator.observations.experiments import Experiments
 from aleator.results.values import ObservationReport
+from aleator.tasks.session import varying_conditions
 from aleator.types import Array
 
 
@@ -49,16 +50,6 @@ def observation_reports(
         )
         for k in range(len(seen))
     )
-
-
-def varying_conditions(table: Experiments, asked: Sequence[str]) -> list[str]:
-    """Which of the conditions that the simulator asks for vary within any experiment."""
-    first = np.unique(table.experiment, return_index=True)[1]
-    return [
-        name
-        for name in asked
-        if np.any((cells := table.conditions[name].to_numpy()) != cells[first][table.experiment])
-    ]
 
 
 def _finite(value: float) -> float | None:

@@ -38,7 +38,7 @@ def likelihood_shapes(
     inference = fit.inference
     if not inference.positive or len(fit.table.observations) > OBSERVATIONS:
         return {}
-    objective = fit.rough().objective()
+    objective = fit.likelihood.rough().objective()
     profiles = {}
     for k in _shown(fit, estimates):
         h = fit.hyperparameters[k]

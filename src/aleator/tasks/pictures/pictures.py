@@ -53,7 +53,9 @@ def pictured(found: Identification, progress: Progress | None = None) -> Identif
             "contours": law_contours(fit.inputs, fit.alpha),
             **likelihood_shapes(fit, found.alpha, progress.update),
             "response": responses(fit),
-            "roughness": [] if fit.roughness is None else drawn(fit.roughness),
+            "roughness": []
+            if fit.likelihood.roughness is None
+            else drawn(fit.likelihood.roughness),
             "predicted": _predicted(fit) if found.observations else {},
         },
     )
@@ -78,5 +80,5 @@ def _conditions(fit: Fit) -> dict[str, list[Any]]:
 
 
 def _predicted(fit: Fit) -> dict[str, list[float]]:
-    quantiles = fit.quantiles(np.array(QUANTILES))
+    quantiles = fit.likelihood.quantiles(np.array(QUANTILES))
     return {str(p): drawn(q, PLACES) for p, q in zip(QUANTILES, quantiles.T, strict=True)}

@@ -51,7 +51,7 @@ def responses(fit: Fit) -> dict[str, Any]:
     if pair:
         grid = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")], axis=1)
         points.append(_moved(middle, pair, grid))
-    found = fit.simulated(np.concatenate([*points, middle[None]]))
+    found = fit.likelihood.simulated(np.concatenate([*points, middle[None]]))
     if found is None:
         return _at_nodes(fit, columns, low, high)
     parts = np.split(found, np.cumsum([len(part) for part in points]), axis=1)
@@ -72,7 +72,7 @@ def _at_nodes(fit: Fit, columns: list[int], low: Array, high: Array) -> dict[str
 
     Nodes of Gauss rules lie farther out than any parameter, where a chart would show nothing else.
     """
-    known = fit.nodes()
+    known = fit.likelihood.nodes()
     if known is None:
         return {}
     x, eta = known
@@ -95,7 +95,7 @@ def _spread(fit: Fit) -> Array:
     times = max(1, DRAWS // fit.count)
     alpha = fit.alpha[: inputs.size]
     x = np.concatenate([of_law(inputs, alpha, fit.count, rng) for _ in range(times)])
-    return np.asarray(np.clip(np.quantile(x, ENDS, axis=0), *fit.region.T))
+    return np.asarray(np.clip(np.quantile(x, ENDS, axis=0), *fit.likelihood.region.T))
 
 
 def _moved(middle: Array, columns: list[int], values: Array) -> Array:
