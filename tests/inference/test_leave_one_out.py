@@ -21,7 +21,7 @@ from aleator import (
     Normal,
 )
 from aleator.inference.fit import climbed, positive, refitted
-from aleator.inference.leave_one_out import informations, leave_one_out, summed_error
+from aleator.inference.model_choice import informations, leave_one_out, summed_error
 
 COUNT = 40
 

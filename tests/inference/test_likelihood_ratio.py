@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aleator.inference.criteria import Criteria
-from aleator.inference.likelihood_ratio import LikelihoodRatio, ratio_p
+from aleator.inference.model_choice import Criteria, LikelihoodRatio, ratio_p
 
 NONE = np.zeros(0)
 

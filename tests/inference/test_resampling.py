@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from aleator.inference.resampling import acceleration, basic, bias_corrected, percentile
+from aleator.tasks.bootstrap import acceleration, basic, bias_corrected, percentile
 
 MANY = 200_000
 NOTHING = np.zeros((10, 1))

@@ -21,7 +21,7 @@ from aleator import (
     Normal,
     bootstrap,
 )
-from aleator.inference.leave_one_out import leave_one_out
+from aleator.inference.model_choice import leave_one_out
 from aleator.progress import Silent
 from aleator.tasks.bootstrap import ARRIVED, FILE, influence
 

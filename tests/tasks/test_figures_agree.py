@@ -29,8 +29,7 @@ from aleator import (
 from aleator.plot import identification
 from aleator.report.html.opening import opening
 from aleator.report.terminal import render
-from aleator.tasks.pictures import pictured
-from aleator.tasks.pictures.between import profile_line
+from aleator.tasks.pictures import pictured, profile_line
 from aleator.types import Array
 
 RNG = np.random.default_rng(2028)

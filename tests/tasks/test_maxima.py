@@ -19,7 +19,7 @@ from aleator import Mixture, Noise, Normal, ResponseSurface  # isort: skip
 from aleator.errors import InputsError
 from aleator.report.terminal import render
 from aleator.search.value import LogLikelihood
-from aleator.tasks.load import load
+from aleator.tasks.identification import load
 from aleator.types import Array
 
 pytestmark = pytest.mark.usefixtures("unreported")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from aleator.errors import AleatorError
-from aleator.tasks.replicate_file import ReplicateFile
+from aleator.tasks.bootstrap import ReplicateFile
 
 HEAD = {"kind": "parametric", "seed": 0, "alpha": [1.0, 0.1], "log_likelihood": -3.5}
 

@@ -12,14 +12,13 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import AleatorError
-from aleator.inference.decisions.alpha_draws import AlphaDraws
+from aleator.inference.alpha_draws import AlphaDraws
 from aleator.progress import Progress
 from aleator.report import decisions
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.limits import Tolerance, limits
-from aleator.tasks.decide.probability import probabilities
-from aleator.tasks.decide.question import events_asked, responses_asked
-from aleator.tasks.decide.simulator_check import CHECKS
+from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
+from aleator.tasks.decide.sample import CHECKS
 
 CONFIDENCE = 0.95
 

@@ -25,8 +25,12 @@ from aleator.errors import AleatorError
 from aleator.report import next as report
 from aleator.results import documents
 from aleator.study import Study, load_study
-from aleator.tasks.next_experiment import next_experiments, require_enough_candidates
-from aleator.tasks.wanted import Predicted, require_free
+from aleator.tasks.next_experiment import (
+    Predicted,
+    next_experiments,
+    require_enough_candidates,
+    require_free,
+)
 
 QUANTILE = 0.95
 """What is predicted where nobody says."""

@@ -22,7 +22,7 @@ from aleator.cli.running import (
 )
 from aleator.cli.showing import shown
 from aleator.errors import short
-from aleator.inference.chains import SAMPLER, installed
+from aleator.inference.posterior import SAMPLER, installed
 from aleator.report import posterior as report
 from aleator.results import documents
 from aleator.study import load_study

@@ -26,7 +26,7 @@ from aleator.cli.running import (
 )
 from aleator.cli.showing import shown
 from aleator.errors import AleatorError, short
-from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
+from aleator.inference.alpha_draws import AlphaDraws, alpha_draws, estimated
 from aleator.observations.experiments import Conditions
 from aleator.report import terminal
 from aleator.results import documents
@@ -37,7 +37,6 @@ from aleator.results.units import label
 from aleator.results.values import QUANTILES, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.tasks.decide.known import estimated
 from aleator.tasks.session import OWN, Session
 from aleator.types import Indices
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from aleator.inference.decisions.alpha_draws import AlphaDraws
+from aleator.inference.alpha_draws import AlphaDraws
+from aleator.inference.extrapolation import compared
 from aleator.observations.experiments import Conditions
 from aleator.results.printed import number
 from aleator.simulators import Runner
 from aleator.study import Study
-from aleator.tasks.decide.beyond import compared
 from aleator.tasks.session import Session
 
 TOLD = 5

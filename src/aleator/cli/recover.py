@@ -27,7 +27,7 @@ from aleator.report import recovery
 from aleator.results import documents
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.tasks.load import load
+from aleator.tasks.identification import load
 from aleator.tasks.recover import recover as recover_law
 
 RECOVERY = "recovery.json"

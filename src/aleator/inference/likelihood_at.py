@@ -16,9 +16,9 @@ import numpy as np
 from scipy import special
 
 from aleator.errors import InputsError
+from aleator.inference.alpha_draws import quantiles
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Remembered
-from aleator.inference.decisions.weighted import quantiles
 from aleator.inference.diagnostics.surfaces import relative_errors
 from aleator.inference.virtual import censored_alike
 from aleator.laws import Hyperparameter

@@ -24,8 +24,7 @@ from aleator.plot.style import BLUE, GRAY, empty_figure, styled
 from aleator.results.result import Result
 from aleator.results.units import label, seen_label
 from aleator.tasks.identification import Identification
-from aleator.tasks.pictures import pictured
-from aleator.tasks.pictures.between import finer, profile_line
+from aleator.tasks.pictures import finer, pictured, profile_line
 from aleator.types import Array
 
 if TYPE_CHECKING:

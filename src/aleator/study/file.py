@@ -42,7 +42,7 @@ from aleator.study.simulators import RunsSection
 from aleator.study.units import units_of
 from aleator.surrogates import ResponseSurface
 from aleator.tasks import individual
-from aleator.tasks.individual.observed import varying_conditions
+from aleator.tasks.session import varying_conditions
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

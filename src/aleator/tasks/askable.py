@@ -10,7 +10,7 @@ from aleator.observations.experiments import Experiments
 from aleator.observations.noise import Noise
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_SEARCH, require_enough
-from aleator.tasks.replicates import job_of
+from aleator.tasks.recover import job_of
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

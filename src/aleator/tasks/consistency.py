@@ -7,19 +7,26 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from aleator.inference.consistency.battery import SAME, SCATTER, SHAPES, Battery
+from aleator.inference.consistency.battery import (
+    RELATED,
+    SAME,
+    SCATTER,
+    SHAPES,
+    Battery,
+    apart,
+    points_of,
+    residuals_of,
+)
 from aleator.inference.consistency.columns import (
     LEVELS,
     ORDER,
     RESPONSE,
+    classes_of,
     columns_of,
+    copies_of,
     without_order,
 )
-from aleator.inference.consistency.copies import classes_of, copies_of
-from aleator.inference.consistency.judged import Judged, judged, replicated
-from aleator.inference.consistency.outliers import outliers_of
-from aleator.inference.consistency.relations import RELATED, apart
-from aleator.inference.consistency.residuals import points_of, residuals_of
+from aleator.inference.consistency.judged import Judged, judged, outliers_of, replicated
 from aleator.inference.consistency.sentences import told
 from aleator.inference.fit import Fit
 from aleator.observations.experiments import Experiments

@@ -29,7 +29,7 @@ from aleator.tasks.answer import Answer, Question, answered
 from aleator.tasks.asked import DEFAULT_PROPAGATION, DEFAULT_SEARCH, require_enough
 from aleator.tasks.baselines import baselines_of, start_point
 from aleator.tasks.budget import affordable, spend
-from aleator.tasks.ceiling.quick import best_possible
+from aleator.tasks.ceiling import best_possible
 from aleator.tasks.consistency import consistency_of
 from aleator.tasks.identification import Identification
 from aleator.tasks.individual.rivals import as_good

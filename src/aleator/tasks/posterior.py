@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +12,20 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import AleatorError, InputsError
-from aleator.inference.chains import SAMPLER, WARM_UP, Chains, installed, sampled
-from aleator.inference.convergence import LARGEST_R_HAT, LEAST_ESS, Convergence, convergence
 from aleator.inference.fit import Fit
-from aleator.inference.posterior import RealLine, scaled
+from aleator.inference.posterior import (
+    LARGEST_R_HAT,
+    LEAST_ESS,
+    SAMPLER,
+    WARM_UP,
+    Chains,
+    Convergence,
+    RealLine,
+    convergence,
+    installed,
+    sampled,
+    scaled,
+)
 from aleator.laws import classes
 from aleator.laws.individual import drawn
 from aleator.progress import Progress, Silent
@@ -75,7 +85,7 @@ class Posterior:
     seconds: float
     nodes_error: float
     outside: float
-    sound: bool
+    sound: bool = True
     consistent: bool | None = None
 
     def __repr__(self) -> str:
@@ -282,14 +292,18 @@ def posterior(
     for package in (SAMPLER, "arviz_stats"):
         installed(package)
     _require(draws, chains)
-    fit, began = found.fit, time.perf_counter()
-    moving = fit.inference.identified
+    made = sampled_posterior(found.fit, draws, chains, seed, progress or Silent())
+    return replace(made, outcome=found.outcome, sound=found.sound, consistent=found.consistent)
+
+
+def sampled_posterior(fit: Fit, draws: int, chains: int, seed: int, told: Progress) -> Posterior:
+    """The posterior of a fit, of which no verdict is known."""
+    began, moving = time.perf_counter(), fit.inference.identified
     if not moving.size:
         raise InputsError(
             "nothing is identified: every hyperparameter is a number",
             "give one limits: Free(lower, upper), {lower = ..., upper = ...}",
         )
-    told = progress or Silent()
     told.stage("posterior")
     density = RealLine(fit.likelihood.honest(), fit.hyperparameters, fit.alpha, moving)
     scale = scaled(density, density.u_of(fit.alpha))
@@ -308,13 +322,11 @@ def posterior(
         fixed={n: float(fit.alpha[k]) for k, n in enumerate(names) if k not in moving},
         priors=tuple(h.name for h in fit.hyperparameters if h.prior is not None),
         ids=tuple(fit.table.ids),
-        outcome=found.outcome,
+        outcome=fit.table.outcome_name,
         seed=seed,
         seconds=time.perf_counter() - began,
         nodes_error=_nodes_error(fit, few),
         outside=_outside(fit, few, seed),
-        sound=found.sound,
-        consistent=found.consistent,
     )
 
 

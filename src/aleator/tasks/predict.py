@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import InputsError
-from aleator.inference.decisions.alpha_draws import AlphaDraws
+from aleator.inference.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from aleator.errors import InputsError, SurroundingsError
-from aleator.inference.information import LEVEL
+from aleator.inference.information import LEVEL, Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
+from aleator.observations.responses import Observations, responses_of
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.search import Search
@@ -28,6 +30,8 @@ from aleator.simulators.command.janitor import passing
 from aleator.simulators.store import Store
 from aleator.simulators.workers.parcel import packed
 from aleator.surrogates import ResponseSurface
+from aleator.tasks import individual
+from aleator.tasks.answer import Question, answered
 from aleator.tasks.asked import (
     DEFAULT_PROPAGATION,
     DEFAULT_SEARCH,
@@ -35,12 +39,153 @@ from aleator.tasks.asked import (
     AnyTable,
     runner_on,
 )
-from aleator.tasks.replicates import Job, Replicate, job_of
+from aleator.tasks.ledger import Ledger
 from aleator.types import Array
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
     from aleator.moments.propagation import Collocation
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """One virtual data set identified: alpha (K,), intervals (K, 2), errors (K, 2), the maximum.
+
+    Errors are the standard errors by the observed information, and the sandwich errors.
+    """
+
+    alpha: Array
+    intervals: Array
+    errors: Array
+    log_likelihood: float
+    converged: bool
+
+
+class Recoverable(Protocol):
+    """One kind of study: how its virtual data sets are drawn, and identified."""
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """All of alpha."""
+
+    @property
+    def table(self) -> Experiments | Conditions | None:
+        """What another process makes runs for; None: the conditions of the runner."""
+
+    def draw(
+        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
+    ) -> Sequence[Any]:
+        """A data set for each replicate."""
+
+    def identify(self, runner: Runner, data: Any, seed: int) -> Recovered:
+        """One data set identified, as `identify` does it."""
+
+
+@dataclass(frozen=True)
+class IndividualJob:
+    """Experiments with several observations each."""
+
+    asked: individual.Asked
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the laws, then those of the errors."""
+        return self.asked.hyperparameters
+
+    @property
+    def table(self) -> Experiments:
+        """The table of the study."""
+        return self.asked.table
+
+    def draw(
+        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
+    ) -> Sequence[Observations]:
+        """Observations at the conditions of the table, with bounds like its own."""
+        asked = self.asked
+        return [
+            individual.virtual_observations(
+                runner, asked.table, asked.inputs, asked.errors, alpha, rng
+            )
+            for _ in range(replicates)
+        ]
+
+    def identify(self, runner: Runner, data: Observations, seed: int) -> Recovered:
+        """By the integral over individual parameters."""
+        question = self.asked.question(runner, data, seed)
+        answer = individual.answered(question, Ledger(runner, Silent()))
+        found = answer.found
+        return Recovered(
+            answer.settled.alpha, answer.profile.intervals, _errors(answer.inference),
+            found.log_likelihood, found.converged,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class OutcomesJob:
+    """Experiments with one outcome each."""
+
+    model: Model
+    search: Search
+    table: None = None
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the model."""
+        return self.model.hyperparameters
+
+    def draw(
+        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
+    ) -> Sequence[Array]:
+        """Outcomes (replicates, N) of independent parameters."""
+        inputs, count = self.model.inputs, len(runner.ids)
+        uniform = rng.random((replicates * count, len(inputs.names)))
+        x = inputs.sample(alpha[: inputs.size], uniform)
+        return [*runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)]
+
+    def identify(self, runner: Runner, data: Array, seed: int) -> Recovered:
+        """By the density of the outcomes."""
+        question = Question(runner, data, runner.ids, self.model, self.search, seed)
+        answer = answered(question, Ledger(runner, Silent()))
+        found = answer.found
+        return Recovered(
+            found.alpha, answer.profile.intervals, _errors(answer.inference),
+            found.log_likelihood, found.converged,
+        )  # fmt: skip
+
+
+def _errors(inference: Inference) -> Array:
+    return np.stack([inference.standard_error, inference.sandwich_error], axis=1)
+
+
+def job_of(
+    experiments: AnyTable,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise] | None,
+    propagation: ResponseSurface | Collocation,
+    density: Density | None,
+    search: Search,
+) -> Recoverable:
+    """The kind of study that this is. Raises InputsError for choices that do not go together."""
+    if not isinstance(experiments, Experiments):
+        experiments = _unmeasured(experiments, noise)
+    if individual.wanted(experiments, inputs, noise):
+        return IndividualJob(
+            individual.asked(experiments, inputs, noise, propagation, density, search)
+        )
+    return OutcomesJob(Model.of(inputs, propagation, density), search)
+
+
+def _unmeasured(
+    asked: Conditions | pd.DataFrame, noise: Noise | Mapping[str, Noise] | None
+) -> Experiments:
+    """Experiments of which nothing was measured; a data frame has the responses of the noise."""
+    if isinstance(asked, pd.DataFrame):
+        named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
+        asked = Conditions.from_frame(asked, responses=named)
+    return Experiments(
+        asked.ids, asked.conditions, asked.observations,
+        table=asked.table, experiment=asked.experiment, places=asked.places,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -148,7 +293,7 @@ def recover(
     progress.stage("virtual experiments")
     data = job.draw(runner, alpha, replicates, np.random.default_rng(seed))
     progress.stage("identification")
-    found: dict[int, Replicate] = {}
+    found: dict[int, Recovered] = {}
     for number, replicate in _identified(runner, job, data, seed, workers):
         found[number] = replicate
         progress.update(f"{len(found)} of {replicates} data sets", len(found), replicates)
@@ -175,10 +320,10 @@ class _Elsewhere:
     store: Path
     retries: int
     max_failed: float
-    job: Job
+    job: Recoverable
 
     @classmethod
-    def of(cls, runner: Runner, job: Job, store: Path) -> _Elsewhere:
+    def of(cls, runner: Runner, job: Recoverable, store: Path) -> _Elsewhere:
         """The same runner, with a store by which processes share their runs."""
         table = job.table
         if table is None:
@@ -189,7 +334,7 @@ class _Elsewhere:
             job,
         )  # fmt: skip
 
-    def identify(self, data: Any, seed: int) -> Replicate:
+    def identify(self, data: Any, seed: int) -> Recovered:
         """One data set, on a runner of this process."""
         with Store(self.store) as store:
             runner = Runner(
@@ -200,8 +345,8 @@ class _Elsewhere:
 
 
 def _identified(
-    runner: Runner, job: Job, data: Sequence[Any], seed: int, workers: int
-) -> Iterator[tuple[int, Replicate]]:
+    runner: Runner, job: Recoverable, data: Sequence[Any], seed: int, workers: int
+) -> Iterator[tuple[int, Recovered]]:
     if workers > 1:
         with passing() as folder:
             store = runner.cache.store.path if runner.cache else folder / "runs.sqlite"
@@ -215,7 +360,7 @@ def _identified(
 
 def _by_workers(
     parcel: bytes, data: Sequence[Any], seed: int, workers: int
-) -> Iterator[tuple[int, Replicate]]:
+) -> Iterator[tuple[int, Recovered]]:
     pool = ProcessPool(workers)
     try:
         jobs = {pool.submit(_unpacked, parcel, y, seed + k): k for k, y in enumerate(data)}
@@ -230,7 +375,7 @@ def _by_workers(
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _unpacked(job: bytes, data: Any, seed: int) -> Replicate:
+def _unpacked(job: bytes, data: Any, seed: int) -> Recovered:
     elsewhere: _Elsewhere = pickle.loads(job)
     return elsewhere.identify(data, seed)
 

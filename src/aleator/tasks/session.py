@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aleator.errors import AleatorError, InputsError, nearest
-from aleator.inference.decisions.alpha_draws import AlphaDraws
+from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
 from aleator.laws import Hyperparameter
@@ -33,10 +33,8 @@ from aleator.simulators import Runner, Simulator, as_runner
 from aleator.status import Status
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import DEFAULT_PROPAGATION
-from aleator.tasks.decide.forecast import Draws
-from aleator.tasks.decide.ground import Ground, Measured
-from aleator.tasks.decide.predictors import about, direct
-from aleator.tasks.decide.table import tabled, tails
+from aleator.tasks.decide.ground import Ground, MeasuredExperiments, about, direct
+from aleator.tasks.decide.prediction import Draws, tabled, tails
 from aleator.tasks.likely import likely_alphas
 from aleator.tasks.refinement.choice import under_law
 from aleator.types import Array
@@ -305,7 +303,7 @@ class Session:
             return about(runner, box, x, self.surfaces)
         return direct(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
 
-    def _measured(self, conditions: Conditions, alpha: Array, of: str) -> Measured:
+    def _measured(self, conditions: Conditions, alpha: Array, of: str) -> MeasuredExperiments:
         """The measured experiments that the new ones are said to be."""
         table = self.experiments
         if table is None:
@@ -314,7 +312,7 @@ class Session:
                 "aleator.load(path, ..., experiments=...)",
             )
         which = [table.ids.index(name) for name in _named_by(table, conditions, of)]
-        return Measured(self._adapted(table, alpha), np.array(which, dtype=np.intp))
+        return MeasuredExperiments(self._adapted(table, alpha), np.array(which, dtype=np.intp))
 
     def _adapted(self, table: Experiments, alpha: Array) -> IndividualLikelihood:
         """The likelihood of the measured experiments, made again where it was not kept."""

@@ -9,9 +9,7 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from aleator.inference.ceiling.best import BestLaw, best_law, gradient
-from aleator.inference.ceiling.climbing import climbed, local_maxima
-from aleator.inference.ceiling.mixing import mixed
+from aleator.inference.npmle import NPMLE, gradient, local_maxima, mixed, npmle, uphill
 from aleator.types import Array
 
 Density = Callable[[Array], Array]
@@ -21,8 +19,8 @@ def cover(count: int, s: int, seed: int) -> Array:
     return qmc.Sobol(s, rng=seed).random(count)
 
 
-def best(log_density: Density, s: int = 1, count: int = 256) -> BestLaw:
-    return best_law(log_density, cover(count, s, 0), cover(2 * count, s, 1))
+def best(log_density: Density, s: int = 1, count: int = 256) -> NPMLE:
+    return npmle(log_density, cover(count, s, 0), cover(2 * count, s, 1))
 
 
 def normal(y: Array, sd: float) -> Density:
@@ -106,8 +104,8 @@ def test_tops_are_found_on_ridges_at_corners_and_side_by_side() -> None:
         return np.exp(-0.5 * ((along / 0.2) ** 2 + (across / 0.01) ** 2)).max(axis=1)
 
     points = cover(1024, 2, 0)
-    ends = climbed(ridges, points[local_maxima(points, ridges(points), 40)], 0.02)
+    ends = uphill(ridges, points[local_maxima(points, ridges(points), 40)], 0.02)
     for top in tops:
         assert np.min(np.linalg.norm(ends - top, axis=1)) < 1e-3
-    corner = climbed(lambda z: z[:, 0] - 3.0 * z[:, 1], np.array([[0.3, 0.4]]), 0.02)
+    corner = uphill(lambda z: z[:, 0] - 3.0 * z[:, 1], np.array([[0.3, 0.4]]), 0.02)
     assert corner == pytest.approx(np.array([[1.0, 0.0]]))

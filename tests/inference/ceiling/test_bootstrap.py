@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aleator.inference.ceiling.bootstrap import EXCEEDED, Judged, gap, judged
 from aleator.inference.information import infer
+from aleator.inference.npmle import EXCEEDED, GapTest, gap, judged
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.progress import Silent
 from aleator.search.value import LogLikelihood
@@ -75,7 +75,7 @@ def points(fit: object, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG001
     return GRID
 
 
-def of(fit: Measured, most: int, seed: int = 0) -> Judged:
+def of(fit: Measured, most: int, seed: int = 0) -> GapTest:
     test = judged(fit, points, most, seed, Silent())  # type: ignore[arg-type]
     assert test is not None
     return test

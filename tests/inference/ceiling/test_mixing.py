@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from aleator.inference.ceiling.mixing import mixed
+from aleator.inference.npmle import mixed
 
 CASES = [(30, 12, 0.5), (108, 400, 0.3), (60, 400, 0.02), (400, 200, 1.0)]
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aleator.inference.consistency.calibration import corrected, effective, probabilities
+from aleator.inference.consistency.judged import corrected, effective, probabilities
 
 NONE = np.zeros(1, dtype=bool)
 ZERO = np.zeros(1)

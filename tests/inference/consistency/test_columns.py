@@ -2,8 +2,8 @@ import numpy as np
 import pandas as pd
 
 from aleator import Experiments
+from aleator.inference.consistency.battery import contrasts_of, shared
 from aleator.inference.consistency.columns import ORDER, columns_of
-from aleator.inference.consistency.contrasts import contrasts_of, shared
 
 RNG = np.random.default_rng(1)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aleator.inference.consistency.measures import moments
+from aleator.inference.consistency.battery import moments
 
 
 def heavy(rows: np.ndarray) -> np.ndarray:

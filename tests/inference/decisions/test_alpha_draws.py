@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aleator.inference.decisions.alpha_draws import AlphaDraws, Estimated, alpha_draws
-from aleator.inference.decisions.weighted import quantiles
+from aleator.inference.alpha_draws import AlphaDraws, Estimated, alpha_draws, quantiles
 
 
 def known(alpha, error, interval, limits, correlation=None, which=None) -> Estimated:

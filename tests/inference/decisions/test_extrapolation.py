@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 from scipy.spatial import Delaunay
 
-from aleator.inference.decisions.extrapolation import beyond_hull, beyond_range
-from aleator.tasks.decide.beyond import compared
+from aleator.inference.extrapolation import beyond_hull, beyond_range, compared
 
 
 def test_within_the_hull_is_zero_and_elsewhere_not() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from aleator.inference.decisions.tolerance import content_interval, quantile_bound
+from aleator.inference.rare_events import content_interval, quantile_bound
 
 LAWS = 1024
 N = 12

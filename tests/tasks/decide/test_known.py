@@ -6,8 +6,8 @@ import pytest
 
 from aleator import Free, Inputs, Normal
 from aleator.errors import InputsError
+from aleator.inference.alpha_draws import estimated
 from aleator.results.values import Estimate
-from aleator.tasks.decide.known import estimated
 
 INPUTS = Inputs({"x": Normal(Free(0.0, 2.0), Free(0.1, 1.0))})
 

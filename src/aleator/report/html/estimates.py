@@ -15,7 +15,7 @@ from aleator.report.html.markup import Section, folded, missing, paragraph, side
 from aleator.report.html.rows import numbers
 from aleator.results.printed import COLUMNS, alpha_rows, number, with_error
 from aleator.results.units import label
-from aleator.tasks.pictures.between import STEPS, finer, profile_line
+from aleator.tasks.pictures import STEPS, finer, profile_line
 
 Document = Mapping[str, Any]
 LEVELS = (0.0, *(float(stats.chi2.ppf(p, 2)) / 2.0 for p in (0.5, 0.8, 0.95)))

@@ -8,16 +8,13 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import InputsError
-from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.inference.decisions.event import Event
-from aleator.inference.decisions.tolerance import content_interval, quantile_bound
-from aleator.inference.decisions.weighted import quantiles
+from aleator.inference.alpha_draws import AlphaDraws, quantiles
+from aleator.inference.rare_events import Event, content_interval, quantile_bound
 from aleator.progress import Progress
-from aleator.tasks.decide.ground import Ground
+from aleator.tasks.decide.ground import Ground, Points
 from aleator.tasks.decide.near import Near
-from aleator.tasks.decide.points import Points
+from aleator.tasks.decide.prediction import heads, in_rows, tails
 from aleator.tasks.decide.sample import about_event, of_law
-from aleator.tasks.decide.table import heads, in_rows, tails
 from aleator.types import Array, Indices
 
 FAR = 0.02

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aleator.blocks import blocks
-from aleator.inference.decisions.alpha_draws import AlphaDraws
+from aleator.inference.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Direct, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.problem import told
@@ -19,18 +19,22 @@ from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.samples import Samples
 from aleator.surrogates.shared import STEPS
 from aleator.surrogates.sites import Sites
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.points import (
+from aleator.tasks.decide.ground import (
     LARGEST,
-    Parameters,
+    LEAST,
+    LEVEL,
+    PAD,
+    PLACES,
+    DrawnParameters,
+    Ground,
     Points,
+    ends_of,
     law_points,
     measured,
     normal_points,
     parameters,
     simulated,
 )
-from aleator.tasks.decide.predictors import LEAST, LEVEL, MOST, PAD, ends_of
 from aleator.tasks.region import hull, padded
 from aleator.types import Array, Indices
 
@@ -176,7 +180,7 @@ class OneSurface:
 
     def _sharpened(self, x: Array) -> None:
         self._trend = self._kriged = None
-        where = x[:: max(1, len(x) // MOST)][:, moving_parameters(self.region)]
+        where = x[:: max(1, len(x) // PLACES)][:, moving_parameters(self.region)]
         self.surfaces.judge(where)
         self.surfaces.refine(where, LEVEL, told(self.progress))
 
@@ -238,14 +242,14 @@ class Near:
         assert self.direct is not None
         return self.direct
 
-    def outcomes(self, alphas: Array, points: Points) -> tuple[Array, Parameters]:
+    def outcomes(self, alphas: Array, points: Points) -> tuple[Array, DrawnParameters]:
         """Outcomes (A, J) at the points under each law, and the parameters there."""
         found = parameters(self.ground, alphas, self.experiment, points)
         eta = simulated(self.predictor.values, self.block, found.x)
         rows = slice(self.place, self.place + 1)
         return measured(self.ground, alphas, eta, found.score, rows)[0], found
 
-    def possible(self, alphas: Array, points: Points) -> tuple[Array, Array, Parameters]:
+    def possible(self, alphas: Array, points: Points) -> tuple[Array, Array, DrawnParameters]:
         """Outcomes (A, J) by a surface, and their standard deviations that its runs leave."""
         assert self.surface is not None
         surface = self.surface.kriged

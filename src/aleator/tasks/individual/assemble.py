@@ -35,11 +35,11 @@ from aleator.results.values import Diagnostic, IndividualReport, LogLikelihoodRe
 from aleator.status import Status
 from aleator.tasks.identification import Identification
 from aleator.tasks.individual.answer import Answer, Question
-from aleator.tasks.individual.curves import law_curves
 from aleator.tasks.individual.failed import failing_share
 from aleator.tasks.individual.guess import HUGE
 from aleator.tasks.individual.observed import observation_reports
 from aleator.tasks.ledger import Ledger
+from aleator.tasks.pictures import law_curves
 from aleator.tasks.session import DIRECT, Session
 from aleator.tasks.summary import (
     LEAST,

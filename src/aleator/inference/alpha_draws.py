@@ -1,16 +1,69 @@
-"""Values of alpha that the experiments leave plausible, from estimates and their intervals."""
+"""Values of alpha that the experiments leave plausible, and quantiles of points with weights."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg, optimize, special
 from scipy.stats import qmc
 
+from aleator.errors import InputsError
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
+from aleator.results.values import Estimate, in_order
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
+
+
+def quantiles(values: Array, weights: Array, probabilities: Array) -> Array:
+    """Quantiles (..., P) of values (..., J) with weights (..., J).
+
+    Each value stands in the middle of its weight; between values by interpolation.
+    NaN where there is none; a value that is NaN does not count.
+
+    >>> quantiles(np.array([3.0, 1.0, 2.0]), np.ones(3), np.array([0.5])).tolist()
+    [2.0]
+    """
+    weights = np.broadcast_to(weights, values.shape)
+    lead, size = values.shape[:-1], values.shape[-1]
+    found = np.full((int(np.prod(lead)), len(probabilities)), np.nan)
+    rows = zip(values.reshape(-1, size), weights.reshape(-1, size), strict=True)
+    for row, (y, w) in enumerate(rows):
+        order = np.argsort(y)
+        y, w = y[order], w[order]
+        counted = (w > 0.0) & ~np.isnan(y)
+        if np.any(counted):
+            y, w = y[counted], w[counted]
+            reached = np.cumsum(w)
+            found[row] = _between(y, (reached - 0.5 * w) / reached[-1], probabilities)
+    return found.reshape(*lead, len(probabilities))
+
+
+def _between(y: Array, reached: Array, probabilities: Array) -> Array:
+    """By interpolation; beside an infinite value the next one itself."""
+    if np.all(np.isfinite(y)):
+        return np.interp(probabilities, reached, y)
+    return y[np.clip(np.searchsorted(reached, probabilities), 0, len(y) - 1)]
+
+
+def moments(values: Array, weights: Array) -> tuple[Array, Array, Array, Array]:
+    """Mean, sd, skewness and kurtosis (...) of values (..., J) with weights (..., J).
+
+    Values that are NaN do not count.
+    """
+    known = ~np.isnan(values)
+    with np.errstate(all="ignore"):
+        w = np.where(known, weights, 0.0)
+        w = w / w.sum(axis=-1, keepdims=True)
+        y = np.where(known, values, 0.0)
+        mean = np.sum(w * y, axis=-1)
+        away = y - np.where(np.isfinite(mean), mean, np.nan)[..., None]
+        square = w * away**2
+        variance = square.sum(axis=-1)
+        third, fourth = (square * away).sum(axis=-1), (square * away**2).sum(axis=-1)
+        return mean, np.sqrt(variance), third / variance**1.5, fourth / variance**2
+
 
 DRAWS = 256
 END = float(special.ndtri(0.975))
@@ -125,7 +178,7 @@ def alpha_draws(
     limits there may be fewer than `count`. With `wide` variates are so many times as far out, for
     draws that are weighted afterwards.
     """
-    scales = [_Scale.of(known, k) for k in range(known.alpha.size)]
+    scales = [_Profiled.of(known, k) for k in range(known.alpha.size)]
     moving = np.array([k for k, scale in enumerate(scales) if scale is not None], dtype=np.intp)
     held = np.array([k for k in np.flatnonzero(known.free) if scales[k] is None], dtype=np.intp)
     if not moving.size:
@@ -151,7 +204,7 @@ def alpha_draws(
 
 
 @dataclass(frozen=True)
-class _Scale:
+class _Profiled:
     """alpha of a standard normal variate: `estimate` + `slope` (exp(`bend` z) - 1)/`bend`.
 
     `folded` takes |z|; `whole` says that both ends of the interval are within the limits.
@@ -164,7 +217,7 @@ class _Scale:
     whole: bool = False
 
     @classmethod
-    def of(cls, known: Estimated, k: int) -> _Scale | None:
+    def of(cls, known: Estimated, k: int) -> _Profiled | None:
         """That of hyperparameter k; None where nothing is known of its uncertainty."""
         at, error, (low, high) = known.alpha[k], known.error[k], known.limits[k]
         if not known.free[k]:
@@ -179,7 +232,7 @@ class _Scale:
         up = upper - at if upper < high - margin else np.nan
         if down > 0.0 and up > 0.0:
             bend = float(np.clip(np.log(up / down) / END, -STEEPEST, STEEPEST))
-            return cls(at, up / float(_curved(END, bend)), bend, whole=True)
+            return cls(at, up / float(_bent(END, bend)), bend, whole=True)
         if not error > 0.0:
             return None
         if up > 0.0 or down > 0.0:
@@ -189,20 +242,20 @@ class _Scale:
     def __call__(self, z: Array) -> Array:
         """Values at variates z."""
         return np.asarray(
-            self.estimate + self.slope * _curved(np.abs(z) if self.folded else z, self.bend)
+            self.estimate + self.slope * _bent(np.abs(z) if self.folded else z, self.bend)
         )
 
 
-def _curved(z: Array | float, bend: float) -> Array:
+def _bent(z: Array | float, bend: float) -> Array:
     return np.asarray(z if abs(bend) < 1e-9 else np.expm1(bend * np.asarray(z)) / bend)
 
 
 def _bend(reach: float) -> float:
     """The bend with which 1.96 variates reach so many standard errors up."""
-    ends = [float(_curved(END, b)) - reach for b in (-STEEPEST, STEEPEST)]
+    ends = [float(_bent(END, b)) - reach for b in (-STEEPEST, STEEPEST)]
     if ends[0] >= 0.0 or ends[1] <= 0.0:
         return -STEEPEST if ends[0] >= 0.0 else STEEPEST
-    return float(optimize.brentq(lambda b: float(_curved(END, b)) - reach, -STEEPEST, STEEPEST))
+    return float(optimize.brentq(lambda b: float(_bent(END, b)) - reach, -STEEPEST, STEEPEST))
 
 
 def _correlation(known: Estimated, moving: Indices) -> Array:
@@ -225,3 +278,38 @@ def _paired(count: int, dimensions: int, seed: int) -> Array:
     half = qmc.Sobol(dimensions, rng=seed).random_base2(int(np.ceil(np.log2(count / 2))))
     z = special.ndtri(np.clip(half, 1e-9, 1.0 - 1e-9))
     return np.stack([z, -z], axis=1).reshape(-1, dimensions)[:count]
+
+
+def estimated(
+    alpha: Mapping[str, Estimate],
+    names: Sequence[str],
+    correlation: Sequence[Sequence[float]],
+    hyperparameters: Sequence[Hyperparameter],
+) -> Estimated:
+    """Estimates, errors, intervals and the `correlation` (F, F) of those with these `names`.
+
+    Raises InputsError where alpha lacks a hyperparameter or has an unknown one, or the names have.
+    """
+    at = in_order(alpha, hyperparameters)
+    place = {h.name: k for k, h in enumerate(hyperparameters)}
+    for name in names:
+        if name not in place:
+            raise InputsError(
+                f"the correlations name '{name}', which is no hyperparameter of this law",
+                "run `aleator identify` again to write the result anew",
+            )
+    own = [alpha[h.name] for h in hyperparameters]
+    return Estimated(
+        at,
+        _numbers([e.standard_error for e in own]),
+        np.array([_numbers(e.interval or (None, None)) for e in own]).reshape(-1, 2),
+        np.column_stack(limits_of(hyperparameters)),
+        np.array([h.free for h in hyperparameters], dtype=bool),
+        np.array([h.log for h in hyperparameters], dtype=bool),
+        np.array([place[name] for name in names], dtype=np.intp),
+        np.array([_numbers(row) for row in correlation]).reshape(len(names), len(names)),
+    )
+
+
+def _numbers(values: Sequence[float | None]) -> Array:
+    return np.array([np.nan if v is None else float(v) for v in values])

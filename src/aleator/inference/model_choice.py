@@ -1,4 +1,8 @@
-"""How well a model predicts an experiment that it was not fitted to."""
+"""How well a model fits for what it took, and how well it predicts: by which models are compared.
+
+AIC and BIC (`Criteria`), the likelihood ratio of nested models (`LikelihoodRatio`), and the
+log-density of each experiment by the maximum of the others (`leave_one_out`).
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import stats
 
 from aleator.inference.fit import Fit, refitted
 from aleator.inference.information import BOUND, DIFFERENCES
@@ -15,6 +20,124 @@ from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.laws.prior import curvatures
 from aleator.progress import Progress, Silent
 from aleator.types import Array, Flags, Indices
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """A maximum of the likelihood with what it took to reach it.
+
+    Of the free hyperparameters `of_law` belong to parameters that differ between the N
+    `experiments`, and `of_rest` to the noise and to constants, of which each of the M
+    `observations` tells.
+
+    >>> found = Criteria(-875.970, 5, 1, 18, 180)
+    >>> round(found.aic, 2), round(found.aicc, 2), round(found.bic, 2)
+    (1763.94, 1771.58, 1771.58)
+    """
+
+    log_likelihood: float
+    of_law: int
+    of_rest: int
+    experiments: int
+    observations: int
+
+    @property
+    def free(self) -> int:
+        """K, the number of free hyperparameters."""
+        return self.of_law + self.of_rest
+
+    @property
+    def aic(self) -> float:
+        """-2 log L + 2 K (Akaike 1974)."""
+        return -2.0 * self.log_likelihood + 2.0 * self.free
+
+    @property
+    def aicc(self) -> float:
+        """AIC + 2 K (K + 1) / (N - K - 1) (Hurvich and Tsai 1989); infinite for N <= K + 1.
+
+        The N experiments are the sample: the observations of one are not independent.
+        """
+        left = self.experiments - self.free - 1
+        return self.aic + 2.0 * self.free * (self.free + 1) / left if left > 0 else math.inf
+
+    @property
+    def bic(self) -> float:
+        """-2 log L + K_law log N + K_rest log M (Delattre, Lavielle and Poursat 2014)."""
+        return (
+            -2.0 * self.log_likelihood
+            + self.of_law * math.log(self.experiments)
+            + self.of_rest * math.log(self.observations)
+        )
+
+
+TIE = 1e-9
+"""Ratios this close are equal: both are zero where a scale ends at zero."""
+
+
+@dataclass(frozen=True)
+class LikelihoodRatio:
+    """D = 2 (log L_larger - log L_smaller) and what chance makes of it.
+
+    `df` free hyperparameters more; `on_boundary` of them are scales that are zero in the smaller
+    model. `bootstrap` (R,) are ratios of data drawn under the smaller model, NaN where a climb did
+    not arrive; empty without. `regular` is False where there is no reference but these.
+    """
+
+    smaller: str
+    larger: str
+    statistic: float
+    df: int
+    on_boundary: int
+    regular: bool
+    bootstrap: Array
+
+    @property
+    def p(self) -> float:
+        """P(chi-squared >= D) by the reference; NaN where there is none.
+
+        With a scale of zero half chi2(df - 1) and half chi2(df): exact for one scale (Self and
+        Liang 1987, case 5; with its correlations Stram and Lee 1994, case 3), and an upper bound
+        for several (Perlman 1969).
+        """
+        if not self.regular or self.df < 1:
+            return float("nan")
+        return ratio_p(self.statistic, self.df, boundary=self.on_boundary > 0)
+
+    @property
+    def bootstrap_p(self) -> float:
+        """(1 + number of drawn ratios as large) / (1 + R); NaN without any."""
+        drawn = self.bootstrap[np.isfinite(self.bootstrap)]
+        if not drawn.size:
+            return float("nan")
+        return float((1 + np.sum(drawn >= self.statistic - TIE)) / (1 + drawn.size))
+
+    @property
+    def reference(self) -> str:
+        """What the p is taken from, in a few letters."""
+        if not self.regular or self.df < 1:
+            return "bootstrap"
+        if not self.on_boundary:
+            return f"chi2({self.df})"
+        bound = "<= " if self.on_boundary > 1 else ""
+        return f"{bound}1/2 chi2({self.df - 1}) + 1/2 chi2({self.df})"
+
+
+def ratio_p(statistic: float, df: int, *, boundary: bool) -> float:
+    """P(chi2(df) >= statistic), or of half chi2(df - 1) and half chi2(df) on a `boundary`.
+
+    chi2(0) is zero. A statistic below zero, which only a wrong maximum gives, has p = 1.
+
+    >>> round(ratio_p(3.841, 1, boundary=False), 3), round(ratio_p(3.841, 1, boundary=True), 3)
+    (0.05, 0.025)
+    """
+    if statistic <= TIE:
+        return 1.0
+    larger = float(stats.chi2.sf(statistic, df))
+    if not boundary:
+        return larger
+    smaller = float(stats.chi2.sf(statistic, df - 1)) if df > 1 else 0.0
+    return 0.5 * (smaller + larger)
+
 
 TRUSTED = 0.1
 """Change of log p(y_l) up to which one Newton step tells it: it is then exact to about 0.01."""

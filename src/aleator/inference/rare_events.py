@@ -1,4 +1,8 @@
-"""Importance densities of events: mixtures of normal densities, found by cross-entropy."""
+"""Rare events and limits of outcomes: importance densities, and limits that hold a share of all.
+
+An `Event` is an outcome in some intervals; `importance_density` is a mixture of normal densities by
+which its probability is computed, found by cross-entropy.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,50 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, special
+from scipy import linalg, optimize, special
 from scipy.stats import qmc
 
-from aleator.types import Array
+from aleator.inference.alpha_draws import quantiles
+from aleator.types import Array, Flags
+
+
+@dataclass(frozen=True)
+class Event:
+    """An outcome in one of the intervals `parts`, which do not overlap.
+
+    >>> Event(((1.0, np.inf),)).holds(np.array([0.5, 2.0])).tolist()
+    [False, True]
+    >>> Event(((1.0, 2.0),)).contrary.parts
+    ((-inf, 1.0), (2.0, inf))
+    """
+
+    parts: tuple[tuple[float, float], ...]
+
+    @property
+    def contrary(self) -> Event:
+        """Everything else."""
+        ends = [-np.inf, *(end for part in self.parts for end in part), np.inf]
+        pairs = zip(ends[::2], ends[1::2], strict=True)
+        return Event(tuple((low, high) for low, high in pairs if low < high))
+
+    def holds(self, y: Array) -> Flags:
+        """Whether outcomes y are in it; what is NaN is not."""
+        found = np.zeros(y.shape, dtype=np.bool_)
+        for low, high in self.parts:
+            found |= (y > low) & (y < high)
+        return found
+
+    def distance(self, y: Array) -> Array:
+        """How far outcomes y are from the nearest end of an interval."""
+        ends = [end for part in self.parts for end in part if np.isfinite(end)]
+        return np.asarray(np.min([np.abs(y - end) for end in ends], axis=0))
+
+    def missed(self, y: Array) -> Array:
+        """By how much outcomes y miss it: zero within, infinite where there is no outcome."""
+        away = [np.maximum(low - y, y - high) for low, high in self.parts]
+        outside = np.maximum(np.min(away, axis=0), np.finfo(float).tiny)
+        return np.where(self.holds(y), 0.0, np.nan_to_num(outside, nan=np.inf, posinf=np.inf))
+
 
 Missed = Callable[[Array], tuple[Array, Array]]
 """u (J, d) -> by how much the outcome misses the event under each of L laws (L, J), zero within,
@@ -40,7 +84,7 @@ class CrossEntropy:
 
 
 @dataclass(frozen=True, eq=False)
-class Mixture:
+class ImportanceDensity:
     """Normal densities of d variates: `shares` (M,), means (M, d), Cholesky factors (M, d, d).
 
     The first are the law itself and the law with other scales.
@@ -51,7 +95,7 @@ class Mixture:
     factors: Array
 
     @classmethod
-    def of_law(cls, variates: int, scales: tuple[float, ...]) -> Mixture:
+    def of_law(cls, variates: int, scales: tuple[float, ...]) -> ImportanceDensity:
         """The standard normal law in equal shares with those of other scales."""
         every = np.array([1.0, *scales])
         return cls(
@@ -94,7 +138,7 @@ def uniform_points(count: int, dimensions: int, seed: int) -> Array:
 
 def importance_density(
     missed: Missed, variates: int, choice: CrossEntropy, seed: int = 0
-) -> tuple[Mixture, bool]:
+) -> tuple[ImportanceDensity, bool]:
     """A mixture near the density phi(u) 1(u in the event)/P, and whether a point was in the event.
 
     Multilevel cross-entropy (Rubinstein and Kroese, 2004) with normal mixtures fitted by
@@ -104,8 +148,8 @@ def importance_density(
     the points of the event that are known is still looked for, and weights are bounded.
     """
     rng = np.random.default_rng([seed, 5])
-    mixture = Mixture.of_law(variates, choice.scales)
-    used: list[Mixture] = []
+    mixture = ImportanceDensity.of_law(variates, choice.scales)
+    used: list[ImportanceDensity] = []
     u, misses, shares = np.empty((0, variates)), None, None
     for round_ in range(choice.rounds):
         fresh = mixture.drawn(uniform_points(choice.points, variates + 1, 1000 * seed + round_))
@@ -176,15 +220,15 @@ def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Arra
 
 def _fitted(
     u: Array, weights: Array, variates: int, choice: CrossEntropy, rng: np.random.Generator
-) -> Mixture:
+) -> ImportanceDensity:
     """The mixture of least cross-entropy to the weighted points, from distant first centers."""
     counted = weights > 0.0
     u, w = u[counted], weights[counted] / weights.sum()
-    law = Mixture.of_law(variates, choice.scales)
+    law = ImportanceDensity.of_law(variates, choice.scales)
     fixed = len(law.shares)
     means = u[_distant(u, w, choice.components, rng)]
     size = fixed + len(means)
-    mixture = Mixture(
+    mixture = ImportanceDensity(
         np.full(size, 1.0 / size),
         np.concatenate([law.means, means]),
         np.concatenate([law.factors, np.tile(np.eye(variates), (len(means), 1, 1))]),
@@ -201,13 +245,13 @@ def _fitted(
             away = u - means[k]
             spread = (owned[k][:, None] * away).T @ away / mass[k]
             factors[k] = np.linalg.cholesky(_rounder(spread, _effective(owned[k])))
-        mixture = Mixture(mass, means, factors)
+        mixture = ImportanceDensity(mass, means, factors)
     floor = np.zeros(size)
     floor[:fixed] = choice.floor
     factors = mixture.factors.copy()
     factors[fixed:] *= choice.wider
     shares = (1.0 - floor.sum()) * mixture.shares / mixture.shares.sum() + floor
-    return Mixture(shares, mixture.means, factors)
+    return ImportanceDensity(shares, mixture.means, factors)
 
 
 def _rounder(spread: Array, count: float) -> Array:
@@ -228,3 +272,56 @@ def _distant(u: Array, weights: Array, count: int, rng: np.random.Generator) -> 
         chosen.append(int(rng.choice(len(u), p=chance / chance.sum())))
         nearest = np.minimum(nearest, np.sum((u - u[chosen[-1]]) ** 2, axis=1))
     return np.array(chosen)
+
+
+def quantile_bound(
+    y: Array, weights: Array, draws: Array, probability: float, confidence: float
+) -> tuple[float, Array]:
+    """The value that quantiles of draws are below with this confidence, and the quantiles (A,).
+
+    `y` (A, J) are outcomes with `weights` (A, J) under A laws, whose own weights are `draws` (A,).
+    """
+    each = quantiles(y, weights, np.array([probability]))[:, 0]
+    return float(quantiles(each, draws, np.array([confidence]))[0]), each
+
+
+def content_interval(
+    y: Array, weights: Array, draws: Array, content: float, confidence: float
+) -> tuple[float, float]:
+    """The interval that holds the share `content` of a law with this confidence.
+
+    Its ends are quantiles t and 1 - t of the mixture of all laws, with the largest t such that laws
+    of a total weight of `confidence` have at least that content between them: a content
+    tolerance interval (Wilks, 1941; Hamada et al., 2004). NaN where the points end before.
+    Outcomes that are NaN do not count.
+    """
+    lost = np.isnan(y)
+    y, weights = np.where(lost, 0.0, y), np.where(lost, 0.0, weights)
+    total = weights.sum(axis=1)
+    every = np.argsort(y, axis=None)
+    values, whole = y.ravel()[every], (draws[:, None] * weights).ravel()[every]
+    below = (np.cumsum(whole) - 0.5 * whole) / whole.sum()
+
+    def ends(t: float) -> Array:
+        return np.interp([t, 1.0 - t], below, values)
+
+    order = np.argsort(y, axis=1)
+    sorted_y = np.take_along_axis(y, order, axis=1)
+    reached = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
+    middle = reached - 0.5 * np.take_along_axis(weights, order, axis=1)
+
+    def excess(t: float) -> float:
+        low, high = ends(t)
+        inside = [
+            np.interp(high, row, m, 0.0, w) - np.interp(low, row, m, 0.0, w)
+            for row, m, w in zip(sorted_y, middle, total, strict=True)
+        ]
+        shares = np.array(inside) / total
+        return float(quantiles(shares, draws, np.array([1.0 - confidence]))[0]) - content
+
+    least, most = 1e-6, 0.5 * (1.0 - content)
+    if excess(least) < 0.0:
+        return float("nan"), float("nan")
+    t = most if excess(most) >= 0.0 else float(optimize.brentq(excess, least, most, xtol=1e-6))
+    low, high = ends(t)
+    return float(low), float(high)
