@@ -7,7 +7,7 @@ from individual_cases import ALPHA, PAIR, straight_line, table
 
 from aleator import Experiments, Free, GradientMultistart, Noise
 from aleator.errors import InputsError
-from aleator.inference.virtual import censored_alike
+from aleator.inference.likelihood_at import censored_alike
 from aleator.observations.responses import Observations, Response
 from aleator.tasks.recover import recover
 

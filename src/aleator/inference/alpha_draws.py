@@ -68,16 +68,27 @@ def moments(values: Array, weights: Array) -> tuple[Array, Array, Array, Array]:
 DRAWS = 256
 END = float(special.ndtri(0.975))
 """The standard normal variate at which an interval ends."""
-NEAR = 1e-6
-"""Closer to a limit than this share of the range is on the limit."""
-STEEPEST = 1.5
-"""Bend of a scale beyond which an interval is too skew to be followed: one side 19 times the other.
-"""
+
+
+@dataclass(frozen=True)
+class DrawSettings:
+    """How draws of alpha follow its intervals; by judgement."""
+
+    near: float = 1e-6
+    """Closer to a limit than this share of the range is on the limit."""
+    steepest: float = 1.5
+    """Bend of a scale beyond which an interval is too skew to be followed: one side 19 times the
+    other.
+    """
+    tiny: float = 1e-300
+    tries: int = 8
+    """Draws that are made for one that lies within the limits."""
+
+
+DRAWING = DrawSettings()
+
 WIDE = 1.3
 """Width of draws that are weighted afterwards."""
-TINY = 1e-300
-TRIES = 8
-"""Draws that are made for one that lies within the limits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +172,11 @@ class AlphaDraws:
 
 
 def alpha_draws(
-    known: Estimated, count: int = DRAWS, seed: int = 0, wide: float = 1.0
+    known: Estimated,
+    count: int = DRAWS,
+    seed: int = 0,
+    wide: float = 1.0,
+    settings: DrawSettings = DRAWING,
 ) -> AlphaDraws:
     """Draws of alpha by its intervals and correlations, within the limits.
 
@@ -184,7 +199,7 @@ def alpha_draws(
     if not moving.size:
         return replace(AlphaDraws.at(known.alpha), held=held)
     correlation = _correlation(known, moving)
-    z = np.zeros((count * TRIES, known.alpha.size))
+    z = np.zeros((count * settings.tries, known.alpha.size))
     root = wide * np.linalg.cholesky(correlation).T
     z[:, moving] = _paired(len(z), moving.size, seed) @ root
     own = z[:, moving] / wide
@@ -196,7 +211,7 @@ def alpha_draws(
         alpha[:, k] = scale(z[:, k])
         log_density -= scale.bend * z[:, k]
         if known.scale[k] and scale.whole:
-            log_density += np.log(np.maximum(alpha[:, k], TINY))
+            log_density += np.log(np.maximum(alpha[:, k], settings.tiny))
     inside = np.all((alpha >= known.limits[:, 0]) & (alpha <= known.limits[:, 1]), axis=1)
     chosen = np.flatnonzero(inside)[:count]
     weights = np.full(chosen.size, 1.0 / chosen.size)
@@ -223,7 +238,7 @@ class _Profiled:
         if not known.free[k]:
             return None
         lower, upper = known.interval[k]
-        margin = NEAR * (high - low)
+        margin = DRAWING.near * (high - low)
         if at <= low + margin:
             return cls(at, (upper - at) / END, 0.0, True) if upper > at else None
         if at >= high - margin:
@@ -231,7 +246,7 @@ class _Profiled:
         down = at - lower if lower > low + margin else np.nan
         up = upper - at if upper < high - margin else np.nan
         if down > 0.0 and up > 0.0:
-            bend = float(np.clip(np.log(up / down) / END, -STEEPEST, STEEPEST))
+            bend = float(np.clip(np.log(up / down) / END, -DRAWING.steepest, DRAWING.steepest))
             return cls(at, up / float(_bent(END, bend)), bend, whole=True)
         if not error > 0.0:
             return None
@@ -250,12 +265,16 @@ def _bent(z: Array | float, bend: float) -> Array:
     return np.asarray(z if abs(bend) < 1e-9 else np.expm1(bend * np.asarray(z)) / bend)
 
 
-def _bend(reach: float) -> float:
+def _bend(reach: float, settings: DrawSettings = DRAWING) -> float:
     """The bend with which 1.96 variates reach so many standard errors up."""
-    ends = [float(_bent(END, b)) - reach for b in (-STEEPEST, STEEPEST)]
+    ends = [float(_bent(END, b)) - reach for b in (-settings.steepest, settings.steepest)]
     if ends[0] >= 0.0 or ends[1] <= 0.0:
-        return -STEEPEST if ends[0] >= 0.0 else STEEPEST
-    return float(optimize.brentq(lambda b: float(_bent(END, b)) - reach, -STEEPEST, STEEPEST))
+        return -settings.steepest if ends[0] >= 0.0 else settings.steepest
+    return float(
+        optimize.brentq(
+            lambda b: float(_bent(END, b)) - reach, -settings.steepest, settings.steepest
+        )
+    )
 
 
 def _correlation(known: Estimated, moving: Indices) -> Array:

@@ -20,7 +20,7 @@ from aleator.types import Array
 
 
 @dataclass(frozen=True)
-class ProbabilitySettings:
+class CalibrationSettings:
     """How probabilities of observations are computed and counted.
 
     Each experiment has `points` of its parameters, fewer where all would take more than `values`
@@ -40,7 +40,7 @@ class ProbabilitySettings:
     each: int = 10
 
 
-SETTINGS = ProbabilitySettings()
+CALIBRATION = CalibrationSettings()
 
 
 def sequential_pit(
@@ -48,7 +48,7 @@ def sequential_pit(
     alpha: Array,
     seen: Observations,
     points: int | None = None,
-    settings: ProbabilitySettings = SETTINGS,
+    settings: CalibrationSettings = CALIBRATION,
 ) -> Array:
     """P(y_k below what was measured | y_1, ..., y_(k-1), alpha) of the M observations, (M,).
 
@@ -69,7 +69,7 @@ def sequential_pit(
     return found
 
 
-def _points(observations: int, points: int | None, settings: ProbabilitySettings) -> int:
+def _points(observations: int, points: int | None, settings: CalibrationSettings) -> int:
     most = points or settings.points
     return int(np.clip(settings.values // observations, 2 * settings.effective, most))
 
@@ -81,7 +81,7 @@ def _of_block(
     block: Block,
     share: Array,
     count: int,
-    settings: ProbabilitySettings,
+    settings: CalibrationSettings,
 ) -> Array:
     rows, part = block.rows, block.experiments
     xi, log_weight = proposed(*_stages(likelihood, alpha, block, settings.stages), count)
@@ -173,7 +173,7 @@ class Cumulated:
     band_high: Array
 
 
-def counted(pit: Array, settings: ProbabilitySettings = SETTINGS) -> Histogram:
+def counted(pit: Array, settings: CalibrationSettings = CALIBRATION) -> Histogram:
     """The histogram of probabilities (N,), with the binomial range of each bin.
 
     >>> found = counted(np.array([0.1, 0.2, 0.7]))

@@ -27,10 +27,34 @@ from aleator.observations.limits import limits_of as limits_of_tests
 from aleator.progress import Progress
 from aleator.types import Array, Flags, Indices
 
-NODES = 97
-"""Outcomes of one experiment, equally far apart, that its expected information is a sum over."""
-DRAWS = 400
-"""Virtual data sets where an experiment has several observations."""
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """How information is summed and sets are exchanged; by judgement."""
+
+    nodes: int = 97
+    """Outcomes of one experiment, equally far apart, that its expected information is a sum over.
+    """
+    draws: int = 400
+    """Virtual data sets where an experiment has several observations."""
+    singular: float = 1e-9
+    """Information along a direction, over that of all experiments together, that is none."""
+    floor: float = 1e-12
+    """What stands for no information: candidates that leave fewer directions open are then better.
+    """
+    equal: float = 1e-6
+    """Relative difference of two variances that is none."""
+    sweeps: int = 50
+    starts: int = 5
+    """Candidates, the best by themselves, from which a set is begun."""
+    most: float = 1e6
+    """Repetitions beyond which none are told."""
+    seed: int = 5
+    newton: int = 4
+    """Steps that bring a quantile from between two nodes to where it is."""
+
+
+DESIGN = DesignSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +87,9 @@ class Scores:
         return np.asarray(squares.std(axis=0, ddof=1) / np.sqrt(len(squares)))
 
 
-def expected_scores(fit: Fit, rng: np.random.Generator, progress: Progress) -> Scores:
+def expected_scores(
+    fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings = DESIGN
+) -> Scores:
     """Scores of experiments under their own law, for any of which nothing need be measured.
 
     Where each has one observation by a sum over its density f, exact but for the distance of the
@@ -74,16 +100,18 @@ def expected_scores(fit: Fit, rng: np.random.Generator, progress: Progress) -> S
     seen = fit.table.observations
     limits = limits_of_tests(seen)
     if limits is None or not np.array_equal(seen.experiment, np.arange(fit.count)):
-        return _over_draws(fit, rng, progress)
-    return _over_outcomes(fit, *ends_of(seen, limits), progress)
+        return _over_draws(fit, rng, progress, settings)
+    return _over_outcomes(fit, *ends_of(seen, limits), progress, settings)
 
 
-def _over_outcomes(fit: Fit, lowest: Array, highest: Array, progress: Progress) -> Scores:
+def _over_outcomes(
+    fit: Fit, lowest: Array, highest: Array, progress: Progress, settings: DesignSettings
+) -> Scores:
     low, high = fit.likelihood.span()
     low, high = np.clip(low, lowest, highest), np.clip(high, lowest, highest)
-    outcomes = low + np.linspace(0.0, 1.0, NODES)[:, None] * (high - low)
+    outcomes = low + np.linspace(0.0, 1.0, settings.nodes)[:, None] * (high - low)
     ends = [*zip(outcomes, outcomes, strict=True)]
-    step = [*(simpson(NODES)[:, None] * (high - low) / (NODES - 1))]
+    step = [*(simpson(settings.nodes)[:, None] * (high - low) / (settings.nodes - 1))]
     if np.any(np.isfinite(highest)):
         ends.append((np.where(np.isfinite(highest), highest, high), np.full(high.shape, np.inf)))
         step.append(np.isfinite(highest).astype(float))
@@ -117,20 +145,16 @@ def simpson(count: int) -> Array:
     return weights / 3.0
 
 
-def _over_draws(fit: Fit, rng: np.random.Generator, progress: Progress) -> Scores:
-    scores = np.empty((DRAWS, fit.count, fit.alpha.size))
-    for r in range(DRAWS):
-        progress.update(f"virtual data set {r + 1} of {DRAWS}", r, DRAWS)
+def _over_draws(
+    fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings
+) -> Scores:
+    scores = np.empty((settings.draws, fit.count, fit.alpha.size))
+    for r in range(settings.draws):
+        progress.update(f"virtual data set {r + 1} of {settings.draws}", r, settings.draws)
         found = fit.drawn(rng).scored()
         assert found.scores is not None
         scores[r] = found.scores
-    return Scores(scores, np.full(scores.shape[:2], 1.0 / DRAWS), None)
-
-
-SINGULAR = 1e-9
-"""Information along a direction, over that of all experiments together, that is none."""
-FLOOR = 1e-12
-"""What stands for no information: candidates that leave fewer directions open are then better."""
+    return Scores(scores, np.full(scores.shape[:2], 1.0 / settings.draws), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +172,7 @@ class DesignPlan:
     offered: Array
     directions: Array | None
     unit: float = 1.0
+    settings: DesignSettings = DESIGN
 
     def relative(self) -> DesignPlan:
         """The same with variances over the present ones, of each direction over its own.
@@ -170,7 +195,7 @@ class DesignPlan:
         It is large where a direction has no information, and infinite where that is not finite.
         """
         values, vectors, finite = self._decomposed(information)
-        values = np.maximum(values, FLOOR)
+        values = np.maximum(values, self.settings.floor)
         if self.directions is None:
             each = np.exp(-np.mean(np.log(values), axis=-1))
             each = each * self._volume.reshape(-1, *[1] * (each.ndim - 1))
@@ -182,11 +207,11 @@ class DesignPlan:
     def known(self, information: Array) -> Flags:
         """Whether information (A, ..., F, F) tells something of all that is wanted, bool (...)."""
         values, vectors, finite = self._decomposed(information)
-        nothing = values < SINGULAR
+        nothing = values < self.settings.singular
         if self.directions is not None:
             along = np.einsum("agf,a...fh->a...gh", self._directions, vectors) ** 2
             share = along / np.maximum(along.sum(axis=-1, keepdims=True), 1e-300)
-            nothing = np.any((share > SINGULAR) & nothing[..., None, :], axis=-2)
+            nothing = np.any((share > self.settings.singular) & nothing[..., None, :], axis=-2)
         return np.asarray(np.all(finite & ~np.any(nothing, axis=-1), axis=0))
 
     def standard_error(self, information: Array) -> Array:
@@ -226,15 +251,6 @@ class DesignPlan:
         return np.diagonal(self._scale, axis1=1, axis2=2)
 
 
-EQUAL = 1e-6
-"""Relative difference of two variances that is none."""
-SWEEPS = 50
-STARTS = 5
-"""Candidates, the best by themselves, from which a set is begun."""
-MOST = 1e6
-"""Repetitions beyond which none are told."""
-
-
 @dataclass(frozen=True)
 class ChosenSet:
     """Candidates by number, the most useful first, and the standard error after each of them.
@@ -247,7 +263,9 @@ class ChosenSet:
     ties: tuple[int, ...]
 
 
-def chosen(plan: DesignPlan, count: int, repeat: int = 1) -> ChosenSet:
+def chosen(
+    plan: DesignPlan, count: int, repeat: int = 1, settings: DesignSettings = DESIGN
+) -> ChosenSet:
     """The best set of `count` candidates: one after the other, then exchanged while that helps.
 
     Every member gives way to the candidate that is best in its place (Fedorov, 1972), until none
@@ -256,18 +274,23 @@ def chosen(plan: DesignPlan, count: int, repeat: int = 1) -> ChosenSet:
     most. Cost: 5 count C decompositions a sweep.
     """
     every = [*range(plan.offered.shape[1])] * repeat
-    first = np.argsort(_beside(plan, [], every[: plan.offered.shape[1]]), kind="stable")[:STARTS]
+    first = np.argsort(_beside(plan, [], every[: plan.offered.shape[1]]), kind="stable")[
+        : settings.starts
+    ]
     ends = [
-        _exchanged(plan, _greedy(plan, every, count, [start]), repeat) for start in first.tolist()
+        _exchanged(plan, _greedy(plan, every, count, [start]), repeat, settings)
+        for start in first.tolist()
     ]
     members = min(ends, key=lambda end: float(plan.variance(_sum(plan, end))))
     order = _greedy(plan, members, count)
     steps = np.stack([_sum(plan, order[: k + 1]) for k in range(count)], axis=1)
     after = plan.standard_error(steps)
-    return ChosenSet(tuple(order), tuple(after.tolist()), _ties(plan, order, repeat))
+    return ChosenSet(tuple(order), tuple(after.tolist()), _ties(plan, order, repeat, settings))
 
 
-def repetitions(plan: DesignPlan, again: Array, goal: float) -> float | None:
+def repetitions(
+    plan: DesignPlan, again: Array, goal: float, settings: DesignSettings = DESIGN
+) -> float | None:
     """How often experiments of information `again` (F, F) are to be made for an error of `goal`.
 
     A number that need not be whole; None where no number reaches it.
@@ -276,9 +299,9 @@ def repetitions(plan: DesignPlan, again: Array, goal: float) -> float | None:
     def beyond(times: float) -> float:
         return float(plan.standard_error(plan.present + times * again)) - goal
 
-    if not np.isfinite(goal) or not beyond(MOST) < 0.0:
+    if not np.isfinite(goal) or not beyond(settings.most) < 0.0:
         return None
-    return 0.0 if beyond(0.0) <= 0.0 else float(brentq(beyond, 0.0, MOST, xtol=1e-6))
+    return 0.0 if beyond(0.0) <= 0.0 else float(brentq(beyond, 0.0, settings.most, xtol=1e-6))
 
 
 def _greedy(
@@ -295,29 +318,33 @@ def _greedy(
     return taken
 
 
-def _exchanged(plan: DesignPlan, members: list[int], repeat: int) -> list[int]:
+def _exchanged(
+    plan: DesignPlan, members: list[int], repeat: int, settings: DesignSettings
+) -> list[int]:
     members = [*members]
     value = float(plan.variance(_sum(plan, members)))
-    for _ in range(SWEEPS):
+    for _ in range(settings.sweeps):
         before = value
         for place in range(len(members)):
             others = members[:place] + members[place + 1 :]
             left = _left(plan, others, repeat)
             found = _beside(plan, others, left)
             best = int(np.argmin(found))
-            if found[best] < value * (1.0 - EQUAL):
+            if found[best] < value * (1.0 - settings.equal):
                 members[place], value = left[best], float(found[best])
-        if value >= before * (1.0 - EQUAL):
+        if value >= before * (1.0 - settings.equal):
             break
     return members
 
 
-def _ties(plan: DesignPlan, order: list[int], repeat: int) -> tuple[int, ...]:
+def _ties(
+    plan: DesignPlan, order: list[int], repeat: int, settings: DesignSettings
+) -> tuple[int, ...]:
     value, found = float(plan.variance(_sum(plan, order))), []
     for place, own in enumerate(order):
         others = order[:place] + order[place + 1 :]
         left = [c for c in _left(plan, others, repeat) if c != own]
-        found.append(int(np.sum(_beside(plan, others, left) <= value * (1.0 + EQUAL))))
+        found.append(int(np.sum(_beside(plan, others, left) <= value * (1.0 + settings.equal))))
     return tuple(found)
 
 
@@ -336,11 +363,12 @@ def _beside(plan: DesignPlan, members: list[int], candidates: list[int]) -> Arra
     return plan.variance(_sum(plan, members)[:, None] + plan.offered[:, candidates])
 
 
-SEED = 5
-
-
 def possible_laws(
-    alpha: Array, inference: Inference, hyperparameters: Sequence[Hyperparameter], count: int
+    alpha: Array,
+    inference: Inference,
+    hyperparameters: Sequence[Hyperparameter],
+    count: int,
+    settings: DesignSettings = DESIGN,
 ) -> Array:
     """Values (A, K) that the experiments leave possible: alpha itself, or `count` spread about it.
 
@@ -349,18 +377,16 @@ def possible_laws(
     if count < 2 or not inference.positive or not inference.free.size:
         return alpha[None]
     power = int(np.ceil(np.log2(count)))
-    uniform = qmc.Sobol(inference.free.size, rng=SEED).random_base2(power)[:count]
+    uniform = qmc.Sobol(inference.free.size, rng=settings.seed).random_base2(power)[:count]
     root = np.linalg.cholesky(inference.covariance)
     found = np.tile(alpha, (count, 1))
     found[:, inference.free] += special.ndtri(np.clip(uniform, 1e-6, 1.0 - 1e-6)) @ root.T
     return np.asarray(np.clip(found, *limits_of(hyperparameters)))
 
 
-NEWTON = 4
-"""Steps that bring a quantile from between two nodes to where it is."""
-
-
-def quantile_gradients(found: Scores, probability: float) -> tuple[Array, Array]:
+def quantile_gradients(
+    found: Scores, probability: float, settings: DesignSettings = DESIGN
+) -> tuple[Array, Array]:
     """Quantiles q (C,) of the outcomes, and dq/dalpha (C, K) = -(dF/dalpha)(q) / f(q).
 
     F is the distribution function and dF/dalpha = int_{-inf}^q s f dy, both from the nodes of the
@@ -369,7 +395,7 @@ def quantile_gradients(found: Scores, probability: float) -> tuple[Array, Array]
     y, below, slopes, density = _distribution(found)
     rising = np.maximum.accumulate(below, axis=0)
     q = np.array([np.interp(probability, F, nodes) for F, nodes in zip(rising.T, y.T, strict=True)])
-    for _ in range(NEWTON):
+    for _ in range(settings.newton):
         error = _at(y, below[..., None], q) - probability
         q = np.clip(q - (error / _at(y, density[..., None], q))[:, 0], y[0], y[-1])
     return q, -_at(y, slopes, q) / _at(y, density[..., None], q)

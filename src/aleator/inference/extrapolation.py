@@ -12,12 +12,22 @@ from scipy import optimize
 
 from aleator.types import Array
 
-MOST = 2000
-"""Distinct tested points up to which their convex hull is asked."""
-ROUNDING = 1e-9
+
+@dataclass(frozen=True)
+class ExtrapolationSettings:
+    """When conditions are beyond the tested ones; by judgement."""
+
+    most: int = 2000
+    """Distinct tested points up to which their convex hull is asked."""
+    rounding: float = 1e-9
 
 
-def beyond_range(tested: Array, new: Array) -> Array:
+EXTRAPOLATION = ExtrapolationSettings()
+
+
+def beyond_range(
+    tested: Array, new: Array, settings: ExtrapolationSettings = EXTRAPOLATION
+) -> Array:
     """Signed distances (Q, d) of new points (Q, d) from the range of the tested ones (R, d).
 
     In units of the tested range: 0.5 is half of it above the highest, zero within. Infinite
@@ -30,12 +40,14 @@ def beyond_range(tested: Array, new: Array) -> Array:
     width = np.where(high > low, high - low, 0.0)
     away = np.maximum(new - high, 0.0) - np.maximum(low - new, 0.0)
     size = np.maximum(np.abs(low), np.abs(high))
-    away = np.where(np.abs(away) > ROUNDING * np.maximum(width, size), away, 0.0)
+    away = np.where(np.abs(away) > settings.rounding * np.maximum(width, size), away, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(away == 0.0, 0.0, away / width))
 
 
-def beyond_hull(tested: Array, new: Array) -> Array:
+def beyond_hull(
+    tested: Array, new: Array, settings: ExtrapolationSettings = EXTRAPOLATION
+) -> Array:
     """Distances (Q,) of new points (Q, d) from the convex hull of the tested ones (R, d).
 
     The least t such that a mean of tested points is within t tested ranges of the new one in every
@@ -47,22 +59,22 @@ def beyond_hull(tested: Array, new: Array) -> Array:
     >>> beyond_hull(corners, np.array([[0.2, 0.2], [1.0, 1.0]])).round(3).tolist()
     [0.0, 0.5]
     """
-    single = np.abs(beyond_range(tested, new)).max(axis=1, initial=0.0)
+    single = np.abs(beyond_range(tested, new, settings=settings)).max(axis=1, initial=0.0)
     low = tested.min(axis=0)
     width = tested.max(axis=0) - low
     varied = width > 0.0
     points = np.unique((tested[:, varied] - low[varied]) / width[varied], axis=0)
-    if varied.sum() < 2 or len(points) > MOST:
+    if varied.sum() < 2 or len(points) > settings.most:
         return np.asarray(single)
     asked = (new[:, varied] - low[varied]) / width[varied]
     found = [
-        own if np.isinf(own) else max(own, _from_hull(points, x))
+        own if np.isinf(own) else max(own, _from_hull(points, x, settings))
         for own, x in zip(single.tolist(), asked, strict=True)
     ]
     return np.array(found)
 
 
-def _from_hull(points: Array, x: Array) -> float:
+def _from_hull(points: Array, x: Array, settings: ExtrapolationSettings) -> float:
     count, d = points.shape
     slack = np.ones((d, 1))
     rows = np.vstack([np.hstack([points.T, -slack]), np.hstack([-points.T, -slack])])
@@ -72,7 +84,7 @@ def _from_hull(points: Array, x: Array) -> float:
         cost, A_ub=rows, b_ub=np.concatenate([x, -x]), A_eq=total, b_eq=np.ones(1), method="highs"
     )
     distance = float(found.fun) if found.success else float("nan")
-    return distance if distance > ROUNDING else 0.0
+    return distance if distance > settings.rounding else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +99,9 @@ class Beyond:
     why: tuple[str, ...]
 
 
-def compared(tested: pd.DataFrame, new: pd.DataFrame) -> Beyond:
+def compared(
+    tested: pd.DataFrame, new: pd.DataFrame, settings: ExtrapolationSettings = EXTRAPOLATION
+) -> Beyond:
     """Rows of new conditions against tested ones, column by column and jointly.
 
     >>> tested = pd.DataFrame({"load": [1.0, 3.0], "oil": ["a", "b"]})
@@ -97,8 +111,8 @@ def compared(tested: pd.DataFrame, new: pd.DataFrame) -> Beyond:
     numbers = [str(n) for n in tested if _is_number(tested[n]) and _is_number(new[n])]
     texts = [name for name in tested if name not in numbers]
     here, there = (frame[numbers].to_numpy(dtype=float) for frame in (tested, new))
-    each = beyond_range(here, there) if numbers else np.zeros((len(new), 0))
-    distance = beyond_hull(here, there) if numbers else np.zeros(len(new))
+    each = beyond_range(here, there, settings=settings) if numbers else np.zeros((len(new), 0))
+    distance = beyond_hull(here, there, settings=settings) if numbers else np.zeros(len(new))
     words = [_words(numbers, row, far) for row, far in zip(each, distance.tolist(), strict=True)]
     for name in texts:
         known = set(map(str, tested[name]))

@@ -20,7 +20,6 @@ from aleator.inference.alpha_draws import quantiles
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Remembered
 from aleator.inference.diagnostics.surfaces import relative_errors
-from aleator.inference.virtual import censored_alike
 from aleator.laws import Hyperparameter
 from aleator.laws.individual import drawn
 from aleator.laws.inputs import Inputs
@@ -63,6 +62,9 @@ class FitSettings:
     values: int = 120_000
     law_points: tuple[int, int] = (1000, 4000)
     tries: int = 20
+
+
+FIT = FitSettings()
 
 
 class LikelihoodAt(ABC):
@@ -212,7 +214,7 @@ class OutcomesAt(LikelihoodAt):
 
     problem: Problem
     alpha: Array
-    settings: FitSettings = FitSettings()
+    settings: FitSettings = FIT
 
     @property
     def inputs(self) -> Inputs:
@@ -361,7 +363,7 @@ class IndividualsAt(LikelihoodAt):
     alpha: Array
     fewest: Rule
     kept: bool = False
-    settings: FitSettings = FitSettings()
+    settings: FitSettings = FIT
 
     @property
     def inputs(self) -> Inputs:
@@ -564,3 +566,33 @@ class IndividualsAt(LikelihoodAt):
             return eta
         found = self.integral.predictor.values(block, x[:, None])
         return np.where(lacking[block.owner], found, eta)
+
+
+def censored_alike(seen: Observations, y: Array, rng: np.random.Generator) -> Observations:
+    """Values y (M,) with bounds like those of the observations that were seen.
+
+    Where all right-censored values of a response have one bound, that is a limit of the test: every
+    value above it is censored. Where their bounds differ, only those values are censored that were,
+    if they lie above their own bound again. Left-censored values alike. An interval is one of the
+    same width, thrown about the value.
+    """
+    lower, upper = y.copy(), y.copy()
+    for right in (True, False):
+        known, other = (seen.lower, seen.upper) if right else (seen.upper, seen.lower)
+        censored = np.isinf(other) & np.isfinite(known)
+        bound = np.where(censored, known, np.nan)
+        for k in range(len(seen.responses)):
+            own = seen.response == k
+            bounds = np.unique(bound[own & censored])
+            if bounds.size == 1:
+                bound[own] = bounds[0]
+        with np.errstate(invalid="ignore"):
+            beyond = y > bound if right else y < bound
+        lower[beyond] = bound[beyond] if right else -np.inf
+        upper[beyond] = np.inf if right else bound[beyond]
+    between = np.isfinite(seen.lower) & np.isfinite(seen.upper) & ~seen.measured
+    width = np.where(between, seen.upper - seen.lower, 0.0)
+    below = width * rng.random(len(y))
+    lower[between] = (y - below)[between]
+    upper[between] = (y - below + width)[between]
+    return replace(seen, lower=lower, upper=upper)

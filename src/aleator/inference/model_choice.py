@@ -70,8 +70,24 @@ class Criteria:
         )
 
 
-TIE = 1e-9
-"""Ratios this close are equal: both are zero where a scale ends at zero."""
+@dataclass(frozen=True)
+class LeaveOneOutSettings:
+    """When a Newton step tells what an experiment that is left out changes; by judgement."""
+
+    tie: float = 1e-9
+    """Ratios this close are equal: both are zero where a scale ends at zero."""
+    trusted: float = 0.1
+    """Change of log p(y_l) up to which one Newton step tells it: it is then exact to about 0.01."""
+    leverage: float = 0.5
+    """Share of an experiment in the information, in any direction, up to which a step is trusted.
+    """
+    determined: float = 1e-8
+    """Eigenvalues of the scaled information below this belong to directions that are not known."""
+    released: float = 1e-3
+    """What a hyperparameter on a limit may gain by leaving it, in log-likelihood."""
+
+
+LEAVE_ONE_OUT = LeaveOneOutSettings()
 
 
 @dataclass(frozen=True)
@@ -109,7 +125,7 @@ class LikelihoodRatio:
         drawn = self.bootstrap[np.isfinite(self.bootstrap)]
         if not drawn.size:
             return float("nan")
-        return float((1 + np.sum(drawn >= self.statistic - TIE)) / (1 + drawn.size))
+        return float((1 + np.sum(drawn >= self.statistic - LEAVE_ONE_OUT.tie)) / (1 + drawn.size))
 
     @property
     def reference(self) -> str:
@@ -122,7 +138,9 @@ class LikelihoodRatio:
         return f"{bound}1/2 chi2({self.df - 1}) + 1/2 chi2({self.df})"
 
 
-def ratio_p(statistic: float, df: int, *, boundary: bool) -> float:
+def ratio_p(
+    statistic: float, df: int, *, boundary: bool, settings: LeaveOneOutSettings = LEAVE_ONE_OUT
+) -> float:
     """P(chi2(df) >= statistic), or of half chi2(df - 1) and half chi2(df) on a `boundary`.
 
     chi2(0) is zero. A statistic below zero, which only a wrong maximum gives, has p = 1.
@@ -130,23 +148,13 @@ def ratio_p(statistic: float, df: int, *, boundary: bool) -> float:
     >>> round(ratio_p(3.841, 1, boundary=False), 3), round(ratio_p(3.841, 1, boundary=True), 3)
     (0.05, 0.025)
     """
-    if statistic <= TIE:
+    if statistic <= settings.tie:
         return 1.0
     larger = float(stats.chi2.sf(statistic, df))
     if not boundary:
         return larger
     smaller = float(stats.chi2.sf(statistic, df - 1)) if df > 1 else 0.0
     return 0.5 * (smaller + larger)
-
-
-TRUSTED = 0.1
-"""Change of log p(y_l) up to which one Newton step tells it: it is then exact to about 0.01."""
-LEVERAGE = 0.5
-"""Share of an experiment in the information, in any direction, up to which a step is trusted."""
-DETERMINED = 1e-8
-"""Eigenvalues of the scaled information below this belong to directions that are not known."""
-RELEASED = 1e-3
-"""What a hyperparameter on a limit may gain by leaving it, in log-likelihood."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +196,9 @@ def summed_error(each: Array) -> float:
     return math.sqrt(each.size) * float(np.std(each, ddof=1))
 
 
-def leave_one_out(fit: Fit, progress: Progress | None = None) -> LeaveOneOut:
+def leave_one_out(
+    fit: Fit, progress: Progress | None = None, settings: LeaveOneOutSettings = LEAVE_ONE_OUT
+) -> LeaveOneOut:
     """log p(y_l | alpha_-l) of each experiment, alpha_-l the maximum of all others; no runs.
 
     With scores s_l and information H_l of the experiments, H that of all and of priors, one Newton
@@ -201,7 +211,7 @@ def leave_one_out(fit: Fit, progress: Progress | None = None) -> LeaveOneOut:
     others' maximum is climbed to. Cost: 2 F evaluations, and some ten for each such climb.
     """
     told = progress or Silent()
-    local = _Local.of(fit)
+    local = _Local.of(fit, settings)
     each, alpha, trusted = local.stepped()
     arrived = np.ones(fit.count, dtype=bool)
     again = np.flatnonzero(~trusted)
@@ -232,9 +242,10 @@ class _Local:
     information: Array
     believed: Array
     curvature: Array
+    settings: LeaveOneOutSettings = LEAVE_ONE_OUT
 
     @classmethod
-    def of(cls, fit: Fit) -> _Local:
+    def of(cls, fit: Fit, settings: LeaveOneOutSettings) -> _Local:
         moving, alpha = fit.inference.identified, fit.alpha
         found = fit.scored()
         assert found.scores is not None
@@ -246,7 +257,18 @@ class _Local:
         own = [fit.hyperparameters[k] for k in moving]
         believed = found.score[moving] - scores.sum(axis=0)
         curvature = curvatures(own, alpha[moving])
-        return cls(alpha, own, moving, inside, found.each, scores, information, believed, curvature)
+        return cls(
+            alpha,
+            own,
+            moving,
+            inside,
+            found.each,
+            scores,
+            information,
+            believed,
+            curvature,
+            settings,
+        )
 
     @cached_property
     def _whole(self) -> Array:
@@ -261,7 +283,7 @@ class _Local:
         known = scale > 0.0
         scale = np.where(known, scale, 1.0)
         values, vectors = np.linalg.eigh(whole / np.outer(scale, scale))
-        kept = values > DETERMINED
+        kept = values > self.settings.determined
         found = np.zeros((self.moving.size, int(kept.sum())))
         found[self.inside] = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
         return found
@@ -282,7 +304,7 @@ class _Local:
     def stepped(self) -> tuple[Array, Array, Flags]:
         """log p(y_l) at the step (N,), alpha there (N, K), and whether the step is trusted (N,)."""
         rest = self.scores.sum(axis=0) + self.believed - self.scores
-        safe = self.leverage < LEVERAGE
+        safe = self.leverage < self.settings.leverage
         share = np.where(safe[:, None, None], self._share, 0.0)
         unit = np.eye(share.shape[1]) - share
         z = np.linalg.solve(unit, (rest @ self._whitening)[:, :, None])[:, :, 0]
@@ -294,7 +316,7 @@ class _Local:
         within = np.all((end >= lower) & (end <= upper), axis=1)
         alpha = np.repeat(self.alpha[None], len(self.values), axis=0)
         alpha[:, self.moving] = np.clip(end, lower, upper)
-        fine = np.isfinite(change) & (np.abs(change) <= TRUSTED)
+        fine = np.isfinite(change) & (np.abs(change) <= self.settings.trusted)
         return self.values + change, alpha, safe & within & fine & ~self._released(rest)
 
     def _released(self, rest: Array) -> Flags:
@@ -311,8 +333,8 @@ class _Local:
             curvature = left[:, k, k]
             room = h.upper - h.lower
             gain = np.maximum(inward * rest[:, k], 0.0) ** 2 / (np.abs(curvature) + 1.0 / room**2)
-            turned = (curvature < 0.0) & (-curvature * room**2 > RELEASED)
-            found |= (0.5 * gain > RELEASED) | turned
+            turned = (curvature < 0.0) & (-curvature * room**2 > self.settings.released)
+            found |= (0.5 * gain > self.settings.released) | turned
         return found
 
 

@@ -22,17 +22,49 @@ from aleator.progress import Progress
 from aleator.threads import single_threaded
 from aleator.types import Array, Indices
 
-WEIGHED = 1e-7
-"""Of the gradient function, over its largest value at the end."""
-STEPS = 200
-COVERED = 0.05
-"""Share of its largest likelihood that each experiment has at one of the first points."""
-ENTERING = 8
-"""Points that enter in one step."""
-SHORTEST = 1e-4
-"""Of a step that is cut."""
-RISE = 1e-4
-"""Share of the rise that the gradient promises."""
+
+@dataclass(frozen=True)
+class NPMLESettings:
+    """How weights and points of the best law are found, and its gap judged; by judgement."""
+
+    weighed: float = 1e-7
+    """Of the gradient function, over its largest value at the end."""
+    steps: int = 200
+    covered: float = 0.05
+    """Share of its largest likelihood that each experiment has at one of the first points."""
+    entering: int = 8
+    """Points that enter in one step."""
+    shortest: float = 1e-4
+    """Of a step that is cut."""
+    rise: float = 1e-4
+    """Share of the rise that the gradient promises."""
+    crosses: int = 40
+    finest: float = 1e-6
+    """Step at the end, over the width of the region."""
+    farthest: float = 8.0
+    """Steps that Newton's may be long."""
+    starts: int = 12
+    last: int = 40
+    """Local maxima of the gradient function that are climbed in a round, and in the end."""
+    rounds: int = 40
+    enough: float = 1e-4
+    """Of the log-likelihood, what other points may still add."""
+    near: float = 0.05
+    """Distance of points that may be one."""
+    same: float = 0.01
+    alike: float = 1e-3
+    """Distance of points that are taken for one, and what that may cost of the log-likelihood."""
+    largest: float = 700.0
+    """Exponent of the largest ratio that is told."""
+    climbed: float = 0.01
+    """What may be left to climb in a replicate, in log-likelihood."""
+    coarse: float = 1e-5
+    """Of the gradient function, over its largest value in a replicate."""
+    exceeded: int = 10
+    """Replicates above the gap after which no more are drawn."""
+
+
+NPMLE_SETTINGS = NPMLESettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +101,11 @@ def bound(gradient: Array, experiments: int) -> float:
 
 
 @single_threaded
-def mixed(log_density: Array, enough: float = WEIGHED) -> Mixing:
+def mixed(
+    log_density: Array,
+    enough: float = NPMLE_SETTINGS.weighed,
+    settings: NPMLESettings = NPMLE_SETTINGS,
+) -> Mixing:
     """The weights w that maximize sum_l log sum_j w_j exp(log_density[l, j]), (N, J).
 
     Kiefer and Wolfowitz (1956) showed the estimate consistent; D <= 0 at all points marks the
@@ -89,43 +125,43 @@ def mixed(log_density: Array, enough: float = WEIGHED) -> Mixing:
         count = log_density.shape[1]
         return Mixing(np.full(count, 1.0 / count), top, np.zeros(count))
     density = np.exp(log_density[known] - top[known, None])
-    weights = _ascended(density, enough)
+    weights = _ascended(density, enough, settings)
     each = np.full(top.size, -np.inf)
     f = density @ weights
     each[known] = top[known] + np.log(f)
     return Mixing(weights, each, _gradient(density, f))
 
 
-def _ascended(density: Array, enough: float) -> Array:
+def _ascended(density: Array, enough: float, settings: NPMLESettings) -> Array:
     """Newton steps from the few points that explain every experiment."""
     weights = np.zeros(density.shape[1])
-    first = _cover(density)
+    first = _cover(density, settings)
     weights[first] = 1.0 / max(first.size, 1)
-    for _ in range(STEPS):
+    for _ in range(settings.steps):
         f = density @ weights
         gradient = _gradient(density, f)
         if gradient.max(initial=0.0) <= enough:
             break
-        entering = np.argsort(-gradient)[:ENTERING]
+        entering = np.argsort(-gradient)[: settings.entering]
         at = np.union1d(np.flatnonzero(weights), entering[gradient[entering] > 0.0])
         moved = np.zeros_like(weights)
         moved[at] = _newton(density[:, at] / f[:, None])
-        better = _searched(density, weights, moved, gradient)
+        better = _searched(density, weights, moved, gradient, settings)
         if better is None:
             break
         weights = better
     return weights
 
 
-def _cover(density: Array) -> Indices:
+def _cover(density: Array, settings: NPMLESettings) -> Indices:
     """Points such that each experiment has a likelihood that counts at one of them."""
     chosen, open_ = list[int](), np.ones(len(density), dtype=np.bool_)
     while open_.any():
         chosen.append(int(np.argmax(density[open_].sum(axis=0))))
-        reached = density[:, chosen[-1]] >= COVERED
+        reached = density[:, chosen[-1]] >= settings.covered
         if not np.any(reached & open_):
             chosen[-1] = int(np.argmax(density[np.argmax(open_)]))
-            reached = density[:, chosen[-1]] >= COVERED
+            reached = density[:, chosen[-1]] >= settings.covered
         open_ &= ~reached
     return np.unique(np.array(chosen, dtype=np.intp))
 
@@ -144,15 +180,17 @@ def _newton(ratio: Array) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def _searched(density: Array, weights: Array, moved: Array, gradient: Array) -> Array | None:
+def _searched(
+    density: Array, weights: Array, moved: Array, gradient: Array, settings: NPMLESettings
+) -> Array | None:
     """A point of the step at which the objective has risen; None where rounding leaves none."""
     promised = len(density) * float(gradient @ (moved - weights))
     now, then = density @ weights, density @ moved
     share = 1.0
-    while share > SHORTEST:
+    while share > settings.shortest:
         with np.errstate(divide="ignore"):
             rise = float(np.log(now + share * (then - now)).sum() - np.log(now).sum())
-        if rise >= RISE * share * promised:
+        if rise >= settings.rise * share * promised:
             return weights + share * (moved - weights)
         share *= 0.5
     return None
@@ -163,14 +201,11 @@ def _gradient(density: Array, f: Array) -> Array:
 
 
 Function = Callable[[Array], Array]
-CROSSES = 40
-FINEST = 1e-6
-"""Step at the end, over the width of the region."""
-FARTHEST = 8.0
-"""Steps that Newton's may be long."""
 
 
-def uphill(function: Function, starts: Array, step: float) -> Array:
+def uphill(
+    function: Function, starts: Array, step: float, settings: NPMLESettings = NPMLE_SETTINGS
+) -> Array:
     """Points (P, s) of the unit cube uphill from `starts` (P, s), at local maxima.
 
     Each round asks for the function on a cross about every point, takes the best of the cross and
@@ -181,13 +216,13 @@ def uphill(function: Function, starts: Array, step: float) -> Array:
     cross = _cross(s)
     points, width = starts.copy(), np.full(len(starts), step)
     value = function(points)
-    for _ in range(CROSSES):
-        moving = np.flatnonzero(width > FINEST)
+    for _ in range(settings.crosses):
+        moving = np.flatnonzero(width > settings.finest)
         if not moving.size:
             break
         about = np.clip(points[moving, None] + width[moving, None, None] * cross, 0.0, 1.0)
         around = function(about.reshape(-1, s)).reshape(len(moving), -1)
-        top = _top(points[moving], width[moving], value[moving], around)
+        top = _top(points[moving], width[moving], value[moving], around, settings)
         trial = np.concatenate([about, top[:, None]], axis=1)
         values = np.concatenate([around, function(top)[:, None]], axis=1)
         best = np.argmax(values, axis=1)
@@ -220,7 +255,9 @@ def _cross(s: int) -> Array:
     return np.array(steps)
 
 
-def _top(points: Array, width: Array, value: Array, around: Array) -> Array:
+def _top(
+    points: Array, width: Array, value: Array, around: Array, settings: NPMLESettings
+) -> Array:
     """The top of the parabola through each cross; where it has none, a step up the slope."""
     count, s = points.shape
     up, down = around[:, 0 : 2 * s : 2], around[:, 1 : 2 * s : 2]
@@ -238,23 +275,12 @@ def _top(points: Array, width: Array, value: Array, around: Array) -> Array:
     along /= np.maximum(np.maximum(np.abs(bent), flat), 1e-6 * np.abs(along) + 1e-300)
     step = np.einsum("pij,pj->pi", axes, along)
     length = np.linalg.norm(step, axis=1, keepdims=True)
-    step *= np.minimum(1.0, FARTHEST / np.maximum(length, 1e-300))
+    step *= np.minimum(1.0, settings.farthest / np.maximum(length, 1e-300))
     return np.asarray(np.clip(points + width[:, None] * step, 0.0, 1.0))
 
 
 LogDensity = Callable[[Array], Array]
 """log p(observations of each experiment | point) (N, J) at points (J, s) of the unit cube."""
-STARTS, LAST = 12, 40
-"""Local maxima of the gradient function that are uphill in a round, and in the end."""
-ROUNDS = 40
-ENOUGH = 1e-4
-"""Of the log-likelihood, what other points may still add."""
-NEAR = 0.05
-"""Distance of points that may be one."""
-SAME, ALIKE = 0.01, 1e-3
-"""Distance of points that are taken for one, and what that may cost of the log-likelihood."""
-LARGEST = 700.0
-"""Exponent of the largest ratio that is told."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +302,9 @@ class NPMLE:
         return float(self.each.sum())
 
 
-def gradient(log_density: LogDensity, each: Array, points: Array) -> Array:
+def gradient(
+    log_density: LogDensity, each: Array, points: Array, settings: NPMLESettings = NPMLE_SETTINGS
+) -> Array:
     """D(x) = mean_l exp(log p(y_l | x) - each_l) - 1 at points (J, s): where mass is lacking.
 
     A law that moves a small share h of its mass to x gains N h D(x) in log-likelihood (Lindsay,
@@ -285,63 +313,67 @@ def gradient(log_density: LogDensity, each: Array, points: Array) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         ratio = log_density(points) - each[:, None]
     return np.asarray(
-        np.exp(np.minimum(np.nan_to_num(ratio, nan=-np.inf), LARGEST)).mean(axis=0) - 1.0
+        np.exp(np.minimum(np.nan_to_num(ratio, nan=-np.inf), settings.largest)).mean(axis=0) - 1.0
     )
 
 
-def npmle(log_density: LogDensity, points: Array, fresh: Array) -> NPMLE:
+def npmle(
+    log_density: LogDensity, points: Array, fresh: Array, settings: NPMLESettings = NPMLE_SETTINGS
+) -> NPMLE:
     """The law of largest likelihood on the unit cube, from points (J, s) that cover it.
 
     Weights are solved on few points (see `mixed`); the local maxima of the gradient function,
     uphill from the highest of all points, join them until none is above zero. Then it is sought
     anew from the `fresh` points, and the rest told as `gap`.
     """
-    law = _of(mixed(log_density(points)), points)
-    for _ in range(ROUNDS):
-        higher, height = _higher(log_density, law, points, STARTS)
-        if bound(height, len(law.each)) < ENOUGH:
-            higher, height = _higher(log_density, law, fresh, LAST)
+    law = _of(mixed(log_density(points), settings=settings), points)
+    for _ in range(settings.rounds):
+        higher, height = _higher(log_density, law, points, settings.starts, settings)
+        if bound(height, len(law.each)) < settings.enough:
+            higher, height = _higher(log_density, law, fresh, settings.last, settings)
         gap = bound(height, len(law.each))
-        if gap < ENOUGH:
+        if gap < settings.enough:
             break
-        joined = np.concatenate([law.points, higher[height > 0.0], _between(law)])
-        law = _of(mixed(log_density(joined)), joined)
-    return _merged(log_density, replace(law, gap=gap))
+        joined = np.concatenate([law.points, higher[height > 0.0], _between(law, settings)])
+        law = _of(mixed(log_density(joined), settings=settings), joined)
+    return _merged(log_density, replace(law, gap=gap), settings)
 
 
-def _higher(log_density: LogDensity, law: NPMLE, points: Array, starts: int) -> tuple[Array, Array]:
+def _higher(
+    log_density: LogDensity, law: NPMLE, points: Array, starts: int, settings: NPMLESettings
+) -> tuple[Array, Array]:
     """Local maxima of the gradient function uphill from its highest points, and its values."""
 
     def function(z: Array) -> Array:
-        return gradient(log_density, law.each, z)
+        return gradient(log_density, law.each, z, settings=settings)
 
     spacing = 0.5 * len(points) ** (-1.0 / points.shape[1])
     high = points[local_maxima(points, function(points), starts)]
-    ends = uphill(function, np.concatenate([law.points, high]), spacing)
+    ends = uphill(function, np.concatenate([law.points, high]), spacing, settings=settings)
     return ends, function(ends)
 
 
-def _between(law: NPMLE) -> Array:
+def _between(law: NPMLE, settings: NPMLESettings) -> Array:
     """The middles of points that are near each other, which the law may have in their place."""
-    near = cKDTree(law.points).query_pairs(NEAR, output_type="ndarray")
+    near = cKDTree(law.points).query_pairs(settings.near, output_type="ndarray")
     share = law.weights[near] / law.weights[near].sum(axis=1, keepdims=True)
     return np.asarray(np.einsum("pk,pks->ps", share, law.points[near]))
 
 
-def _merged(log_density: LogDensity, law: NPMLE) -> NPMLE:
+def _merged(log_density: LogDensity, law: NPMLE, settings: NPMLESettings) -> NPMLE:
     """The law with one point in place of those that are all but one, where that loses nothing.
 
     What it loses is added to the gap.
     """
-    pairs = cKDTree(law.points).query_pairs(SAME, output_type="ndarray")
+    pairs = cKDTree(law.points).query_pairs(settings.same, output_type="ndarray")
     count = len(law.points)
     links = sparse.coo_array((np.ones(len(pairs)), pairs.T), (count, count))
     group = sparse.csgraph.connected_components(links, directed=False)[1]
     share = (group == np.arange(group.max() + 1)[:, None]) * law.weights
     points = share @ law.points / share.sum(axis=1, keepdims=True)
-    fewer = _of(mixed(log_density(points)), points)
+    fewer = _of(mixed(log_density(points), settings=settings), points)
     lost = law.log_likelihood - fewer.log_likelihood
-    return replace(fewer, gap=law.gap + max(lost, 0.0)) if lost < ALIKE else law
+    return replace(fewer, gap=law.gap + max(lost, 0.0)) if lost < settings.alike else law
 
 
 def _of(found: Mixing, points: Array) -> NPMLE:
@@ -351,12 +383,6 @@ def _of(found: Mixing, points: Array) -> NPMLE:
 
 Points = Callable[[Fit, np.random.Generator], Array]
 """The points x (J, n) that the best law of a fit is sought on."""
-EXCEEDED = 10
-"""Replicates above the gap after which no more are drawn."""
-CLIMBED = 0.01
-"""What may be left to climb in a replicate, in log-likelihood."""
-COARSE = 1e-5
-"""Of the gradient function, over its largest value in a replicate."""
 
 
 @dataclass(frozen=True)
@@ -372,13 +398,20 @@ class GapTest:
     failed: int
 
 
-def gap(fit: Fit, points: Array) -> float:
+def gap(fit: Fit, points: Array, settings: NPMLESettings = NPMLE_SETTINGS) -> float:
     """Log-likelihood of the best law on points x (J, n) above that of the fit."""
-    best = mixed(fit.likelihood.given(points), COARSE).log_likelihood
+    best = mixed(fit.likelihood.given(points), settings.coarse, settings=settings).log_likelihood
     return best - fit.scored().likelihood
 
 
-def judged(fit: Fit, points: Points, most: int, seed: int, progress: Progress) -> GapTest | None:
+def judged(
+    fit: Fit,
+    points: Points,
+    most: int,
+    seed: int,
+    progress: Progress,
+    settings: NPMLESettings = NPMLE_SETTINGS,
+) -> GapTest | None:
     """The p value of the gap of a fit: data are drawn from its law, and fitted by its family.
 
     The best law has no limit distribution to compare with, so that the gap is drawn (McLachlan,
@@ -387,28 +420,30 @@ def judged(fit: Fit, points: Points, most: int, seed: int, progress: Progress) -
     (g + 1)/(most + 1). None where the measured data have no gap. Cost: a climb and a product of
     matrices for each replicate.
     """
-    seen = gap(fit, points(fit, np.random.default_rng([seed, 0])))
+    seen = gap(fit, points(fit, np.random.default_rng([seed, 0])), settings=settings)
     if not np.isfinite(seen):
         return None
     exceeded = failed = count = 0
-    while count < most and exceeded < EXCEEDED:
+    while count < most and exceeded < settings.exceeded:
         count += 1
         progress.update(f"{count} of at most {most} data sets of the law", count, most)
-        larger = _larger(fit, seen, points, np.random.default_rng([seed, count]))
+        larger = _larger(fit, seen, points, np.random.default_rng([seed, count]), settings)
         failed += larger is None
         exceeded += larger is not False
-    p_value = exceeded / count if exceeded >= EXCEEDED else (exceeded + 1) / (count + 1)
+    p_value = exceeded / count if exceeded >= settings.exceeded else (exceeded + 1) / (count + 1)
     return GapTest(p_value, count, exceeded, failed)
 
 
-def _larger(fit: Fit, seen: float, points: Points, rng: np.random.Generator) -> bool | None:
+def _larger(
+    fit: Fit, seen: float, points: Points, rng: np.random.Generator, settings: NPMLESettings
+) -> bool | None:
     """Whether the gap of other data is as large; None where it is no number.
 
     One step comes near the maximum, from below: what is smaller after it is smaller in the end.
     """
     near = stepped(fit.drawn(rng))
-    found = gap(near, points(near, rng))
+    found = gap(near, points(near, rng), settings=settings)
     if found >= seen:
-        end = climbed(near, arrived=CLIMBED)
-        found = gap(end, points(end, rng))
+        end = climbed(near, arrived=settings.climbed)
+        found = gap(end, points(end, rng), settings=settings)
     return bool(found >= seen) if np.isfinite(found) else None

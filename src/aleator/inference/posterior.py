@@ -26,14 +26,36 @@ from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
 
-FARTHEST = 1e-3
-"""Share of the limits' width that a search for the mode begins away from them."""
-LEAST = 0.05
-"""Least curvature: that of a density as flat as between limits that nothing else tells of."""
-TRIED, SHRUNK, SMALLER = 16, 12, 0.6
-"""Points that tell whether a scale is too wide, and how often it is made how much smaller."""
-MODE = 50
-"""Steps to the mode, at most."""
+
+@dataclass(frozen=True)
+class PosteriorSettings:
+    """How a posterior is scaled, sampled and judged; by judgement but where a paper is named."""
+
+    farthest: float = 1e-3
+    """Share of the limits' width that a search for the mode begins away from them."""
+    least: float = 0.05
+    """Least curvature: that of a density as flat as between limits that nothing else tells of."""
+    tried: int = 16
+    shrunk: int = 12
+    smaller: float = 0.6
+    """Points that tell whether a scale is too wide, and how often it is made how much smaller."""
+    mode: int = 50
+    """Steps to the mode, at most."""
+    target: float = 0.85
+    """Share of proposals that is to be accepted."""
+    deepest: int = 5
+    """Times that a trajectory is doubled, at most: the density has been scaled to about N(0, I)."""
+    tries: int = 50
+    """Points that a chain may try to begin at."""
+    tails: tuple[float, float] = (0.05, 0.95)
+    warm_up: int = 100
+    """Steps of each chain that set the length of its steps, and are no draws."""
+    largest_r_hat: float = 1.01
+    least_ess: float = 400.0
+    """Both by Vehtari, Gelman, Simpson, Carpenter and Burkner (2021)."""
+
+
+POSTERIOR = PosteriorSettings()
 
 
 @dataclass(frozen=True)
@@ -57,6 +79,7 @@ class RealLine:
     hyperparameters: Sequence[Hyperparameter]
     alpha: Array
     moving: Indices
+    settings: PosteriorSettings = POSTERIOR
 
     def __call__(self, u: Array) -> DensityAt:
         """Value and slope at u (G,); a slope of zero where the value is no number."""
@@ -79,7 +102,9 @@ class RealLine:
         """The u (G,) of alpha (K,); one on a limit is moved a thousandth of the width inside."""
         low, high = self._limits
         share = (alpha[self.moving] - low) / (high - low)
-        return np.asarray(special.logit(np.clip(share, FARTHEST, 1.0 - FARTHEST)))
+        return np.asarray(
+            special.logit(np.clip(share, self.settings.farthest, 1.0 - self.settings.farthest))
+        )
 
     def _rate(self, u: Array) -> Array:
         low, high = self._limits
@@ -98,7 +123,9 @@ class NormalScale:
     factor: Array
 
 
-def scaled(density: Callable[[Array], DensityAt], start: Array) -> NormalScale:
+def scaled(
+    density: Callable[[Array], DensityAt], start: Array, settings: PosteriorSettings = POSTERIOR
+) -> NormalScale:
     """The mode of the density of u next to `start` (G,), and a factor of its covariance there.
 
     The curvature is that by differences of the slope: some 2 G evaluations after some tens to the
@@ -109,35 +136,33 @@ def scaled(density: Callable[[Array], DensityAt], start: Array) -> NormalScale:
         found = density(u)
         return (-found.value, -found.slope) if np.isfinite(found.value) else (1e300, found.slope)
 
-    climbed = optimize.minimize(loss, start, jac=True, method="BFGS", options={"maxiter": MODE})
+    climbed = optimize.minimize(
+        loss, start, jac=True, method="BFGS", options={"maxiter": settings.mode}
+    )
     mode, anywhere = climbed.x, np.full(start.size, np.inf)
     curvature = DIFFERENCES.bends(
         lambda u: density(u).slope[None], mode, -anywhere, anywhere, 1.0 / np.diag(climbed.hess_inv)
     )[:, 0]
     values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
-    return _within(density, NormalScale(mode, vectors / np.sqrt(np.maximum(values, LEAST))))
+    return _within(
+        density, NormalScale(mode, vectors / np.sqrt(np.maximum(values, settings.least))), settings
+    )
 
 
-def _within(density: Callable[[Array], DensityAt], scale: NormalScale) -> NormalScale:
+def _within(
+    density: Callable[[Array], DensityAt], scale: NormalScale, settings: PosteriorSettings
+) -> NormalScale:
     """A scale at half of whose points there is a density: a likelihood may end abruptly."""
-    z = np.random.default_rng(0).standard_normal((TRIED, scale.center.size))
-    for _ in range(SHRUNK):
+    z = np.random.default_rng(0).standard_normal((settings.tried, scale.center.size))
+    for _ in range(settings.shrunk):
         inside = [np.isfinite(density(scale.center + scale.factor @ one).value) for one in z]
         if np.mean(inside) >= 0.5:
             break
-        scale = NormalScale(scale.center, SMALLER * scale.factor)
+        scale = NormalScale(scale.center, settings.smaller * scale.factor)
     return scale
 
 
 SAMPLER = "mici"
-WARM_UP = 100
-"""Steps of each chain that set the length of its steps, and are no draws."""
-TARGET = 0.85
-"""Share of proposals that is to be accepted."""
-DEEPEST = 5
-"""Times that a trajectory is doubled, at most: the density has been scaled to about N(0, I)."""
-TRIES = 50
-"""Points that a chain may try to begin at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +192,7 @@ def sampled(
     chains: int,
     seed: int,
     told: Callable[[int, int], None],
+    settings: PosteriorSettings = POSTERIOR,
 ) -> Chains:
     """So many chains of draws of a density of u; `told` hears of each step, and of how many.
 
@@ -174,11 +200,11 @@ def sampled(
     Raises AleatorError where the package is missing, and where a chain finds no place to begin.
     """
     streams = np.random.SeedSequence(seed).spawn(chains)
-    total = chains * (WARM_UP + draws)
+    total = chains * (settings.warm_up + draws)
     found = []
     for c, stream in enumerate(streams):
-        done = c * (WARM_UP + draws)
-        chain = _Chain(density, scale, partial(_counted, told, done, total))
+        done = c * (settings.warm_up + draws)
+        chain = _Chain(density, scale, partial(_counted, told, done, total), settings)
         found.append(chain.run(np.random.default_rng(stream), draws))
     parts = {key: np.stack([one[key] for one in found]) for key in found[0] if key != "evaluations"}
     return Chains(**parts, evaluations=sum(one["evaluations"] for one in found))
@@ -192,8 +218,13 @@ class _Chain:
     """One chain in z, u = center + factor z, that remembers what it asked in its trajectory."""
 
     def __init__(
-        self, density: Callable[[Array], DensityAt], scale: NormalScale, told: Callable[[int], None]
+        self,
+        density: Callable[[Array], DensityAt],
+        scale: NormalScale,
+        told: Callable[[int], None],
+        settings: PosteriorSettings,
     ) -> None:
+        self.settings = settings
         self._density, self._scale, self._told = density, scale, told
         self._known: dict[bytes, DensityAt] = {}
         # what is traced is asked for once before the first step
@@ -216,24 +247,30 @@ class _Chain:
             system,
             mici.integrators.LeapfrogIntegrator(system),
             rng,
-            max_tree_depth=DEEPEST,
+            max_tree_depth=self.settings.deepest,
         )
         with np.errstate(all="ignore"), _quiet():
             out = sampler.sample_chains(
-                WARM_UP,
+                self.settings.warm_up,
                 draws,
                 [self._begin(rng)],
                 trace_funcs=[self._traced],
                 trace_warm_up=True,
-                adapters=[mici.adapters.DualAveragingStepSizeAdapter(TARGET)],
+                adapters=[mici.adapters.DualAveragingStepSizeAdapter(self.settings.target)],
                 display_progress=False,
                 monitor_stats=None,
             )
-        if self._steps < WARM_UP + draws:
+        if self._steps < self.settings.warm_up + draws:
             # the package returns what it has when it is interrupted
             raise KeyboardInterrupt
-        kept = {name: np.asarray(values[0][WARM_UP:]) for name, values in out.traces.items()}
-        told = {name: np.asarray(values[0][WARM_UP:]) for name, values in out.statistics.items()}
+        kept = {
+            name: np.asarray(values[0][self.settings.warm_up :])
+            for name, values in out.traces.items()
+        }
+        told = {
+            name: np.asarray(values[0][self.settings.warm_up :])
+            for name, values in out.statistics.items()
+        }
         return {
             **kept,
             "divergent": told["diverging"].astype(bool),
@@ -243,12 +280,12 @@ class _Chain:
         }
 
     def _begin(self, rng: np.random.Generator) -> Array:
-        for _ in range(TRIES):
+        for _ in range(self.settings.tries):
             z = rng.standard_normal(self._scale.center.size)
             if np.isfinite(self._at(z).value):
                 return z
         raise AleatorError(
-            f"at none of {TRIES} places about its mode the posterior has a density",
+            f"at none of {self.settings.tries} places about its mode the posterior has a density",
             "see the warnings of the identification, and widen the limits of the law or add noise",
         )
 
@@ -300,12 +337,6 @@ def _quiet() -> Iterator[None]:
         log.disabled = before
 
 
-LARGEST_R_HAT = 1.01
-LEAST_ESS = 400.0
-"""Both by Vehtari, Gelman, Simpson, Carpenter and Burkner (2021)."""
-TAILS = (0.05, 0.95)
-
-
 @dataclass(frozen=True, eq=False)
 class Convergence:
     """Of G quantities: rank-normalized split R-hat (G,), and effective sample sizes (G,).
@@ -317,11 +348,15 @@ class Convergence:
     r_hat: Array
     bulk: Array
     tail: Array
+    settings: PosteriorSettings = POSTERIOR
 
     @property
     def converged(self) -> bool:
         """Whether every R-hat is below 1.01 and every effective sample size above 400."""
-        return bool(np.all(self.r_hat < LARGEST_R_HAT) and self.least > LEAST_ESS)
+        return bool(
+            np.all(self.r_hat < self.settings.largest_r_hat)
+            and self.least > self.settings.least_ess
+        )
 
     @property
     def least(self) -> float:
@@ -329,7 +364,7 @@ class Convergence:
         return float(np.min(np.nan_to_num(np.concatenate([self.bulk, self.tail]))))
 
 
-def convergence(draws: Array) -> Convergence:
+def convergence(draws: Array, settings: PosteriorSettings = POSTERIOR) -> Convergence:
     """That of draws (C, D, G) of C chains, by ArviZ.
 
     Raises AleatorError where ArviZ is not installed.
@@ -339,5 +374,5 @@ def convergence(draws: Array) -> Convergence:
     return Convergence(
         np.asarray(stats.rhat(draws, **axes)),
         np.asarray(stats.ess(draws, method="bulk", **axes)),
-        np.asarray(stats.ess(draws, method="tail", prob=TAILS, **axes)),
+        np.asarray(stats.ess(draws, method="tail", prob=settings.tails, **axes)),
     )

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import pickle
 from collections.abc import Generator, Mapping, Sequence
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields
-from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -19,17 +15,16 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from aleator.errors import AleatorError, InputsError, SurroundingsError, short
+from aleator.errors import AleatorError, InputsError, short
 from aleator.inference.fit import Fit, refitted
 from aleator.inference.information import LEVEL
 from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.results.documents import make_folder
-from aleator.simulators import ProcessPool
-from aleator.simulators.command.janitor import passing
 from aleator.simulators.workers.parcel import packed
 from aleator.tasks.identification import Identification
+from aleator.tasks.parallel import in_processes
 from aleator.threads import single_threaded
 from aleator.types import Array
 
@@ -85,10 +80,6 @@ def quantiles(alpha: Array, levels: Array) -> Array:
 
 def _tails(level: float) -> Array:
     return np.array([0.5 - level / 2.0, 0.5 + level / 2.0])
-
-
-SAME = 1e-5
-"""Relative difference up to which two estimates are those of one identification."""
 
 
 @dataclass(frozen=True)
@@ -215,14 +206,14 @@ def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
     return exact and all(_near(found.get(key), head[key]) for key in numbers)
 
 
-def _near(found: Any, wanted: Any) -> bool:
-    """Whether these are the numbers that are wanted, but for rounding."""
+def _near(found: Any, wanted: Any, relative: float = 1e-5) -> bool:
+    """Whether these are the numbers that are wanted, but for a relative difference."""
     try:
         numbers = np.array(found, dtype=float)
     except (OverflowError, TypeError, ValueError):  # damaged
         return False
     same = numbers.shape == np.shape(wanted)
-    return same and bool(np.allclose(numbers, wanted, rtol=SAME, atol=1e-12))
+    return same and bool(np.allclose(numbers, wanted, rtol=relative, atol=1e-12))
 
 
 FILE = "bootstrap.jsonl"
@@ -428,29 +419,7 @@ def _made(
         for number in numbers:
             yield replicated(fit, kind, seed, number)
         return
-    with passing() as folder:
-        path = folder / "fit.pickle"
-        path.write_bytes(parcel)
-        pool = ProcessPool(min(workers, len(numbers)))
-        try:
-            jobs = [pool.submit(_elsewhere, str(path), kind, seed, number) for number in numbers]
-            for job in as_completed(jobs):
-                yield job.result()
-        except BrokenProcessPool:
-            raise SurroundingsError(
-                "bootstrap: a worker process ended before its replicate was finished",
-                "ask for fewer workers, there may be no memory left; with a folder, what is "
-                "finished is kept: ask again",
-            ) from None
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _elsewhere(path: str, kind: str, seed: int, number: int) -> Refitted:
-    return replicated(_unpacked(path), kind, seed, number)
-
-
-@lru_cache(maxsize=1)
-def _unpacked(path: str) -> Fit:
-    fit: Fit = pickle.loads(Path(path).read_bytes())
-    return fit
+    pieces = {number: (kind, seed, number) for number in numbers}
+    with closing(in_processes(parcel, replicated, pieces, workers)) as made:
+        for _, replicate in made:
+            yield replicate

@@ -32,22 +32,35 @@ from aleator.tasks.ceiling import gap_of
 from aleator.tasks.identification import Identification
 from aleator.types import Array
 
-SAME = 1e-9
-"""Relative difference up to which two measured values are one."""
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    """When values and laws of two models are the same; by judgement."""
+
+    same: float = 1e-9
+    """Relative difference up to which two measured values are one."""
+    agree: float = 0.02
+    """An experiment's log-density of one law may differ by that, by the surfaces of two models."""
+
+
+COMPARISON = ComparisonSettings()
+
 REMEDY = "compare models of the same table, with the same outcome, bounds and ids"
 
 
-def require_same_data(fits: Mapping[str, Fit]) -> None:
+def require_same_data(fits: Mapping[str, Fit], settings: ComparisonSettings = COMPARISON) -> None:
     """Raise ExperimentsError that names the first difference between the data of two models.
 
     Ids, transforms, the number of observations, measured values and bounds must be the same, in
     the same order; conditions and the names of responses need not.
     """
     for (one, fit), (other, next_fit) in pairwise(fits.items()):
-        _require_same(one, fit.table, other, next_fit.table)
+        _require_same(one, fit.table, other, next_fit.table, settings)
 
 
-def _require_same(one: str, a: Experiments, other: str, b: Experiments) -> None:
+def _require_same(
+    one: str, a: Experiments, other: str, b: Experiments, settings: ComparisonSettings
+) -> None:
     _require_same_ids(one, a, other, b)
     _require_same_transforms(one, a, other, b)
     seen, met = a.observations, b.observations
@@ -61,7 +74,7 @@ def _require_same(one: str, a: Experiments, other: str, b: Experiments) -> None:
         )
     for end in ("lower", "upper"):
         u, v = getattr(seen, end), getattr(met, end)
-        if (differ := np.flatnonzero(~np.isclose(u, v, rtol=SAME, atol=0.0))).size:
+        if (differ := np.flatnonzero(~np.isclose(u, v, rtol=settings.same, atol=0.0))).size:
             k = differ[0]
             raise ExperimentsError(
                 f"experiment '{a.ids[seen.experiment[k]]}', {_name(a, k)}: the {end} end is "
@@ -113,10 +126,6 @@ def _name(table: Experiments, k: int) -> str:
     return f"'{seen.names[seen.response[k]]}'"
 
 
-AGREE = 0.02
-"""An experiment's log-density of one law may differ by that, by the surfaces of two models."""
-
-
 @dataclass(frozen=True, eq=False)
 class Embedding:
     """The hyperparameters (K,) of a larger model at which it is the smaller one.
@@ -136,7 +145,9 @@ class Embedding:
         return np.where(self.source >= 0, alpha[self.source], self.value)
 
 
-def embedded(smaller: Fit, larger: Fit) -> Embedding | None:
+def embedded(
+    smaller: Fit, larger: Fit, settings: ComparisonSettings = COMPARISON
+) -> Embedding | None:
     """Where the larger model is the smaller one; None where it is not known to be.
 
     The hyperparameters are matched by their names: a number in place of a free one, a constant in
@@ -154,7 +165,7 @@ def embedded(smaller: Fit, larger: Fit) -> Embedding | None:
     if np.any((alpha < lower) | (alpha > upper)):
         return None
     gaps = larger.at(alpha).scored().each - smaller.scored().each
-    return found if np.all(np.abs(gaps) <= AGREE) else None
+    return found if np.all(np.abs(gaps) <= settings.agree) else None
 
 
 def _same_families(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> bool:
@@ -366,7 +377,7 @@ def compare(
 
     Models given by keyword have that name, the others are A, B, and so on. AIC, AICc and BIC come
     from the maximum of the likelihood; the predictive log-likelihood from leaving out each
-    experiment in turn (`aleator.inference.leave_one_out`). A likelihood ratio is taken where one
+    experiment in turn (`aleator.inference.model_choice`). A likelihood ratio is taken where one
     model is found to be a special case of another, and for the pairs (smaller, larger) in `nested`.
     `bootstrap` is the number of data sets drawn under the smaller model of each such pair, by which
     the ratio is judged too; `seed` is theirs. With `ceilings` the best possible law of each model
@@ -408,9 +419,10 @@ def compared(
     ceilings: bool,
     seed: int,
     told: Progress,
+    settings: ComparisonSettings = COMPARISON,
 ) -> Comparison:
     """The comparison of fits; each has the verdicts sound and consistent, which it shows."""
-    require_same_data(fits)
+    require_same_data(fits, settings=settings)
     competitors = []
     for name, fit in fits.items():
         told.stage(f"{name}: leave one out")
@@ -420,7 +432,7 @@ def compared(
             told.stage("best possible law")
             gap = _below_ceiling(fit, seed)
         competitors.append(Competitor(name, *verdicts[name], criteria(fit), left_out, gap))
-    pairs = _pairs(fits, nested)
+    pairs = _pairs(fits, nested, settings)
     ratios = []
     for (small, large), found_in in pairs.items():
         told.stage(f"{small} in {large}: likelihood ratio")
@@ -475,12 +487,12 @@ def _check(
 
 
 def _pairs(
-    fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]]
+    fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]], settings: ComparisonSettings
 ) -> dict[tuple[str, str], Embedding | None]:
     """The pairs (smaller, larger), and where the smaller lies in the larger if that is known."""
     found: dict[tuple[str, str], Embedding | None] = {}
     for small, large in permutations(fits, 2):
-        place = embedded(fits[small], fits[large])
+        place = embedded(fits[small], fits[large], settings=settings)
         if place is not None or (small, large) in nested:
             found[small, large] = place
     for small, large in nested:

@@ -18,7 +18,7 @@ from aleator.inference.consistency.battery import (
     residuals_of,
 )
 from aleator.inference.consistency.columns import (
-    LEVELS,
+    COLUMNS,
     ORDER,
     RESPONSE,
     classes_of,
@@ -26,7 +26,7 @@ from aleator.inference.consistency.columns import (
     copies_of,
     without_order,
 )
-from aleator.inference.consistency.judged import Judged, judged, outliers_of, replicated
+from aleator.inference.consistency.judged import Judgement, judged, outliers_of, replicated
 from aleator.inference.consistency.sentences import told
 from aleator.inference.fit import Fit
 from aleator.observations.experiments import Experiments
@@ -95,7 +95,7 @@ def consistency_of(
     against = sorted((t for t in found.tests if t.corrected < LEVEL), key=lambda t: t.corrected)
     within = {column.name for column in columns if not column.own} - {RESPONSE, ORDER}
     # of many values, or classes of the outcome, which neither the simulator nor a law takes
-    measured = {column.name for column in columns if column.count > LEVELS}
+    measured = {column.name for column in columns if column.count > COLUMNS.levels}
     measured = (measured | classes_of(columns, table.observations)) - {ORDER, *asked}
     return Consistency(
         found.together >= LEVEL,
@@ -135,7 +135,7 @@ def _scattering(fit: Fit) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]
 
 def _enough(
     battery: Battery, statistics: Array, source: Iterator[Array], most: int, progress: Progress
-) -> Judged | None:
+) -> Judgement | None:
     replicates: list[Array] = []
     exists, made, found = np.isfinite(statistics), 0, None
     for stage, low, high in STAGES:

@@ -16,7 +16,7 @@ from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import few_runs, first_runs
 from aleator.tasks.baselines import start_point
 from aleator.tasks.direct import grids_each, runs_each, way_of, way_of_outcomes
-from aleator.tasks.first_look import Plan
+from aleator.tasks.first_look import LookPlan
 from aleator.tasks.individual.identify import wanted
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def expected_cost(
     propagation: ResponseSurface | Collocation,
     density: Density | None,
     verification: Check,
-    plan: Plan,
+    plan: LookPlan,
 ) -> Cost | None:
     """How many runs `identify` will make; None where it says nothing beforehand (collocation).
 

@@ -166,9 +166,6 @@ def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
     return float(end) if np.isfinite(end) and h.lower < end < h.upper else h.start
 
 
-SEED = 11
-
-
 @dataclass(frozen=True, eq=False)
 class NextExperiments:
     """Candidates, what each would tell `about` something, and the set that tells most together.
@@ -324,13 +321,14 @@ def planned(
     repeat: int,
     laws: int,
     progress: Progress,
+    seed: int = 11,
 ) -> NextExperiments:
     """The best set of the experiments of the `offered` fit beside those of the fit that was made.
 
     `predicted` is the fit of what is to be predicted, where that is the aim.
     """
     every = possible_laws(aim.alpha, fit.inference, fit.hyperparameters, laws)
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(seed)
     scores = [_scores(offered.at(one), aim, rng, progress) for one in every]
     again = _scores(fit.at(aim.alpha), aim, rng, progress).information.sum(axis=0)
     present = again if aim.moved or not fit.inference.positive else aim.observed(fit)

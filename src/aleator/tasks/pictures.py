@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -32,15 +32,57 @@ from aleator.types import Array, Indices
 if TYPE_CHECKING:
     from aleator.tasks.identification import Identification
 
-DIGITS = 5
-PLACES = 10
-"""Digits of where something is: an interval may be narrow beside its place."""
+
+@dataclass(frozen=True)
+class PictureSettings:
+    """How much is drawn, and in how many digits: by what the eye sees."""
+
+    digits: int = 5
+    places: int = 10
+    """Digits of where something is: an interval may be narrow beside its place."""
+    curve: int = 80
+    """Points of the line of a profile."""
+    law_end: float = 3.3
+    """Standard normal variates where a curve ends: all but a thousandth of the law."""
+    law_points: int = 121
+    band_points: int = 101
+    few: int = 40
+    """Experiments whose laws are averaged where each has its own."""
+    around: int = 73
+    """Points of a contour."""
+    masses: tuple[float, float] = (0.5, 0.95)
+    pairs: int = 6
+    side: int = 11
+    """Points of a side of the surface."""
+    profiles: int = 8
+    """Hyperparameters that are profiled, the first of them: more are no picture."""
+    observations: int = 3000
+    """Observations up to which a curve takes seconds."""
+    spread: int = 4000
+    """Parameters of which the middle and the ends of the charts are taken."""
+    spread_ends: tuple[float, float, float] = (0.002, 0.5, 0.998)
+    along: int = 41
+    map_side: int = 21
+    """Points of a curve, and of a side of a map."""
+    curves: int = 3
+    """Parameters over which there are curves; over the first two there is a map."""
+    experiments: int = 9
+    nodes: int = 200
+    """Nodes of collocation that are shown."""
+    seed: int = 11
+    map_values: int = 10_000_000
+    """Values that are computed for the charts at most."""
+    laws: int = 256
+    """Plausible laws whose densities make a band."""
 
 
-def drawn(values: ArrayLike, digits: int = DIGITS) -> Any:
+PICTURES = PictureSettings()
+
+
+def drawn(values: ArrayLike, digits: int = PICTURES.digits) -> Any:
     """Numbers of any shape as nested lists with so many significant digits; None for none.
 
-    >>> drawn([1.23456789, float("inf"), 0.0]), drawn([1000000.25], PLACES)
+    >>> drawn([1.23456789, float("inf"), 0.0]), drawn([1000000.25], 10)
     ([1.2346, None, 0.0], [1000000.25])
     """
     return _shortest(np.asarray(values, dtype=np.float64).tolist(), digits)
@@ -52,13 +94,13 @@ def _shortest(values: Any, digits: int) -> Any:
     return float(f"{values:.{digits}g}") if np.isfinite(values) else None
 
 
-CURVE = 80
-"""Points of the line of a profile."""
 STEPS = 5
 """Steps between two points of a surface."""
 
 
-def profile_line(at: Array, below: Array) -> tuple[Array, Array]:
+def profile_line(
+    at: Array, below: Array, settings: PictureSettings = PICTURES
+) -> tuple[Array, Array]:
     """A line through the points of a profile: its signed root is nearly straight.
 
     `below` is how far the log-likelihood is below its maximum at the values `at`, in ascending
@@ -73,7 +115,7 @@ def profile_line(at: Array, below: Array) -> tuple[Array, Array]:
     if at.size < 2:
         return at, -below
     root = np.sign(at - at[np.argmin(below)]) * np.sqrt(2.0 * np.maximum(below, 0.0))
-    x = np.union1d(np.linspace(at[0], at[-1], CURVE), at)
+    x = np.union1d(np.linspace(at[0], at[-1], settings.curve), at)
     return x, -0.5 * PchipInterpolator(at, root)(x) ** 2
 
 
@@ -92,62 +134,54 @@ def finer(grid: Array) -> Array:
     return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
 
 
-LAW_END = 3.3
-"""Standard normal variates where a curve ends: all but a thousandth of the law."""
-LAW_POINTS = 121
-
-
-def law_curves(inputs: Inputs, alpha: Array, experiments: int) -> dict[str, dict[str, list[float]]]:
+def law_curves(
+    inputs: Inputs, alpha: Array, experiments: int, settings: PictureSettings = PICTURES
+) -> dict[str, dict[str, list[float]]]:
     """`x` and `density` of each scattering parameter's law; with covariates the experiments' mean.
 
     p(x) = phi(theta)/(dx/dtheta) at x = T(theta).
     """
-    theta = np.linspace(-LAW_END, LAW_END, LAW_POINTS)
+    theta = np.linspace(-settings.law_end, settings.law_end, settings.law_points)
     phi = np.exp(-0.5 * theta**2) / np.sqrt(2.0 * np.pi)
     values = inputs.values(alpha[: inputs.size], slice(0, experiments))
     found = {}
     for i in inputs.scattered:
         law, own = list(inputs.laws.values())[i], values[i]
-        at = theta if own.ndim == 1 else np.broadcast_to(theta, (experiments, LAW_POINTS))
+        at = theta if own.ndim == 1 else np.broadcast_to(theta, (experiments, settings.law_points))
         image = law.standard(own, at)
         with np.errstate(divide="ignore"):
-            x, density = _one(np.atleast_2d(image.x), np.atleast_2d(phi / image.dtheta))
+            x, density = _one(np.atleast_2d(image.x), np.atleast_2d(phi / image.dtheta), settings)
         if np.all(np.isfinite(density)):
             found[inputs.names[i]] = {"x": x.tolist(), "density": density.tolist()}
     return found
 
 
-def _one(x: Array, density: Array) -> tuple[Array, Array]:
+def _one(x: Array, density: Array, settings: PictureSettings) -> tuple[Array, Array]:
     """The mean of the curves (B, J) of several experiments."""
     if len(x) == 1:
         return x[0], density[0]
-    at = np.linspace(x.min(), x.max(), 2 * LAW_POINTS)
+    at = np.linspace(x.min(), x.max(), 2 * settings.law_points)
     return at, np.mean(
         [np.interp(at, *pair, 0.0, 0.0) for pair in zip(x, density, strict=True)], axis=0
     )
 
 
-BAND_POINTS = 101
 BAND_ENDS = np.array([0.002, 0.998])
 """Probabilities of a law between which its density is drawn."""
 LEVELS = np.array([0.025, 0.975])
-FEW = 40
-"""Experiments whose laws are averaged where each has its own."""
-AROUND = 73
-"""Points of a contour."""
-MASSES = (0.5, 0.95)
-PAIRS = 6
 
 
-def law_bands(inputs: Inputs, draws: AlphaDraws, count: int) -> dict[str, dict[str, Any]]:
+def law_bands(
+    inputs: Inputs, draws: AlphaDraws, count: int, settings: PictureSettings = PICTURES
+) -> dict[str, dict[str, Any]]:
     """`x`, `density`, and `lower` and `upper` ends of 95 % of the densities under plausible laws.
 
     For each parameter that scatters. Where laws follow covariates it is the mean of those of some
     of the `count` experiments, evenly chosen. The band is that of each x by itself. None of a
     mixture with points, which has no density.
     """
-    here = _values(inputs, draws.estimate, count)
-    others = [_values(inputs, alpha, count) for alpha in draws.alpha]
+    here = _values(inputs, draws.estimate, count, settings)
+    others = [_values(inputs, alpha, count, settings) for alpha in draws.alpha]
     found = {}
     for i in inputs.scattered:
         law, name = [*inputs.laws.values()][i], inputs.names[i]
@@ -157,12 +191,12 @@ def law_bands(inputs: Inputs, draws: AlphaDraws, count: int) -> dict[str, dict[s
         wide = np.array([_ends(law, own[i]) for own in others])
         low = min(low, float(np.quantile(wide[:, 0], 0.25)))
         high = max(high, float(np.quantile(wide[:, 1], 0.75)))
-        x = np.linspace(low, high, BAND_POINTS)
+        x = np.linspace(low, high, settings.band_points)
         density = _density(law, here[i], x)
         each = np.array([_density(law, own[i], x) for own in others])
         if not np.all(np.isfinite(x)) or not np.any(np.isfinite(density)):
             continue
-        found[name] = {"x": drawn(x, PLACES), "density": drawn(density)}
+        found[name] = {"x": drawn(x, settings.places), "density": drawn(density)}
         if not draws.certain:
             with np.errstate(invalid="ignore"):
                 band = quantiles(each.T, np.broadcast_to(draws.weights, each.T.shape), LEVELS)
@@ -170,7 +204,9 @@ def law_bands(inputs: Inputs, draws: AlphaDraws, count: int) -> dict[str, dict[s
     return found
 
 
-def law_contours(inputs: Inputs, alpha: Array) -> list[dict[str, Any]]:
+def law_contours(
+    inputs: Inputs, alpha: Array, settings: PictureSettings = PICTURES
+) -> list[dict[str, Any]]:
     """Curves that hold 50 % and 95 % of the law of two parameters, of some pairs.
 
     The images of the circles that hold as much of two standard normal variates, correlated as the
@@ -182,27 +218,29 @@ def law_contours(inputs: Inputs, alpha: Array) -> list[dict[str, Any]]:
     matrix = inputs.correlation_matrix(alpha)
     pairs = sorted(combinations(inputs.scattered, 2), key=lambda pair: -abs(matrix[pair]))
     laws = [*inputs.laws.values()]
-    angle = np.linspace(0.0, 2.0 * np.pi, AROUND)
+    angle = np.linspace(0.0, 2.0 * np.pi, settings.around)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     found = []
-    for i, j in pairs[:PAIRS]:
+    for i, j in pairs[: settings.pairs]:
         r = float(np.clip(matrix[i, j], -1.0, 1.0))
         turned = np.stack([circle[0], r * circle[0] + np.sqrt(1.0 - r * r) * circle[1]])
         curves = {}
-        for mass in MASSES:
+        for mass in settings.masses:
             theta = turned * np.sqrt(stats.chi2.ppf(mass, 2))
             x, y = (
                 laws[k].standard(alpha[inputs.slices[k]], at).x
                 for k, at in zip((i, j), theta, strict=True)
             )
-            curves[f"{mass:g}"] = [drawn(x, PLACES), drawn(y, PLACES)]
+            curves[f"{mass:g}"] = [drawn(x, settings.places), drawn(y, settings.places)]
         found.append({"between": [inputs.names[i], inputs.names[j]], "curves": curves})
     return found
 
 
-def _values(inputs: Inputs, alpha: Array, count: int) -> tuple[Array, ...]:
+def _values(
+    inputs: Inputs, alpha: Array, count: int, settings: PictureSettings
+) -> tuple[Array, ...]:
     """Of each law the values (k, E) of some experiments: one where all have the same law."""
-    chosen = np.unique(np.linspace(0, count - 1, FEW).round().astype(int))
+    chosen = np.unique(np.linspace(0, count - 1, settings.few).round().astype(int))
     found = inputs.values(alpha[: inputs.size], slice(0, count))
     return tuple(own[:, None] if own.ndim == 1 else own[:, chosen, 0] for own in found)
 
@@ -218,16 +256,11 @@ def _density(law: Law, values: Array, x: Array) -> Array:
         return np.asarray(each.mean(axis=0))
 
 
-SIDE = 11
-"""Points of a side of the surface."""
-PROFILES = 8
-"""Hyperparameters that are profiled, the first of them: more are no picture."""
-OBSERVATIONS = 3000
-"""Observations up to which a curve takes seconds."""
-
-
 def likelihood_shapes(
-    fit: Fit, estimates: Mapping[str, Estimate], told: Callable[[str], None]
+    fit: Fit,
+    estimates: Mapping[str, Estimate],
+    told: Callable[[str], None],
+    settings: PictureSettings = PICTURES,
 ) -> dict[str, Any]:
     """`profiles` by hyperparameter, and `surface` over the weakest pair; both below the maximum.
 
@@ -236,11 +269,11 @@ def likelihood_shapes(
     fewest nodes that serve: differences of log-likelihoods hardly depend on these.
     """
     inference = fit.inference
-    if not inference.positive or len(fit.table.observations) > OBSERVATIONS:
+    if not inference.positive or len(fit.table.observations) > settings.observations:
         return {}
     objective = fit.likelihood.rough().objective()
     profiles = {}
-    for k in _shown(fit, estimates):
+    for k in _shown(fit, estimates, settings):
         h = fit.hyperparameters[k]
         told(h.name)
         estimate = estimates[h.name]
@@ -251,15 +284,15 @@ def likelihood_shapes(
         below = curve.value[at == fit.alpha[k]] - curve.value
         for end, drop in zip(estimate.interval, estimate.drops, strict=True):
             below[at == end] = drop
-        profiles[h.name] = {"at": drawn(at, PLACES), "below": drawn(below)}
-    return {"profiles": profiles, "surface": _surface(fit, estimates, objective, told)}
+        profiles[h.name] = {"at": drawn(at, settings.places), "below": drawn(below)}
+    return {"profiles": profiles, "surface": _surface(fit, estimates, objective, told, settings)}
 
 
-def _shown(fit: Fit, estimates: Mapping[str, Estimate]) -> list[int]:
+def _shown(fit: Fit, estimates: Mapping[str, Estimate], settings: PictureSettings) -> list[int]:
     known = [
         int(k) for k in fit.inference.identified if estimates[fit.hyperparameters[k].name].interval
     ]
-    return known[:PROFILES]
+    return known[: settings.profiles]
 
 
 def _surface(
@@ -267,6 +300,7 @@ def _surface(
     estimates: Mapping[str, Estimate],
     objective: Objective,
     told: Callable[[str], None],
+    settings: PictureSettings,
 ) -> dict[str, Any] | None:
     free = [int(k) for k in fit.inference.free]
     rows = [r for r, k in enumerate(free) if estimates[fit.hyperparameters[k].name].interval]
@@ -278,36 +312,23 @@ def _surface(
     names = [fit.hyperparameters[k].name for k in (first, second)]
     told(" and ".join(names))
     found = likelihood_surface(
-        objective, fit.alpha, fit.hyperparameters, fit.inference, (first, second), SIDE
+        objective, fit.alpha, fit.hyperparameters, fit.inference, (first, second), settings.side
     )
     return {
         "between": names,
         "correlation": float(correlation[weakest]),
-        "first": drawn(found.first, PLACES),
-        "second": drawn(found.second, PLACES),
+        "first": drawn(found.first, settings.places),
+        "second": drawn(found.second, settings.places),
         "below": drawn(np.nanmax(found.value) - found.value),
     }
 
 
-SPREAD = 4000
-"""Parameters of which the middle and the ends of the charts are taken."""
-SPREAD_ENDS = (0.002, 0.5, 0.998)
-ALONG, MAP_SIDE = 41, 21
-"""Points of a curve, and of a side of a map."""
-CURVES = 3
-"""Parameters over which there are curves; over the first two there is a map."""
-EXPERIMENTS = 9
 ROWS = {1: ("last",), 2: ("first", "last")}
 """Which of so many rows of a series are shown; of more the middle one too."""
 EVERY = ("first", "middle", "last")
-NODES = 200
-"""Nodes of collocation that are shown."""
-SEED = 11
-MAP_VALUES = 10_000_000
-"""Values that are computed for the charts at most."""
 
 
-def responses(fit: Fit) -> dict[str, Any]:
+def responses(fit: Fit, settings: PictureSettings = PICTURES) -> dict[str, Any]:
     """Outcomes over each scattering parameter, the others in their middle, and over two of them.
 
     `over` has the values of each parameter, `map` those of the two on the grid of the maps;
@@ -316,36 +337,49 @@ def responses(fit: Fit) -> dict[str, Any]:
     collocation there are `nodes` instead: the values of each parameter at those of the law, and
     `shown` has the outcomes of their runs. Empty where no parameter scatters, and of many rows.
     """
-    names = [fit.inputs.names[i] for i in fit.inputs.scattered][:CURVES]
+    names = [fit.inputs.names[i] for i in fit.inputs.scattered][: settings.curves]
     seen = fit.table.observations
-    if not names or (len(names) * ALONG + MAP_SIDE**2) * len(seen) > MAP_VALUES:
+    if (
+        not names
+        or (len(names) * settings.along + settings.map_side**2) * len(seen) > settings.map_values
+    ):
         return {}
-    low, middle, high = _spread(fit)
+    low, middle, high = _spread(fit, settings)
     columns = [fit.inputs.names.index(name) for name in names]
-    lines = {k: np.linspace(low[k], high[k], ALONG) for k in columns}
+    lines = {k: np.linspace(low[k], high[k], settings.along) for k in columns}
     points = [_moved(middle, [k], at[:, None]) for k, at in lines.items()]
     pair = columns[:2] if len(columns) > 1 else []
-    sides = [np.linspace(low[k], high[k], MAP_SIDE) for k in pair]
+    sides = [np.linspace(low[k], high[k], settings.map_side) for k in pair]
     if pair:
         grid = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")], axis=1)
         points.append(_moved(middle, pair, grid))
     found = fit.likelihood.simulated(np.concatenate([*points, middle[None]]))
     if found is None:
-        return _at_nodes(fit, columns, low, high)
+        return _at_nodes(fit, columns, low, high, settings)
     parts = np.split(found, np.cumsum([len(part) for part in points]), axis=1)
     shown = []
-    for m, place in _chosen(fit, parts[-1][:, 0]):
+    for m, place in _chosen(fit, parts[-1][:, 0], settings):
         curves = {n: _original(fit, m, part[m]) for n, part in zip(names, parts, strict=False)}
-        plane = {"map": _original(fit, m, parts[-2][m].reshape(MAP_SIDE, MAP_SIDE))} if pair else {}
-        shown.append({**_entry(fit, m, place), "curves": curves, **plane})
+        plane = (
+            {"map": _original(fit, m, parts[-2][m].reshape(settings.map_side, settings.map_side))}
+            if pair
+            else {}
+        )
+        shown.append({**_entry(fit, m, place, settings), "curves": curves, **plane})
     return {
-        "over": {n: drawn(at, PLACES) for n, at in zip(names, lines.values(), strict=True)},
-        "map": {n: drawn(at, PLACES) for n, at in zip(names[: len(pair)], sides, strict=True)},
+        "over": {
+            n: drawn(at, settings.places) for n, at in zip(names, lines.values(), strict=True)
+        },
+        "map": {
+            n: drawn(at, settings.places) for n, at in zip(names[: len(pair)], sides, strict=True)
+        },
         "shown": shown,
     }
 
 
-def _at_nodes(fit: Fit, columns: list[int], low: Array, high: Array) -> dict[str, Any]:
+def _at_nodes(
+    fit: Fit, columns: list[int], low: Array, high: Array, settings: PictureSettings
+) -> dict[str, Any]:
     """Outcomes of the runs of collocation at the nodes of the law, some of those within its ends.
 
     Nodes of Gauss rules lie farther out than any parameter, where a chart would show nothing else.
@@ -356,24 +390,28 @@ def _at_nodes(fit: Fit, columns: list[int], low: Array, high: Array) -> dict[str
     x, eta = known
     inside = np.all((x >= low) & (x <= high), axis=1)
     kept = np.flatnonzero(inside if inside.any() else np.ones(len(x), dtype=bool))
-    if kept.size > NODES:
-        kept = np.sort(np.random.default_rng(SEED).choice(kept, NODES, replace=False))
+    if kept.size > settings.nodes:
+        kept = np.sort(
+            np.random.default_rng(settings.seed).choice(kept, settings.nodes, replace=False)
+        )
     return {
-        "nodes": {fit.inputs.names[k]: drawn(x[kept, k], PLACES) for k in columns},
+        "nodes": {fit.inputs.names[k]: drawn(x[kept, k], settings.places) for k in columns},
         "shown": [
-            {**_entry(fit, m, place), "values": _original(fit, m, eta[m, kept])}
-            for m, place in _chosen(fit, np.median(eta[:, kept], axis=1))
+            {**_entry(fit, m, place, settings), "values": _original(fit, m, eta[m, kept])}
+            for m, place in _chosen(fit, np.median(eta[:, kept], axis=1), settings)
         ],
     }
 
 
-def _spread(fit: Fit) -> Array:
+def _spread(fit: Fit, settings: PictureSettings) -> Array:
     """Low ends, middle and high ends (3, n) of the law of all experiments, within the region."""
-    inputs, rng = fit.inputs, np.random.default_rng(SEED)
-    times = max(1, SPREAD // fit.count)
+    inputs, rng = fit.inputs, np.random.default_rng(settings.seed)
+    times = max(1, settings.spread // fit.count)
     alpha = fit.alpha[: inputs.size]
     x = np.concatenate([of_law(inputs, alpha, fit.count, rng) for _ in range(times)])
-    return np.asarray(np.clip(np.quantile(x, SPREAD_ENDS, axis=0), *fit.likelihood.region.T))
+    return np.asarray(
+        np.clip(np.quantile(x, settings.spread_ends, axis=0), *fit.likelihood.region.T)
+    )
 
 
 def _moved(middle: Array, columns: list[int], values: Array) -> Array:
@@ -383,7 +421,7 @@ def _moved(middle: Array, columns: list[int], values: Array) -> Array:
     return points
 
 
-def _chosen(fit: Fit, middle: Array) -> list[tuple[int, str]]:
+def _chosen(fit: Fit, middle: Array, settings: PictureSettings) -> list[tuple[int, str]]:
     """Some observations of each response, with their places in their series.
 
     They are the first, the middle and the last one of some experiments, from low to high last
@@ -397,7 +435,11 @@ def _chosen(fit: Fit, middle: Array) -> list[tuple[int, str]]:
         last = rows[len(rows) - 1 - np.unique(of[::-1], return_index=True)[1]]
         last = last[np.argsort(middle[last], kind="stable")]
         worst = int(np.argmin(each[seen.experiment[last]]))
-        evenly = np.linspace(0, len(last) - 1, min(len(last), EXPERIMENTS - 1)).round().astype(int)
+        evenly = (
+            np.linspace(0, len(last) - 1, min(len(last), settings.experiments - 1))
+            .round()
+            .astype(int)
+        )
         for m in last[np.unique([*evenly, worst])]:
             found += _placed(rows[of == seen.experiment[m]])
     return found
@@ -410,7 +452,7 @@ def _placed(rows: Indices) -> list[tuple[int, str]]:
     return [(int(rows[k]), place) for k, place in zip(at, places, strict=True)]
 
 
-def _entry(fit: Fit, m: int, place: str) -> dict[str, Any]:
+def _entry(fit: Fit, m: int, place: str, settings: PictureSettings) -> dict[str, Any]:
     """What is told of observation m of M."""
     seen = fit.table.observations
     return {
@@ -418,8 +460,8 @@ def _entry(fit: Fit, m: int, place: str) -> dict[str, Any]:
         "row": int(seen.row[m]) + 1,
         "place": place,
         "response": seen.responses[int(seen.response[m])].name,
-        "lower": _original(fit, m, seen.lower[m], PLACES),
-        "upper": _original(fit, m, seen.upper[m], PLACES),
+        "lower": _original(fit, m, seen.lower[m], settings.places),
+        "upper": _original(fit, m, seen.upper[m], settings.places),
     }
 
 
@@ -432,12 +474,12 @@ def _original(fit: Fit, m: int, values: Array, digits: int | None = None) -> Any
     return drawn(shown) if digits is None else drawn(shown, digits)
 
 
-LAWS = 256
-"""Plausible laws whose densities make a band."""
 STAGE = "pictures"
 
 
-def pictured(found: Identification, progress: Progress | None = None) -> Identification:
+def pictured(
+    found: Identification, progress: Progress | None = None, settings: PictureSettings = PICTURES
+) -> Identification:
     """The identification with what its report draws: `pictures`, by its fit, without runs.
 
     `conditions` of each experiment, `laws` with the uncertainty of alpha, `contours` of two
@@ -461,20 +503,20 @@ def pictured(found: Identification, progress: Progress | None = None) -> Identif
     return replace(
         found,
         pictures={
-            "conditions": _conditions(fit),
-            "laws": law_bands(fit.inputs, found.draws(LAWS), fit.count),
-            "contours": law_contours(fit.inputs, fit.alpha),
-            **likelihood_shapes(fit, found.alpha, progress.update),
-            "response": responses(fit),
+            "conditions": _conditions(fit, settings),
+            "laws": law_bands(fit.inputs, found.draws(settings.laws), fit.count, settings=settings),
+            "contours": law_contours(fit.inputs, fit.alpha, settings=settings),
+            **likelihood_shapes(fit, found.alpha, progress.update, settings=settings),
+            "response": responses(fit, settings=settings),
             "roughness": []
             if fit.likelihood.roughness is None
             else drawn(fit.likelihood.roughness),
-            "predicted": _predicted(fit) if found.observations else {},
+            "predicted": _predicted(fit, settings) if found.observations else {},
         },
     )
 
 
-def _conditions(fit: Fit) -> dict[str, list[Any]]:
+def _conditions(fit: Fit, settings: PictureSettings) -> dict[str, list[Any]]:
     """What is the same in all rows of an experiment, by its name: (N,) numbers or texts."""
     table = fit.table.table.reset_index(drop=True)
     owner = pd.Series(fit.table.experiment)
@@ -485,13 +527,13 @@ def _conditions(fit: Fit) -> dict[str, list[Any]]:
             continue
         first = column.groupby(owner).first().reindex(range(fit.count))
         found[str(name)] = (
-            drawn(first.to_numpy(), PLACES)
+            drawn(first.to_numpy(), settings.places)
             if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
             else [str(value) for value in first]
         )
     return found
 
 
-def _predicted(fit: Fit) -> dict[str, list[float]]:
+def _predicted(fit: Fit, settings: PictureSettings) -> dict[str, list[float]]:
     quantiles = fit.likelihood.quantiles(np.array(QUANTILES))
-    return {str(p): drawn(q, PLACES) for p, q in zip(QUANTILES, quantiles.T, strict=True)}
+    return {str(p): drawn(q, settings.places) for p, q in zip(QUANTILES, quantiles.T, strict=True)}

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -14,18 +12,21 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from aleator.errors import InputsError, SurroundingsError
+from aleator.errors import InputsError
 from aleator.inference.information import LEVEL, Inference
+from aleator.inference.likelihood_at import censored_alike
 from aleator.laws import Hyperparameter
+from aleator.laws.individual import drawn
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations, responses_of
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.search import Search
-from aleator.simulators import ProcessPool, Runner, Simulator
+from aleator.simulators import Runner, Simulator
 from aleator.simulators.command.janitor import passing
 from aleator.simulators.store import Store
 from aleator.simulators.workers.parcel import packed
@@ -40,6 +41,7 @@ from aleator.tasks.asked import (
     runner_on,
 )
 from aleator.tasks.ledger import Ledger
+from aleator.tasks.parallel import in_processes
 from aleator.types import Array
 
 if TYPE_CHECKING:
@@ -103,9 +105,7 @@ class IndividualJob:
         """Observations at the conditions of the table, with bounds like its own."""
         asked = self.asked
         return [
-            individual.virtual_observations(
-                runner, asked.table, asked.inputs, asked.errors, alpha, rng
-            )
+            virtual_observations(runner, asked.table, asked.inputs, asked.errors, alpha, rng)
             for _ in range(replicates)
         ]
 
@@ -118,6 +118,30 @@ class IndividualJob:
             answer.settled.alpha, answer.profile.intervals, _errors(answer.inference),
             found.log_likelihood, found.converged,
         )  # fmt: skip
+
+
+def virtual_observations(
+    runner: Runner,
+    table: Experiments,
+    inputs: Inputs,
+    errors: MeasurementErrors,
+    alpha: Array,
+    rng: np.random.Generator,
+) -> Observations:
+    """Observations at the conditions of a table under the law and the noise of alpha (K,).
+
+    One run a unit. Bounds are made as those of the table: see `censored_alike`. Values whose runs
+    fail are NaN: they are not measured.
+    """
+    seen = table.observations
+    x = drawn(inputs, alpha[: inputs.size], len(table.ids), rng)
+    units, place = np.unique(runner.unit, return_inverse=True)
+    values = runner.values(units, x[runner.experiment[units]])
+    eta = values[place, runner.column][:, None]
+    uniform = rng.random(eta.shape)
+    with np.errstate(invalid="ignore"):
+        y = errors.quantile(alpha[inputs.size :], uniform, eta, slice(0, len(seen)))[:, 0]
+    return censored_alike(seen, y, rng)
 
 
 @dataclass(frozen=True)
@@ -352,32 +376,15 @@ def _identified(
             store = runner.cache.store.path if runner.cache else folder / "runs.sqlite"
             parcel = packed(_Elsewhere.of(runner, job, store))
             if parcel is not None:
-                yield from _by_workers(parcel, data, seed, workers)
+                pieces = {k: (part, seed + k) for k, part in enumerate(data)}
+                yield from in_processes(parcel, _elsewhere, pieces, workers)
                 return
     for k, part in enumerate(data):
         yield k, job.identify(runner, part, seed + k)
 
 
-def _by_workers(
-    parcel: bytes, data: Sequence[Any], seed: int, workers: int
-) -> Iterator[tuple[int, Recovered]]:
-    pool = ProcessPool(workers)
-    try:
-        jobs = {pool.submit(_unpacked, parcel, y, seed + k): k for k, y in enumerate(data)}
-        for done in as_completed(jobs):
-            yield jobs[done], done.result()
-    except BrokenExecutor as death:
-        raise SurroundingsError(
-            f"a worker process died ({death})",
-            "ask for fewer workers if memory runs out, and give the same command again",
-        ) from death
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _unpacked(job: bytes, data: Any, seed: int) -> Recovered:
-    elsewhere: _Elsewhere = pickle.loads(job)
-    return elsewhere.identify(data, seed)
+def _elsewhere(work: _Elsewhere, data: Any, seed: int) -> Recovered:
+    return work.identify(data, seed)
 
 
 def _checked(

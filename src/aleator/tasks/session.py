@@ -43,9 +43,6 @@ if TYPE_CHECKING:
     from aleator.moments.densities import Density
     from aleator.moments.propagation import Collocation
 
-NODES = 7
-"""Gauss-Hermite nodes a variate where a likelihood is made again to look at single experiments."""
-
 DIRECT = "direct"
 """How an answer calls its propagation where the simulator itself was integrated over."""
 
@@ -314,15 +311,18 @@ class Session:
         which = [table.ids.index(name) for name in _named_by(table, conditions, of)]
         return MeasuredExperiments(self._adapted(table, alpha), np.array(which, dtype=np.intp))
 
-    def _adapted(self, table: Experiments, alpha: Array) -> IndividualLikelihood:
-        """The likelihood of the measured experiments, made again where it was not kept."""
+    def _adapted(self, table: Experiments, alpha: Array, nodes: int = 7) -> IndividualLikelihood:
+        """The likelihood of the measured experiments, made again where it was not kept.
+
+        Then by so many Gauss-Hermite nodes a variate, which serve to look at single experiments.
+        """
         if self.fit is not None:
             assert isinstance(self.fit.likelihood, IndividualsAt)
             return self.fit.likelihood.integral
         assert self.runner is not None
         assert self.inputs is not None
         x = Draws.new(self.inputs, alpha, len(table.ids)).x.reshape(-1, len(self.inputs.names))
-        return self._integral(self.inputs, table, self.runner(table), x, NODES).adapted(alpha)
+        return self._integral(self.inputs, table, self.runner(table), x, nodes).adapted(alpha)
 
 
 def _by_density(

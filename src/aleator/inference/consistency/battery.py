@@ -14,17 +14,52 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from aleator.inference.consistency.columns import FEWEST, LEVELS, ORDER, Column
+from aleator.inference.consistency.columns import COLUMNS, ORDER, Column
 from aleator.inference.fit import Fit
 from aleator.results.values import Relation, Statistic
 from aleator.types import Array, Flags, Indices
 
-NEAREST = 1e-15
-"""Probabilities stay so far from zero and one: normal scores stay below eight."""
-VALUES, LEAST_POINTS, POINTS = 200_000, 64, 256
-"""Simulated values by which all probabilities are computed; points of each, fewest and most."""
-MORE, TIMES = 4, 3
-"""So many times as many points, so often, where too few probabilities are known."""
+
+@dataclass(frozen=True)
+class BatterySettings:
+    """How statistics are made and weighted: by judgement, held against `benchmarks findings`."""
+
+    nearest: float = 1e-15
+    """Probabilities stay so far from zero and one: normal scores stay below eight."""
+    values: int = 200_000
+    least_points: int = 64
+    points: int = 256
+    """Simulated values by which all probabilities are computed; points of each, fewest and most."""
+    more: int = 4
+    times: int = 3
+    """So many times as many points, so often, where too few probabilities are known."""
+    main: float = 3.0
+    """The weight of the likeliest form of dependence on a column, its trend, among its parts."""
+    hidden: float = 0.5
+    """Shrinkage above which two parameters are not held against each other (Savic and Karlsson,
+    2009).
+
+    A standard deviation of nearly zero is estimated as zero in many replicates and not in others.
+    The products of two parameters then scatter otherwise in these than where it was not.
+    """
+    least: float = 0.05
+    """Sums over a column are taken to scatter at least so much: one that the law follows pins them.
+    """
+    scatter_least: float = 1e-9
+    """Means that scatter less than this have no correlation."""
+    pinned: float = 0.05
+    """What the maximum itself pins is taken to scatter at least so much: mean, scale and contrasts.
+
+    Where the standard deviation is identified the mean square of all residuals is nearly one, and
+    where a law follows a column its scores add up to nothing in each part of it.
+    """
+    heavy: float = 4.0
+    """The weight of heavy tails among the tests of shape: nothing else sees all of them."""
+    repeated: float = 0.7
+    """A column is no sign of repeated subjects where it has more distinct values a row."""
+
+
+BATTERY = BatterySettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +81,25 @@ class Residuals:
     products: Array
 
 
-def points_of(fit: Fit, enough: float) -> int:
+def points_of(fit: Fit, enough: float, settings: BatterySettings = BATTERY) -> int:
     """The points of each experiment by which this share of the probabilities is known, or most."""
-    points = int(np.clip(VALUES // len(fit.table.observations), LEAST_POINTS, POINTS))
-    for _ in range(TIMES):
+    points = int(
+        np.clip(
+            settings.values // len(fit.table.observations), settings.least_points, settings.points
+        )
+    )
+    for _ in range(settings.times):
         if np.mean(np.isfinite(fit.probabilities(points))) >= enough:
             break
-        points *= MORE
+        points *= settings.more
     return points
 
 
-def residuals_of(fit: Fit, points: int) -> Residuals:
+def residuals_of(fit: Fit, points: int, settings: BatterySettings = BATTERY) -> Residuals:
     """The residuals of a fit; one evaluation of its probabilities and one of its scores."""
     u = fit.probabilities(points)
     known = np.isfinite(u)
-    inside = np.clip(np.where(known, u, 0.5), NEAREST, 1.0 - NEAREST)
+    inside = np.clip(np.where(known, u, 0.5), settings.nearest, 1.0 - settings.nearest)
     scores = fit.scored().scores
     assert scores is not None
     observed = np.unique(fit.table.observations.experiment)
@@ -110,10 +149,6 @@ def moments(w: Array) -> tuple[float, float, float]:
     u, far = standardized(nearer), scatter(nearer)
     heavy = float(np.cbrt(np.log(2.0) - np.mean(far)))
     return float(np.mean(u * far)), heavy, -heavy
-
-
-MAIN = 3.0
-"""The weight of the likeliest form of dependence on a column, its trend, among its parts."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +215,7 @@ def _of_column(column: Column) -> Iterator[tuple[str | None, Array]]:
         return
     for part in parts:
         inside = column.level == part
-        if min(inside.sum(), known.sum() - inside.sum()) < FEWEST:
+        if min(inside.sum(), known.sum() - inside.sum()) < COLUMNS.fewest:
             continue
         weight = np.where(known, inside - inside.sum() / known.sum(), 0.0)
         yield column.labels[part], weight / np.linalg.norm(weight)
@@ -202,16 +237,6 @@ INDIVIDUAL = "individual"
 PAIR, COLUMN = "pair", "relation"
 RELATED = (PAIR, COLUMN)
 """The kinds of its tests."""
-HIDDEN = 0.5
-"""Shrinkage above which two parameters are not held against each other (Savic and Karlsson, 2009).
-
-A standard deviation of nearly zero is estimated as zero in many replicates and not in others. The
-products of two parameters then scatter otherwise in these than where it was not.
-"""
-LEAST = 0.05
-"""Sums over a column are taken to scatter at least so much: one that the law follows pins them."""
-SCATTER_LEAST = 1e-9
-"""Means that scatter less than this have no correlation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +251,7 @@ class Relations:
     pairs: tuple[tuple[int, int], ...]
     columns: tuple[str, ...]
     ranks: Array
+    settings: BatterySettings = BATTERY
 
     @classmethod
     def of(
@@ -245,10 +271,10 @@ class Relations:
     def subjects(self) -> Iterator[Subject]:
         """What each of `values` is about: pairs, then each parameter against all columns."""
         for i, j in self.pairs:
-            yield Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=MAIN)
+            yield Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=self.settings.main)
         for name in self.names:
             for column in self.columns:
-                yield Subject(INDIVIDUAL, COLUMN, name, column, least=LEAST)
+                yield Subject(INDIVIDUAL, COLUMN, name, column, least=self.settings.least)
 
     def values(self, means: Array, products: Array) -> Array:
         """The statistics (P + s t,) of means (N, s) and mean products (N, s, s)."""
@@ -269,7 +295,9 @@ class Relations:
         )
 
 
-def apart(means: Array, pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+def apart(
+    means: Array, pairs: tuple[tuple[int, int], ...], settings: BatterySettings = BATTERY
+) -> tuple[tuple[int, int], ...]:
     """Those of the pairs of which the observations tell both, by individual means (N, s).
 
     None where there are no such means (s = 0): outcomes without noise tell no single parameter.
@@ -280,7 +308,7 @@ def apart(means: Array, pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, 
     """
     if not means.shape[1]:
         return ()
-    told = 1.0 - np.std(means, axis=0) <= HIDDEN
+    told = 1.0 - np.std(means, axis=0) <= settings.hidden
     return tuple((i, j) for i, j in pairs if told[i] and told[j])
 
 
@@ -293,25 +321,15 @@ def of_size_one(values: Array) -> Array:
     return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
 
-def _length(rows: Array) -> Array:
+def _length(rows: Array, settings: BatterySettings = BATTERY) -> Array:
     """The length of each row, as a column; one where there is nothing."""
     length = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.where(length > SCATTER_LEAST, length, 1.0)
+    return np.where(length > settings.scatter_least, length, 1.0)
 
 
 SHAPE, OUTCOMES, SCATTER, TOGETHER = "shape", "outcomes", "scatter", "together"
 SHARES = {SHAPE: 0.32, OUTCOMES: 0.30, SCATTER: 0.28, TOGETHER: 0.06, INDIVIDUAL: 0.1}
 """Share of each group of tests in the false alarms, chosen by `python -m benchmarks findings`."""
-PINNED = 0.05
-"""What the maximum itself pins is taken to scatter at least so much: mean, scale and contrasts.
-
-Where the standard deviation is identified the mean square of all residuals is nearly one, and where
-a law follows a column its scores add up to nothing in each part of it.
-"""
-HEAVY = 4.0
-"""The weight of heavy tails among the tests of shape: nothing else sees all of them."""
-REPEATED = 0.7
-"""A column is no sign of repeated subjects where it has more distinct values a row."""
 SAME = "the same conditions"
 SHAPES = ("level", "scale", "skewness", "heavy tails", "light tails", "outlier")
 """The kinds of tests that are about all residuals, or all scores, together."""
@@ -334,6 +352,7 @@ class Battery:
     groups: dict[str, Indices]
     ordered: bool
     relations: Relations
+    settings: BatterySettings = BATTERY
 
     @classmethod
     def of(
@@ -383,8 +402,8 @@ class Battery:
         return np.concatenate(parts)
 
     def _of_shape(self) -> Iterator[Subject]:
-        yield Subject(SHAPE, "level", OUTCOMES, least=PINNED)
-        yield Subject(SHAPE, "scale", SCATTER, least=PINNED)
+        yield Subject(SHAPE, "level", OUTCOMES, least=self.settings.pinned)
+        yield Subject(SHAPE, "scale", SCATTER, least=self.settings.pinned)
         yield from self._of_moments(OUTCOMES)
         yield Subject(SHAPE, "outlier", OUTCOMES, skewed=True, one_sided=True)
         if self.several:
@@ -393,7 +412,7 @@ class Battery:
 
     def _of_moments(self, of: str) -> Iterator[Subject]:
         yield Subject(SHAPE, "skewness", of)
-        yield Subject(SHAPE, "heavy tails", of, one_sided=True, weight=HEAVY)
+        yield Subject(SHAPE, "heavy tails", of, one_sided=True, weight=self.settings.heavy)
         yield Subject(SHAPE, "light tails", of, one_sided=True)
 
     def _of_columns(self) -> Iterator[Subject]:
@@ -409,9 +428,16 @@ class Battery:
         for i in np.flatnonzero(which):
             column, where = self.contrasts.column[i], self.contrasts.where[i]
             skewed = group == SCATTER
-            weight = MAIN if self.contrasts.main[i] and not skewed else 1.0
+            weight = self.settings.main if self.contrasts.main[i] and not skewed else 1.0
             yield Subject(
-                group, "contrast", of, column.name, where, skewed, weight=weight, least=PINNED
+                group,
+                "contrast",
+                of,
+                column.name,
+                where,
+                skewed,
+                weight=weight,
+                least=self.settings.pinned,
             )
 
     def _of_neighbours(self) -> Iterator[Subject]:
@@ -419,7 +445,9 @@ class Battery:
             yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True)
         for name in self.groups:
             for group, kind, of in ((TOGETHER, "groups", OUTCOMES), (SCATTER, "unequal", SCATTER)):
-                yield Subject(group, kind, of, name, skewed=True, one_sided=True, least=PINNED)
+                yield Subject(
+                    group, kind, of, name, skewed=True, one_sided=True, least=self.settings.pinned
+                )
         if self.several:
             yield Subject(SCATTER, "unequal", SCATTER, ORDER, one_sided=True)
 
@@ -491,13 +519,15 @@ def is_scale(name: str) -> bool:
     return name.startswith("noise.") or any(part.startswith("sd") for part in name.split("."))
 
 
-def _groups(columns: tuple[Column, ...]) -> dict[str, Indices]:
+def _groups(columns: tuple[Column, ...], settings: BatterySettings = BATTERY) -> dict[str, Indices]:
     """Groups of rows by columns of many values that repeat, and by all numbers together."""
     size = columns[0].group.size if columns else 0
-    many = {c.name: c.group for c in columns if LEVELS < c.count <= REPEATED * size}
+    many = {
+        c.name: c.group for c in columns if COLUMNS.levels < c.count <= settings.repeated * size
+    }
     rows = [c.group for c in columns if c.ranks is not None and c.name != ORDER]
     if len(rows) > 1:
         together = np.unique(np.stack(rows, axis=1), axis=0, return_inverse=True)[1].ravel()
-        if LEVELS < together.max() + 1 <= REPEATED * size:
+        if COLUMNS.levels < together.max() + 1 <= settings.repeated * size:
             many[SAME] = together
     return many

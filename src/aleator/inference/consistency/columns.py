@@ -18,17 +18,39 @@ from aleator.observations.responses import Observations
 from aleator.observations.transform import Transform
 from aleator.types import Array, Flags, Indices
 
-LEVELS = 6
-"""A column of so many values at most is looked at value by value."""
-BINS = 4
-"""Parts, alike in size, of a column of more numbers."""
-FEWEST = 3
-"""Observations of a level that are looked at by themselves."""
+
+@dataclass(frozen=True)
+class ColumnSettings:
+    """How columns are read, and when they copy the outcomes; by judgement, with the counts told."""
+
+    bins: int = 4
+    """Parts, alike in size, of a column of more numbers."""
+    pairs: int = 8
+    sorted: float = 0.8
+    """Pairs of neighbours at least, and the share that rise (or fall) in a table that was sorted.
+    """
+    distinct: int = 7
+    """Distinct values at least, of the column and of the outcome: fewer may be in one order by
+    chance.
+
+    Of seven independent values two orders in 5040 are that of the outcome, or its reverse.
+    """
+    rounded: float = 1e-4
+    """Share of a column's variance that rounding may leave, where the outcome gives it."""
+    coarse: float = 0.5
+    """Distinct values that a copy has at least, for each of the outcome: rounding leaves so many.
+    """
+    levels: int = 6
+    """A column of so many values at most is looked at value by value."""
+    fewest: int = 3
+    """Observations of a level that are looked at by themselves."""
+
+
+COLUMNS = ColumnSettings()
+
 ORDER = "the order of the rows"
 """The name of the column that counts rows."""
 RESPONSE = "response"
-PAIRS, SORTED = 8, 0.8
-"""Pairs of neighbours at least, and the share that rise (or fall) in a table that was sorted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +77,7 @@ class Column:
         return int(self.group.max()) + 1
 
 
-def columns_of(table: Experiments) -> tuple[Column, ...]:
+def columns_of(table: Experiments, settings: ColumnSettings = COLUMNS) -> tuple[Column, ...]:
     """Every column that is not constant, the responses where there are several, and the order.
 
     Of columns that part the rows alike only the first is kept.
@@ -64,7 +86,7 @@ def columns_of(table: Experiments) -> tuple[Column, ...]:
     found: list[Column] = []
     kept: dict[bytes, int] = {}
     for name, values in _values(table, frame):
-        column = _column(name, values, seen.experiment)
+        column = _column(name, values, seen.experiment, settings)
         if column.count < 2:
             continue
         at = [kept[key] for key in _keys(column) if key in kept]
@@ -77,7 +99,11 @@ def columns_of(table: Experiments) -> tuple[Column, ...]:
 
 
 def without_order(
-    columns: tuple[Column, ...], experiment: Indices, normal: Array, means: Array
+    columns: tuple[Column, ...],
+    experiment: Indices,
+    normal: Array,
+    means: Array,
+    settings: ColumnSettings = COLUMNS,
 ) -> tuple[Column, ...]:
     """The columns without the order of the rows, where the table was sorted by its outcomes.
 
@@ -93,15 +119,17 @@ def without_order(
     steps = [np.diff(np.add.reduceat(normal, first))[same]]
     if first.size < experiment.size:
         steps += [*np.diff(means, axis=0).T]
-    if not any(map(_sorted, steps)):
+    if not any(_sorted(each, settings) for each in steps):
         return columns
     return tuple(column for column in columns if column.name != ORDER)
 
 
-def _sorted(steps: Array) -> bool:
+def _sorted(steps: Array, settings: ColumnSettings) -> bool:
     """Whether nearly all steps go one way, of enough."""
-    share = max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) if steps.size >= PAIRS else 0.0
-    return bool(share >= SORTED)
+    share = (
+        max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) if steps.size >= settings.pairs else 0.0
+    )
+    return bool(share >= settings.sorted)
 
 
 def _values(table: Experiments, frame: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
@@ -114,12 +142,12 @@ def _values(table: Experiments, frame: pd.DataFrame) -> Iterator[tuple[str, pd.S
     yield ORDER, pd.Series(order.astype(float))
 
 
-def _column(name: str, values: pd.Series, experiment: Indices) -> Column:
+def _column(name: str, values: pd.Series, experiment: Indices, settings: ColumnSettings) -> Column:
     numbers = _numbers(values)
     if numbers is None:
         texts = values.astype(str).to_numpy()
         distinct_texts, group = np.unique(texts, return_inverse=True)
-        few = distinct_texts.size <= LEVELS
+        few = distinct_texts.size <= settings.levels
         level = group if few else np.full(group.shape, -1)
         shown = tuple(f"{name} = {label}" for label in distinct_texts) if few else ()
         return Column(name, None, level, shown, group, _own(group, experiment))
@@ -129,22 +157,24 @@ def _column(name: str, values: pd.Series, experiment: Indices) -> Column:
     ranks = np.zeros(numbers.size)
     if np.any(known):
         ranks[known] = stats.rankdata(numbers[known]) - 0.5 * (known.sum() + 1)
-    if distinct.size <= LEVELS:
+    if distinct.size <= settings.levels:
         labels: tuple[str, ...] = tuple(f"{name} = {value:g}" for value in distinct)
         level = np.where(known, group, -1)
     else:
-        level, labels = _binned(name, numbers, ranks, known)
+        level, labels = _binned(name, numbers, ranks, known, settings)
     return Column(name, ranks, level, labels, group, _own(group, experiment))
 
 
 def _binned(
-    name: str, numbers: Array, ranks: Array, known: Flags
+    name: str, numbers: Array, ranks: Array, known: Flags, settings: ColumnSettings
 ) -> tuple[Indices, tuple[str, ...]]:
     """Parts alike in size; equal numbers are in the same part."""
     share = ranks / known.sum() + 0.5
-    level = np.where(known, np.clip((BINS * share).astype(np.intp), 0, BINS - 1), -1)
+    level = np.where(
+        known, np.clip((settings.bins * share).astype(np.intp), 0, settings.bins - 1), -1
+    )
     labels = []
-    for part in range(BINS):
+    for part in range(settings.bins):
         inside = numbers[level == part]
         ends = (inside.min(), inside.max()) if inside.size else (np.nan, np.nan)
         labels.append(f"{name} from {ends[0]:g} to {ends[1]:g}")
@@ -175,21 +205,16 @@ def _keys(column: Column) -> tuple[bytes, ...]:
     return (b"text" + order[column.group].tobytes(),)
 
 
-DISTINCT = 7
-"""Distinct values at least, of the column and of the outcome: fewer may be in one order by chance.
-
-Of seven independent values two orders in 5040 are that of the outcome, or its reverse.
-"""
 RARE = -float(np.log(2520.0))
 """The logarithm of that probability."""
-ROUNDED = 1e-4
-"""Share of a column's variance that rounding may leave, where the outcome gives it."""
-COARSE = 0.5
-"""Distinct values that a copy has at least, for each of the outcome: rounding leaves so many."""
 
 
 def copies_of(
-    columns: Sequence[Column], table: Experiments, asked: Collection[str], normal: Array
+    columns: Sequence[Column],
+    table: Experiments,
+    asked: Collection[str],
+    normal: Array,
+    settings: ColumnSettings = COLUMNS,
 ) -> tuple[Column, ...]:
     """The columns that the outcome determines, alone or with the columns `asked` for.
 
@@ -213,8 +238,8 @@ def copies_of(
         and (
             _censoring(column, seen)
             or any(
-                _copied(column, seen, rows, same)
-                or _computed(column, table, rows, taken)
+                _copied(column, seen, rows, same, settings)
+                or _computed(column, table, rows, taken, settings)
                 or (
                     classed(column, seen.lower, rows)
                     and not any(classed(column, values, rows) for values in causes)
@@ -276,17 +301,19 @@ def _censoring(column: Column, seen: Observations) -> bool:
     return bool(len(pairs) == kind.max() + 1)
 
 
-def _copied(column: Column, seen: Observations, rows: Flags, same: Indices) -> bool:
+def _copied(
+    column: Column, seen: Observations, rows: Flags, same: Indices, settings: ColumnSettings
+) -> bool:
     if column.ranks is None:
         return False
     y, ranks = seen.lower[rows], column.ranks[rows]
     if column.own and len(seen) > seen.experiment[-1] + 1:
-        return _of_series(y, ranks, seen.experiment[rows])
+        return _of_series(y, ranks, seen.experiment[rows], settings)
     everywhere = np.zeros(y.size, dtype=np.intp)
-    return _ordered(y, ranks, everywhere) or _ordered(y, ranks, same[rows])
+    return _ordered(y, ranks, everywhere, settings) or _ordered(y, ranks, same[rows], settings)
 
 
-def _of_series(y: Array, ranks: Array, experiment: Indices) -> bool:
+def _of_series(y: Array, ranks: Array, experiment: Indices, settings: ColumnSettings) -> bool:
     """Whether one of the values that sum up a series orders the experiments as the column does."""
     first = np.unique(experiment, return_index=True)[1]
     count = np.diff([*first, y.size])
@@ -295,17 +322,17 @@ def _of_series(y: Array, ranks: Array, experiment: Indices) -> bool:
         np.minimum.reduceat(y, first), np.maximum.reduceat(y, first),
     )  # fmt: skip
     together = np.zeros(first.size, dtype=np.intp)
-    return any(_ordered(value, ranks[first], together) for value in sums)
+    return any(_ordered(value, ranks[first], together, settings) for value in sums)
 
 
-def _ordered(y: Array, ranks: Array, same: Indices) -> bool:
+def _ordered(y: Array, ranks: Array, same: Indices, settings: ColumnSettings) -> bool:
     """Whether ranks rise with y, or fall, within each of the groups, and not by chance."""
     few, many = sorted(
         (len(np.unique([same, y], axis=1).T), len(np.unique([same, ranks], axis=1).T))
     )
     groups = same.max() + 1
     distinct = np.bincount(np.unique([same, y], axis=1)[0].astype(np.intp))
-    if few < COARSE * many or few - groups < DISTINCT - 1:
+    if few < settings.coarse * many or few - groups < settings.distinct - 1:
         return False
     if -special.gammaln(distinct + 1).sum() > RARE:
         return False
@@ -319,12 +346,18 @@ def _rising(y: Array, values: Array, same: Indices) -> bool:
     return bool(np.all(np.diff(values[order])[inside] >= 0.0))
 
 
-def _computed(column: Column, table: Experiments, rows: Flags, taken: Sequence[Column]) -> bool:
+def _computed(
+    column: Column,
+    table: Experiments,
+    rows: Flags,
+    taken: Sequence[Column],
+    settings: ColumnSettings,
+) -> bool:
     """Whether a column is a sum of multiples, or a product of powers, of y and what is asked for.
 
     But for rounding: y leaves `ROUNDED` of what the conditions leave of its variance.
     """
-    if column.ranks is None or rows.sum() < len(taken) + DISTINCT:
+    if column.ranks is None or rows.sum() < len(taken) + settings.distinct:
         return False
     seen = table.observations
     log = seen.responses[int(seen.response[rows][0])].transform is Transform.LOG
@@ -341,6 +374,6 @@ def _computed(column: Column, table: Experiments, rows: Flags, taken: Sequence[C
         design = np.stack([np.ones(y.size), *form[2:]], axis=1)
         c, y_left = form[:2] - (design @ np.linalg.lstsq(design, form[:2].T)[0]).T
         slope = c @ y_left / max(y_left @ y_left, 1e-300)
-        if np.sum((c - slope * y_left) ** 2) < ROUNDED * (c @ c):
+        if np.sum((c - slope * y_left) ** 2) < settings.rounded * (c @ c):
             return True
     return False

@@ -18,16 +18,33 @@ from aleator.observations.experiments import Experiments
 from aleator.results.values import LEVEL, Outlier, Statistic
 from aleator.types import Array, Flags
 
-FLATTEST = 1e-12
-"""A statistic whose replicates scatter less than this, over its size, tells nothing."""
-STRAIGHT = 1e-3
-"""A skewness below this is none."""
-SHRUNK = 20.0
-"""The skewness of B replicates is taken B/(B + this) times."""
+
+@dataclass(frozen=True)
+class JudgementSettings:
+    """How few replicates tell small probabilities: held against the tests of statistics."""
+
+    flattest: float = 1e-12
+    """A statistic whose replicates scatter less than this, over its size, tells nothing."""
+    straight: float = 1e-3
+    """A skewness below this is none."""
+    shrunk: float = 20.0
+    """The skewness of B replicates is taken B/(B + this) times."""
+    many: int = 200
+    """Experiments from which one step to the maximum of a replicate does."""
+    named: int = 5
+    """Outliers that are named."""
+
+
+JUDGEMENT = JudgementSettings()
 
 
 def probabilities(
-    observed: Array, replicates: Array, skewed: Flags, one_sided: Flags, least: Array
+    observed: Array,
+    replicates: Array,
+    skewed: Flags,
+    one_sided: Flags,
+    least: Array,
+    settings: JudgementSettings = JUDGEMENT,
 ) -> tuple[Array, Array, Array]:
     """p (T,) of observed statistics, p (B, T) of each replicate among the others, and z (T,).
 
@@ -39,12 +56,12 @@ def probabilities(
     count = len(replicates)
     mean = replicates.mean(axis=0)
     sd = np.hypot(replicates.std(axis=0, ddof=1), least)
-    flat = ~(sd > FLATTEST * (1.0 + np.abs(mean)))
+    flat = ~(sd > settings.flattest * (1.0 + np.abs(mean)))
     scale = np.where(flat, 1.0, sd)
     third = np.mean(((replicates - mean) / scale) ** 3, axis=0)
-    skewness = np.where(skewed, third, 0.0) * count / (count + SHRUNK)
-    z = _normal((observed - mean) / scale, skewness) / np.sqrt(1.0 + 1.0 / count)
-    own = _normal((replicates - mean) / scale, skewness)
+    skewness = np.where(skewed, third, 0.0) * count / (count + settings.shrunk)
+    z = _normal((observed - mean) / scale, skewness, settings) / np.sqrt(1.0 + 1.0 / count)
+    own = _normal((replicates - mean) / scale, skewness, settings)
     r = np.clip(own / np.sqrt(1.0 - 1.0 / count), -np.sqrt(count - 1.01), np.sqrt(count - 1.01))
     left_out = r * np.sqrt((count - 2.0) / (count - 1.0 - r**2))
     p = np.where(flat, 1.0, _tail(z, count - 1.0, one_sided))
@@ -68,13 +85,13 @@ def corrected(p: Array, tests: float) -> Array:
     return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(p, 1.0 - 1e-15))))
 
 
-def _normal(z: Array, skewness: Array) -> Array:
+def _normal(z: Array, skewness: Array, settings: JudgementSettings) -> Array:
     """Standardized values of a skewed law as normal ones; a skewness near zero changes nothing.
 
     Only on the side of the long tail: where the short one ends hangs on a skewness that few
     replicates hardly know.
     """
-    straight = (np.abs(skewness) < STRAIGHT) | (z * skewness < 0.0)
+    straight = (np.abs(skewness) < settings.straight) | (z * skewness < 0.0)
     g = np.where(straight, 1.0, skewness)
     inside = np.cbrt(np.maximum(0.5 * g * z + 1.0, 0.0))
     return np.where(straight, z, 6.0 / g * (inside - 1.0) + g / 6.0)
@@ -85,12 +102,8 @@ def _tail(z: Array, freedom: float, one_sided: Flags) -> Array:
     return np.asarray(np.where(one_sided, upper, 2.0 * special.stdtr(freedom, -np.abs(z))))
 
 
-MANY = 200
-"""Experiments from which one step to the maximum of a replicate does."""
-
-
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Judgement:
     """Tests with their probabilities, that of all `together`, and how many replicates told them."""
 
     tests: tuple[Statistic, ...]
@@ -98,7 +111,12 @@ class Judged:
     replicates: int
 
 
-def judged(subjects: tuple[Subject, ...], observed: Array, replicates: Array) -> Judged:
+def judged(
+    subjects: tuple[Subject, ...],
+    observed: Array,
+    replicates: Array,
+    settings: JudgementSettings = JUDGEMENT,
+) -> Judgement:
     """What B replicates (B, T) of the statistics say of the observed ones (T,).
 
     First within each group of tests, the smallest p over its weight, then of the groups: each has
@@ -107,7 +125,7 @@ def judged(subjects: tuple[Subject, ...], observed: Array, replicates: Array) ->
     skewed = np.array([s.skewed for s in subjects])
     one_sided = np.array([s.one_sided for s in subjects])
     least, weight = np.array([[s.least, s.weight] for s in subjects]).T
-    p, own, z = probabilities(observed, replicates, skewed, one_sided, least)
+    p, own, z = probabilities(observed, replicates, skewed, one_sided, least, settings=settings)
     groups = np.array([s.group for s in subjects])
     found, smallest = np.ones(p.size), []
     for name in dict.fromkeys(groups.tolist()):
@@ -119,11 +137,15 @@ def judged(subjects: tuple[Subject, ...], observed: Array, replicates: Array) ->
     found = corrected(found, effective(np.min(smallest, axis=0)))
     rows = zip(subjects, z.tolist(), p.tolist(), found.tolist(), strict=True)
     tests_found = tuple(Statistic(s.kind, s.of, s.column, s.where, *values) for s, *values in rows)
-    return Judged(tests_found, float(found.min()), len(replicates))
+    return Judgement(tests_found, float(found.min()), len(replicates))
 
 
 def replicated(
-    fit: Fit, battery: Battery, points: int, rng: np.random.Generator
+    fit: Fit,
+    battery: Battery,
+    points: int,
+    rng: np.random.Generator,
+    settings: JudgementSettings = JUDGEMENT,
 ) -> Iterator[Array]:
     """Statistics (T,) of other data under the fitted model, alpha fitted to them; without end.
 
@@ -132,15 +154,13 @@ def replicated(
     """
     while True:
         other = stepped(fit.drawn(rng))
-        fitted = stepped(other) if fit.count < MANY else other
+        fitted = stepped(other) if fit.count < settings.many else other
         yield battery.values(residuals_of(fitted, points))
 
 
-NAMED = 5
-"""Outliers that are named."""
-
-
-def outliers_of(residuals: Residuals, table: Experiments) -> tuple[Outlier, ...]:
+def outliers_of(
+    residuals: Residuals, table: Experiments, settings: JudgementSettings = JUDGEMENT
+) -> tuple[Outlier, ...]:
     """The observations that the farthest of M lies beyond once in twenty times, farthest first."""
     seen = table.observations
     p = np.where(residuals.known, 2.0 * special.ndtr(-np.abs(residuals.normal)), 1.0)
@@ -153,6 +173,6 @@ def outliers_of(residuals: Residuals, table: Experiments) -> tuple[Outlier, ...]
             float(p[i]),
             float(among[i]),
         )
-        for i in np.argsort(p, kind="stable")[:NAMED]
+        for i in np.argsort(p, kind="stable")[: settings.named]
         if among[i] < LEVEL
     )

@@ -38,15 +38,6 @@ from aleator.surrogates.sites import Sites
 from aleator.tasks.region import padded
 from aleator.types import Array, Indices
 
-LEVEL = 0.02
-"""Estimated error of a surface over the scatter of its outcome."""
-PAD = 0.05
-"""Share of its width by which a region is widened on either side."""
-LEAST = 1e-3
-"""Width of a region over that of the box, at least."""
-PLACES = 512
-"""Points of a law by which runs are placed and errors judged."""
-
 
 def direct(runner: Runner, box: Array, region: Array) -> Predictor:
     """The simulator itself, with arrays where it takes them."""
@@ -63,15 +54,15 @@ def about(
     tell: Callable[[int, int, int], None] | None = None,
 ) -> Predictor:
     """Surfaces that are exact where points x (D, n) of the law lie, and reach to `ends` (n, 2)."""
-    region = padded(ends_of(x) if ends is None else ends, box, PAD, LEAST)
+    region = padded(ends_of(x) if ends is None else ends, box, GROUND.pad, GROUND.least)
     moving, sites = moving_parameters(region), Sites.seen(runner, runner.unit, runner.column)
     if not moving.size:
         return direct(runner, box, region)
-    where = x[:: max(1, len(x) // PLACES)][:, moving]
+    where = x[:: max(1, len(x) // GROUND.places)][:, moving]
     run = sites.run(runner, region)
     surfaces = AdaptiveSurfaces(run, region[moving], len(sites), choice)
     surfaces.judge(where)
-    surfaces.refine(where, LEVEL, tell)
+    surfaces.refine(where, GROUND.level, tell)
     return OnSurfaces(surfaces.surface(), region, sites.of)
 
 
@@ -80,8 +71,35 @@ def ends_of(x: Array) -> Array:
     return np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
 
 
-MOST = 64
-"""Draws of alpha for experiments that were measured."""
+@dataclass(frozen=True)
+class GroundSettings:
+    """Points of laws, and surfaces that are exact there; by judgement."""
+
+    most: int = 64
+    """Draws of alpha for experiments that were measured."""
+    certain: float = 7.9
+    """Scores beyond which the probability of a smaller one is one, as numbers are kept."""
+    placed: int = 8
+    """Points of the law of each alpha and experiment by which surfaces are placed."""
+    placing: int = 16
+    """Laws that surfaces about a measured experiment are placed by."""
+    far: float = 4.0
+    """Standard normal variates that surfaces reach to, for every alpha."""
+    level: float = 0.02
+    """Estimated error of a surface over the scatter of its outcome."""
+    pad: float = 0.05
+    """Share of its width by which a region is widened on either side."""
+    least: float = 1e-3
+    """Width of a region over that of the box, at least."""
+    places: int = 512
+    """Points of a law by which runs are placed and errors judged."""
+    points: int = 512
+    """Points of the law for each alpha."""
+    largest: int = 4_000_000
+    """Simulated values that are held at once."""
+
+
+GROUND = GroundSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +139,7 @@ class Ground:
     surfaces: ResponseSurface
     measured: MeasuredExperiments | None = None
     tested: Experiments | None = None
+    settings: GroundSettings = GROUND
 
     @property
     def count(self) -> int:
@@ -143,7 +162,7 @@ class Ground:
 
     def taken(self, draws: AlphaDraws) -> AlphaDraws:
         """The draws; of measured experiments 64 at most, for each of which nodes are adapted."""
-        return draws if self.measured is None else draws.fewer(MOST)
+        return draws if self.measured is None else draws.fewer(self.settings.most)
 
     def law(self, alpha: Array) -> Array:
         """The law's part of alpha (K,)."""
@@ -162,24 +181,8 @@ class Ground:
         return np.where(np.isfinite(eta), y, eta)
 
 
-CERTAIN = 7.9
-"""Scores beyond which the probability of a smaller one is one, as numbers are kept."""
-
-
-def _below(score: Array) -> Array:
-    return np.asarray(special.ndtr(np.clip(score, -CERTAIN, CERTAIN)))
-
-
-POINTS = 512
-"""Points of the law for each alpha."""
-PLACED = 8
-"""Points of the law of each alpha and experiment by which surfaces are placed."""
-PLACING = 16
-"""Laws that surfaces about a measured experiment are placed by."""
-FAR = 4.0
-"""Standard normal variates that surfaces reach to, for every alpha."""
-LARGEST = 4_000_000
-"""Simulated values that are held at once."""
+def _below(score: Array, settings: GroundSettings = GROUND) -> Array:
+    return np.asarray(special.ndtr(np.clip(score, -settings.certain, settings.certain)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +270,7 @@ def simulated(values: Callable[[Block, Array], Array], block: Block, x: Array) -
     laws, points, n = x.shape
     size = block.owner.size
     found = np.empty((size, laws, points))
-    for rows in blocks(laws, points * size, LARGEST):
+    for rows in blocks(laws, points * size, GROUND.largest):
         part = x[rows]
         with np.errstate(all="ignore"):
             eta = values(block, part.reshape(1, -1, n))
@@ -283,15 +286,22 @@ def measured(ground: Ground, alphas: Array, eta: Array, score: Array, rows: slic
     return np.stack(parts, axis=1)
 
 
-def predictor_for(ground: Ground, draws: AlphaDraws, progress: Progress | None = None) -> Predictor:
+def predictor_for(
+    ground: Ground,
+    draws: AlphaDraws,
+    progress: Progress | None = None,
+    settings: GroundSettings = GROUND,
+) -> Predictor:
     """The simulator, or surfaces of it that are exact where the laws of all draws lie."""
-    x, ends = law_points(ground, draws)
+    x, ends = law_points(ground, draws, settings=settings)
     if ground.on_simulator:
         return direct(ground.runner, ground.inputs.box, ends)
     return about(ground.runner, ground.inputs.box, x, ground.surfaces, ends, told(progress))
 
 
-def law_points(ground: Ground, draws: AlphaDraws, only: int | None = None) -> tuple[Array, Array]:
+def law_points(
+    ground: Ground, draws: AlphaDraws, only: int | None = None, settings: GroundSettings = GROUND
+) -> tuple[Array, Array]:
     """Parameters (D, n) of experiments under all draws, and the region (n, 2) of their laws.
 
     Of all experiments, or `only` one. The region holds variates four out, one at a time.
@@ -299,16 +309,16 @@ def law_points(ground: Ground, draws: AlphaDraws, only: int | None = None) -> tu
     inputs, s = ground.inputs, ground.inputs.scattering
     alphas = np.concatenate([draws.estimate[None], draws.alpha])
     if ground.measured is not None:
-        few = Points.standard(PLACED, s)
+        few = Points.standard(settings.placed, s)
         x = np.concatenate(
             [
-                parameters(ground, alphas[:: 1 + len(alphas) // PLACING], l, few).x
+                parameters(ground, alphas[:: 1 + len(alphas) // settings.placing], l, few).x
                 for l in (range(ground.count) if only is None else [only])
             ]
         ).reshape(-1, len(inputs.names))
         return x, ends_of(x)
-    xi = normal_points(PLACED, max(s, 1), 3)[:, :s]
-    axes = FAR * np.concatenate([np.eye(s), -np.eye(s)])
+    xi = normal_points(settings.placed, max(s, 1), 3)[:, :s]
+    axes = settings.far * np.concatenate([np.eye(s), -np.eye(s)])
     first = only if only is not None and inputs.regressed else 0
     last = ground.count if only is None and inputs.regressed else first + 1
 

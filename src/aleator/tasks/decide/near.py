@@ -20,11 +20,7 @@ from aleator.surrogates.samples import Samples
 from aleator.surrogates.shared import STEPS
 from aleator.surrogates.sites import Sites
 from aleator.tasks.decide.ground import (
-    LARGEST,
-    LEAST,
-    LEVEL,
-    PAD,
-    PLACES,
+    GROUND,
     DrawnParameters,
     Ground,
     Points,
@@ -75,7 +71,7 @@ class Kriged:
     def values(self, block: Block, x: Array) -> Array:
         """Values (1, J) at points x (1, J, n): those of the runs, where they were made."""
         found, z = self.trend.values(block, x), self.trend.inward(x[0])
-        for part in blocks(len(z), len(self.missed.u), LARGEST):
+        for part in blocks(len(z), len(self.missed.u), GROUND.largest):
             found[0, part] += self.missed.mean(_alike(z[part]), z[part])
         return found
 
@@ -111,7 +107,8 @@ class OneSurface:
         self.box, self.progress = ground.inputs.box, progress
         self._trend: OnSurfaces | None = None
         self._kriged: Kriged | None = None
-        self.region = padded(ends, self.box, PAD, LEAST)
+        self.settings = ground.settings
+        self.region = padded(ends, self.box, self.settings.pad, self.settings.least)
         where = slice(place, place + 1)
         self.sites = Sites.seen(runner, runner.unit[where], runner.column[where])
         moving = moving_parameters(self.region)
@@ -138,7 +135,9 @@ class OneSurface:
 
     def _reach(self, x: Array) -> None:
         self._trend = self._kriged = None
-        wanted = hull(self.region, padded(ends_of(x), self.box, PAD, LEAST))
+        wanted = hull(
+            self.region, padded(ends_of(x), self.box, self.settings.pad, self.settings.least)
+        )
         if np.any(wanted != self.region):
             self.region = wanted
             self.surfaces.move(wanted[moving_parameters(wanted)])
@@ -180,9 +179,9 @@ class OneSurface:
 
     def _sharpened(self, x: Array) -> None:
         self._trend = self._kriged = None
-        where = x[:: max(1, len(x) // PLACES)][:, moving_parameters(self.region)]
+        where = x[:: max(1, len(x) // self.settings.places)][:, moving_parameters(self.region)]
         self.surfaces.judge(where)
-        self.surfaces.refine(where, LEVEL, told(self.progress))
+        self.surfaces.refine(where, self.settings.level, told(self.progress))
 
 
 def _alike(z: Array) -> Indices:

@@ -22,7 +22,7 @@ from aleator.likelihood.individual.importance import standard_points
 from aleator.observations.errors import MeasurementErrors
 from aleator.progress import Progress
 from aleator.tasks.decide.ground import (
-    POINTS,
+    GROUND,
     DrawnParameters,
     Ground,
     Points,
@@ -36,12 +36,20 @@ from aleator.tasks.decide.ground import (
 )
 from aleator.types import Array, Indices
 
-LAW_POINTS = 4096
-"""Points that stand for the law of an experiment."""
-LOST = 1e-3
-"""Share of the law whose runs may fail before what is told is told of what is left."""
-STEP = 1e-4
-"""Step in scales of the difference that a density is taken by."""
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """Points that stand for a law in a prediction; by judgement."""
+
+    law_points: int = 4096
+    """Points that stand for the law of an experiment."""
+    step: float = 1e-4
+    """Step in scales of the difference that a density is taken by."""
+    lost: float = 1e-3
+    """Share of the law whose runs may fail before what is told is told of what is left."""
+
+
+PREDICTION = PredictionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +62,7 @@ class Draws:
     @classmethod
     def new(cls, inputs: Inputs, alpha: Array, experiments: int) -> Draws:
         """Of experiments that nothing is known of but their law."""
-        points = standard_points(LAW_POINTS, inputs.scattering)
+        points = standard_points(PREDICTION.law_points, inputs.scattering)
         xi = np.tile(points, (experiments, len(inputs.classes), 1))
         found = inputs.individual(alpha[: inputs.size], xi, slice(0, experiments))
         weights = np.exp(found.log_weight) / len(points)
@@ -64,7 +72,9 @@ class Draws:
     def old(cls, likelihood: IndividualLikelihood, alpha: Array, which: int) -> Draws:
         """Of one experiment of a likelihood that is adapted to alpha, given its observations."""
         return cls(
-            *individual_points(likelihood, alpha, likelihood.layout.alone(which), LAW_POINTS)
+            *individual_points(
+                likelihood, alpha, likelihood.layout.alone(which), PREDICTION.law_points
+            )
         )
 
     @classmethod
@@ -99,6 +109,7 @@ def forecast(
     errors: MeasurementErrors | None,
     of_errors: Array,
     probabilities: Array,
+    settings: PredictionSettings = PREDICTION,
 ) -> Forecast:
     """The mixture over the draws of what is measured, or without errors of what is simulated.
 
@@ -131,7 +142,7 @@ def forecast(
             probabilities,
             _weighted(eta, weights, among)
             if errors is None
-            else _inverted(errors, of_errors, eta, weights, rows, among),
+            else _inverted(errors, of_errors, eta, weights, rows, among, settings),
         )
         finite = endless.mean == 0.0
         found.mean[rows] = np.where(finite, moments[0], endless.mean)
@@ -215,10 +226,11 @@ def _inverted(
     weights: Array,
     rows: slice,
     probabilities: Array,
+    settings: PredictionSettings,
 ) -> Array:
     """Quantiles (m, P) of the mixture, which lie between those of its parts."""
     scale = np.broadcast_to(errors.scale(of_errors, eta, rows), eta.shape)
-    step = STEP * np.sum(weights * scale, axis=1, keepdims=True)
+    step = settings.step * np.sum(weights * scale, axis=1, keepdims=True)
     counted = weights > 0.0
 
     def cdf(y: Array) -> Array:
@@ -256,7 +268,7 @@ def widened(
     size = len(ground.seen)
     moments_of, quantiles_of = np.empty((4, size)), np.empty((size, len(probabilities)))
     ends = np.empty((size, len(probabilities), 2))
-    points = Points.standard(POINTS, ground.inputs.scattering)
+    points = Points.standard(GROUND.points, ground.inputs.scattering)
     alphas = np.concatenate([draws.estimate[None], draws.alpha])
     known: DrawnParameters | None = None
     for l in range(ground.count):
@@ -266,7 +278,7 @@ def widened(
         eta = simulated(predictor.values, block, known.x)
         y = measured(ground, alphas, eta, known.score, block.rows)
         for k, own in enumerate(y, block.rows.start):
-            values = _Outcomes.of(own, known.weights, draws, probabilities)
+            values = _PointValues.of(own, known.weights, draws, probabilities)
             at = np.array([found.mean[k], found.sd[k], found.skewness[k], found.kurtosis[k]])
             moments_of[:, k] = np.where(np.isnan(at), np.nan, _moved(at, *values.moments))
             quantiles_of[k] = _moved(found.quantiles[k], *values.quantiles)
@@ -276,7 +288,7 @@ def widened(
 
 
 @dataclass(frozen=True, eq=False)
-class _Outcomes:
+class _PointValues:
     """Moments (4,) and quantiles (P,) by points, each of the mixture and of the estimate.
 
     `each` (A, P) are the quantiles of each draw, with `weights` (A,).
@@ -288,7 +300,7 @@ class _Outcomes:
     weights: Array
 
     @classmethod
-    def of(cls, y: Array, weights: Array, draws: AlphaDraws, probabilities: Array) -> _Outcomes:
+    def of(cls, y: Array, weights: Array, draws: AlphaDraws, probabilities: Array) -> _PointValues:
         """Of values y (1 + A, J) with weights; the first row is the estimate's."""
         each = quantiles(y, weights, probabilities)
         whole = (draws.weights[:, None] * weights[1:]).ravel()
@@ -320,6 +332,7 @@ def tabled(
     draws: AlphaDraws,
     quantiles: tuple[float, ...],
     progress: Progress | None,
+    settings: PredictionSettings = PREDICTION,
 ) -> pd.DataFrame:
     """A row for each row of the conditions and response, in the order of the rows.
 
@@ -332,7 +345,7 @@ def tabled(
     found = forecast(
         own, predictor, ground.layout, ground.errors,
         draws.estimate[ground.inputs.size :], probabilities,
-    )  # fmt: skip
+    settings=settings)  # fmt: skip
     ends = None
     if not draws.certain:
         found, ends = widened(ground, predictor, draws, probabilities, found)
@@ -344,7 +357,7 @@ def tabled(
         for i, p in enumerate(quantiles):
             columns[f"q{p:g}.lower"], columns[f"q{p:g}.upper"] = ends[:, i].T
     columns |= tails(ground)
-    columns["status"] = np.where(found.lost > LOST, "runs_failed", "solved")
+    columns["status"] = np.where(found.lost > settings.lost, "runs_failed", "solved")
     return in_rows(ground, columns)
 
 

@@ -16,12 +16,10 @@ from aleator.observations.transform import Transform
 from aleator.progress import Progress
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Exploration, Near
-from aleator.tasks.decide.prediction import LOST, heads, in_rows, tails
+from aleator.tasks.decide.prediction import PREDICTION, heads, in_rows, tails
 from aleator.tasks.decide.sample import (
     CHECKS,
-    EACH,
-    FOLLOWED,
-    REPLICATES,
+    SAMPLE,
     Correction,
     Sample,
     SurfaceDoubt,
@@ -103,10 +101,18 @@ def _end(value: float | None, other: float, transform: Transform) -> float:
     return float(transform(value))
 
 
-CONTENT = 0.95
+@dataclass(frozen=True)
+class ProbabilitySettings:
+    """Shares and batches of an interval; by judgement."""
+
+    content: float = 0.95
+    batches: int = 16
+
+
+PROBABILITY = ProbabilitySettings()
+
 LEVEL = np.array([0.025, 0.975])
-BATCHES = 16
-STUDENT = float(stats.t.ppf(LEVEL[1], REPLICATES - 1) / stats.norm.ppf(LEVEL[1]))
+STUDENT = float(stats.t.ppf(LEVEL[1], SAMPLE.replicates - 1) / stats.norm.ppf(LEVEL[1]))
 """What the standard error of few replicates is longer by, so that twice it holds 95 %."""
 
 
@@ -241,7 +247,7 @@ def _sharpened(
     runs, seek = 0, CrossEntropy()
     while True:
         seen = possible(near, draws, event, seek)
-        doubt = SurfaceDoubt.of(near, draws, event, seen.joined, FOLLOWED)
+        doubt = SurfaceDoubt.of(near, draws, event, seen.joined, SAMPLE.followed)
         certain = not seen.reached or bool(doubt.wrong.sum() <= choice.doubt * doubt.probability)
         if certain or runs + choice.batch > choice.runs:
             return sought(near, draws, event, seek), certain
@@ -285,18 +291,20 @@ class _Told:
     @property
     def error(self) -> float:
         """Standard error of the mixture: of the points, and of the draws by batches of pairs."""
-        points = STUDENT * float(self.by_replicate.std(ddof=1) / np.sqrt(REPLICATES))
+        points = STUDENT * float(self.by_replicate.std(ddof=1) / np.sqrt(SAMPLE.replicates))
         if self.plain:
-            points = max(points, float(0.5 / (EACH * np.sqrt(REPLICATES))))
-        if len(self.weights) < 4 * BATCHES:
+            points = max(points, float(0.5 / (SAMPLE.each * np.sqrt(SAMPLE.replicates))))
+        if len(self.weights) < 4 * PROBABILITY.batches:
             return points
-        batch = (np.arange(len(self.weights)) // 2) % BATCHES
+        batch = (np.arange(len(self.weights)) // 2) % PROBABILITY.batches
         own = self.each[1:].mean(axis=1)
         means = [
             np.average(own[batch == b], weights=self.weights[batch == b] + 1e-300)
-            for b in range(BATCHES)
+            for b in range(PROBABILITY.batches)
         ]
-        return float(np.hypot(points, STUDENT * np.std(means, ddof=1) / np.sqrt(BATCHES)))
+        return float(
+            np.hypot(points, STUDENT * np.std(means, ddof=1) / np.sqrt(PROBABILITY.batches))
+        )
 
     def found(
         self,
@@ -319,11 +327,13 @@ class _Told:
         return Probability(
             whole, float(ends[0]), float(ends[1]), float(own[0]),
             float(np.hypot(self.error, change.error)), distance, change.runs,
-            "runs_failed" if self.lost > LOST else status, unseen,
+            "runs_failed" if self.lost > PREDICTION.lost else status, unseen,
         )  # fmt: skip
 
 
-def interval_about(mean: float, values: Array, weights: Array) -> Array:
+def interval_about(
+    mean: float, values: Array, weights: Array, settings: ProbabilitySettings = PROBABILITY
+) -> Array:
     """The ends (2,) of an interval that holds 95 % of the values (A,), and their mean.
 
     Tails of 2.5 % each; of a law so skew that the mean lies in one of them, the interval ends at
@@ -332,10 +342,10 @@ def interval_about(mean: float, values: Array, weights: Array) -> Array:
     low, high = quantiles(values, weights, LEVEL)
     if mean > high:
         below = float(np.sum(weights, where=values <= mean))
-        low = quantiles(values, weights, np.array([below - CONTENT]))[0]
+        low = quantiles(values, weights, np.array([below - settings.content]))[0]
     elif mean < low:
         below = float(np.sum(weights, where=values < mean))
-        high = quantiles(values, weights, np.array([below + CONTENT]))[0]
+        high = quantiles(values, weights, np.array([below + settings.content]))[0]
     return np.array([min(low, mean), max(high, mean)])
 
 

@@ -21,29 +21,47 @@ from aleator.inference.rare_events import (
     importance_density,
     uniform_points,
 )
-from aleator.tasks.decide.ground import PLACES, DrawnParameters, Points, normal_points
+from aleator.tasks.decide.ground import GROUND, DrawnParameters, Points, normal_points
 from aleator.tasks.decide.near import REACH, Exploration, Near, some_of
 from aleator.types import Array, Flags
 
-REPLICATES = 16
-"""Independent samples, whose scatter is the error."""
-EACH = 256
-"""Points of each."""
-LAWS = 32
-"""Laws that an importance density is sought for, the estimate's among them."""
-FAR = 2.5
-"""By how much points that a surface is first made exact at are farther out than the law says."""
-PLACED = 24
-"""Such points for each law."""
-FOLLOWED = 8
-"""Laws by which a surface is placed."""
-SURE = 2.0
-"""Standard deviations of kriging within which an outcome is possible."""
-ROUNDS = 6
-STILL = 0.02
-"""A relative change of the probability by a surface that is none."""
-SEARCHES = 40
-"""Rounds of the search for the point of an event that is nearest to the middle of the law."""
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """Points of an event and runs that check it: by judgement, see `benchmarks limit_states`."""
+
+    laws: int = 32
+    """Laws that an importance density is sought for, the estimate's among them."""
+    far: float = 2.5
+    """By how much points that a surface is first made exact at are farther out than the law says.
+    """
+    placed: int = 24
+    """Such points for each law."""
+    sure: float = 2.0
+    """Standard deviations of kriging within which an outcome is possible."""
+    rounds: int = 6
+    still: float = 0.02
+    """A relative change of the probability by a surface that is none."""
+    searches: int = 40
+    """Rounds of the search for the point of an event that is nearest to the middle of the law."""
+    doubted: float = 0.7
+    """Share of the runs that are near the ends of the event; the others are anywhere in it."""
+    seed: int = 11
+    pool: int = 4096
+    """Points by which the probability of an unseen region, and of a surface's mistakes, is
+    computed.
+    """
+    missed: float = 0.05
+    """Chance that a region is missed which is said to be excluded."""
+    replicates: int = 16
+    """Independent samples, whose scatter is the error."""
+    each: int = 256
+    """Points of each."""
+    followed: int = 8
+    """Laws by which a surface is placed."""
+
+
+SAMPLE = SampleSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +84,15 @@ class Sample:
 def of_law(near: Near) -> Sample:
     """Points of the law itself."""
     s = near.ground.inputs.scattering
-    return Sample(tuple(Points.standard(EACH, s, seed) for seed in range(REPLICATES)))
+    return Sample(tuple(Points.standard(SAMPLE.each, s, seed) for seed in range(SAMPLE.replicates)))
 
 
 def about_event(
-    near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy | None = None
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    choice: CrossEntropy | None = None,
+    settings: SampleSettings = SAMPLE,
 ) -> Sample:
     """Points of an importance density of the event, under the estimate and other laws alike.
 
@@ -80,17 +102,17 @@ def about_event(
     """
     laws, choice = chosen_laws(draws), choice or CrossEntropy()
     if near.surface is not None:
-        near.surface.follow(near.wide(laws[0][:FOLLOWED], FAR, PLACED))
+        near.surface.follow(near.wide(laws[0][: settings.followed], settings.far, settings.placed))
     before, found = np.nan, sought(near, draws, event, choice)
-    for _ in range(ROUNDS if near.surface is not None and found.reached else 0):
+    for _ in range(settings.rounds if near.surface is not None and found.reached else 0):
         assert near.surface is not None
         points = found.replicates[0]
         away, weights = missed(near, laws, event, points)
         now = float(np.sum(weights, where=away == 0.0))
-        if abs(now - before) < STILL * now:
+        if abs(now - before) < settings.still * now:
             break
         before = now
-        x = near.outcomes(laws[0][:FOLLOWED], _heavy(points, away, weights))[1].x
+        x = near.outcomes(laws[0][: settings.followed], _heavy(points, away, weights))[1].x
         near.surface.follow(x.reshape(-1, x.shape[2]))
         found = sought(near, draws, event, choice)
     return found
@@ -102,13 +124,19 @@ def sought(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) ->
     return _sought(near, lambda points: missed(near, laws, event, points), choice)
 
 
-def possible(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) -> Sample:
+def possible(
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    choice: CrossEntropy,
+    settings: SampleSettings = SAMPLE,
+) -> Sample:
     """Points about all that may be in the event: within two standard deviations of kriging."""
-    laws = chosen_laws(draws, FOLLOWED)
+    laws = chosen_laws(draws, settings.followed)
 
     def away(points: Points) -> tuple[Array, Array]:
         y, apart, found = near.possible(laws[0], points)
-        least = np.maximum(event.missed(y) - SURE * apart, 0.0)
+        least = np.maximum(event.missed(y) - settings.sure * apart, 0.0)
         return _by_law(least, found, laws[1], points)
 
     return _sought(near, away, choice)
@@ -122,8 +150,10 @@ def _sought(
     density, reached = importance_density(
         lambda u: away(points_at(near, u)), variates(near), choice
     )
-    seeds = range(100, 100 + REPLICATES)
-    return Sample(tuple(drawn(near, density, EACH, seed) for seed in seeds), density, reached)
+    seeds = range(100, 100 + SAMPLE.replicates)
+    return Sample(
+        tuple(drawn(near, density, SAMPLE.each, seed) for seed in seeds), density, reached
+    )
 
 
 def _heavy(points: Points, away: Array, weights: Array) -> Points:
@@ -151,7 +181,7 @@ def variates(near: Near) -> int:
     return max(near.ground.inputs.scattering + (near.ground.errors is not None), 1)
 
 
-def chosen_laws(draws: AlphaDraws, count: int = LAWS) -> tuple[Array, Array]:
+def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Array]:
     """Some laws (L, K) and their weights (L,): the estimate and draws along the sequence."""
     if draws.certain:
         return draws.alpha, np.ones(1)
@@ -187,11 +217,19 @@ def by_some(near: Near, draws: AlphaDraws, event: Event, points: Points) -> floa
 def often(near: Near, draws: AlphaDraws, event: Event) -> bool:
     """Whether the event is more likely than its contrary."""
     laws = chosen_laws(draws)
-    away, weights = missed(near, laws, event, Points.standard(EACH, near.ground.inputs.scattering))
+    away, weights = missed(
+        near, laws, event, Points.standard(SAMPLE.each, near.ground.inputs.scattering)
+    )
     return bool(np.sum(weights, where=away == 0.0) > 0.5 * np.sum(weights, where=away < np.inf))
 
 
-def distance_of(near: Near, alpha: Array, event: Event, samples: Sequence[Points]) -> float:
+def distance_of(
+    near: Near,
+    alpha: Array,
+    event: Event,
+    samples: Sequence[Points],
+    settings: SampleSettings = SAMPLE,
+) -> float:
     """The length of the shortest variates that lead to the event under one law.
 
     From the shortest of the points, by random steps that are halved where none is shorter. NaN
@@ -210,8 +248,8 @@ def distance_of(near: Near, alpha: Array, event: Event, samples: Sequence[Points
         return float("nan")
     best = u[np.argmin(np.sum(u**2, axis=1))]
     rng, step = np.random.default_rng(s), 0.5
-    for _ in range(SEARCHES):
-        tried = best + step * rng.normal(size=(EACH, best.size))
+    for _ in range(settings.searches):
+        tried = best + step * rng.normal(size=(settings.each, best.size))
         tried = tried[np.sum(tried**2, axis=1) < np.sum(best**2)]
         tried = tried[inside(points_at(near, tried))] if len(tried) else tried
         if not len(tried):
@@ -222,13 +260,6 @@ def distance_of(near: Near, alpha: Array, event: Event, samples: Sequence[Points
 
 
 CHECKS = 20
-DOUBTED = 0.7
-"""Share of the runs that are near the ends of the event; the others are anywhere in it."""
-SEED = 11
-POOL = 4096
-"""Points by which the probability of an unseen region, and of a surface's mistakes, is computed."""
-MISSED = 0.05
-"""Chance that a region is missed which is said to be excluded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +297,7 @@ class SurfaceDoubt:
     ) -> SurfaceDoubt:
         """By some of the points and so many laws."""
         laws, share = chosen_laws(draws, count)
-        y, apart, found = near.possible(laws, points.thinned(POOL // len(laws)))
+        y, apart, found = near.possible(laws, points.thinned(SAMPLE.pool // len(laws)))
         mass = share[:, None] * found.weights
         away = np.nan_to_num(event.distance(y), nan=np.inf)
         return cls(found.x, found.score, laws, mass, event.holds(y), away, apart)
@@ -296,7 +327,13 @@ class Correction:
 
 
 def explored(
-    near: Near, draws: AlphaDraws, event: Event, probability: float, choice: Exploration, seed: int
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    probability: float,
+    choice: Exploration,
+    seed: int,
+    settings: SampleSettings = SAMPLE,
 ) -> Explored:
     """Runs of the simulator all over the law and its tails, against the surface.
 
@@ -305,10 +342,10 @@ def explored(
     assert near.surface is not None
     d = variates(near)
     farthest = stats.chi.isf(max(choice.beyond * probability, 1e-300), d)
-    u, _ = _all_over(choice.runs, d, min(farthest, REACH), SEED + seed)
-    _, weights = _all_over(POOL, d, min(farthest, REACH), SEED + seed)
-    unseen = unseen_by(weights, choice.runs)
-    rng = np.random.default_rng([SEED, seed])
+    u, _ = _all_over(choice.runs, d, min(farthest, REACH), settings.seed + seed, settings)
+    _, weights = _all_over(settings.pool, d, min(farthest, REACH), settings.seed + seed, settings)
+    unseen = unseen_by(weights, choice.runs, settings=settings)
+    rng = np.random.default_rng([settings.seed, seed])
     laws, share = chosen_laws(draws)
     y, sd, found = near.possible(laws, points_at(near, u))
     mass = (share[:, None] * found.weights).reshape(-1, len(u)).cumsum(axis=0)
@@ -316,9 +353,11 @@ def explored(
     law, place = np.unravel_index(row * len(u) + np.arange(len(u)), y.shape)
     x, y, sd = found.x[law, place], y[law, place], sd[law, place]
     run = near.at_runs(laws[law], x, found.score[place])
-    usual = near.outcomes(laws, points_at(near, normal_points(POOL // 16, d, SEED)))[0]
+    usual = near.outcomes(
+        laws, points_at(near, normal_points(settings.pool // 16, d, settings.seed))
+    )[0]
     scale = np.nan_to_num(event.distance(y)) + float(np.nanstd(usual))
-    sure = stats.norm.isf(0.5 * MISSED / choice.runs)
+    sure = stats.norm.isf(0.5 * settings.missed / choice.runs)
     apart = np.abs(run - y) > choice.share * scale + sure * sd
     apart |= np.isnan(run) & event.holds(y)
     return Explored(x, apart, float(unseen))
@@ -333,7 +372,7 @@ def settling(near: Near, doubt: SurfaceDoubt, count: int) -> Array:
     """
     assert near.surface is not None
     wrong = doubt.wrong.ravel()
-    top = np.argsort(-wrong, kind="stable")[:PLACES]
+    top = np.argsort(-wrong, kind="stable")[: GROUND.places]
     x, mass, away, apart = (
         part.reshape(wrong.size, -1)[top] for part in (doubt.x, doubt.mass, doubt.away, doubt.apart)
     )
@@ -363,13 +402,15 @@ def _deviations(away: Array, apart: Array) -> Array:
         return np.asarray(away / np.maximum(apart, np.finfo(float).tiny))
 
 
-def _all_over(count: int, d: int, radius: float, seed: int) -> tuple[Array, Array]:
+def _all_over(
+    count: int, d: int, radius: float, seed: int, settings: SampleSettings
+) -> tuple[Array, Array]:
     """Points (J, d), half of the law and half over a ball, and the law over their density (J,).
 
     Over the ball they are even in one or two variates, and nearer to the middle in more.
     """
     flat = min(d, 2)
-    u, z = normal_points(count // 2, d, seed), normal_points(count // 2, d, seed + POOL)
+    u, z = normal_points(count // 2, d, seed), normal_points(count // 2, d, seed + settings.pool)
     length = np.linalg.norm(z, axis=1, keepdims=True)
     u = np.concatenate([u, z / length * radius * stats.chi.cdf(length, d) ** (1.0 / flat)])
     r = np.linalg.norm(u, axis=1)
@@ -378,7 +419,7 @@ def _all_over(count: int, d: int, radius: float, seed: int) -> tuple[Array, Arra
     return u, law / (0.5 * law + 0.5 * ball)
 
 
-def unseen_by(weights: Array, runs: int) -> float:
+def unseen_by(weights: Array, runs: int, settings: SampleSettings = SAMPLE) -> float:
     """The largest probability of a region that so many runs miss by more than 5 % chance.
 
     It would have 1 - 0.05^(1/runs) of the density that they were drawn by, about 3/runs; of that
@@ -386,13 +427,18 @@ def unseen_by(weights: Array, runs: int) -> float:
     region has the most. As of independent runs: of points that are spread evenly it is
     somewhat less.
     """
-    share = 1.0 - MISSED ** (1.0 / runs)
+    share = 1.0 - settings.missed ** (1.0 / runs)
     largest = np.sort(weights)[::-1][: int(np.ceil(share * len(weights)))]
     return float(np.sum(largest) / len(weights))
 
 
 def corrected(
-    near: Near, draws: AlphaDraws, event: Event, points: Points, checks: int
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    points: Points,
+    checks: int,
+    settings: SampleSettings = SAMPLE,
 ) -> Correction:
     """The difference of simulator and surface, by runs drawn where that is likely.
 
@@ -401,16 +447,16 @@ def corrected(
     point. Where all agree the correction is zero, and its error is that mass of which one of R + 1
     might differ. What is in the event far from where the surface sees it is not found.
     """
-    known = SurfaceDoubt.of(near, draws, event, points, LAWS)
+    known = SurfaceDoubt.of(near, draws, event, points, settings.laws)
     doubt = known.mass * np.exp(-_deviations(known.away, known.apart))
-    parts = ((DOUBTED, doubt), (1.0 - DOUBTED, known.mass * known.within))
+    parts = ((settings.doubted, doubt), (1.0 - settings.doubted, known.mass * known.within))
     chance = np.sum(
         [share * part / part.sum() for share, part in parts if part.sum() > 0.0], axis=0
     )
     if not np.sum(chance) > 0.0:
         return Correction(0.0, 0.0, 0)
     chance = chance / chance.sum()
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(settings.seed)
     chosen = rng.choice(chance.size, size=checks, p=chance.ravel())
     law, place = np.unravel_index(chosen, chance.shape)
     run = near.at_runs(known.alphas[law], known.x[law, place], known.score[place])

@@ -1,6 +1,5 @@
 """Identification by the integral over each experiment's own parameters."""
 
-from aleator.inference.virtual import virtual_observations
 from aleator.tasks.individual.answer import answered
 from aleator.tasks.individual.identify import Asked, asked, identified, wanted
 
@@ -9,6 +8,5 @@ __all__ = [
     "answered",
     "asked",
     "identified",
-    "virtual_observations",
     "wanted",
 ]

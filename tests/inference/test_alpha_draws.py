@@ -1,12 +1,18 @@
-"""Draws of alpha by intervals and correlations: their ends, limits and weights."""
+"""Draws of alpha from intervals, and limits that hold a share of all with a confidence."""
+
+from __future__ import annotations
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 
-from aleator.inference.alpha_draws import AlphaDraws, Estimated, alpha_draws, quantiles
+from aleator import Free, Inputs, Normal
+from aleator.errors import InputsError
+from aleator.inference.alpha_draws import AlphaDraws, Estimated, alpha_draws, estimated, quantiles
+from aleator.inference.rare_events import content_interval, quantile_bound
+from aleator.results.values import Estimate
 
 
 def known(alpha, error, interval, limits, correlation=None, which=None) -> Estimated:
@@ -86,3 +92,70 @@ def test_weights_by_the_likelihood_make_the_draws_exact() -> None:
 
 def test_a_known_alpha_is_one_draw() -> None:
     assert AlphaDraws.at(np.array([1.0, 2.0])).effective == 1.0
+
+
+LAWS = 1024
+N = 12
+
+
+def one_sided(content: float, confidence: float) -> float:
+    """k of mean + k s: a quantile of noncentral t."""
+    root = np.sqrt(N)
+    return stats.nct.ppf(confidence, N - 1, stats.norm.ppf(content) * root) / root
+
+
+def two_sided(content: float, confidence: float) -> float:
+    """k of mean -+ k s: the integral over the mean (Wald and Wolfowitz, 1946)."""
+
+    z, weights = np.polynomial.hermite_e.hermegauss(20)
+    z, weights = z / np.sqrt(N), weights / weights.sum()
+    r = np.array(
+        [
+            optimize.brentq(
+                lambda r, m=m: stats.norm.cdf(m + r) - stats.norm.cdf(m - r) - content, 0.0, 30.0
+            )
+            for m in z
+        ]
+    )
+
+    def excess(k: float) -> float:
+        return float(weights @ stats.chi2.sf((N - 1) * (r / k) ** 2, N - 1)) - confidence
+
+    return optimize.brentq(excess, 1.0, 9.0)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    """Laws N(mean, sd) given a normal sample with mean zero and s = 1, and quantiles of each."""
+    rng = np.random.default_rng(0)
+    sd = np.sqrt((N - 1) / rng.chisquare(N - 1, LAWS))
+    mean = sd * rng.standard_normal(LAWS) / np.sqrt(N)
+    score = stats.norm.ppf((np.arange(500) + 0.5) / 500)
+    y = mean[:, None] + sd[:, None] * score
+    return y, np.full(y.shape, 1.0 / 500), np.full(LAWS, 1.0 / LAWS)
+
+
+def test_one_sided_limits_have_the_factor_of_noncentral_t(sample) -> None:
+    for confidence in (0.05, 0.95):
+        found, _ = quantile_bound(*sample, 0.95, confidence)
+        assert found == pytest.approx(one_sided(0.95, confidence), rel=0.03)
+
+
+def test_two_sided_limits_have_the_exact_factor(sample) -> None:
+    low, high = content_interval(*sample, 0.95, 0.95)
+    assert [-low, high] == pytest.approx([two_sided(0.95, 0.95)] * 2, rel=0.03)
+    narrow = content_interval(*sample, 0.95, 0.5)
+    assert low < narrow[0] < narrow[1] < high
+
+
+INPUTS = Inputs({"x": Normal(Free(0.0, 2.0), Free(0.1, 1.0))})
+
+
+def test_a_correlation_of_a_name_that_is_no_hyperparameter_is_told() -> None:
+    alpha = {
+        name: Estimate(0.5, 0.1, 0.1, (0.3, 0.7), None, fixed=False) for name in ("x.mean", "x.sd")
+    }
+    found = estimated(alpha, ["x.sd", "x.mean"], [[1.0, 0.2], [0.2, 1.0]], INPUTS.hyperparameters)
+    assert found.which.tolist() == [1, 0]
+    with pytest.raises(InputsError, match="2147483648"):
+        estimated(alpha, ["2147483648"], [[1.0]], INPUTS.hyperparameters)
