@@ -18,8 +18,8 @@ from rich.console import Console
 from scipy import special, stats
 
 from aleator import Inputs, Normal
-from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.inference.decisions.event import Event
+from aleator.inference.alpha_draws import AlphaDraws
+from aleator.inference.rare_events import Event
 from aleator.observations.experiments import Conditions
 from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface

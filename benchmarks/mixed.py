@@ -86,6 +86,11 @@ class Mixed:
         return cls(plan, y, found, inference, Experiments.from_frame(frame, outcome="y"))
 
     @property
+    def likelihood(self) -> Mixed:
+        """Its own."""
+        return self
+
+    @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Those of the plan."""
         return self.plan.hyperparameters

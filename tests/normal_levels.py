@@ -53,6 +53,11 @@ class Levels:
         return cls(y, alpha, inference, table)
 
     @property
+    def likelihood(self) -> Levels:
+        """Its own."""
+        return self
+
+    @property
     def hyperparameters(self) -> Sequence[Any]:
         """Without limits."""
         return [

@@ -55,27 +55,25 @@ if TYPE_CHECKING:
     from aleator.tasks.ceiling import ceiling as ceiling
     from aleator.tasks.compare import compare as compare
     from aleator.tasks.identification import Identification as Identification
+    from aleator.tasks.identification import load as load
     from aleator.tasks.identify import identify as identify
-    from aleator.tasks.load import load as load
+    from aleator.tasks.next_experiment import Predicted as Predicted
     from aleator.tasks.next_experiment import next_experiments as next_experiments
     from aleator.tasks.posterior import Posterior as Posterior
     from aleator.tasks.posterior import posterior as posterior
     from aleator.tasks.predict import predict as predict
     from aleator.tasks.recover import recover as recover
     from aleator.tasks.screen import screen as screen
-    from aleator.tasks.wanted import Predicted as Predicted
     from aleator.views.progress import ProgressLine as ProgressLine
 
 # A public name is imported when it is first used: `import aleator` itself costs nothing.
 _HOMES = {
     "tasks.identify": ["identify"],
-    "tasks.identification": ["Identification"],
-    "tasks.load": ["load"],
+    "tasks.identification": ["Identification", "load"],
     "tasks.predict": ["predict"],
     "tasks.posterior": ["posterior", "Posterior"],
     "tasks.recover": ["recover"],
-    "tasks.next_experiment": ["next_experiments"],
-    "tasks.wanted": ["Predicted"],
+    "tasks.next_experiment": ["next_experiments", "Predicted"],
     "tasks.screen": ["screen"],
     "tasks.compare": ["compare"],
     "tasks.bootstrap": ["bootstrap"],

@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.stats import qmc
 
 from aleator import Check, ceiling
-from aleator.inference.ceiling.best import best_law
+from aleator.inference.npmle import npmle
 from aleator.study import load_study
 from aleator.types import Array
 
@@ -57,7 +57,7 @@ def test_the_grid_meets_the_known_answer(exact) -> None:
 def test_the_best_of_all_laws_has_six_points_and_the_known_log_likelihood(densities) -> None:
     low, high = np.array(BOX).T
     points = (qmc.Sobol(2, rng=seed).random(512) for seed in (0, 1))
-    found = best_law(lambda z: densities(low + (high - low) * z), *points)
+    found = npmle(lambda z: densities(low + (high - low) * z), *points)
     assert found.log_likelihood == pytest.approx(69.694062, abs=5e-4)
     assert found.log_likelihood <= 69.694062 <= found.log_likelihood + found.gap + 1e-6
     assert found.weights.size == 6

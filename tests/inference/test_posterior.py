@@ -9,10 +9,7 @@ import pytest
 from scipy import optimize, stats
 
 from aleator.errors import AleatorError
-from aleator.inference import chains
-from aleator.inference.chains import Chains, sampled
-from aleator.inference.convergence import convergence
-from aleator.inference.posterior import RealLine, scaled
+from aleator.inference.posterior import POSTERIOR, Chains, RealLine, convergence, sampled, scaled
 from aleator.laws import Free, Gamma, Hyperparameter, Normal, resolve
 from aleator.laws.law import Law
 from aleator.search.value import LogLikelihood
@@ -179,7 +176,7 @@ def test_every_step_is_told_with_the_number_of_all() -> None:
     heard: list[tuple[int, int]] = []
     scale = scaled(density, density.u_of(density.alpha))
     sampled(density, scale, 10, 2, 0, lambda done, total: heard.append((done, total)))
-    whole = 2 * (chains.WARM_UP + 10)
+    whole = 2 * (POSTERIOR.warm_up + 10)
     assert heard == [(k + 1, whole) for k in range(whole)]
 
 

@@ -1,4 +1,4 @@
-"""Replicates scatter as theory says, do not depend on who makes them, and survive an end."""
+"""Bootstrap: replicates, their intervals, and the file that keeps them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from identifications import unjudged
+from scipy import optimize, stats
 
 from aleator import (
     AleatorError,
@@ -21,9 +22,94 @@ from aleator import (
     Normal,
     bootstrap,
 )
-from aleator.inference.leave_one_out import leave_one_out
+from aleator.inference.model_choice import leave_one_out
 from aleator.progress import Silent
-from aleator.tasks.bootstrap import ARRIVED, FILE, influence
+from aleator.tasks.bootstrap import (
+    ARRIVED,
+    FILE,
+    ReplicateFile,
+    acceleration,
+    basic,
+    bias_corrected,
+    influence,
+    percentile,
+)
+
+MANY = 200_000
+NOTHING = np.zeros((10, 1))
+
+
+def test_percentiles_are_quantiles_and_basic_ones_are_mirrored() -> None:
+    alpha = np.random.default_rng(0).gamma(3.0, size=(MANY, 1))
+    low, high = stats.gamma(3.0).ppf([0.025, 0.975])
+    assert percentile(alpha)[0] == pytest.approx([low, high], rel=0.02)
+    assert basic(np.array([3.0]), alpha)[0] == pytest.approx([6.0 - high, 6.0 - low], abs=0.1)
+
+
+def test_without_bias_and_skewness_it_is_the_percentile_interval() -> None:
+    alpha = np.random.default_rng(1).normal(2.0, 1.0, (MANY, 1))
+    found = bias_corrected(np.array([2.0]), alpha, NOTHING)
+    assert found == pytest.approx(percentile(alpha), abs=0.02)
+
+
+def test_a_scale_has_the_interval_of_its_transformation() -> None:
+    """Efron 1987, section 3: theta chi2_19 / 19, whose score has the skewness sqrt(8 / 19)."""
+    df = 19
+    alpha = np.random.default_rng(2).chisquare(df, (4 * MANY, 1)) / df
+    skewness = np.sqrt(8.0 / df)
+    other = optimize.brentq(lambda t: acceleration(pair(t))[0] - skewness / 6.0, -1.0, 0.0)
+    found = bias_corrected(np.array([1.0]), alpha, pair(other), level=0.9)[0]
+    exact = df / stats.chi2(df).ppf([0.95, 0.05])
+    assert found == pytest.approx(exact, rel=0.02)
+    assert percentile(alpha, 0.9)[0, 1] < 0.9 * exact[1]
+
+
+def pair(other: float) -> np.ndarray:
+    """The influence of two experiments."""
+    return np.array([[1.0], [other]])
+
+
+def test_the_acceleration_is_a_sixth_of_the_skewness() -> None:
+    each = np.random.default_rng(4).gamma(1.0, size=(400, 1))
+    deviation = each - each.mean()
+    skewness = stats.skew(each[:, 0])
+    assert acceleration(deviation)[0] == pytest.approx(skewness / 6.0 / np.sqrt(400))
+    assert acceleration(NOTHING)[0] == 0.0
+
+
+def test_without_replicates_or_on_one_side_nothing_is_known() -> None:
+    assert np.all(np.isnan(bias_corrected(np.zeros(2), np.zeros((0, 2)), np.zeros((3, 2)))))
+    assert np.all(np.isnan(percentile(np.zeros((0, 2)))))
+    assert np.all(np.isnan(bias_corrected(np.zeros(1), np.ones((9, 1)), NOTHING)))
+
+
+HEAD = {"kind": "parametric", "seed": 0, "alpha": [1.0, 0.1], "log_likelihood": -3.5}
+
+
+def test_a_head_is_that_of_the_same_study_up_to_rounding(tmp_path: Path) -> None:
+    kept = ReplicateFile(tmp_path / "replicates.jsonl", HEAD)
+    assert kept.begun() == {}
+    moved = {**HEAD, "alpha": [1.0 + 1e-13, 0.1]}
+    assert ReplicateFile(kept.path, moved).begun() == {}
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"alpha": ["one", 0.1]}, {"alpha": [1.0, [0.1]]}, {"alpha": [1.0, 0.1, 2.0]},
+        {"alpha": None}, {"alpha": {"x": 1.0}}, {"log_likelihood": "low"},
+        {"log_likelihood": 10**400}, {"log_likelihood": []}, {"seed": 1}, {"kind": None},
+    ],
+)  # fmt: skip
+def test_a_damaged_head_is_told(tmp_path: Path, damage: dict[str, object]) -> None:
+    path = tmp_path / "replicates.jsonl"
+    path.write_text(json.dumps({**HEAD, **damage}) + "\n")
+    with pytest.raises(AleatorError, match="those of another study"):
+        ReplicateFile(path, HEAD).begun()
+    path.write_text(json.dumps({key: HEAD[key] for key in ("kind", "seed")}) + "\n")
+    with pytest.raises(AleatorError, match="those of another study"):
+        ReplicateFile(path, HEAD).begun()
+
 
 COUNT = 50
 DATA = Path(__file__).parents[1] / "data"

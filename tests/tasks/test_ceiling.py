@@ -30,7 +30,7 @@ from aleator.errors import AleatorError
 from aleator.laws.law import Law
 from aleator.progress import Silent
 from aleator.tasks.ceiling import Ceiling, quick
-from aleator.tasks.load import load
+from aleator.tasks.identification import load
 from aleator.views.identification import render
 
 COUNT, NOISE = 80, 0.1

@@ -27,8 +27,7 @@ from aleator import (
 )
 from aleator.results.answer import answer
 from aleator.results.printed import fragment
-from aleator.tasks.pictures import pictured
-from aleator.tasks.pictures.between import profile_line
+from aleator.tasks.pictures import pictured, profile_line
 from aleator.types import Array
 from aleator.views import figures as identification
 from aleator.views.identification import render

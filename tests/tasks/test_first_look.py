@@ -10,9 +10,8 @@ from aleator.inference.check import Check
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks import first_look as room
 from aleator.tasks.expected_cost import expected_cost
-from aleator.tasks.first_look import Look, first_look, planned_look
+from aleator.tasks.first_look import LOOK, Look, first_look, planned_look
 
 FORCE = np.array([10.0, 20.0, 30.0, 40.0, 50.0])
 TRAVEL = np.array([4.9, 10.2, 15.4, 12.0, 8.0])  # stiffness 2.04, 1.96, 1.95, 3.33, 6.25
@@ -129,7 +128,7 @@ def test_of_many_conditions_some_are_looked_at_with_both_ends() -> None:
     inputs = Inputs({"stiffness": TruncatedNormal(box=(1.0, 6.0))})
     look = looked(inputs, table)
     assert look.looked_at == 100
-    assert look.runs == room.RUNS
+    assert look.runs == LOOK.runs
     assert {look.ids[0], look.ids[-1]} == {"1", "400"}
 
 

@@ -104,7 +104,7 @@ def test_an_experiment_that_does_not_count_changes_nothing_else(found: Identific
 def test_individual_draws_are_a_sample_of_the_law() -> None:
     fit = identified(Noise(0.1)).fit
     rng = np.random.default_rng(9)
-    x = np.concatenate([fit.drawn(rng).individuals(rng)[:, 0] for _ in range(20)])
+    x = np.concatenate([fit.drawn(rng).likelihood.individuals(rng)[:, 0] for _ in range(20)])
     law = stats.norm(fit.alpha[0], fit.alpha[1])
     assert stats.kstest(x, law.cdf).pvalue > 1e-3
 
@@ -114,7 +114,7 @@ def test_what_is_given_integrates_to_the_likelihood() -> None:
     nodes = np.linspace(-8.0, 8.0, 2001)
     weights = np.exp(-0.5 * nodes**2)
     x = (fit.alpha[0] + fit.alpha[1] * nodes)[:, None]
-    each = np.log(np.exp(fit.given(x)) @ (weights / weights.sum()))
+    each = np.log(np.exp(fit.likelihood.given(x)) @ (weights / weights.sum()))
     assert each == pytest.approx(fit.scored().each, abs=1e-8)
 
 

@@ -7,8 +7,8 @@ from individual_cases import ALPHA, PAIR, straight_line, table
 
 from aleator import Experiments, Free, GradientMultistart, Noise
 from aleator.errors import InputsError
+from aleator.inference.likelihood_at import censored_alike
 from aleator.observations.responses import Observations, Response
-from aleator.tasks.individual.virtual import censored_alike
 from aleator.tasks.recover import recover
 
 NOISE = Noise(Free(0.01, 5.0))

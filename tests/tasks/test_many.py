@@ -43,7 +43,7 @@ def test_the_ends_of_a_sample_that_become_one_optimum_are_one() -> None:
     """Three optima that a search of the sample claims: two near the maximum, one left out."""
     data = table(2500)
     small = scatter(Inputs({"a": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))}), data)
-    problem = small.fit.problem
+    problem = small.fit.likelihood.problem
     places = [np.array([1.003, 0.1]), np.array([0.99, 0.11]), np.array([1.4, 0.5])]
 
     def search(objective: Continued) -> SearchResult:

@@ -37,7 +37,9 @@ def test_the_maximum_stays_within_a_tenth_of_a_standard_error(found) -> None:
     fit = found.fit
     moved = (fit.for_replicates().alpha - fit.alpha) / fit.inference.standard_error
     assert np.max(np.abs(moved)) < 0.1
-    assert fit.for_replicates().problem.levels.cells < fit.problem.levels.cells
+    assert (
+        fit.for_replicates().likelihood.problem.levels.cells < fit.likelihood.problem.levels.cells
+    )
 
 
 def test_each_experiment_is_drawn_at_a_point_of_its_own(found) -> None:

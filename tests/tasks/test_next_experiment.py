@@ -1,14 +1,24 @@
-"""The next experiment, where its expected information is known in closed form."""
+"""Which further experiments tell most, of all kinds of studies."""
 
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
+from identifications import unjudged
 from scipy import stats
-from springs import CANDIDATES, NOISE, asked, closed_form, data, found_with, observed
+from springs import CANDIDATES, NOISE, asked, closed_form, data, found_with, observed, springs
 
 from aleator import (
     AleatorError,
+    By,
+    Censoring,
+    Check,
+    Experiments,
+    Free,
+    Inputs,
+    Noise,
+    Normal,
     Predicted,
     load,
     next_experiments,
@@ -130,3 +140,97 @@ def test_a_result_that_was_read_from_a_file_says_so(tmp_path: object) -> None:
     found_with().save(path)
     with pytest.raises(AleatorError, match="read from a file"):
         next_experiments(load(path), asked())
+
+
+def test_candidates_of_several_rows_share_their_parameters() -> None:
+    """Two measurements under one load are worth less than two experiments of one each."""
+    found = found_with()
+    frame = pd.DataFrame({"id": ["one", "one", "a"], "load": [5.0, 5.0, 5.0]})
+    plan = next_experiments(found, frame, count=1)
+    sd = float(found.values["x.sd"])
+    # their mean is measured with noise / sqrt(2), and the difference tells nothing
+    variance = 25.0 * sd**2 + 0.5 * NOISE**2
+    whole = observed(found) + np.diag([25.0 / variance, 0.5 * (2.0 * 25.0 * sd / variance) ** 2])
+    expected = np.sqrt(np.linalg.inv(whole)[1, 1])
+    assert 0.0 < plan.uncertain[0] < 0.03 * plan.alone[0]
+    assert abs(plan.alone[0] - expected) < 4.0 * plan.uncertain[0]
+    single = np.sqrt(np.linalg.inv(observed(found) + closed_form(found, np.array([5.0]))[0])[1, 1])
+    assert abs(plan.alone[1] - single) < 4.0 * plan.uncertain[1]
+
+
+def test_an_sd_that_ended_at_its_limit_is_planned_for_at_the_end_of_its_interval() -> None:
+    found = found_with(0.0)
+    assert found.alpha["x.sd"].at_bound == "lower"
+    plan = next_experiments(found, asked(), count=1)
+    interval = found.alpha["x.sd"].interval
+    assert interval is not None
+    assert plan.planned_for == {"x.sd": interval[1]}
+    assert plan.chosen == ("5",)
+    assert np.isfinite(plan.now)
+
+
+def test_one_exact_outcome_an_experiment_goes_the_other_way() -> None:
+    """Without noise the load does not matter: y/load is x itself."""
+    found = found_with(noisy=False)
+    plan = next_experiments(found, asked(), count=1, about="x.sd")
+    sd = float(found.values["x.sd"])
+    one = observed(found) + np.diag([1.0, 2.0]) / sd**2
+    assert plan.alone == pytest.approx(np.sqrt(np.linalg.inv(one)[1, 1]), rel=1e-3)
+
+
+def test_candidates_are_tested_to_the_limit_of_the_others() -> None:
+    """Beyond the limit of a test a value only tells that it is beyond."""
+    table = data(0.4)
+    table["seen"] = np.where(table["y"] > 2.5, "beyond", "")
+    table["y"] = table["y"].clip(upper=2.5)
+    found = unjudged(
+        springs,
+        Experiments.from_frame(
+            table, outcome="y", censored={"y": Censoring("seen", right="beyond")}
+        ),
+        Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 1.5))}),
+        noise=Noise(NOISE),
+        vectorized=True,
+        verification=Check(0),
+    )
+    conditions = Conditions.from_frame(
+        asked(np.array([1.0, 20.0])), responses=found.fit.table.observations.responses
+    )
+    session = found.session
+    fit = session.fit_on(conditions, found.fit.alpha, session.runner_on(conditions), Silent())
+    drawn = fit.drawn(np.random.default_rng(0)).table.observations
+    assert drawn.lower[1] == 2.5
+    assert drawn.censored.tolist() == [False, True]
+    # the limit of a censored normal value: s = phi/(1 - Phi)/scale above it
+    scores = expected_scores(fit, np.random.default_rng(0), Silent())
+    mean, sd = found.values[["x.mean", "x.sd"]]
+    scale = np.hypot(sd, NOISE)
+    u = (2.5 - mean) / scale
+    beyond, density = stats.norm.sf(u), stats.norm.pdf(u)
+    expected = (stats.norm.cdf(u) - u * density + density**2 / beyond) / scale**2
+    assert scores.information[0, 0, 0] == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_law_that_follows_a_covariate_is_learnt_at_its_far_ends() -> None:
+    rng = np.random.default_rng(5)
+    heat = np.tile([-1.0, 0.0, 1.0], 12)
+    y = 1.0 + 0.3 * heat + 0.3 * rng.standard_normal(36) + 0.1 * rng.standard_normal(36)
+    found = unjudged(
+        lambda x: x,
+        pd.DataFrame({"heat": heat, "y": y}),
+        Inputs({"x": Normal(By("1 + heat", -9.0, 9.0), Free(0.01, 2.0))}),
+        outcome="y",
+        noise=Noise(0.1),
+        vectorized=True,
+        verification=Check(0),
+    )
+    (slope,) = (name for name in found.values.index if "heat" in name)
+    new = pd.DataFrame({"heat": [0.0, 0.5, 3.0]})
+    plan = next_experiments(found, new, count=1, about=slope)
+    variance = float(found.values["x.sd"]) ** 2 + 0.01
+    design = np.stack([np.ones(36), heat], axis=1)
+    for error, at in zip(plan.alone, new["heat"], strict=True):
+        whole = np.vstack([design, [1.0, at]])
+        expected = np.sqrt(variance * np.linalg.inv(whole.T @ whole)[1, 1])
+        assert error == pytest.approx(expected, rel=1e-3)
+    assert plan.chosen == ("3",)

@@ -27,8 +27,7 @@ from aleator import (
     load,
 )
 from aleator.inference.likelihood_shape import likelihood_curve, likelihood_surface
-from aleator.tasks.pictures import pictured
-from aleator.tasks.pictures.response import responses
+from aleator.tasks.pictures import pictured, responses
 
 COUNT, SD = 60, 0.2
 RNG = np.random.default_rng(8)

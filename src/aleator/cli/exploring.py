@@ -33,9 +33,13 @@ from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
 from aleator.tasks.expected_cost import expected_cost
 from aleator.tasks.first_look import first_look, planned_look
-from aleator.tasks.next_experiment import next_experiments, require_enough_candidates
+from aleator.tasks.next_experiment import (
+    Predicted,
+    next_experiments,
+    require_enough_candidates,
+    require_free,
+)
 from aleator.tasks.screen import FIRST_RUNS, screen
-from aleator.tasks.wanted import Predicted, require_free
 from aleator.views import planning
 from aleator.views.figures import save_check, save_sensitivity
 

@@ -31,7 +31,7 @@ from aleator.cli.running import (
     whole_number,
 )
 from aleator.errors import AleatorError, nearest, short
-from aleator.inference.chains import SAMPLER, installed
+from aleator.inference.posterior import SAMPLER, installed
 from aleator.progress import Progress
 from aleator.results import documents
 from aleator.simulators import Runner
@@ -43,7 +43,7 @@ from aleator.tasks.ceiling import ceiling as best_possible
 from aleator.tasks.ceiling import require_one_law
 from aleator.tasks.compare import compare as compare_models
 from aleator.tasks.documents import ceiling_document, recovery_document
-from aleator.tasks.load import load
+from aleator.tasks.identification import load
 from aleator.tasks.posterior import posterior as drawn
 from aleator.tasks.recover import recover as recover_law
 from aleator.views import models, uncertainty

@@ -26,7 +26,8 @@ from aleator.cli.running import (
     units_in,
 )
 from aleator.errors import AleatorError, short
-from aleator.inference.decisions.alpha_draws import AlphaDraws, alpha_draws
+from aleator.inference.alpha_draws import AlphaDraws, alpha_draws, estimated
+from aleator.inference.extrapolation import compared
 from aleator.observations.experiments import Conditions
 from aleator.progress import Progress
 from aleator.results import documents
@@ -37,16 +38,11 @@ from aleator.results.units import label
 from aleator.results.values import QUANTILES, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.beyond import compared
 from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.known import estimated
 from aleator.tasks.decide.limits import Tolerance, limits
-from aleator.tasks.decide.probability import probabilities
-from aleator.tasks.decide.question import events_asked, responses_asked
-from aleator.tasks.decide.simulator_check import CHECKS
-from aleator.tasks.individual.session import OWN, session_of
-from aleator.tasks.session import OutcomeSession, Session
+from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
+from aleator.tasks.decide.sample import CHECKS
+from aleator.tasks.session import OWN, Session
 from aleator.types import Indices
 from aleator.views import predictions
 
@@ -320,11 +316,9 @@ def predict(
         runner.progress = progress
         who = OWN if of is not None and of == value.table.id else of
         if asked.distribution:
-            found = session.predict(
-                table, draws, table.transform, QUANTILES, progress, who, not no_noise
-            )
+            found = session.predict(table, draws, QUANTILES, progress, who, not no_noise)
         else:
-            ground = session.ground(table, draws.estimate, table.transform, who, not no_noise)
+            ground = session.ground(table, draws.estimate, who, not no_noise)
             found = asked.table(ground, draws, progress)
     for note in (*made_runs(runner), *fixed_notes(draws, session), *untested(value, table)):
         options.say(note)
@@ -377,26 +371,19 @@ def _session(
     of: str | None,
 ) -> Session:
     """What predicts; `measured` runs the experiments that were measured."""
-    if not document.get("observations"):
-        if of is not None:
-            raise AleatorError(
-                f"--of {of}: one outcome says too little of the parameters of its experiment",
-                "predict new experiments: leave the option out",
-            )
-        return OutcomeSession(value.model, runner, None, value.experiments)
-    surfaces = value.propagation
-    if value.noise is None or not isinstance(surfaces, ResponseSurface):
+    found = Result.from_document(document)
+    if of is not None and not found.observations:
         raise AleatorError(
-            f"{value.file}: the study has no noise or no surfaces, and its identification had",
-            "identify again",
+            f"--of {of}: one outcome says too little of the parameters of its experiment",
+            "predict new experiments: leave the option out",
         )
 
     def made(asked: object) -> Runner:
         return runner if asked is table or measured is None else measured
 
-    return session_of(
-        str(document.get("propagation")), value.inputs, value.noise,
-        value.experiments.observations.responses, value.experiments, surfaces, made,
+    return Session.again(
+        found, value.file, value.inputs, value.noise, value.experiments, value.propagation,
+        value.density, made,
     )  # fmt: skip
 
 

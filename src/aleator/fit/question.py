@@ -214,6 +214,16 @@ def start_point(inputs: Inputs) -> Array:
     return np.array([law.mean_and_sd(values).mean for law, values in laws])
 
 
+def varying_conditions(table: Experiments, asked: Sequence[str]) -> list[str]:
+    """Which of the conditions that the simulator asks for vary within any experiment."""
+    first = np.unique(table.experiment, return_index=True)[1]
+    return [
+        name
+        for name in asked
+        if np.any((cells := table.conditions[name].to_numpy()) != cells[first][table.experiment])
+    ]
+
+
 def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> None:
     if noise is not None:
         return

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from aleator.fit.flow import Answer
 from aleator.fit.ledger import Ledger
+from aleator.fit.question import varying_conditions
 from aleator.fit.search import HUGE, LeastSquares, LinearGaussian, by_tangent, least_squares
 from aleator.fit.soundness import Reviewed
 from aleator.inference import diagnostics
+from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Check, Checked
 from aleator.inference.diagnostics.surfaces import judged
 from aleator.inference.information import Inference
@@ -42,14 +44,12 @@ from aleator.results.values import (
     ExperimentReport,
     IndividualReport,
     LogLikelihoodReport,
+    ObservationReport,
     ParameterCorrelation,
 )
 from aleator.search import SearchResult
 from aleator.search.value import LogLikelihood
 from aleator.status import Status
-from aleator.tasks.individual.calibration import sequential_pit
-from aleator.tasks.individual.curves import law_curves
-from aleator.tasks.individual.observed import observation_reports
 from aleator.types import Array
 
 DIRECT = "direct"
@@ -353,6 +353,82 @@ def _of_tangent(
         "alpha": _named(linear.alpha, hyperparameters),
         "log_likelihood": linear.log_likelihood,
     }
+
+
+def observation_reports(
+    table: Experiments,
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    found: IndividualParameters,
+    asked: Sequence[str],
+    pit: Array,
+) -> tuple[ObservationReport, ...]:
+    """A report for each of M observations; of the `asked` conditions those that vary are told.
+
+    `pit` (M,) are their probabilities, see `sequential_pit`.
+    """
+    seen, predicted = table.observations, found.predicted
+    every = slice(0, len(seen))
+    scale = likelihood.errors.scale(alpha[likelihood.inputs.size :], predicted[:, None], every)
+    scale = np.broadcast_to(scale, (len(seen), 1))[:, 0]
+    nearest = np.clip(predicted, seen.lower, seen.upper)
+    with np.errstate(invalid="ignore"):
+        # a prediction without end lies within every bound below it
+        residual = np.where(nearest == predicted, 0.0, (nearest - predicted) / scale)
+    names = varying_conditions(table, asked)
+    columns = {name: table.conditions[name].to_numpy()[seen.row].tolist() for name in names}
+    return tuple(
+        ObservationReport(
+            id=table.ids[seen.experiment[k]],
+            row=int(seen.row[k]) + 1,
+            response=seen.responses[seen.response[k]].name,
+            lower=_finite(seen.lower[k]),
+            upper=_finite(seen.upper[k]),
+            predicted=float(predicted[k]),
+            scale=float(scale[k]),
+            residual=float(residual[k]),
+            conditions={name: column[k] for name, column in columns.items()},
+            pit=_finite(pit[k]),
+        )
+        for k in range(len(seen))
+    )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def law_curves(
+    inputs: Inputs, alpha: Array, experiments: int, far: float = 3.3, points: int = 121
+) -> dict[str, dict[str, list[float]]]:
+    """`x` and `density` of each scattering parameter's law; with covariates the experiments' mean.
+
+    p(x) = phi(theta)/(dx/dtheta) at x = T(theta), up to `far` standard normal variates: all but a
+    thousandth of the law.
+    """
+    theta = np.linspace(-far, far, points)
+    phi = np.exp(-0.5 * theta**2) / np.sqrt(2.0 * np.pi)
+    values = inputs.values(alpha[: inputs.size], slice(0, experiments))
+    found = {}
+    for i in inputs.scattered:
+        law, own = list(inputs.laws.values())[i], values[i]
+        at = theta if own.ndim == 1 else np.broadcast_to(theta, (experiments, points))
+        image = law.standard(own, at)
+        with np.errstate(divide="ignore"):
+            x, density = _mean_curve(np.atleast_2d(image.x), np.atleast_2d(phi / image.dtheta))
+        if np.all(np.isfinite(density)):
+            found[inputs.names[i]] = {"x": x.tolist(), "density": density.tolist()}
+    return found
+
+
+def _mean_curve(x: Array, density: Array) -> tuple[Array, Array]:
+    """The mean of the curves (B, J) of several experiments, on twice as many points."""
+    if len(x) == 1:
+        return x[0], density[0]
+    at = np.linspace(x.min(), x.max(), 2 * x.shape[1])
+    return at, np.mean(
+        [np.interp(at, *pair, 0.0, 0.0) for pair in zip(x, density, strict=True)], axis=0
+    )
 
 
 def _named(alpha: Array, hyperparameters: Sequence[Hyperparameter]) -> dict[str, float]:

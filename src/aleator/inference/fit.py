@@ -1,146 +1,138 @@
-"""A fit, as everything that judges one or builds on one sees it: no run of the simulator is made.
+"""A fit: the likelihood with its data at alpha, without runs, and its maximum for other data.
 
-Tests of consistency, bootstrap, comparison, posterior and design ask the same few things: the
-log-likelihood of each experiment with its score, other data under the same law, and the maximum
-for other data or other weights. Each of the two ways to a likelihood answers them in one file.
+Whatever judges an answer or builds on one takes a `Fit` and nothing else: consistency, bootstrap,
+comparison, posterior, the best possible law and the design of further experiments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, Self, TypeVar
+from functools import cached_property
 
 import numpy as np
 
 from aleator.inference.information import Inference
-from aleator.laws.hyperparameter import Hyperparameter, limits_of
+from aleator.inference.likelihood_at import IndividualsAt, LikelihoodAt, OutcomesAt
+from aleator.laws.hyperparameter import LIMITS, Hyperparameter, limits_of
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import IndividualLikelihood, Rule
+from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
-from aleator.search.newton import ARRIVED, TRIES, ascended, held
+from aleator.search.counted import FLOOR
+from aleator.search.newton import ARRIVED, TRIES, Summit, ascended, held
 from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
-SPAN = 7.0
-"""Standard deviations of an outcome on either side of its mean that hold nearly all of it."""
+Objective = Callable[[Array], LogLikelihood]
 
 
-class Fit(Protocol):
+@dataclass(frozen=True)
+class RefitSettings:
+    """When a climb to the maximum of other data counts, by judgement.
+
+    It has arrived where less than `left` is left to climb, in log-likelihood. A scale that ends
+    near zero is tried from so many `trials` between nearly zero and its upper limit. Eigenvalues of
+    a first matrix are raised to `least_curvature` times the largest.
+    """
+
+    left: float = 1e-2
+    trials: int = 7
+    least_curvature: float = 1e-8
+
+
+REFIT = RefitSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
     """The likelihood of N experiments with M observations, at alpha (K,).
 
     A value: each method that changes something returns another fit. `inference` is that of the
     identification, whatever alpha and data are now; `table` has the experiments with all columns.
+    What the two kinds of likelihood answer in their own ways is asked of `likelihood`.
     """
+
+    likelihood: LikelihoodAt
+    inference: Inference
+    table: Experiments
+
+    @classmethod
+    def of_outcomes(
+        cls, problem: Problem, alpha: Array, inference: Inference, table: Experiments
+    ) -> Fit:
+        """That of exact outcomes, one an experiment; those of the table are the problem's."""
+        return cls(OutcomesAt(problem, alpha), inference, table)
+
+    @classmethod
+    def of_individuals(
+        cls,
+        likelihood: IndividualLikelihood,
+        alpha: Array,
+        inference: Inference,
+        table: Experiments,
+        few: Rule,
+    ) -> Fit:
+        """That of the integral over individual parameters, with nodes adapted to alpha.
+
+        `few` is the rule with the fewest nodes of which more hardly change the log-likelihood.
+        """
+        return cls(IndividualsAt(likelihood, alpha, few), inference, table)
 
     @property
     def alpha(self) -> Array:
         """Where it stands, (K,)."""
-
-    @property
-    def inference(self) -> Inference:
-        """Information and errors at the identified alpha."""
-
-    @property
-    def table(self) -> Experiments:
-        """The experiments: their ids, and the columns of their table."""
+        return self.likelihood.alpha
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Those of alpha, in its order."""
+        return self.likelihood.hyperparameters
 
     @property
     def inputs(self) -> Inputs:
         """The laws of the parameters."""
-
-    @property
-    def region(self) -> Array:
-        """Where simulated values are known, (n, 2): the region of the surfaces, or the box."""
+        return self.likelihood.inputs
 
     @property
     def count(self) -> int:
         """N."""
+        return self.likelihood.count
 
     def scored(self) -> LogLikelihood:
         """Log-densities (N,) of all experiments at alpha, with scores (N, K)."""
+        return self._scored
 
-    def objective(self) -> Callable[[Array], LogLikelihood]:
+    def objective(self) -> Objective:
         """The same as a function of alpha, which a search or a sampler may climb."""
-
-    def honest(self) -> Callable[[Array], LogLikelihood]:
-        """The same for a sampler: a function of alpha alone, minus infinity outside a support."""
-
-    def more_nodes(self, alpha: Array) -> float:
-        """What more nodes change of the log-likelihood at alpha; zero where there are no more."""
+        return self.likelihood.objective()
 
     def probabilities(self, points: int | None = None) -> Array:
-        """P(below what was measured | earlier ones of the same experiment, alpha) (M,).
+        """P(below what was measured | earlier ones of the same experiment, alpha) (M,)."""
+        return self.likelihood.probabilities(self.table.observations, points)
 
-        Under the right alpha they are independent and uniform. NaN where one is not known. By so
-        many `points` of each experiment where they are integrals; None takes what a report needs.
-        """
-
-    def rough(self) -> Self:
-        """The same with the fewest nodes that serve."""
-
-    def for_replicates(self) -> Self:
-        """The same with nodes that many data sets in turn are quickly judged by."""
-
-    def at(self, alpha: Array) -> Self:
+    def at(self, alpha: Array) -> Fit:
         """The same data at another alpha."""
+        return replace(self, likelihood=self.likelihood.at(alpha))
 
-    def seeing(self, table: Experiments) -> Self:
+    def seeing(self, table: Experiments) -> Fit:
         """Other data: the same experiments, whose observations are those of another table."""
+        return replace(self, likelihood=self.likelihood.seeing(table.observations), table=table)
 
-    def drawn(self, rng: np.random.Generator) -> Self:
+    def drawn(self, rng: np.random.Generator) -> Fit:
         """Other data of the same experiments, under the law and the noise of alpha."""
+        other = self.likelihood.drawn(self.table.observations, rng)
+        return self.seeing(self.table.with_observations(other))
 
-    def span(self) -> tuple[Array, Array]:
-        """Ends (M,) between which each observation would lie, but for one in many thousands."""
+    def for_replicates(self) -> Fit:
+        """The same with nodes that many data sets in turn are quickly judged by."""
+        likelihood, moved = self.likelihood.for_replicates()
+        fit = replace(self, likelihood=likelihood)
+        return stepped(fit) if moved else fit
 
-    def quantiles(self, probabilities: Array) -> Array:
-        """Quantiles (M, P) of what would be measured in place of each observation, under alpha.
-
-        Of the law, not of what is known of the experiment. NaN where there is none.
-        """
-
-    def individuals(self, rng: np.random.Generator) -> Array | None:
-        """A draw (N, n) of the parameters of each experiment given its observations.
-
-        Under the right model they are a sample of the law. None where there is no noise.
-        """
-
-    def variates(self) -> tuple[Array, Array] | None:
-        """Means (N, s) and mean products (N, s, s) of the variates of the scattering parameters.
-
-        Given the observations of their experiment; under the law they are standard normal. None
-        where there is no noise, or one observation an experiment, which tells no parameter alone.
-        """
-
-    def given(self, x: Array) -> Array:
-        """log p(observations of an experiment | parameters) (N, J) at points x (J, n).
-
-        Raises AleatorError where there is no noise.
-        """
-
-    @property
-    def roughness(self) -> Array | None:
-        """Of each observation the estimated error of its surface, relative, (M,); None without."""
-
-    def simulated(self, x: Array) -> Array | None:
-        """What is known of the simulator at points x (J, n): of each observation, (M, J).
-
-        By its surfaces, or by itself where it is fast. NaN where it has no value; None with
-        collocation, which knows its nodes only.
-        """
-
-    def nodes(self) -> tuple[Array, Array] | None:
-        """With collocation its nodes x (J, n), and the outcomes of its runs there (M, J).
-
-        None where `simulated` answers.
-        """
-
-
-AnyFit = TypeVar("AnyFit", bound=Fit)
+    @cached_property
+    def _scored(self) -> LogLikelihood:
+        return self.likelihood.scored()
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +152,7 @@ class Weighted:
         return replace(found, each=each, scores=scores)
 
 
-def stepped(fit: AnyFit) -> AnyFit:
+def stepped(fit: Fit) -> Fit:
     """The fit one Newton step nearer to its maximum, by the information of the identification.
 
     For data drawn at the identified alpha the step ends within 1/N of the maximum, where the
@@ -185,7 +177,7 @@ def stepped(fit: AnyFit) -> AnyFit:
     return fit
 
 
-def climbed(fit: AnyFit, weights: Array | None = None, arrived: float = ARRIVED) -> AnyFit:
+def climbed(fit: Fit, weights: Array | None = None, arrived: float = ARRIVED) -> Fit:
     """The fit at the nearest maximum; experiments count `weights` (N,) times, or once each."""
     if not fit.inference.identified.size:
         return fit
@@ -197,3 +189,85 @@ def climbed(fit: AnyFit, weights: Array | None = None, arrived: float = ARRIVED)
         fit.inference.information, arrived,
     )  # fmt: skip
     return fit.at(end.alpha)
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A fit at its maximum, the `value` that was climbed there, and whether it `arrived`.
+
+    The value is the log-likelihood, of the weighted experiments where there are weights, with log
+    priors.
+    """
+
+    fit: Fit
+    value: float
+    arrived: bool
+
+
+def refitted(fit: Fit, weights: Array | None = None, settings: RefitSettings = REFIT) -> Refit:
+    """The fit at the maximum near its alpha; experiments count `weights` (N,) times.
+
+    As `climbed`, but a scale that ends at its lower limit or near zero is tried from some larger
+    values too: the score by a standard deviation is zero at zero, whether that is the maximum or
+    not, so that no climb begins there. Cost: a climb, some ten evaluations; two with such a scale.
+    """
+    objective: Objective = fit.objective()
+    if weights is not None:
+        objective = Weighted(objective, weights)
+    end = _climb(fit, objective, fit.alpha, fit.inference.information)
+    for k in _near_zero(fit, end.alpha):
+        start = _best(objective, end.alpha, k, fit.hyperparameters[k], settings.trials)
+        other = _climb(fit, objective, start, _outer(fit, objective(start)))
+        end = other if other.value > end.value else end
+    return Refit(fit.at(end.alpha), end.value, end.value > FLOOR and end.gain < settings.left)
+
+
+def _climb(fit: Fit, objective: Objective, alpha: Array, matrix: Array) -> Summit:
+    return ascended(
+        objective, alpha, fit.hyperparameters, fit.inference.identified, positive(matrix), ARRIVED
+    )
+
+
+def _near_zero(fit: Fit, alpha: Array) -> list[int]:
+    found = []
+    for k in fit.inference.identified.tolist():
+        h = fit.hyperparameters[k]
+        if h.log and alpha[k] <= max(h.lower, LIMITS.nearest * h.upper):
+            found.append(k)
+    return found
+
+
+def _best(objective: Objective, alpha: Array, k: int, h: Hyperparameter, trials: int) -> Array:
+    """The best of alpha with hyperparameter k at scales above zero."""
+    scales = np.geomspace(max(h.lower, LIMITS.nearest * h.upper), h.upper, trials + 2)[1:-1]
+    points = np.repeat(alpha[None], trials, axis=0)
+    points[:, k] = scales
+    values = np.array([objective(point).total for point in points])
+    best: Array = points[int(np.argmax(np.where(np.isfinite(values), values, -np.inf)))]
+    return best
+
+
+def _outer(fit: Fit, found: LogLikelihood) -> Array:
+    """The sum of the outer products of the scores (G, G): positive wherever it is asked."""
+    assert found.scores is not None
+    scores = found.scores[:, fit.inference.identified]
+    return np.asarray(scores.T @ scores)
+
+
+def positive(matrix: Array, least: float = REFIT.least_curvature) -> Array:
+    """The nearest matrix with its eigenvalues' absolute values, none of them near zero.
+
+    Scaled to a unit diagonal first. An information that is not positive leads a climb nowhere.
+
+    >>> positive(np.array([[2.0, 0.0], [0.0, -3.0]])).tolist()
+    [[2.0, 0.0], [0.0, 3.0]]
+    """
+    if not matrix.size:
+        return matrix
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    scale = np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)
+    unit = np.nan_to_num(matrix / np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(0.5 * (unit + unit.T))
+    size = np.abs(values)
+    size = np.maximum(size, least * max(size.max(), 1.0))
+    return np.asarray((vectors * size) @ vectors.T * np.outer(scale, scale))

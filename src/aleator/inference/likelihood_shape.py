@@ -14,13 +14,21 @@ from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
 
 Objective = Callable[[Array], LogLikelihood]
-MARGIN = 0.3
-"""Share of an interval by which a curve goes beyond it, so that its ends are seen to drop."""
 
-REACH = 3.75
-"""Standard errors to which a surface goes."""
-ARRIVED = 0.01
-"""Log-likelihood left to climb at a point of a curve: less than the width of its line."""
+
+@dataclass(frozen=True)
+class ShapeSettings:
+    """How far curves and surfaces of the likelihood reach; by judgement."""
+
+    margin: float = 0.3
+    """Share of an interval by which a curve goes beyond it, so that its ends are seen to drop."""
+    reach: float = 3.75
+    """Standard errors to which a surface goes."""
+    arrived: float = 0.01
+    """Log-likelihood left to climb at a point of a curve: less than the width of its line."""
+
+
+SHAPE = ShapeSettings()
 
 
 @dataclass(frozen=True)
@@ -33,7 +41,7 @@ class LikelihoodCurve:
 
 
 @dataclass(frozen=True)
-class LikelihoodSurface:
+class LikelihoodGrid:
     """Log-likelihoods `value` (Q, Q) at `first` and `second` (Q, Q) of two hyperparameters.
 
     Rows and columns of the grid go along the axes of the ellipse of the information. NaN beyond
@@ -53,6 +61,7 @@ def likelihood_curve(
     inference: Inference,
     k: int,
     at: Array,
+    settings: ShapeSettings = SHAPE,
 ) -> LikelihoodCurve:
     """The profile log-likelihood of alpha_k at the values `at` (P,), which rise (Wilks, 1938).
 
@@ -60,14 +69,14 @@ def likelihood_curve(
     to from the one before, moved along the ridge by -I_oo^-1 I_ok. Less than `ARRIVED` is left to
     climb. Cost: two to six evaluations a point.
     """
-    way = _Way.of(hyperparameters, inference, [k], inference.identified)
+    way = _Ridge.of(hyperparameters, inference, [k], inference.identified)
     value = np.full(at.size, np.nan)
     outward = [np.flatnonzero(at <= alpha[k])[::-1], np.flatnonzero(at > alpha[k])]
     for side in outward:
         here = alpha
         for p in side:
             here = way.followed(here, np.array([at[p]]))
-            end = ascended(objective, here, hyperparameters, way.moving, way.own, ARRIVED)
+            end = ascended(objective, here, hyperparameters, way.moving, way.own, settings.arrived)
             here, value[p] = end.alpha, end.value
     return LikelihoodCurve(k, at, np.where(np.isfinite(value), value, np.nan))
 
@@ -79,7 +88,8 @@ def likelihood_surface(
     inference: Inference,
     pair: tuple[int, int],
     count: int,
-) -> LikelihoodSurface:
+    settings: ShapeSettings = SHAPE,
+) -> LikelihoodGrid:
     """The log-likelihood over two free hyperparameters; the others follow along the ridge.
 
     On a grid of `count` times `count` points, `REACH` standard errors to either side along the axes
@@ -92,27 +102,29 @@ def likelihood_surface(
     variance, axes = np.linalg.eigh(inference.covariance[np.ix_(rows, rows)])
     half = axes * np.sqrt(np.maximum(variance, 0.0))
     here = alpha[list(pair)]
-    u, v = np.meshgrid(*[np.linspace(-REACH, REACH, count)] * 2)
+    u, v = np.meshgrid(*[np.linspace(-settings.reach, settings.reach, count)] * 2)
     points = here + np.stack([u.ravel(), v.ravel()], axis=1) @ half.T
     lower, upper = limits_of(hyperparameters, np.array(pair))
     inside = np.all((points >= lower) & (points <= upper), axis=1)
     if inside.mean() < 0.5:
-        reach = REACH * np.sqrt(np.diag(inference.covariance)[rows])
+        reach = settings.reach * np.sqrt(np.diag(inference.covariance)[rows])
         ends = np.maximum(lower, here - reach), np.minimum(upper, here + reach)
         u, v = np.meshgrid(*np.linspace(*ends, count).T)
         points, inside = np.stack([u.ravel(), v.ravel()], axis=1), np.ones(u.size, dtype=bool)
-    way = _Way.of(hyperparameters, inference, list(pair), inference.free)
+    way = _Ridge.of(hyperparameters, inference, list(pair), inference.free)
     value = np.full(len(points), np.nan)
     for k in np.flatnonzero(inside):
         value[k] = objective(way.followed(alpha, points[k])).total
     value = np.where(np.isfinite(value), value, np.nan)
     first, second = points.T
-    return LikelihoodSurface(
+    return LikelihoodGrid(
         pair, first.reshape(u.shape), second.reshape(u.shape), value.reshape(u.shape)
     )
 
 
-def around(interval: Sequence[float], estimate: float, h: Hyperparameter) -> Array:
+def around(
+    interval: Sequence[float], estimate: float, h: Hyperparameter, settings: ShapeSettings = SHAPE
+) -> Array:
     """The estimate, both ends of its interval, and somewhat beyond, within the limits.
 
     >>> h = Hyperparameter("x", 0.0, 2.2, 1.0, True)
@@ -120,7 +132,7 @@ def around(interval: Sequence[float], estimate: float, h: Hyperparameter) -> Arr
     ([0.7, 1.0, 1.4, 2.0, 2.2], [0.0, 1.0, 1.3])
     """
     low, high = interval
-    reach = MARGIN * (high - low)
+    reach = settings.margin * (high - low)
     beyond = max(low - reach, h.lower), min(high + reach, h.upper)
     return np.unique([beyond[0], low, estimate, high, beyond[1]])
 
@@ -138,7 +150,7 @@ def weakest_pair(correlation: Array) -> tuple[int, int] | None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Way:
+class _Ridge:
     """How the `moving` hyperparameters follow those that are `held`.
 
     `own` (F, F) is the information of the moving ones, `follow` (F, H) their slopes by the held.
@@ -157,7 +169,7 @@ class _Way:
         inference: Inference,
         held: list[int],
         among: Indices,
-    ) -> _Way:
+    ) -> _Ridge:
         """That of the information at the maximum, for those `among` whom are not held."""
         apart = ~np.isin(inference.identified, among) | np.isin(inference.identified, held)
         moving = inference.identified[~apart]

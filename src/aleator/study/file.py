@@ -22,7 +22,7 @@ from aleator.errors import (
     nearest,
     require_filled,
 )
-from aleator.fit.question import Choices
+from aleator.fit.question import Choices, varying_conditions
 from aleator.inference.check import Check
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -46,7 +46,6 @@ from aleator.study.sections import (
 )
 from aleator.study.simulators import RunsSection
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.individual.observed import varying_conditions
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

@@ -2,33 +2,219 @@
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Generator, Sequence
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
+import json
+import os
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import asdict, dataclass, fields
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import special
 
-from aleator.errors import InputsError, SurroundingsError
-from aleator.inference import resampling
-from aleator.inference.fit import Fit
-from aleator.inference.refit import refitted
+from aleator.errors import AleatorError, InputsError, short
+from aleator.inference.fit import Fit, refitted
+from aleator.inference.information import LEVEL
 from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
 from aleator.results import printed
-from aleator.simulators import ProcessPool
-from aleator.simulators.command.run import passing
+from aleator.results.documents import make_folder
 from aleator.simulators.pool import packed
 from aleator.tasks.identification import Identification
-from aleator.tasks.replicate_file import Replicate, ReplicateFile, head_of
+from aleator.tasks.parallel import in_processes
 from aleator.threads import single_threaded
 from aleator.types import Array
+
+
+def percentile(alpha: Array, level: float = LEVEL) -> Array:
+    """Intervals (F, 2) between quantiles of replicates (R, F); NaN without any."""
+    return quantiles(alpha, np.full((alpha.shape[1], 2), _tails(level)))
+
+
+def basic(estimate: Array, alpha: Array, level: float = LEVEL) -> Array:
+    """Intervals (F, 2) by the errors, estimate - (quantile - estimate) (Efron 1979)."""
+    return np.asarray(2.0 * estimate[:, None] - percentile(alpha, level)[:, ::-1])
+
+
+def bias_corrected(estimate: Array, alpha: Array, influence: Array, level: float = LEVEL) -> Array:
+    """BCa intervals (F, 2) of replicates (R, F), second-order right (Efron 1987).
+
+    The quantiles are those of the levels Phi(z0 + (z0 + z)/(1 - a (z0 + z))), z = Phi^-1 of the
+    tail; z0 is Phi^-1 of the share of replicates below the estimate, half of the ties counted, and
+    a = sum U^3 / (6 (sum U^2)^1.5) of the influence U (N, F) of each experiment. Where all
+    replicates are on one side of the estimate they are NaN.
+
+    >>> rng = np.random.default_rng(0)
+    >>> alpha = rng.normal(1.0, 2.0, (100_000, 1))
+    >>> bias_corrected(np.array([1.0]), alpha, rng.normal(size=(50, 1)) * 0.0).round(1).tolist()
+    [[-2.9, 4.9]]
+    """
+    if not len(alpha):
+        return np.full((alpha.shape[1], 2), np.nan)
+    below = np.mean(alpha < estimate, axis=0) + 0.5 * np.mean(alpha == estimate, axis=0)
+    inside = (below > 0.0) & (below < 1.0)
+    offset = special.ndtri(np.where(inside, below, 0.5))[:, None]
+    moved = offset + special.ndtri(_tails(level))
+    levels = special.ndtr(offset + moved / (1.0 - acceleration(influence)[:, None] * moved))
+    return np.where(inside[:, None], quantiles(alpha, levels), np.nan)
+
+
+def acceleration(influence: Array) -> Array:
+    """a (F,) of the influence (N, F); zero where nothing has any."""
+    square = np.sum(influence**2, axis=0)
+    cube = np.sum(influence**3, axis=0)
+    known = square > 0.0
+    found = cube / (6.0 * np.where(known, square, 1.0) ** 1.5)
+    return np.where(known & np.isfinite(found), found, 0.0)
+
+
+def quantiles(alpha: Array, levels: Array) -> Array:
+    """The quantiles (F, L) of replicates (R, F) at levels (F, L); NaN without any."""
+    if not len(alpha):
+        return np.full(levels.shape, np.nan)
+    return np.array([np.quantile(alpha[:, k], own) for k, own in enumerate(levels)])
+
+
+def _tails(level: float) -> Array:
+    return np.array([0.5 - level / 2.0, 0.5 + level / 2.0])
+
+
+@dataclass(frozen=True)
+class Refitted:
+    """One replicate: its `number`, the free hyperparameters (F,), log L there, and a `status`.
+
+    The status is "arrived", or says that the climb did not end at a maximum.
+    """
+
+    number: int
+    alpha: tuple[float, ...]
+    log_likelihood: float
+    status: str
+
+
+@dataclass(frozen=True)
+class ReplicateFile:
+    """A file of lines: a head that says what is replicated, then a line for each replicate."""
+
+    path: Path
+    head: Mapping[str, Any]
+
+    def begun(self) -> dict[int, Refitted]:
+        """The replicates that are finished, by number; a torn last line is cut off.
+
+        Makes the file where there is none. Raises AleatorError where its head is another one.
+        """
+        make_folder(self.path.parent)
+        lines, kept = self._lines()
+        if not lines:
+            self._write(json.dumps(self.head).encode() + b"\n", 0)
+            return {}
+        if not _alike(lines[0], self.head):
+            raise AleatorError(
+                f"{short(self.path)}: its replicates are those of another study, seed or kind",
+                "remove the file, or choose another folder with --output (folder=...)",
+            )
+        self._write(b"", kept)
+        found = [self._replicate(number, line) for number, line in enumerate(lines[1:], start=2)]
+        return {replicate.number: replicate for replicate in found}
+
+    def _replicate(self, number: int, line: Mapping[str, Any]) -> Refitted:
+        """What a line of the file says; raises AleatorError where it is no replicate."""
+        alpha = line.get("alpha")
+        sound = (
+            line.keys() == {field.name for field in fields(Refitted)}
+            and isinstance(alpha, list)
+            and len(alpha) == len(self.head["hyperparameters"])
+            and all(type(value) in (int, float) for value in (*alpha, line["log_likelihood"]))
+            and type(line["number"]) is int
+            and isinstance(line["status"], str)
+        )
+        if not sound:
+            raise AleatorError(
+                f"{short(self.path)}: line {number} is no replicate",
+                "delete the line, and its replicate is made again",
+            )
+        return Refitted(**{**line, "alpha": tuple(map(float, alpha or ()))})
+
+    def add(self, replicate: Refitted) -> None:
+        """Append a line, and have it on the disk before anything else is done."""
+        self._write(json.dumps(asdict(replicate)).encode() + b"\n", None)
+
+    def _lines(self) -> tuple[list[dict[str, Any]], int]:
+        """The whole lines that can be read, and how many bytes they are."""
+        try:
+            text = self.path.read_bytes()
+        except FileNotFoundError:
+            return [], 0
+        except OSError as error:
+            raise self._refused("read", error) from None
+        found, size = list[dict[str, Any]](), 0
+        for line in text.splitlines(keepends=True):
+            try:
+                read = json.loads(line)
+            except (ValueError, RecursionError):
+                break
+            if not line.endswith(b"\n") or not isinstance(read, dict):
+                break
+            found.append(read)
+            size += len(line)
+        return found, size
+
+    def _write(self, line: bytes, size: int | None) -> None:
+        """Append a line, after cutting the file to a size where there is one."""
+        try:
+            with self.path.open("ab") as file:
+                if size is not None:
+                    file.truncate(size)
+                file.write(line)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise self._refused("written", error) from None
+
+    def _refused(self, what: str, error: OSError) -> AleatorError:
+        return AleatorError(
+            f"{short(self.path)}: the file cannot be {what}: {error.strerror}",
+            "choose another folder with --output (folder=...)",
+        )
+
+
+def head_of(fit: Fit, kind: str, seed: int) -> dict[str, Any]:
+    """What says of which fit replicates are: names, limits and data exactly, the rest nearly."""
+    own = [fit.hyperparameters[k] for k in fit.inference.identified]
+    seen, digest = fit.table.observations, sha256()
+    for part in (seen.experiment, seen.response, seen.lower, seen.upper):
+        digest.update(np.ascontiguousarray(part).tobytes())
+    digest.update("\n".join(fit.table.ids).encode())
+    return {
+        "kind": kind,
+        "seed": seed,
+        "experiments": digest.hexdigest(),
+        "hyperparameters": [h.name for h in own],
+        "limits": [[h.lower, h.upper] for h in own],
+        "alpha": fit.alpha[fit.inference.identified].tolist(),
+        "log_likelihood": fit.scored().total,
+    }
+
+
+def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
+    numbers = ("alpha", "log_likelihood")
+    exact = all(found.get(key) == value for key, value in head.items() if key not in numbers)
+    return exact and all(_near(found.get(key), head[key]) for key in numbers)
+
+
+def _near(found: Any, wanted: Any, relative: float = 1e-5) -> bool:
+    """Whether these are the numbers that are wanted, but for a relative difference."""
+    try:
+        numbers = np.array(found, dtype=float)
+    except (OverflowError, TypeError, ValueError):  # damaged
+        return False
+    same = numbers.shape == np.shape(wanted)
+    return same and bool(np.allclose(numbers, wanted, rtol=relative, atol=1e-12))
+
 
 FILE = "bootstrap.jsonl"
 PARAMETRIC, NONPARAMETRIC = "parametric", "nonparametric"
@@ -51,7 +237,7 @@ class Bootstrap:
     estimate: Array
     limits: Array
     influence: Array
-    runs: tuple[Replicate, ...]
+    runs: tuple[Refitted, ...]
     here: bool
 
     def __repr__(self) -> str:
@@ -109,11 +295,11 @@ class Bootstrap:
         if kind not in INTERVALS:
             raise InputsError(f"intervals '{kind}'", f"choose {', '.join(INTERVALS)}")
         if kind == "percentile":
-            ends = resampling.percentile(alpha)
+            ends = percentile(alpha)
         elif kind == "basic":
-            ends = resampling.basic(self.estimate, alpha)
+            ends = basic(self.estimate, alpha)
         else:
-            ends = resampling.bias_corrected(self.estimate, alpha, self.influence)
+            ends = bias_corrected(self.estimate, alpha, self.influence)
         ends = np.clip(ends, self.limits[:, :1], self.limits[:, 1:])
         return pd.DataFrame(ends, index=[*self.names], columns=["lower", "upper"])
 
@@ -167,7 +353,19 @@ def bootstrap(
         raise InputsError(f"bootstrap: {replicates} replicates", "use at least 2; 200 tell a lot")
     if kind not in (PARAMETRIC, NONPARAMETRIC):
         raise InputsError(f"bootstrap: kind '{kind}'", f"choose {PARAMETRIC} or {NONPARAMETRIC}")
-    fit, told = found.fit, progress or Silent()
+    return bootstrapped(found.fit, replicates, kind, seed, workers, folder, progress or Silent())
+
+
+def bootstrapped(
+    fit: Fit,
+    replicates: int,
+    kind: str,
+    seed: int,
+    workers: int,
+    folder: str | Path | None,
+    told: Progress,
+) -> Bootstrap:
+    """The replicates of a fit, those of the folder first."""
     told.stage("bootstrap")
     file = None
     if folder is not None:
@@ -201,7 +399,7 @@ def influence(fit: Fit) -> Array:
 
 
 @single_threaded
-def replicated(fit: Fit, kind: str, seed: int, number: int) -> Replicate:
+def replicated(fit: Fit, kind: str, seed: int, number: int) -> Refitted:
     """Replicate `number`, which depends on these four alone."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     if kind == PARAMETRIC:
@@ -210,40 +408,18 @@ def replicated(fit: Fit, kind: str, seed: int, number: int) -> Replicate:
         share = np.full(fit.count, 1.0 / fit.count)
         end = refitted(fit, rng.multinomial(fit.count, share).astype(float))
     alpha = end.fit.alpha[fit.inference.identified]
-    return Replicate(number, tuple(alpha.tolist()), end.value, ARRIVED if end.arrived else LEFT)
+    return Refitted(number, tuple(alpha.tolist()), end.value, ARRIVED if end.arrived else LEFT)
 
 
 def _made(
     fit: Fit, parcel: bytes | None, kind: str, seed: int, numbers: Sequence[int], workers: int
-) -> Generator[Replicate, None, None]:
+) -> Generator[Refitted, None, None]:
     """The replicates of these numbers as they are finished; here, or where the parcel goes."""
     if parcel is None:
         for number in numbers:
             yield replicated(fit, kind, seed, number)
         return
-    with passing() as folder:
-        path = folder / "fit.pickle"
-        path.write_bytes(parcel)
-        pool = ProcessPool(min(workers, len(numbers)))
-        try:
-            jobs = [pool.submit(_elsewhere, str(path), kind, seed, number) for number in numbers]
-            for job in as_completed(jobs):
-                yield job.result()
-        except BrokenProcessPool:
-            raise SurroundingsError(
-                "bootstrap: a worker process ended before its replicate was finished",
-                "ask for fewer workers, there may be no memory left; with a folder, what is "
-                "finished is kept: ask again",
-            ) from None
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _elsewhere(path: str, kind: str, seed: int, number: int) -> Replicate:
-    return replicated(_unpacked(path), kind, seed, number)
-
-
-@lru_cache(maxsize=1)
-def _unpacked(path: str) -> Fit:
-    fit: Fit = pickle.loads(Path(path).read_bytes())
-    return fit
+    pieces = {number: (kind, seed, number) for number in numbers}
+    with closing(in_processes(parcel, replicated, pieces, workers)) as made:
+        for _, replicate in made:
+            yield replicate

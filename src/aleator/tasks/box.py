@@ -22,22 +22,31 @@ from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
 from aleator.types import Array, Flags
 
-POINTS = 32
-"""Points that a round looks at, each under every experiment that it survives."""
-QUIET = 3
-"""Rounds without a failure after which a box is taken."""
-ROUNDS = 100
-SEEDS = 6
-"""Valid points that a largest box is grown around."""
-NODES = 4000
-"""Boxes that the search for the largest one looks into, around each seed."""
-FINE = 0.005
-"""Share of the limits' width to which the end of a side is found."""
-RETREAT = 0.01
-"""Share of the limits' width by which a side stays away from the failures that limit it."""
-PATIENCE = 30
-"""Rounds in which that share grows by itself once: where one large box is as good as the next, the
-failures between them would take forever to find."""
+
+@dataclass(frozen=True)
+class BoxSettings:
+    """How the feasible box is sought; by judgement."""
+
+    points: int = 32
+    """Points that a round looks at, each under every experiment that it survives."""
+    quiet: int = 3
+    """Rounds without a failure after which a box is taken."""
+    rounds: int = 100
+    seeds: int = 6
+    """Valid points that a largest box is grown around."""
+    nodes: int = 4000
+    """Boxes that the search for the largest one looks into, around each seed."""
+    fine: float = 0.005
+    """Share of the limits' width to which the end of a side is found."""
+    retreat: float = 0.01
+    """Share of the limits' width by which a side stays away from the failures that limit it."""
+    patience: int = 30
+    """Rounds in which that share grows by itself once: where one large box is as good as the next,
+    the failures between them would take forever to find.
+    """
+
+
+BOX = BoxSettings()
 
 
 @dataclass(frozen=True)
@@ -101,6 +110,7 @@ def feasible_box(
     seed: int = 0,
     progress: Progress | None = None,
     executor: Executor | None = None,
+    settings: BoxSettings = BOX,
 ) -> FeasibleBox:
     """Find the largest box within the inputs' limits in which every experiment has an outcome.
 
@@ -125,7 +135,9 @@ def feasible_box(
     runner = runner_on(simulator, experiments, inputs.names, vectorized, executor)
     limits = inputs.box
     moving = np.flatnonzero(limits[:, 1] > limits[:, 0])
-    search = _Search(runner, limits, moving, np.random.default_rng(seed), progress or Silent())
+    search = _BoxSearch(
+        runner, limits, moving, np.random.default_rng(seed), progress or Silent(), settings
+    )
     unit, confirmed, tested = search.find()
     box = limits.copy()
     low, width = limits[moving, 0], np.ptp(limits[moving], axis=1)
@@ -150,7 +162,7 @@ def feasible_box(
     )  # fmt: skip
 
 
-class _Search:
+class _BoxSearch:
     def __init__(
         self,
         runner: Runner,
@@ -158,7 +170,9 @@ class _Search:
         moving: NDArray[np.intp],
         rng: np.random.Generator,
         progress: Progress,
+        settings: BoxSettings,
     ) -> None:
+        self.settings = settings
         self.runner, self.limits, self.moving = runner, limits, moving
         self.groups = runner.cases.first
         self.sobol = qmc.Sobol(moving.size, rng=rng)
@@ -168,26 +182,30 @@ class _Search:
     def find(self) -> tuple[Array, bool, int]:
         """The box in the unit cube, whether it is confirmed, and the points tested inside."""
         n = self.moving.size
-        corners = self.rng.integers(0, 2, (min(2**n, POINTS), n)).astype(float)
-        first = np.vstack([np.full((1, n), 0.5), self.sobol.random(2 * POINTS), corners])
+        corners = self.rng.integers(0, 2, (min(2**n, self.settings.points), n)).astype(float)
+        first = np.vstack(
+            [np.full((1, n), 0.5), self.sobol.random(2 * self.settings.points), corners]
+        )
         self._look(first)
         if not self.known.valid:
-            self._look(self.sobol.random(8 * POINTS))
+            self._look(self.sobol.random(8 * self.settings.points))
         if not self.known.valid:
             raise self._hopeless()
         quiet = 0
-        for number in range(ROUNDS):
-            box = _retreated(self._largest(), RETREAT * (1.0 + number / PATIENCE))
+        for number in range(self.settings.rounds):
+            box = _retreated(
+                self._largest(), self.settings.retreat * (1.0 + number / self.settings.patience)
+            )
             before = len(self.known.failed)
             self._look(self._inside(box))
             quiet = quiet + 1 if len(self.known.failed) == before else 0
             text = f"round {number + 1}: {self.runner.runs} runs, {len(self.known.failed)} failures"
-            self.progress.update(text, number + 1, ROUNDS)
-            if quiet == QUIET:
+            self.progress.update(text, number + 1, self.settings.rounds)
+            if quiet == self.settings.quiet:
                 break
         valid = np.array(self.known.valid)
         tested = int(np.sum(np.all((valid >= box[:, 0]) & (valid <= box[:, 1]), axis=1)))
-        return box, quiet == QUIET, tested
+        return box, quiet == self.settings.quiet, tested
 
     def point(self, unit: Array) -> Array:
         """Parameters (n,) of a point in the unit cube of the moving ones."""
@@ -237,7 +255,7 @@ class _Search:
         valid = np.array(self.known.valid)
         apart = np.abs(valid[None, :, :] - failed[:, None, :]).max(axis=2)
         good, bad = valid[np.argmin(apart, axis=1)], failed
-        while np.abs(bad - good).max() > FINE:
+        while np.abs(bad - good).max() > self.settings.fine:
             middle = 0.5 * (good + bad)
             x = np.stack([self.point(p) for p in middle])
             works = self._works(culprits, x)[:, None]
@@ -247,10 +265,10 @@ class _Search:
     def _inside(self, box: Array) -> Array:
         """Points inside the box and on its sides, corners first of all."""
         n = len(box)
-        points = self.sobol.random(POINTS)
-        onto = np.arange(POINTS) % 4
-        which = self.rng.integers(0, n, POINTS)
-        ends = self.rng.integers(0, 2, (POINTS, n)).astype(float)
+        points = self.sobol.random(self.settings.points)
+        onto = np.arange(self.settings.points) % 4
+        which = self.rng.integers(0, n, self.settings.points)
+        ends = self.rng.integers(0, 2, (self.settings.points, n)).astype(float)
         # a quarter inside, a half on one side, a quarter in the corners
         rows = np.flatnonzero((onto == 1) | (onto == 2))
         points[rows, which[rows]] = ends[rows, which[rows]]
@@ -269,7 +287,7 @@ class _Search:
         """Volume of the largest box in the unit cube if an experiment's failures did not count."""
         failures = range(len(self.known.failed))
         others = np.array([self.experiment(k) != experiment for k in failures])
-        return _volume(_retreated(self._largest(others), RETREAT))
+        return _volume(_retreated(self._largest(others), self.settings.retreat))
 
     def _largest(self, counted: Flags | None = None) -> Array:
         """The largest box that leaves out every failure, or those that are `counted`."""
@@ -278,7 +296,7 @@ class _Search:
         valid = np.array(self.known.valid)
         middle = np.abs(valid - 0.5).max(axis=1)
         seeds = [valid[int(np.argmin(middle))]]
-        while len(seeds) < min(SEEDS, len(valid)):
+        while len(seeds) < min(self.settings.seeds, len(valid)):
             apart = np.min([np.abs(valid - s).max(axis=1) for s in seeds], axis=0)
             seeds.append(valid[int(np.argmax(apart))])
         boxes = [largest_box(failed, s) for s in seeds]
@@ -307,7 +325,7 @@ def _retreated(box: Array, retreat: float) -> Array:
     return np.stack([low, high], axis=1)
 
 
-def largest_box(failed: Array, seed: Array) -> Array:
+def largest_box(failed: Array, seed: Array, settings: BoxSettings = BOX) -> Array:
     """The largest box of the unit cube that holds the seed (n,) and no failure (F, n) inside.
 
     Best-first search: a box that holds a failure is cut on one of the sides between that failure
@@ -334,7 +352,7 @@ def largest_box(failed: Array, seed: Array) -> Array:
             cut[k, 1 if point[k] > seed[k] else 0] = point[k]
             count += 1
             children.append((-float(np.prod(np.diff(cut, axis=1))), count, cut))
-        if count > NODES:
+        if count > settings.nodes:
             heap = [min(children)]
         else:
             for child in children:

@@ -4,27 +4,254 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import pairwise, permutations
 from string import ascii_uppercase
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aleator.errors import InputsError, nearest
-from aleator.inference.criteria import Criteria
-from aleator.inference.fit import Fit
-from aleator.inference.leave_one_out import LeaveOneOut, leave_one_out, summed_error
-from aleator.inference.likelihood_ratio import LikelihoodRatio
-from aleator.inference.refit import refitted
-from aleator.laws.hyperparameter import has_prior
+from aleator.errors import ExperimentsError, InputsError, nearest
+from aleator.inference.fit import Fit, refitted
+from aleator.inference.information import BOUND
+from aleator.inference.model_choice import (
+    Criteria,
+    LeaveOneOut,
+    LikelihoodRatio,
+    leave_one_out,
+    summed_error,
+)
+from aleator.laws import Hyperparameter, Law, Mixture
+from aleator.laws.hyperparameter import has_prior, limits_of
+from aleator.observations.experiments import Experiments
+from aleator.observations.responses import Transform
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.tasks.ceiling import gap_of
 from aleator.tasks.identification import Identification
-from aleator.tasks.nested import Embedding, embedded
-from aleator.tasks.same_experiments import require_same_data
 from aleator.types import Array
+
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    """When values and laws of two models are the same; by judgement."""
+
+    same: float = 1e-9
+    """Relative difference up to which two measured values are one."""
+    agree: float = 0.02
+    """An experiment's log-density of one law may differ by that, by the surfaces of two models."""
+
+
+COMPARISON = ComparisonSettings()
+
+REMEDY = "compare models of the same table, with the same outcome, bounds and ids"
+
+
+def require_same_data(fits: Mapping[str, Fit], settings: ComparisonSettings = COMPARISON) -> None:
+    """Raise ExperimentsError that names the first difference between the data of two models.
+
+    Ids, transforms, the number of observations, measured values and bounds must be the same, in
+    the same order; conditions and the names of responses need not.
+    """
+    for (one, fit), (other, next_fit) in pairwise(fits.items()):
+        _require_same(one, fit.table, other, next_fit.table, settings)
+
+
+def _require_same(
+    one: str, a: Experiments, other: str, b: Experiments, settings: ComparisonSettings
+) -> None:
+    _require_same_ids(one, a, other, b)
+    _require_same_transforms(one, a, other, b)
+    seen, met = a.observations, b.observations
+    counts = [np.bincount(s.experiment, minlength=len(a.ids)) for s in (seen, met)]
+    if (differ := np.flatnonzero(counts[0] != counts[1])).size:
+        l = differ[0]
+        raise ExperimentsError(
+            f"experiment '{a.ids[l]}' has {counts[0][l]} observations in model '{one}' and "
+            f"{counts[1][l]} in model '{other}'",
+            REMEDY,
+        )
+    for end in ("lower", "upper"):
+        u, v = getattr(seen, end), getattr(met, end)
+        if (differ := np.flatnonzero(~np.isclose(u, v, rtol=settings.same, atol=0.0))).size:
+            k = differ[0]
+            raise ExperimentsError(
+                f"experiment '{a.ids[seen.experiment[k]]}', {_name(a, k)}: the {end} end is "
+                f"{u[k]:g} in model '{one}' and {v[k]:g} in model '{other}'",
+                REMEDY,
+            )
+
+
+def _require_same_ids(one: str, a: Experiments, other: str, b: Experiments) -> None:
+    for name, ids, stranger, others in ((one, a.ids, other, b.ids), (other, b.ids, one, a.ids)):
+        if lacking := sorted(set(ids) - set(others)):
+            raise ExperimentsError(
+                f"model '{name}' has the experiment '{lacking[0]}', which '{stranger}' has not",
+                REMEDY,
+            )
+    if a.ids != b.ids:
+        raise ExperimentsError(
+            f"models '{one}' and '{other}' have their experiments in another order",
+            "sort the rows of the two tables alike",
+        )
+
+
+def _require_same_transforms(one: str, a: Experiments, other: str, b: Experiments) -> None:
+    u, v = a.observations.responses, b.observations.responses
+    if len(u) != len(v):
+        raise ExperimentsError(
+            f"model '{one}' has {len(u)} responses and '{other}' has {len(v)}", REMEDY
+        )
+    for k, (first, second) in enumerate(zip(u, v, strict=True)):
+        if first.transform != second.transform:
+            logged = a if first.transform is Transform.LOG else b
+            raise ExperimentsError(
+                f"'{first.name}' has transform {first.transform} in model '{one}' and "
+                f"{second.transform} in '{other}': the likelihood is a density of y in one and of "
+                f"log y in the other, {_jacobian(logged, k):.6g} apart by the Jacobian alone",
+                "give both models the same transform",
+            )
+
+
+def _jacobian(table: Experiments, response: int) -> Array:
+    """sum log y of the values that were measured."""
+    seen = table.observations
+    measured = (seen.response == response) & (seen.lower == seen.upper)
+    return np.asarray(np.sum(seen.lower[measured]))
+
+
+def _name(table: Experiments, k: int) -> str:
+    seen = table.observations
+    return f"'{seen.names[seen.response[k]]}'"
+
+
+@dataclass(frozen=True, eq=False)
+class Embedding:
+    """The hyperparameters (K,) of a larger model at which it is the smaller one.
+
+    `source` (K,) is the one of the smaller model that each takes its value from, or -1 where it
+    has the value in `value` (K,). `df` are free in the larger model only, and of these
+    `on_boundary` lie on a limit.
+    """
+
+    source: Array
+    value: Array
+    df: int
+    on_boundary: int
+
+    def of(self, alpha: Array) -> Array:
+        """The larger model's alpha at the smaller one's."""
+        return np.where(self.source >= 0, alpha[self.source], self.value)
+
+
+def embedded(
+    smaller: Fit, larger: Fit, settings: ComparisonSettings = COMPARISON
+) -> Embedding | None:
+    """Where the larger model is the smaller one; None where it is not known to be.
+
+    The hyperparameters are matched by their names: a number in place of a free one, a constant in
+    place of a law whose scale may end at zero, no correlation, a formula with fewer terms. Laws
+    must be of one family, and every experiment must have the same log-likelihood there: other
+    simulators and other codings of covariates are found out by that. Cost: an evaluation.
+    """
+    if not _same_families(smaller.inputs.laws, larger.inputs.laws):
+        return None
+    found = matched(smaller.hyperparameters, larger.hyperparameters)
+    if found is None or found.df < 1:
+        return None
+    alpha = found.of(smaller.alpha)
+    lower, upper = limits_of(larger.hyperparameters)
+    if np.any((alpha < lower) | (alpha > upper)):
+        return None
+    gaps = larger.at(alpha).scored().each - smaller.scored().each
+    return found if np.all(np.abs(gaps) <= settings.agree) else None
+
+
+def _same_families(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> bool:
+    """Whether each law has the family that it has in the other model, or is a constant."""
+    return smaller.keys() == larger.keys() and all(
+        not law.scatters or _family(law) == _family(larger[name]) for name, law in smaller.items()
+    )
+
+
+def _family(law: Law) -> object:
+    """What two laws share that differ in their hyperparameters only."""
+    if isinstance(law, Mixture):
+        return [_family(component) for component in law.components]
+    own = {h.name for h in law.hyperparameters}
+    stated = [name for name in getattr(law, "__dataclass_fields__", ()) if name not in own]
+    return type(law), [_frozen(getattr(law, name)) for name in stated]
+
+
+def _frozen(value: object) -> object:
+    """A distribution of SciPy by its name and arguments; all else as it is."""
+    family = getattr(value, "dist", None)
+    return value if family is None else (family.name, value.args, value.kwds)  # type: ignore[attr-defined]
+
+
+def matched(
+    smaller: Sequence[Hyperparameter], larger: Sequence[Hyperparameter]
+) -> Embedding | None:
+    """The same by the names alone.
+
+    >>> from aleator.laws import Constant, Free, Inputs, Normal
+    >>> one = Inputs({"x": Constant(Free(0.0, 1.0))}).hyperparameters
+    >>> two = Inputs({"x": Normal(Free(0.0, 1.0), Free(0.0, 1.0))}).hyperparameters
+    >>> found = matched(one, two)
+    >>> found.of(np.array([0.3])).tolist(), found.df, found.on_boundary
+    ([0.3, 1e-06], 1, 1)
+    >>> matched(two, one) is None
+    True
+    """
+    known = {h.name: j for j, h in enumerate(smaller)}
+    sources, values, on_boundary = list[int](), list[float](), 0
+    for h in larger:
+        j = next((known[name] for name in _aliases(h.name) if name in known), -1)
+        value = _absent(h, known) if j < 0 else smaller[j].start
+        if value is None or not _reaches(h, None if j < 0 else smaller[j]):
+            return None
+        added = h.free and (j < 0 or not smaller[j].free)
+        on_boundary += added and _on_limit(h, value)
+        sources.append(j)
+        values.append(value)
+    if set(range(len(smaller))) - set(sources):
+        return None
+    df = sum(h.free for h in larger) - sum(h.free for h in smaller)
+    return Embedding(np.array(sources, dtype=np.intp), np.array(values), df, on_boundary)
+
+
+def _aliases(name: str) -> list[str]:
+    """What it is called where the parameter is a constant, and where it follows no covariate."""
+    bare = name.removesuffix("[Intercept]")
+    return [
+        *dict.fromkeys(
+            form.replace(".mean", old, 1) for form in (name, bare) for old in (".mean", ".value")
+        )
+    ]
+
+
+def _reaches(h: Hyperparameter, source: Hyperparameter | None) -> bool:
+    """Whether it can have the values of its source: a fixed one has one only."""
+    return source is None or h.free or (not source.free and source.start == h.start)
+
+
+def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
+    """The value at which it does nothing, or None where that is not known."""
+    parameter = h.name.partition(".")[0]
+    constant = any(name.startswith(f"{parameter}.value") for name in known)
+    further = parameter == "noise" and any(name.startswith("noise.") for name in known)
+    if h.log and (constant or further):
+        return h.lower
+    term = h.name.endswith("]") and any(name.startswith(f"{parameter}.") for name in known)
+    if parameter == "correlation" or (term and not h.log):
+        return 0.0 if h.lower <= 0.0 <= h.upper else None
+    return None
+
+
+def _on_limit(h: Hyperparameter, value: float) -> bool:
+    margin = BOUND * (h.upper - h.lower)
+    return value <= h.lower + margin or value >= h.upper - margin
+
 
 RATIO = ("smaller", "larger", "ratio", "df", "reference", "p", "bootstrap_p", "replicates")
 """The columns of likelihood ratios."""
@@ -149,7 +376,7 @@ def compare(
 
     Models given by keyword have that name, the others are A, B, and so on. AIC, AICc and BIC come
     from the maximum of the likelihood; the predictive log-likelihood from leaving out each
-    experiment in turn (`aleator.inference.leave_one_out`). A likelihood ratio is taken where one
+    experiment in turn (`aleator.inference.model_choice`). A likelihood ratio is taken where one
     model is found to be a special case of another, and for the pairs (smaller, larger) in `nested`.
     `bootstrap` is the number of data sets drawn under the smaller model of each such pair, by which
     the ratio is judged too; `seed` is theirs. With `ceilings` the best possible law of each model
@@ -176,24 +403,35 @@ def compare(
     >>> found.nested()[["smaller", "larger", "df", "reference"]].to_dict("records")
     [{'smaller': 'alike', 'larger': 'scattered', 'df': 1, 'reference': '1/2 chi2(0) + 1/2 chi2(1)'}]
     """
-    told = progress or Silent()
     models = {**_lettered(found, named), **named}
     _check(models, nested, bootstrap)
     fits = {name: model.fit for name, model in models.items()}
-    require_same_data(fits)
+    verdicts = {name: (model.sound, model.consistent) for name, model in models.items()}
+    return compared(fits, verdicts, nested, bootstrap, ceilings, seed, progress or Silent())
+
+
+def compared(
+    fits: Mapping[str, Fit],
+    verdicts: Mapping[str, tuple[bool, bool | None]],
+    nested: Sequence[tuple[str, str]],
+    bootstrap: int,
+    ceilings: bool,
+    seed: int,
+    told: Progress,
+    settings: ComparisonSettings = COMPARISON,
+) -> Comparison:
+    """The comparison of fits; each has the verdicts sound and consistent, which it shows."""
+    require_same_data(fits, settings=settings)
     competitors = []
     for name, fit in fits.items():
         told.stage(f"{name}: leave one out")
         left_out = leave_one_out(fit, told)
-        model = models[name]
         gap = float("nan")
         if ceilings:
             told.stage("best possible law")
             gap = _below_ceiling(fit, seed)
-        competitors.append(
-            Competitor(name, model.sound, model.consistent, criteria(fit), left_out, gap)
-        )
-    pairs = _pairs(fits, nested)
+        competitors.append(Competitor(name, *verdicts[name], criteria(fit), left_out, gap))
+    pairs = _pairs(fits, nested, settings)
     ratios = []
     for (small, large), found_in in pairs.items():
         told.stage(f"{small} in {large}: likelihood ratio")
@@ -248,12 +486,12 @@ def _check(
 
 
 def _pairs(
-    fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]]
+    fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]], settings: ComparisonSettings
 ) -> dict[tuple[str, str], Embedding | None]:
     """The pairs (smaller, larger), and where the smaller lies in the larger if that is known."""
     found: dict[tuple[str, str], Embedding | None] = {}
     for small, large in permutations(fits, 2):
-        place = embedded(fits[small], fits[large])
+        place = embedded(fits[small], fits[large], settings=settings)
         if place is not None or (small, large) in nested:
             found[small, large] = place
     for small, large in nested:

@@ -7,19 +7,26 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from aleator.inference.consistency.battery import SAME, SCATTER, SHAPES, Battery
+from aleator.inference.consistency.battery import (
+    RELATED,
+    SAME,
+    SCATTER,
+    SHAPES,
+    Battery,
+    apart,
+    points_of,
+    residuals_of,
+)
 from aleator.inference.consistency.columns import (
-    LEVELS,
+    COLUMNS,
     ORDER,
     RESPONSE,
+    classes_of,
     columns_of,
+    copies_of,
     without_order,
 )
-from aleator.inference.consistency.copies import classes_of, copies_of
-from aleator.inference.consistency.judged import Judged, judged, replicated
-from aleator.inference.consistency.outliers import outliers_of
-from aleator.inference.consistency.relations import RELATED, apart
-from aleator.inference.consistency.residuals import points_of, residuals_of
+from aleator.inference.consistency.judged import Judgement, judged, outliers_of, replicated
 from aleator.inference.consistency.sentences import told
 from aleator.inference.fit import Fit
 from aleator.observations.experiments import Experiments
@@ -88,7 +95,7 @@ def consistency_of(
     against = sorted((t for t in found.tests if t.corrected < LEVEL), key=lambda t: t.corrected)
     within = {column.name for column in columns if not column.own} - {RESPONSE, ORDER}
     # of many values, or classes of the outcome, which neither the simulator nor a law takes
-    measured = {column.name for column in columns if column.count > LEVELS}
+    measured = {column.name for column in columns if column.count > COLUMNS.levels}
     measured = (measured | classes_of(columns, table.observations)) - {ORDER, *asked}
     return Consistency(
         found.together >= LEVEL,
@@ -128,7 +135,7 @@ def _scattering(fit: Fit) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]
 
 def _enough(
     battery: Battery, statistics: Array, source: Iterator[Array], most: int, progress: Progress
-) -> Judged | None:
+) -> Judgement | None:
     replicates: list[Array] = []
     exists, made, found = np.isfinite(statistics), 0, None
     for stage, low, high in STAGES:

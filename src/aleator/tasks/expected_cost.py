@@ -16,7 +16,7 @@ from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import few_runs, first_runs
-from aleator.tasks.first_look import Plan
+from aleator.tasks.first_look import LookPlan
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -50,7 +50,7 @@ def expected_cost(
     propagation: ResponseSurface | Collocation,
     density: Density | None,
     verification: Check,
-    plan: Plan,
+    plan: LookPlan,
 ) -> Cost | None:
     """How many runs `identify` will make; None where it says nothing beforehand (collocation).
 

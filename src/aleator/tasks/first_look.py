@@ -8,34 +8,108 @@ from itertools import product
 
 import numpy as np
 
+from aleator.errors import SimulatorError
 from aleator.fit.regions import first_region
 from aleator.laws.inputs import Inputs
 from aleator.observations.errors import MeasurementErrors, Noise
-from aleator.observations.experiments import Experiments, covariates
+from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.surrogates.responses import moving_parameters
-from aleator.tasks.single import of_values
 from aleator.types import Array, Flags, Indices
-
-LEVELS = 5
-"""Values of each parameter, the others in the middle of the region."""
-CORNERS = 4
-"""Parameters of which every corner of the region is run; of more as many corners, at random."""
-RUNS = 500
-"""Runs that are made for some of the conditions where all would take more, or long."""
-FEWEST = 3
-"""Conditions that are looked at, at least."""
-MOST_FAILED = 0.9
-"""Share of failed runs at which there is nothing to look at."""
-SURE = 3.0
-"""Standard deviations of the noise by which a measured value may lie beyond what is reached."""
-NOTHING = 1e-6
-"""Share of all that an outcome moves below which a parameter has no influence."""
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class SingleValues:
+    """One value of a unit each, under a name of its own; `owner` is the id of its experiment.
+
+    `unit`, `column` (V,) say which value of which unit of the runner each is.
+    """
+
+    runner: Runner
+    ids: tuple[str, ...]
+    owner: tuple[str, ...]
+    unit: Indices
+    column: Indices
+
+    def __call__(self, index: Indices, x: Array) -> Array:
+        """Values `index` (R,) at parameters x (R, n); raises SimulatorError where a run failed."""
+        whole = self.runner.values(self.unit[index], x)
+        found = np.asarray(whole[np.arange(len(whole)), self.column[index]])
+        lost = np.flatnonzero(np.isnan(found))
+        if lost.size:
+            why = self.runner.failures.failures
+            reason = next(iter(why.values())).message if why else "no value"
+            raise SimulatorError(
+                f"a run failed for {self.ids[index[lost[0]]]}: {reason}",
+                "let `aleator box STUDY.toml` find where every run works",
+            )
+        return found
+
+
+def of_values(runner: Runner, table: Experiments | Conditions) -> SingleValues:
+    """Every observation of a table, named by experiment, row and response."""
+    seen = table.observations
+    several = np.bincount(table.experiment, minlength=len(table.ids)) > 1
+    place = _places(table.experiment)
+    names = [
+        _name(
+            table.ids[l],
+            int(place[row]) + 1 if several[l] else None,
+            seen.responses[k].name if len(seen.responses) > 1 else None,
+        )
+        for l, row, k in zip(seen.experiment, seen.row, seen.response, strict=True)
+    ]
+    owner = tuple(table.ids[l] for l in seen.experiment)
+    return SingleValues(runner, tuple(names), owner, runner.unit, runner.column)
+
+
+def one_each(runner: Runner) -> bool:
+    """Whether each run serves an experiment and gives one value: nothing to be told apart."""
+    return runner.units == len(runner.ids) and bool(
+        np.array_equal(runner.unit, np.arange(runner.units))
+    )
+
+
+def _places(experiment: Indices) -> Indices:
+    """Where each row stands in its experiment, from 0."""
+    order = np.argsort(experiment, kind="stable")
+    sizes = np.bincount(experiment)
+    place = np.empty(len(experiment), dtype=np.intp)
+    place[order] = np.arange(len(experiment)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return place
+
+
+def _name(owner: str, row: int | None, response: str | None) -> str:
+    parts = [owner, *([f"row {row}"] if row else []), *([response] if response else [])]
+    return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class LookSettings:
+    """The first runs of a study; by judgement."""
+
+    levels: int = 5
+    """Values of each parameter, the others in the middle of the region."""
+    corners: int = 4
+    """Parameters of which every corner of the region is run; of more as many corners, at random."""
+    runs: int = 500
+    """Runs that are made for some of the conditions where all would take more, or long."""
+    fewest: int = 3
+    """Conditions that are looked at, at least."""
+    most_failed: float = 0.9
+    """Share of failed runs at which there is nothing to look at."""
+    sure: float = 3.0
+    """Standard deviations of the noise by which a measured value may lie beyond what is reached."""
+    nothing: float = 1e-6
+    """Share of all that an outcome moves below which a parameter has no influence."""
+
+
+LOOK = LookSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class LookPlan:
     """What is to be run: P points x (P, n) of the region (n, 2), under the conditions `cases`.
 
     `moving` are the parameters whose region has a width; `star[j]` (LEVELS,) are the points at
@@ -68,7 +142,7 @@ class Look:
     why the first of them failed.
     """
 
-    plan: Plan
+    plan: LookPlan
     ids: tuple[str, ...]
     owner: tuple[str, ...]
     response: tuple[str, ...]
@@ -81,6 +155,7 @@ class Look:
     failed: int
     fault: str
     looked_at: int
+    settings: LookSettings = LOOK
 
     @property
     def reached(self) -> Array:
@@ -117,12 +192,16 @@ class Look:
     def without_influence(self) -> Flags:
         """(n',) which moving parameters move no outcome."""
         low, high = self.reached.T
-        size = NOTHING * np.maximum(np.abs(high), 1e-300)
-        least = np.where(high > low, NOTHING * high - NOTHING * low, size)
+        size = self.settings.nothing * np.maximum(np.abs(high), 1e-300)
+        least = np.where(
+            high > low, self.settings.nothing * high - self.settings.nothing * low, size
+        )
         return np.asarray(np.all(~(self.swing > least[:, None]), axis=0))
 
 
-def planned_look(runner: Runner, table: Experiments, inputs: Inputs) -> Plan:
+def planned_look(
+    runner: Runner, table: Experiments, inputs: Inputs, settings: LookSettings = LOOK
+) -> LookPlan:
     """The few points at which a study is looked at first, and the conditions.
 
     One after the other each parameter takes five values over the region, the others in its middle;
@@ -134,19 +213,20 @@ def planned_look(runner: Runner, table: Experiments, inputs: Inputs) -> Plan:
         inputs = inputs.resolved(covariates(table, inputs.covariates))
     region = first_region(inputs, inputs.hyperparameters, len(table.ids))
     moving = moving_parameters(region)
-    x, star = _points(region, moving)
-    return Plan(
+    x, star = _points(region, moving, settings)
+    return LookPlan(
         inputs.names, region, moving, x, star,
-        _chosen(runner, table, RUNS // len(x)), len(runner.cases),
+        _chosen(runner, table, settings.runs // len(x), settings), len(runner.cases),
     )  # fmt: skip
 
 
 def first_look(
     runner: Runner,
     table: Experiments,
-    plan: Plan,
+    plan: LookPlan,
     noise: Noise | Mapping[str, Noise] | None = None,
     progress: Progress | None = None,
+    settings: LookSettings = LOOK,
 ) -> Look:
     """Make the runs of a plan; of a simulator that takes arrays those of all other conditions too.
 
@@ -154,10 +234,10 @@ def first_look(
     """
     progress = progress or Silent()
     cases = plan.cases
-    values = _run(runner, cases, plan.x, progress)
+    values = _run(runner, cases, plan.x, progress, settings)
     rest = np.setdiff1d(np.arange(plan.count), cases)
     if rest.size and runner.vectorized:
-        values |= _run(runner, rest, plan.x, progress)
+        values |= _run(runner, rest, plan.x, progress, settings)
     single, seen = of_values(runner, table), table.observations
     case = runner.cases.condition[single.unit]
     there = np.flatnonzero([int(c) in values for c in case])
@@ -171,7 +251,7 @@ def first_look(
         tuple(names[seen.response[k]] for k in there),
         seen.lower[there],
         seen.upper[there],
-        np.zeros(len(there)) if noise is None else _margin(table, noise, there, outcome),
+        np.zeros(len(there)) if noise is None else _margin(table, noise, there, outcome, settings),
         outcome,
         runner.seconds,
         len(runner.completed) + len(runner.failures),
@@ -182,7 +262,11 @@ def first_look(
 
 
 def _margin(
-    table: Experiments, noise: Noise | Mapping[str, Noise], there: Indices, outcome: Array
+    table: Experiments,
+    noise: Noise | Mapping[str, Noise],
+    there: Indices,
+    outcome: Array,
+    settings: LookSettings,
 ) -> Array:
     """Three standard deviations of the noise of these observations, in the middle of its limits."""
     errors = MeasurementErrors.of(noise, table)
@@ -190,14 +274,14 @@ def _margin(
     eta = np.zeros((len(table.observations), 1))
     with np.errstate(all="ignore"):
         eta[there, 0] = np.nan_to_num(np.fmax.reduce(outcome, axis=1))
-    return np.asarray(SURE * errors.scale(values, eta, slice(0, len(eta)))[there, 0])
+    return np.asarray(settings.sure * errors.scale(values, eta, slice(0, len(eta)))[there, 0])
 
 
-def _points(region: Array, moving: Indices) -> tuple[Array, Indices]:
+def _points(region: Array, moving: Indices, settings: LookSettings) -> tuple[Array, Indices]:
     """The points (P, n), the middle first, and where those of each parameter's own stand."""
     middle = region.mean(axis=1)
-    shares = np.linspace(0.0, 1.0, LEVELS)
-    points, star = [middle], np.zeros((len(moving), LEVELS), dtype=np.intp)
+    shares = np.linspace(0.0, 1.0, settings.levels)
+    points, star = [middle], np.zeros((len(moving), settings.levels), dtype=np.intp)
     for j, i in enumerate(moving):
         for k, share in enumerate(shares.tolist()):
             if share != 0.5:
@@ -205,21 +289,21 @@ def _points(region: Array, moving: Indices) -> tuple[Array, Indices]:
                 points.append(middle.copy())
                 points[-1][i] = region[i, 0] + share * (region[i, 1] - region[i, 0])
     if len(moving) > 1:
-        for corner in _corners(len(moving)):
+        for corner in _corners(len(moving), settings):
             points.append(middle.copy())
             points[-1][moving] = region[moving, corner]
     return np.array(points), star
 
 
-def _corners(n: int) -> list[Indices]:
+def _corners(n: int, settings: LookSettings) -> list[Indices]:
     """Which end of each of n parameters, of every corner or of sixteen."""
-    if n <= CORNERS:
+    if n <= settings.corners:
         return [np.array(ends) for ends in product((0, 1), repeat=n)]
-    some = np.random.default_rng(0).integers(0, 2, (2 ** (CORNERS - 1), n))
+    some = np.random.default_rng(0).integers(0, 2, (2 ** (settings.corners - 1), n))
     return [*some, *(1 - some)]
 
 
-def _chosen(runner: Runner, table: Experiments, most: int) -> Indices:
+def _chosen(runner: Runner, table: Experiments, most: int, settings: LookSettings) -> Indices:
     """The conditions that are looked at, at most so many, evenly over the measured values."""
     count, seen = len(runner.cases), table.observations
     if count <= most:
@@ -228,13 +312,15 @@ def _chosen(runner: Runner, table: Experiments, most: int) -> Indices:
     value = np.full(count, np.nan)
     value[runner.cases.condition[runner.unit]] = measured
     order = np.argsort(value, kind="stable")
-    some = np.linspace(0, count - 1, max(most, FEWEST)).round().astype(np.intp)
+    some = np.linspace(0, count - 1, max(most, settings.fewest)).round().astype(np.intp)
     return np.sort(order[np.unique(some)])
 
 
-def _run(runner: Runner, cases: Indices, x: Array, progress: Progress) -> dict[int, Array]:
+def _run(
+    runner: Runner, cases: Indices, x: Array, progress: Progress, settings: LookSettings
+) -> dict[int, Array]:
     """The values (P, W) of each of these conditions."""
     progress.update(f"{len(cases) * len(x)} runs under {len(cases)} conditions")
     units = np.repeat(runner.cases.first[cases], len(x))
-    found = runner.values(units, np.tile(x, (len(cases), 1)), MOST_FAILED)
+    found = runner.values(units, np.tile(x, (len(cases), 1)), settings.most_failed)
     return dict(zip(cases.tolist(), found.reshape(len(cases), len(x), -1), strict=True))

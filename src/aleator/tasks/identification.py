@@ -1,34 +1,44 @@
-"""The answer of `identify`: its values, and what can be asked of it."""
+"""The answer of `identify`: its values, what can be asked of it, and how it is read from a file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from aleator.inference.decisions.alpha_draws import DRAWS, WIDE, AlphaDraws, alpha_draws
+from aleator.errors import InputsError
+from aleator.fit.question import DEFAULT_PROPAGATION
+from aleator.inference.alpha_draws import DRAWS, WIDE, AlphaDraws, alpha_draws, estimated
 from aleator.inference.fit import Fit
 from aleator.laws import Hyperparameter
-from aleator.observations.experiments import Conditions
+from aleator.laws.inputs import Inputs
+from aleator.observations.errors import Noise
+from aleator.observations.experiments import Conditions, Experiments
 from aleator.progress import Progress
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
+from aleator.results.schema import read_answer
 from aleator.results.values import QUANTILES, in_order
-from aleator.tasks.decide.known import estimated
+from aleator.simulators import Runner, Simulator, as_simulator
+from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.limits import Tolerance, limits
-from aleator.tasks.decide.probability import probabilities
-from aleator.tasks.decide.question import events_asked, responses_asked
-from aleator.tasks.decide.simulator_check import CHECKS
+from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
+from aleator.tasks.decide.sample import CHECKS
 from aleator.tasks.pictures import pictured
-from aleator.tasks.session import OutcomeSession, Session, kept, missing
+from aleator.tasks.session import Runners, Session, kept, missing, runners, runners_like
 
-NO_SESSION = OutcomeSession(None, None, None)
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
+
+NO_SESSION = Session()
+"""That of an identification that was read from a file, with nothing given again."""
 
 
 class Report(Protocol):
@@ -164,7 +174,7 @@ class Identification(Result):
         Raises AleatorError where the identification was read from a file without the simulator.
         """
         return self.session.predict(
-            conditions, self._taken(uncertainty), self.transform, quantiles, progress, of, noise
+            conditions, self._taken(uncertainty), quantiles, progress, of, noise
         )
 
     def probability(
@@ -198,7 +208,7 @@ class Identification(Result):
         Raises InputsError unless one event of one response is asked for, AleatorError as `predict`.
         """
         draws = self._taken(uncertainty)
-        ground = self.session.ground(conditions, draws.estimate, self.transform, of, noise)
+        ground = self.session.ground(conditions, draws.estimate, of, noise)
         events = events_asked(ground, response, above, below, between)
         return probabilities(ground, draws, events, checks, progress)
 
@@ -223,7 +233,7 @@ class Identification(Result):
         for a share that is not between 0 and 1, AleatorError as `predict`.
         """
         draws, asked = self._taken(uncertainty), Tolerance(content, confidence, side)
-        ground = self.session.ground(conditions, draws.estimate, self.transform, of, noise)
+        ground = self.session.ground(conditions, draws.estimate, of, noise)
         which = np.flatnonzero(np.isin(ground.seen.response, responses_asked(ground, response)))
         return limits(ground, draws, asked, which, progress)
 
@@ -259,3 +269,64 @@ class Identification(Result):
         above = import_module("aleator.views.page")
         made: Report = above.report_of(whole.to_dict())
         return made
+
+
+def load(
+    path: str | Path,
+    *,
+    simulator: Callable[..., Any] | Simulator | None = None,
+    inputs: Inputs | None = None,
+    vectorized: bool = False,
+    noise: Noise | Mapping[str, Noise] | None = None,
+    experiments: Experiments | None = None,
+    propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
+    density: Density | None = None,
+) -> Identification:
+    """Read an identification that `found.save` or the command `aleator identify` wrote.
+
+    All values come back as they were. What is no value is given again, as `identify` takes it:
+    `inputs` and `noise` for `found.law`, `simulator` as well for `found.predict`; the `experiments`
+    too for predictions of one that was measured, and where a law follows covariates. Raises
+    AleatorError that names the file and the key where it is no identification, InputsError where
+    the inputs and the noise have other hyperparameters than those that were identified.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import pandas as pd
+    >>> from aleator import Free, Check, Normal, identify
+    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    >>> found = identify(lambda load, x: load * x, table, law, outcome="y",
+    ...                  verification=Check(0))
+    >>> with TemporaryDirectory() as folder:
+    ...     found.save(f"{folder}/found.json")
+    ...     again = load(f"{folder}/found.json", inputs=law)
+    >>> again == found, again.law.marginals["x"].mean
+    (True, 1.031)
+    """
+    found = Identification.from_document(read_answer(path))
+    if inputs is None:
+        return found
+    runner = None
+    if simulator is not None:
+        runner = _runners(found, as_simulator(simulator, vectorized), inputs, experiments)
+    session = Session.again(found, path, inputs, noise, experiments, propagation, density, runner)
+    try:
+        in_order(found.alpha, session.hyperparameters)
+    except InputsError as error:
+        raise InputsError(
+            f"{path} was identified with other inputs or another noise: {error.problem}",
+            "give those of the identification",
+        ) from None
+    return replace(found, session=session)
+
+
+def _runners(
+    found: Identification, simulator: Simulator, inputs: Inputs, experiments: Experiments | None
+) -> Runners:
+    """What makes runs with the simulator, which gets arrays of what varied within experiments."""
+    if not found.observations:
+        return runners(simulator, inputs.names)
+    if experiments is not None:
+        return runners_like(Runner(simulator, experiments, inputs.names), experiments)
+    varying = {name for entry in found.observations for name in entry.conditions}
+    return lambda asked: Runner(simulator, asked, inputs.names, varying=varying)

@@ -15,6 +15,7 @@ from aleator.fit.ledger import Ledger, spend
 from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
 from aleator.fit.result import result_of
 from aleator.inference.check import Check
+from aleator.inference.fit import Fit
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
 from aleator.observations.errors import Noise
@@ -24,13 +25,10 @@ from aleator.results.units import checked_units
 from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.ceiling.quick import best_possible
+from aleator.tasks.ceiling import best_possible
 from aleator.tasks.consistency import consistency_of
 from aleator.tasks.identification import Identification
-from aleator.tasks.individual.fit import IndividualFit
-from aleator.tasks.individual.session import IndividualSession, runners
-from aleator.tasks.outcome_fit import OutcomeFit
-from aleator.tasks.session import OutcomeSession, Session
+from aleator.tasks.session import Session
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -106,7 +104,7 @@ def identify(
     choices.require_enough()
     answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
     result = result_of(answer, table, verification, ledger)
-    found = Identification.of(replace(result, units=shown), session_of(answer, table))
+    found = Identification.of(replace(result, units=shown), _session(answer, table))
     return _judged(found, (*runner.asked, *inputs.covariates), consistency, best_law, ledger)
 
 
@@ -153,23 +151,20 @@ def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -
     return Experiments.from_frame(experiments, outcome=outcome)
 
 
-def session_of(answer: Answer, table: Experiments) -> Session:
+def _session(answer: Answer, table: Experiments) -> Session:
+    """What the answer was made with, for what is asked of it later."""
     certain = answer.certain
-    end, question = certain.settled, certain.refined.question
-    likelihood = end.likelihood
-    if isinstance(likelihood, Problem):
-        return OutcomeSession(
-            likelihood.model,
-            question.runner.simulator,
-            OutcomeFit(likelihood, end.alpha, certain.inference, table),
-        )
-    return IndividualSession(
-        likelihood.inputs,
-        question.choices.noise,
-        table.observations.responses,
-        table,
-        runners(question.runner, table),
-        IndividualFit(likelihood, end.alpha, certain.inference, question.table, end.coarse.rule),
-        certain.refined.surfaces is None,
-        question.choices.surfaces,
+    question, end = certain.refined.question, certain.settled
+    if isinstance(end.likelihood, Problem):
+        fit = Fit.of_outcomes(end.likelihood, end.alpha, certain.inference, table)
+        return Session.of_outcomes(end.likelihood.model, question.runner.simulator, fit)
+    assert end.coarse is not None
+    assert question.choices.noise is not None
+    assert question.choices.surfaces is not None
+    fit = Fit.of_individuals(
+        end.likelihood, end.alpha, certain.inference, question.table, end.coarse.rule
     )
+    return Session.of_individuals(
+        end.likelihood.inputs, question.choices.noise, table, question.runner, fit,
+        certain.refined.surfaces is None, question.choices.surfaces,
+    )  # fmt: skip

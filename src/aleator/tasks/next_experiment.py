@@ -2,35 +2,168 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aleator.errors import InputsError
+from aleator.errors import InputsError, nearest
 from aleator.inference.design import (
-    Choice,
-    Plan,
+    ChosenSet,
+    DesignPlan,
     Scores,
     chosen,
     expected_scores,
     possible_laws,
+    probability_gradients,
+    quantile_gradients,
     repetitions,
 )
 from aleator.inference.fit import Fit
-from aleator.observations.experiments import Conditions, unmeasured
+from aleator.laws import Hyperparameter
+from aleator.observations.experiments import Conditions, Experiments, unmeasured
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.results.printed import number
+from aleator.results.values import Estimate
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
-from aleator.tasks.session import Session
-from aleator.tasks.wanted import Predicted, Wanted
-from aleator.types import Array
+from aleator.types import Array, Indices
 
-SEED = 11
+ALL = "all"
+"""All hyperparameters together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """A quantile of what would be measured under some conditions, or the probability of a limit.
+
+    Give one of `quantile`, a probability, and `below` or `above`, a limit in the outcome's unit.
+    Raises InputsError for none or several of them, and a probability outside (0, 1).
+
+    >>> Predicted(pd.DataFrame({"load": [3.0]}), quantile=0.99).name
+    'the quantile 0.99'
+    """
+
+    conditions: Conditions | pd.DataFrame
+    quantile: float | None = None
+    below: float | None = None
+    above: float | None = None
+
+    def __post_init__(self) -> None:
+        given = [name for name in ("quantile", "below", "above") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise InputsError(
+                f"a prediction says {' and '.join(given) or 'neither quantile nor limit'}",
+                "give one of quantile, below and above",
+            )
+        if self.quantile is not None and not 0.0 < self.quantile < 1.0:
+            raise InputsError(f"quantile {self.quantile}", "choose a probability between 0 and 1")
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        if self.quantile is not None:
+            return f"the quantile {self.quantile:g}"
+        side, limit = ("below", self.below) if self.above is None else ("above", self.above)
+        return f"the probability {side} {limit:g}"
+
+    def gradients(self, scores: Scores, fit: Fit) -> Array:
+        """d/dalpha (G, K) at the conditions that the scores are of."""
+        if scores.outcomes is None:
+            raise InputsError(
+                f"{self.name}: the conditions have several observations an experiment",
+                "give each row an id of its own, and predict one response",
+            )
+        if self.quantile is not None:
+            return quantile_gradients(scores, self.quantile)[1]
+        limit = self.below if self.above is None else self.above
+        scale = fit.table.transform
+        if (fault := scale.fault(float(limit or 0.0))) != "":
+            raise InputsError(f"{self.name}: {fault}", "choose a limit above zero")
+        return probability_gradients(scores, float(scale(limit or 0.0)))[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """What is to be known better, and for which alpha (K,) experiments are planned.
+
+    `moving` (F,) are the hyperparameters that are not known, `target` the place among them of the
+    one that is asked for, if one is. `moved` has the values of those that ended on a limit and
+    are planned for elsewhere: on it, no experiment would tell anything of them.
+    """
+
+    name: str
+    alpha: Array
+    moving: Indices
+    target: int | None
+    predicted: Predicted | None
+    moved: Mapping[str, float]
+
+    @classmethod
+    def of(cls, about: str | Predicted | None, estimates: Mapping[str, Estimate], fit: Fit) -> Aim:
+        """What `about` says; None is the standard deviation that is least known for its size.
+
+        Raises InputsError for a name that is unknown or fixed.
+        """
+        names = [h.name for h in fit.hyperparameters]
+        alpha, moving = fit.alpha.copy(), fit.inference.free
+        if isinstance(about, Predicted):
+            return cls(about.name, alpha, moving, None, about, {})
+        about = about or _weakest(fit)
+        if about == ALL:
+            return cls("all hyperparameters", alpha, moving, None, None, {})
+        require_free(about, fit.hyperparameters)
+        k, moved = names.index(about), dict[str, float]()
+        if k not in moving:
+            alpha[k] = _elsewhere(estimates, fit, k)
+            moving, moved = np.sort(np.append(moving, k)), {about: float(alpha[k])}
+        return cls(about, alpha, moving, int(np.searchsorted(moving, k)), None, moved)
+
+    def observed(self, fit: Fit) -> Array:
+        """The information (F, F) of the experiments that were made about what is moving."""
+        place = np.searchsorted(fit.inference.identified, self.moving)
+        return np.asarray(fit.inference.information[np.ix_(place, place)])
+
+
+def require_free(about: str | None, hyperparameters: Sequence[Hyperparameter]) -> None:
+    """Raise InputsError for a name that is neither a free hyperparameter nor "all"."""
+    free = [h.name for h in hyperparameters if h.free]
+    if about is None or about == ALL or about in free:
+        return
+    fixed = about in [h.name for h in hyperparameters]
+    why = "is fixed" if fixed else f"is unknown{nearest(about, free)}"
+    raise InputsError(
+        f"the hyperparameter '{about}' {why}", f"name one of {', '.join(free)}, or all"
+    )
+
+
+def _weakest(fit: Fit) -> str:
+    """The standard deviation with the largest standard error for its size; all without any.
+
+    Of the laws; that of the errors only where no other is identified.
+    """
+    inference, hyperparameters = fit.inference, fit.hyperparameters
+    every = [k for k in inference.identified if hyperparameters[k].log]
+    scales = [k for k in every if k < fit.inputs.size] or every
+    if not scales:
+        return ALL
+    share = inference.standard_error[scales] / fit.alpha[scales]
+    largest = int(np.argmax(np.where(np.isnan(share), np.inf, share)))
+    return str(hyperparameters[scales[largest]].name)
+
+
+def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
+    """The end of the interval that is off the limit; without one, the start of the search."""
+    h = fit.hyperparameters[k]
+    interval = estimates[h.name].interval
+    if interval is None:
+        return h.start
+    side = fit.inference.at_bound[k]
+    end = interval[0] if side == "upper" else interval[1]
+    return float(end) if np.isfinite(end) and h.lower < end < h.upper else h.start
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +197,9 @@ class NextExperiments:
     planned_for: Mapping[str, float]
     hyperparameters: pd.DataFrame
     laws: int
-    runs: int
-    sound: bool
-    consistent: bool | None
+    runs: int = 0
+    sound: bool = True
+    consistent: bool | None = None
 
     def _repr_html_(self) -> str:
         """The chosen experiments in a notebook."""
@@ -163,41 +296,65 @@ def next_experiments(
     fit, session = found.fit, found.session
     conditions = _conditions(candidates, fit)
     require_enough_candidates(count, len(conditions.ids), repeat)
-    wanted = Wanted.of(about, found, fit)
-    every = possible_laws(wanted.alpha, fit.inference, fit.hyperparameters, laws)
-    rng = np.random.default_rng(SEED)
+    aim = Aim.of(about, found.alpha, fit)
     runner = simulator or session.runner_on(conditions)
     before = runner.runs
     progress.stage("candidates")
-    planned = session.fit_on(conditions, wanted.alpha, runner, progress)
-    scores = [_scores(planned.at(one), wanted, rng, progress) for one in every]
-    again = _scores(fit.at(wanted.alpha), wanted, rng, progress).information.sum(axis=0)
-    present = again if wanted.moved or not fit.inference.positive else wanted.observed(fit)
-    plan = Plan(
+    offered = session.fit_on(conditions, aim.alpha, runner, progress)
+    predicted = None
+    if aim.predicted is not None:
+        there = _conditions(aim.predicted.conditions, fit)
+        predicted = session.fit_on(there, aim.alpha, session.runner_on(there), progress)
+        # what is predicted has no limit of a test
+        predicted = predicted.seeing(unmeasured(there))
+    made = planned(fit, offered, predicted, aim, count, repeat, laws, progress)
+    runs = runner.runs - before
+    return replace(made, runs=runs, sound=found.sound, consistent=found.consistent)
+
+
+def planned(
+    fit: Fit,
+    offered: Fit,
+    predicted: Fit | None,
+    aim: Aim,
+    count: int,
+    repeat: int,
+    laws: int,
+    progress: Progress,
+    seed: int = 11,
+) -> NextExperiments:
+    """The best set of the experiments of the `offered` fit beside those of the fit that was made.
+
+    `predicted` is the fit of what is to be predicted, where that is the aim.
+    """
+    every = possible_laws(aim.alpha, fit.inference, fit.hyperparameters, laws)
+    rng = np.random.default_rng(seed)
+    scores = [_scores(offered.at(one), aim, rng, progress) for one in every]
+    again = _scores(fit.at(aim.alpha), aim, rng, progress).information.sum(axis=0)
+    present = again if aim.moved or not fit.inference.positive else aim.observed(fit)
+    plan = DesignPlan(
         np.broadcast_to(present, (len(every), *present.shape)),
         np.stack([part.information for part in scores]),
-        _directions(wanted, fit, session, every, rng, progress),
+        _directions(aim, fit, predicted, every, rng, progress),
     ).relative()
     choice = chosen(plan, count, repeat)
+    ids = offered.table.ids
     return NextExperiments(
-        about=wanted.name,
+        about=aim.name,
         relative=plan.directions is None or plan.directions.shape[1] > 1,
-        ids=conditions.ids,
-        conditions=_first_rows(conditions),
+        ids=ids,
+        conditions=_first_rows(offered.table),
         now=float(plan.standard_error(plan.present)),
         alone=_alone(plan),
         uncertain=_uncertain(plan, scores[0]),
-        chosen=tuple(conditions.ids[c] for c in choice.order),
+        chosen=tuple(ids[c] for c in choice.order),
         after=choice.after,
         ties=choice.ties,
         made=fit.count,
         repetitions=repetitions(plan, again, choice.after[-1]),
-        planned_for=wanted.moved,
-        hyperparameters=_hyperparameters(fit, wanted, plan, choice),
+        planned_for=aim.moved,
+        hyperparameters=_hyperparameters(fit, aim, plan, choice),
         laws=len(every),
-        runs=runner.runs - before,
-        sound=found.sound,
-        consistent=found.consistent,
     )
 
 
@@ -207,7 +364,7 @@ def _conditions(candidates: Conditions | pd.DataFrame, fit: Fit) -> Conditions:
     return Conditions.from_frame(candidates, responses=fit.table.observations.responses)
 
 
-def _first_rows(conditions: Conditions) -> pd.DataFrame:
+def _first_rows(conditions: Experiments) -> pd.DataFrame:
     """The conditions of each experiment, by its id; of several rows, of the first."""
     first = np.unique(conditions.experiment, return_index=True)[1]
     return conditions.conditions.iloc[first].set_axis(pd.Index(conditions.ids, name="id"))
@@ -224,41 +381,36 @@ def require_enough_candidates(count: int, candidates: int, repeat: int) -> None:
         )
 
 
-def _scores(fit: Fit, wanted: Wanted, rng: np.random.Generator, progress: Progress) -> Scores:
+def _scores(fit: Fit, aim: Aim, rng: np.random.Generator, progress: Progress) -> Scores:
     progress.stage("expected information")
-    return expected_scores(fit, rng, progress).of(wanted.moving)
+    return expected_scores(fit, rng, progress).of(aim.moving)
 
 
 def _directions(
-    wanted: Wanted,
+    aim: Aim,
     fit: Fit,
-    session: Session,
+    predicted: Fit | None,
     laws: Array,
     rng: np.random.Generator,
     progress: Progress,
 ) -> Array | None:
-    """Of what is wanted by the hyperparameters (A, G, F); None for all of these."""
-    if wanted.target is not None:
-        return np.tile(np.eye(wanted.moving.size)[wanted.target], (len(laws), 1, 1))
-    if wanted.predicted is None:
+    """Of what is to be known by the hyperparameters (A, G, F); None for all of these."""
+    if aim.target is not None:
+        return np.tile(np.eye(aim.moving.size)[aim.target], (len(laws), 1, 1))
+    if aim.predicted is None or predicted is None:
         return None
-    conditions = _conditions(wanted.predicted.conditions, fit)
-    runner = session.runner_on(conditions)
-    asked = session.fit_on(conditions, wanted.alpha, runner, progress)
-    # what is predicted has no limit of a test
-    asked = asked.seeing(unmeasured(conditions))
-    each = [_scores(asked.at(one), wanted, rng, progress) for one in laws]
-    return np.stack([wanted.predicted.gradients(part, fit) for part in each])
+    each = [_scores(predicted.at(one), aim, rng, progress) for one in laws]
+    return np.stack([aim.predicted.gradients(part, fit) for part in each])
 
 
-def _alone(plan: Plan) -> Array:
+def _alone(plan: DesignPlan) -> Array:
     """The standard error (C,) after each candidate; NaN where it cannot be computed."""
     lost = ~np.all(np.isfinite(plan.offered), axis=(0, 2, 3))
     found = plan.standard_error(plan.present[:, None] + plan.offered)
     return np.where(lost, np.nan, found)
 
 
-def _uncertain(plan: Plan, scores: Scores) -> Array:
+def _uncertain(plan: DesignPlan, scores: Scores) -> Array:
     """The Monte Carlo error (C,) of that for one direction and law, else zero.
 
     By the delta method: the variance d' V d moves by -(V d)' dI (V d).
@@ -273,9 +425,9 @@ def _uncertain(plan: Plan, scores: Scores) -> Array:
         return np.asarray(np.nan_to_num(scores.error(pulled) / (2.0 * error)))
 
 
-def _hyperparameters(fit: Fit, wanted: Wanted, plan: Plan, choice: Choice) -> pd.DataFrame:
+def _hyperparameters(fit: Fit, aim: Aim, plan: DesignPlan, choice: ChosenSet) -> pd.DataFrame:
     """The standard error of each now and after the set, by name."""
-    size = wanted.moving.size
+    size = aim.moving.size
     each = [replace(plan, directions=_unit(plan, k), unit=1.0) for k in range(size)]
     after = plan.present + plan.offered[:, list(choice.order)].sum(axis=1)
     return pd.DataFrame(
@@ -283,11 +435,11 @@ def _hyperparameters(fit: Fit, wanted: Wanted, plan: Plan, choice: Choice) -> pd
             "now": [float(one.standard_error(plan.present)) for one in each],
             "after": [float(one.standard_error(after)) for one in each],
         },
-        index=[fit.hyperparameters[k].name for k in wanted.moving],
+        index=[fit.hyperparameters[k].name for k in aim.moving],
     )
 
 
-def _unit(plan: Plan, k: int) -> Array:
+def _unit(plan: DesignPlan, k: int) -> Array:
     direction = np.zeros((len(plan.present), 1, plan.present.shape[-1]))
     direction[:, 0, k] = 1.0
     return direction

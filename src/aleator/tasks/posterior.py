@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +12,18 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import AleatorError, InputsError
-from aleator.inference.chains import SAMPLER, WARM_UP, Chains, installed, sampled
-from aleator.inference.convergence import LARGEST_R_HAT, LEAST_ESS, Convergence, convergence
 from aleator.inference.fit import Fit
-from aleator.inference.posterior import RealLine, scaled
+from aleator.inference.posterior import (
+    POSTERIOR,
+    SAMPLER,
+    Chains,
+    Convergence,
+    RealLine,
+    convergence,
+    installed,
+    sampled,
+    scaled,
+)
 from aleator.laws import mixture as classes
 from aleator.laws.inputs import drawn
 from aleator.progress import Progress, Silent
@@ -26,19 +34,27 @@ from aleator.types import Array
 if TYPE_CHECKING:
     from xarray import DataTree
 
-LOOKED_AT = 16
-"""Draws at which more nodes are tried, and whose laws are held against the region."""
-FEWEST = 10
-SHOWN = 0.2
-"""Seconds between two words to the progress."""
-MOST_KEPT = 20_000_000
-"""Log-densities of single experiments, of all draws together, that are exported."""
-BROKEN = 0.01
-"""Share of trajectories that broke off from where on it is told."""
-UNEVEN = 0.1
-"""Scatter of the nodes' error over the draws that is told, in log-likelihood."""
-OUTSIDE = 0.01
-"""Share of the laws that lies where simulated values are not known that is told."""
+
+@dataclass(frozen=True)
+class DrawnReportSettings:
+    """What is told of the draws of a posterior; by judgement."""
+
+    looked_at: int = 16
+    """Draws at which more nodes are tried, and whose laws are held against the region."""
+    fewest: int = 10
+    shown: float = 0.2
+    """Seconds between two words to the progress."""
+    most_kept: int = 20_000_000
+    """Log-densities of single experiments, of all draws together, that are exported."""
+    broken: float = 0.01
+    """Share of trajectories that broke off from where on it is told."""
+    uneven: float = 0.1
+    """Scatter of the nodes' error over the draws that is told, in log-likelihood."""
+    outside: float = 0.01
+    """Share of the laws that lies where simulated values are not known that is told."""
+
+
+REPORTED = DrawnReportSettings()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,7 +91,7 @@ class Posterior:
     seconds: float
     nodes_error: float
     outside: float
-    sound: bool
+    sound: bool = True
     consistent: bool | None = None
 
     def __repr__(self) -> str:
@@ -104,8 +120,8 @@ class Posterior:
         if self.converged:
             return f"Converged: {told}."
         return (
-            f"NOT converged: {told}, where below {LARGEST_R_HAT} and above {LEAST_ESS:.0f} are "
-            f"wanted. Take more draws: --draws {self._enough}."
+            f"NOT converged: {told}, where below {POSTERIOR.largest_r_hat} and above "
+            f"{POSTERIOR.least_ess:.0f} are wanted. Take more draws: --draws {self._enough}."
         )
 
     @property
@@ -123,18 +139,18 @@ class Posterior:
                 "The model is not consistent with the experiments, and a posterior of a wrong "
                 "model is as narrow as one of a right one: aleator identify says what is wrong."
             )
-        if broken > BROKEN:
+        if broken > REPORTED.broken:
             found.append(
                 f"{100 * broken:.1f} % of the trajectories broke off, at an end of the posterior "
                 "or where it is very curved: what lies there may be drawn too rarely. Compare with "
                 "the intervals of aleator identify."
             )
-        if self.nodes_error > UNEVEN:
+        if self.nodes_error > REPORTED.uneven:
             found.append(
                 f"More nodes change the log-likelihood by {self.nodes_error:.2g} more at some "
                 "draws than at others: the posterior is that of these nodes, and off by as much."
             )
-        if self.outside > OUTSIDE:
+        if self.outside > REPORTED.outside:
             found.append(
                 f"{100 * self.outside:.1f} % of the laws that were drawn lies beyond the region of "
                 "the surfaces, where these are held on. Narrow the limits, or give a prior."
@@ -188,7 +204,7 @@ class Posterior:
             },
         }
         outcome = _key(self.outcome)
-        if self.chains.each.size <= MOST_KEPT:
+        if self.chains.each.size <= REPORTED.most_kept:
             groups["log_likelihood"] = {outcome: self.chains.each}
         if self.fixed:
             groups["constant_data"] = {_key(n): np.array(v) for n, v in self.fixed.items()}
@@ -228,7 +244,7 @@ class Posterior:
             "experiments": len(self.ids),
             "chains": chains,
             "draws": draws,
-            "warm_up": WARM_UP,
+            "warm_up": POSTERIOR.warm_up,
             "evaluations": self.chains.evaluations,
             "divergent": int(np.sum(self.chains.divergent)),
             "nodes_error": self.nodes_error,
@@ -244,7 +260,7 @@ class Posterior:
     def _enough(self) -> int:
         """Draws of each chain that may do, by the effective sample size of these."""
         draws = self.draws.shape[1]
-        factor = max(2.0, 1.3 * LEAST_ESS / max(self.convergence.least, 1.0))
+        factor = max(2.0, 1.3 * POSTERIOR.least_ess / max(self.convergence.least, 1.0))
         return int(np.ceil(draws * min(factor, 100.0) / 100.0) * 100)
 
 
@@ -259,6 +275,7 @@ def posterior(
     chains: int = 4,
     seed: int = 0,
     progress: Progress | None = None,
+    settings: DrawnReportSettings = REPORTED,
 ) -> Posterior:
     """Draws from the posterior p(alpha | y) ~ L(alpha) p(alpha) of an identification.
 
@@ -281,23 +298,36 @@ def posterior(
     """
     for package in (SAMPLER, "arviz_stats"):
         installed(package)
-    _require(draws, chains)
-    fit, began = found.fit, time.perf_counter()
-    moving = fit.inference.identified
+    _require(draws, chains, settings)
+    made = sampled_posterior(
+        found.fit, draws, chains, seed, progress or Silent(), settings=settings
+    )
+    return replace(made, outcome=found.outcome, sound=found.sound, consistent=found.consistent)
+
+
+def sampled_posterior(
+    fit: Fit,
+    draws: int,
+    chains: int,
+    seed: int,
+    told: Progress,
+    settings: DrawnReportSettings = REPORTED,
+) -> Posterior:
+    """The posterior of a fit, of which no verdict is known."""
+    began, moving = time.perf_counter(), fit.inference.identified
     if not moving.size:
         raise InputsError(
             "nothing is identified: every hyperparameter is a number",
             "give one limits: Free(lower, upper), {lower = ..., upper = ...}",
         )
-    told = progress or Silent()
     told.stage("posterior")
-    density = RealLine(fit.honest(), fit.hyperparameters, fit.alpha, moving)
+    density = RealLine(fit.likelihood.honest(), fit.hyperparameters, fit.alpha, moving)
     scale = scaled(density, density.u_of(fit.alpha))
-    made = sampled(density, scale, draws, chains, seed, _listener(told))
+    made = sampled(density, scale, draws, chains, seed, _listener(told, settings))
     alphas = np.array([[_in_order(density.alpha_of(u), fit) for u in chain] for chain in made.u])
     own = alphas[:, :, moving]
     few = alphas.reshape(-1, alphas.shape[2])
-    few = few[np.linspace(0, len(few) - 1, LOOKED_AT).astype(np.intp)]
+    few = few[np.linspace(0, len(few) - 1, settings.looked_at).astype(np.intp)]
     names = [h.name for h in fit.hyperparameters]
     return Posterior(
         names=tuple(names[k] for k in moving),
@@ -308,29 +338,29 @@ def posterior(
         fixed={n: float(fit.alpha[k]) for k, n in enumerate(names) if k not in moving},
         priors=tuple(h.name for h in fit.hyperparameters if h.prior is not None),
         ids=tuple(fit.table.ids),
-        outcome=found.outcome,
+        outcome=fit.table.outcome_name,
         seed=seed,
         seconds=time.perf_counter() - began,
         nodes_error=_nodes_error(fit, few),
         outside=_outside(fit, few, seed),
-        sound=found.sound,
-        consistent=found.consistent,
     )
 
 
-def _require(draws: int, chains: int) -> None:
-    if draws < FEWEST:
-        raise InputsError(f"draws = {draws} are too few", f"take {FEWEST} at least, better 1000")
+def _require(draws: int, chains: int, settings: DrawnReportSettings) -> None:
+    if draws < settings.fewest:
+        raise InputsError(
+            f"draws = {draws} are too few", f"take {settings.fewest} at least, better 1000"
+        )
     if chains < 2:
         raise InputsError(f"chains = {chains}: R-hat compares chains", "take 2 at least, better 4")
 
 
-def _listener(progress: Progress) -> Callable[[int, int], None]:
+def _listener(progress: Progress, settings: DrawnReportSettings) -> Callable[[int, int], None]:
     last = [0.0]
 
     def tell(done: int, total: int) -> None:
         now = time.perf_counter()
-        if now - last[0] > SHOWN or done == total:
+        if now - last[0] > settings.shown or done == total:
             last[0] = now
             progress.update(f"step {done} of {total}", done, total)
 
@@ -345,14 +375,14 @@ def _in_order(alpha: Array, fit: Fit) -> Array:
 
 def _nodes_error(fit: Fit, alphas: Array) -> float:
     """The standard deviation over alphas (A, K) of what more nodes change of log L."""
-    changes = np.array([fit.more_nodes(alpha) for alpha in alphas])
+    changes = np.array([fit.likelihood.more_nodes(alpha) for alpha in alphas])
     return float(np.std(changes[np.isfinite(changes)])) if np.any(np.isfinite(changes)) else 0.0
 
 
 def _outside(fit: Fit, alphas: Array, seed: int) -> float:
     """The share of the laws alphas (A, K) that lies where no simulated values are known."""
     rng = np.random.default_rng(seed)
-    size, low, high = fit.inputs.size, *fit.region.T
+    size, low, high = fit.inputs.size, *fit.likelihood.region.T
     beyond = [
         np.any((x < low) | (x > high), axis=1)
         for x in (drawn(fit.inputs, alpha[:size], fit.count, rng) for alpha in alphas)

@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 
-from aleator.fit.question import DEFAULT_PROPAGATION, is_exact
+from aleator.errors import InputsError
+from aleator.fit.question import DEFAULT_PROPAGATION, is_exact, surfaces_alone
+from aleator.fit.regions import FAR, region_of
+from aleator.fit.way import Way, way_of
+from aleator.inference.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.observations.errors import Noise
@@ -15,10 +20,11 @@ from aleator.observations.experiments import Conditions
 from aleator.observations.responses import responses_of
 from aleator.progress import Progress
 from aleator.results.values import QUANTILES, Estimate, in_order
+from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import AnySimulator, runner_on
-from aleator.tasks.individual import given
-from aleator.tasks.outcome import predicted
+from aleator.tasks.session import Session
+from aleator.types import Array
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -59,9 +65,36 @@ def predict(
         named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
         conditions = Conditions.from_frame(conditions, responses=named)
     runner = runner_on(simulator, conditions, inputs.names, vectorized)
-    if not is_exact(conditions, inputs, noise):
-        return given.predicted(
-            runner, conditions, inputs, noise, propagation, density, alpha, quantiles, progress
+    asked = (inputs, noise, conditions.responses, None, lambda _: runner, None)
+    if is_exact(conditions, inputs, noise):
+        model = Model.of(inputs, propagation, density)
+        session, reason = Session(*asked, model=model), None
+        at = in_order(alpha, session.hyperparameters)
+    else:
+        surfaces = surfaces_alone(propagation, density)
+        _require_resolved(inputs)
+        at = in_order(alpha, Session(*asked).hyperparameters)
+        way = _way(runner, surfaces, inputs, at[: inputs.size], len(conditions.ids))
+        session, reason = Session(*asked, way.direct, surfaces), way.reason
+    found = session.predict(conditions, AlphaDraws.at(at), quantiles, progress)
+    if reason is not None:
+        found.attrs["propagation_reason"] = reason
+    return found
+
+
+def _require_resolved(inputs: Inputs) -> None:
+    """Raise InputsError for a law that follows covariates by a formula that no table resolved."""
+    if inputs.regressed and inputs.covariate_model is None:
+        raise InputsError(
+            f"the law follows {', '.join(inputs.covariates)}, by a formula that the experiments "
+            "resolved which it was identified from",
+            "ask the identification: found.predict(...), or aleator.load(...).predict(...)",
         )
-    model = Model.of(inputs, propagation, density)
-    return predicted(runner, model, in_order(alpha, model.hyperparameters), quantiles, progress)
+
+
+def _way(
+    runner: Runner, choice: ResponseSurface, inputs: Inputs, alpha: Array, experiments: int
+) -> Way:
+    middle = np.zeros((experiments, len(inputs.classes), inputs.scattering))
+    x = inputs.individual(alpha, middle, slice(0, experiments)).x[0, 0]
+    return way_of(runner, choice, x, region_of(inputs, [alpha], experiments, FAR))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,32 +12,145 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from aleator.errors import InputsError, SurroundingsError
-from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH
-from aleator.inference.information import LEVEL
+from aleator.errors import InputsError
+from aleator.fit.flow import answered
+from aleator.fit.ledger import Ledger
+from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
+from aleator.inference.information import LEVEL, Inference
+from aleator.inference.likelihood_at import censored_alike
 from aleator.laws import Hyperparameter
-from aleator.laws.inputs import Inputs
-from aleator.observations.errors import Noise
+from aleator.laws.inputs import Inputs, drawn
+from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.responses import Observations, responses_of
 from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.search import Search
-from aleator.simulators import ProcessPool, Runner, Simulator
+from aleator.simulators import Runner, Simulator
 from aleator.simulators.command.run import passing
 from aleator.simulators.pool import packed
 from aleator.simulators.store import Store
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.asked import (
-    AnySimulator,
-    AnyTable,
-    runner_on,
-)
-from aleator.tasks.replicates import Job, Replicate, job_of
+from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
+from aleator.tasks.parallel import in_processes
 from aleator.types import Array
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
     from aleator.moments.propagation import Collocation
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """One virtual data set identified: alpha (K,), intervals (K, 2), errors (K, 2), the maximum.
+
+    Errors are the standard errors by the observed information, and the sandwich errors.
+    """
+
+    alpha: Array
+    intervals: Array
+    errors: Array
+    log_likelihood: float
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Job:
+    """A study whose virtual data sets are drawn, and identified as `identify` does it."""
+
+    choices: Choices
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """All of alpha."""
+        return self.choices.hyperparameters
+
+    @property
+    def table(self) -> Experiments:
+        """What another process makes runs for."""
+        return self.choices.table
+
+    def draw(
+        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
+    ) -> Sequence[Observations]:
+        """Observations for each replicate, at the conditions of the table and bounded as there."""
+        choices = self.choices
+        if not choices.exact:
+            return [
+                virtual_observations(
+                    runner, choices.table, choices.inputs, choices.errors, alpha, rng
+                )
+                for _ in range(replicates)
+            ]
+        inputs, count = choices.inputs, len(runner.ids)
+        uniform = rng.random((replicates * count, len(inputs.names)))
+        x = inputs.sample(alpha[: inputs.size], uniform)
+        y = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
+        (response,) = choices.table.observations.responses
+        return [Observations.exact(one, response.name, response.transform) for one in y]
+
+    def identify(self, runner: Runner, data: Observations, seed: int) -> Recovered:
+        """One data set identified."""
+        answer = answered(self.choices.question(runner, data, seed), Ledger(runner, Silent()))
+        return Recovered(
+            answer.settled.alpha, answer.profile.intervals, _errors(answer.inference),
+            answer.found.log_likelihood, answer.found.converged,
+        )  # fmt: skip
+
+
+def virtual_observations(
+    runner: Runner,
+    table: Experiments,
+    inputs: Inputs,
+    errors: MeasurementErrors,
+    alpha: Array,
+    rng: np.random.Generator,
+) -> Observations:
+    """Observations at the conditions of a table under the law and the noise of alpha (K,).
+
+    One run a unit. Bounds are made as those of the table: see `censored_alike`. Values whose runs
+    fail are NaN: they are not measured.
+    """
+    seen = table.observations
+    x = drawn(inputs, alpha[: inputs.size], len(table.ids), rng)
+    units, place = np.unique(runner.unit, return_inverse=True)
+    values = runner.values(units, x[runner.experiment[units]])
+    eta = values[place, runner.column][:, None]
+    uniform = rng.random(eta.shape)
+    with np.errstate(invalid="ignore"):
+        y = errors.quantile(alpha[inputs.size :], uniform, eta, slice(0, len(seen)))[:, 0]
+    return censored_alike(seen, y, rng)
+
+
+def _errors(inference: Inference) -> Array:
+    return np.stack([inference.standard_error, inference.sandwich_error], axis=1)
+
+
+def job_of(
+    experiments: AnyTable,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise] | None,
+    propagation: ResponseSurface | Collocation,
+    density: Density | None,
+    search: Search,
+) -> Job:
+    """The study that this is. Raises InputsError for choices that do not go together."""
+    if not isinstance(experiments, Experiments):
+        experiments = _unmeasured(experiments, noise)
+    return Job(Choices.of(experiments, inputs, noise, propagation, density, search))
+
+
+def _unmeasured(
+    asked: Conditions | pd.DataFrame, noise: Noise | Mapping[str, Noise] | None
+) -> Experiments:
+    """Experiments of which nothing was measured; a data frame has the responses of the noise."""
+    if isinstance(asked, pd.DataFrame):
+        named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
+        asked = Conditions.from_frame(asked, responses=named)
+    return Experiments(
+        asked.ids, asked.conditions, asked.observations,
+        table=asked.table, experiment=asked.experiment, places=asked.places,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -147,7 +258,7 @@ def recover(
     progress.stage("virtual experiments")
     data = job.draw(runner, alpha, replicates, np.random.default_rng(seed))
     progress.stage("identification")
-    found: dict[int, Replicate] = {}
+    found: dict[int, Recovered] = {}
     for number, replicate in _identified(runner, job, data, seed, workers):
         found[number] = replicate
         progress.update(f"{len(found)} of {replicates} data sets", len(found), replicates)
@@ -188,7 +299,7 @@ class _Elsewhere:
             job,
         )  # fmt: skip
 
-    def identify(self, data: Any, seed: int) -> Replicate:
+    def identify(self, data: Any, seed: int) -> Recovered:
         """One data set, on a runner of this process."""
         with Store(self.store) as store:
             runner = Runner(
@@ -200,38 +311,21 @@ class _Elsewhere:
 
 def _identified(
     runner: Runner, job: Job, data: Sequence[Any], seed: int, workers: int
-) -> Iterator[tuple[int, Replicate]]:
+) -> Iterator[tuple[int, Recovered]]:
     if workers > 1:
         with passing() as folder:
             store = runner.cache.store.path if runner.cache else folder / "runs.sqlite"
             parcel = packed(_Elsewhere.of(runner, job, store))
             if parcel is not None:
-                yield from _by_workers(parcel, data, seed, workers)
+                pieces = {k: (part, seed + k) for k, part in enumerate(data)}
+                yield from in_processes(parcel, _elsewhere, pieces, workers)
                 return
     for k, part in enumerate(data):
         yield k, job.identify(runner, part, seed + k)
 
 
-def _by_workers(
-    parcel: bytes, data: Sequence[Any], seed: int, workers: int
-) -> Iterator[tuple[int, Replicate]]:
-    pool = ProcessPool(workers)
-    try:
-        jobs = {pool.submit(_unpacked, parcel, y, seed + k): k for k, y in enumerate(data)}
-        for done in as_completed(jobs):
-            yield jobs[done], done.result()
-    except BrokenExecutor as death:
-        raise SurroundingsError(
-            f"a worker process died ({death})",
-            "ask for fewer workers if memory runs out, and give the same command again",
-        ) from death
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _unpacked(job: bytes, data: Any, seed: int) -> Replicate:
-    elsewhere: _Elsewhere = pickle.loads(job)
-    return elsewhere.identify(data, seed)
+def _elsewhere(work: _Elsewhere, data: Any, seed: int) -> Recovered:
+    return work.identify(data, seed)
 
 
 def _checked(

@@ -20,20 +20,29 @@ from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
-from aleator.tasks.single import Single, of_values, one_each
+from aleator.tasks.first_look import SingleValues, of_values, one_each
 from aleator.types import Array, Indices
 
-MOST_TERMS = 400
-"""Terms that an expansion may have, unless more runs are asked for: n = 2, 4, 8, 12 parameters
-then get degree 8, 6, 3, 2."""
-HIGHEST_DEGREE = 8
+
+@dataclass(frozen=True)
+class ScreenSettings:
+    """How a screening is sized and judged; by judgement."""
+
+    most_terms: int = 400
+    """Terms that an expansion may have, unless more runs are asked for: n = 2, 4, 8, 12 parameters
+    then get degree 8, 6, 3, 2."""
+    highest_degree: int = 8
+    runs_per_term: int = 2
+    lost: float = 3.0
+    """Errors of an effect below which it has no direction."""
+
+
+SCREEN = ScreenSettings()
+
 FIRST_RUNS = 10
 """Runs a parameter that the screening begins with; doubled until the expansions are good."""
 GOOD = 0.01
 """Share of the variance that nine of ten expansions may miss at most."""
-RUNS_PER_TERM = 2
-LOST = 3.0
-"""Errors of an effect below which it has no direction."""
 CONFOUNDED = 0.96
 """Alignment above which two parameters are hard to tell apart: their collinearity index
 1/sqrt(1 - |alignment|) is then above 5, from where on Brun, Reichert and Kuensch (Water Resour.
@@ -80,7 +89,7 @@ class Sensitivity:
         size = np.linalg.norm(self.effects, axis=0)
         error = np.linalg.norm(self.expansion.leave_one_out) / np.sqrt(self.runs)
         rounding = 1e-10 * np.linalg.norm(np.sqrt(self.sobol.variance))
-        unit = self.effects / np.where(size > LOST * error + rounding, size, np.nan)
+        unit = self.effects / np.where(size > SCREEN.lost * error + rounding, size, np.nan)
         return np.asarray(unit.T @ unit)
 
     def parameters(self) -> pd.DataFrame:
@@ -159,6 +168,7 @@ def screen(
     seed: int = 0,
     progress: Progress | None = None,
     executor: Executor | None = None,
+    settings: ScreenSettings = SCREEN,
 ) -> Sensitivity:
     """Expand the outcome of every experiment and share its variance among the parameters.
 
@@ -184,7 +194,7 @@ def screen(
     table = (
         Conditions.from_frame(experiments) if isinstance(experiments, pd.DataFrame) else experiments
     )
-    runner: Runner | Single = made if one_each(made) else of_values(made, table)
+    runner: Runner | SingleValues = made if one_each(made) else of_values(made, table)
     chosen = _positions(made.ids if isinstance(runner, Runner) else runner.owner, only)
     laws, spreads = zip(*[_varied(law) for law in inputs.laws.values()], strict=True)
     varies = [i for i, law in enumerate(laws) if law.scatters]
@@ -196,7 +206,7 @@ def screen(
         raise InputsError(f"{runs} runs an experiment are too few", "allow ten a parameter")
     values = tuple(np.array([h.start for h in law.hyperparameters]) for law in laws)
     expansion, count = _expanded(
-        runner, chosen, Basis(laws, values), len(varies), runs, seed, progress or Silent()
+        runner, chosen, Basis(laws, values), len(varies), runs, seed, progress or Silent(), settings
     )
     linear = np.eye(len(laws), dtype=np.int64)[varies]
     at = [np.flatnonzero(np.all(expansion.indices == row, axis=1)) for row in linear]
@@ -213,17 +223,18 @@ def screen(
 
 
 def _expanded(
-    runner: Runner | Single,
+    runner: Runner | SingleValues,
     chosen: Indices,
     basis: Basis,
     n: int,
     runs: int | None,
     seed: int,
     progress: Progress,
+    settings: ScreenSettings,
 ) -> tuple[Expansion, int]:
     """The expansions, from as many runs as given or as are needed."""
-    terms = _terms(n, runs)
-    last = runs or max(RUNS_PER_TERM * len(terms.indices(basis.limits)), FIRST_RUNS * n)
+    terms = _terms(n, runs, settings)
+    last = runs or max(settings.runs_per_term * len(terms.indices(basis.limits)), FIRST_RUNS * n)
     count = runs or FIRST_RUNS * n
     outcomes = np.zeros((len(chosen), 0))
     while True:
@@ -244,10 +255,10 @@ def _good(expansion: Expansion) -> bool:
     return bool(np.quantile(expansion.unexplained, 0.9) <= GOOD)
 
 
-def _terms(n: int, runs: int | None) -> TotalDegree:
+def _terms(n: int, runs: int | None, settings: ScreenSettings) -> TotalDegree:
     """The highest total degree whose terms are not too many."""
-    most = max(MOST_TERMS, (runs or 0) // RUNS_PER_TERM)
-    small = [d for d in range(2, HIGHEST_DEGREE + 1) if math.comb(n + d, d) <= most]
+    most = max(settings.most_terms, (runs or 0) // settings.runs_per_term)
+    small = [d for d in range(2, settings.highest_degree + 1) if math.comb(n + d, d) <= most]
     return TotalDegree(max(small, default=1))
 
 

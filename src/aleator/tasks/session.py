@@ -1,207 +1,382 @@
-"""What an identification was made with, held so that more can be asked of it."""
+"""What an identification was made with, kept so that more can be asked of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from aleator.errors import AleatorError, InputsError
+from aleator.errors import AleatorError, InputsError, nearest
+from aleator.fit.question import DEFAULT_PROPAGATION, varying_conditions
 from aleator.fit.refine import under_law
-from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.inference.fit import AnyFit, Fit
+from aleator.fit.regions import draws, likely_alphas
+from aleator.inference.alpha_draws import AlphaDraws
+from aleator.inference.fit import Fit
+from aleator.inference.likelihood_at import IndividualsAt
 from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
 from aleator.likelihood.model import Model
-from aleator.observations.experiments import Conditions, Experiments, unmeasured
-from aleator.observations.responses import Transform
+from aleator.observations.errors import MeasurementErrors, Noise, noise_hyperparameters
+from aleator.observations.experiments import Conditions, Experiments, covariates, unmeasured
+from aleator.observations.responses import Response, Transform, with_limits_of_test
 from aleator.progress import Progress
 from aleator.results.law import JointLaw
+from aleator.results.result import Result
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner, Simulator, as_runner
+from aleator.status import Status
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.table import tabled, tails
-from aleator.tasks.outcome import predicted
-from aleator.tasks.outcome_fit import OutcomeFit
+from aleator.tasks.decide.ground import Ground, MeasuredExperiments, about, direct
+from aleator.tasks.decide.prediction import Draws, tabled, tails
 from aleator.types import Array
 
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
-class Session(Protocol):
-    """What can be asked of an identification beside its values.
+DIRECT = "direct"
+"""How an answer calls its propagation where the simulator itself was integrated over."""
 
-    Raises AleatorError for what was not kept: an identification that was read from a file.
+OWN = "id"
+"""`of` the ids of the new rows themselves."""
+
+Runners = Callable[[Experiments | Conditions], Runner]
+"""What makes the runs for a table."""
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Laws, noise and responses, the experiments, how runs are made, and the fit.
+
+    Laws that follow covariates are resolved by the experiments. What is not at hand is None: of an
+    identification that was read from a file all that was not given again, and always the fit. Of
+    exact outcomes there is no noise, and `model` is how the density of one is computed.
+    `on_simulator` tells whether the simulator itself is asked, or surfaces of it as in `surfaces`.
     """
+
+    inputs: Inputs | None = None
+    noise: Noise | Mapping[str, Noise] | None = None
+    responses: tuple[Response, ...] = ()
+    experiments: Experiments | None = None
+    runner: Runners | None = None
+    fit: Fit | None = None
+    on_simulator: bool = False
+    surfaces: ResponseSurface = DEFAULT_PROPAGATION
+    model: Model | None = None
+
+    @classmethod
+    def of_outcomes(cls, model: Model, simulator: Simulator, fit: Fit) -> Session:
+        """Of exact outcomes that were identified here; their predictions take surfaces."""
+        responses, runner = fit.table.observations.responses, runners(simulator, model.inputs.names)
+        surfaces = model.surfaces or ResponseSurface()
+        return cls(model.inputs, None, responses, fit.table, runner, fit, False, surfaces, model)
+
+    @classmethod
+    def of_individuals(
+        cls,
+        inputs: Inputs,
+        noise: Noise | Mapping[str, Noise],
+        experiments: Experiments,
+        runner: Runner,
+        fit: Fit,
+        on_simulator: bool,
+        surfaces: ResponseSurface,
+    ) -> Session:
+        """Of an integral over individual parameters, whose runs `runner` made."""
+        responses, runs = experiments.observations.responses, runners_like(runner, experiments)
+        return cls(inputs, noise, responses, experiments, runs, fit, on_simulator, surfaces)
+
+    @classmethod
+    def again(
+        cls,
+        found: Result,
+        source: object,
+        inputs: Inputs,
+        noise: Noise | Mapping[str, Noise] | None,
+        experiments: Experiments | None,
+        propagation: ResponseSurface | Collocation,
+        density: Density | None,
+        runner: Runners | None,
+    ) -> Session:
+        """Of what was found and read from a file, its `source`, with what is given again.
+
+        Raises AleatorError for what is lacking, and InputsError for noise where there was none.
+        """
+        if not found.observations:
+            if noise is not None:
+                raise InputsError(
+                    f"{source} was identified from exact outcomes, without noise",
+                    "leave the noise out",
+                )
+            model = Model.of(inputs, propagation, density)
+            surfaces = model.surfaces or ResponseSurface()
+            responses = (Response(found.outcome, found.transform),)
+            return cls(inputs, None, responses, experiments, runner, None, False, surfaces, model)
+        unresolved = inputs.regressed and inputs.covariate_model is None
+        if noise is None or (experiments is None and unresolved):
+            lacking = "noise" if noise is None else "experiments, whose covariates make the law,"
+            raise AleatorError(
+                f"what can be asked of {source} needs the {lacking} too",
+                f"aleator.load(path, ..., {'noise' if noise is None else 'experiments'}=...)",
+            )
+        if experiments is not None and unresolved:
+            inputs = inputs.resolved(covariates(experiments, inputs.covariates))
+        seen = tuple(Response(name, Transform(each)) for name, each in found.responses.items())
+        surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
+        on_simulator = found.propagation == DIRECT
+        return cls(inputs, noise, seen, experiments, runner, None, on_simulator, surfaces)
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All hyperparameters in the order of alpha."""
-
-    @property
-    def fit(self) -> Fit | None:
-        """The likelihood with its data at the answer; None where it was read from a file."""
+        """All of alpha, those of the laws first; none without inputs."""
+        if self.inputs is None:
+            return ()
+        names = tuple(response.name for response in self.responses)
+        return (*self.inputs.hyperparameters, *noise_hyperparameters(self.noise, names))
 
     def law(
         self,
         values: Mapping[str, float | Estimate],
         at: Mapping[str, object] | pd.Series | None = None,
     ) -> JointLaw:
-        """The joint law at these values of the hyperparameters, and `at` these covariates."""
+        """The joint law at these values of the hyperparameters, of experiments `at` covariates."""
+        inputs = self.inputs
+        if inputs is None:
+            raise missing("the law needs the inputs", "aleator.load(path, inputs=...)")
+        alpha = in_order(values, self.hyperparameters)[: inputs.size]
+        if not inputs.regressed:
+            return JointLaw(inputs, alpha)
+        if at is None:
+            raise InputsError(
+                f"the law follows {', '.join(inputs.covariates)}: experiments have laws of "
+                "their own",
+                f"say of which: found.law_at({{'{inputs.covariates[0]}': ...}})",
+            )
+        row = pd.DataFrame([dict(at)], index=["asked"])
+        one, own = inputs.resolved(row).of_experiment(alpha, 0)
+        return JointLaw(one, own)
 
     def log_likelihood(
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
-        """The log-likelihood at alpha; what is not named has these values."""
+        """The log-likelihood at alpha with nodes adapted there; what is not named has these values.
+
+        At the estimate nodes are those of the answer, which importance points would not be again.
+        """
+        here = kept(self.fit).likelihood
+        at = given_values(alpha, values, here.hyperparameters)
+        return (here if np.array_equal(at, here.alpha) else here.at(at)).log_likelihood()
 
     def predict(
         self,
         conditions: Conditions | pd.DataFrame,
         plausible: AlphaDraws,
-        transform: Transform,
         quantiles: tuple[float, ...],
         progress: Progress | None,
         of: str | None = None,
         noise: bool = True,
     ) -> pd.DataFrame:
-        """The table of `Identification.predict` under plausible alphas, or the estimate alone."""
+        """The table of `Identification.predict` under plausible alphas, or the estimate alone.
+
+        Of exact outcomes and the estimate alone it is that of the density of the outcome itself.
+        """
+        ground = self.ground(conditions, plausible.estimate, of, noise)
+        if progress is not None:
+            progress.stage("prediction")
+        if self.model is None or not plausible.certain:
+            return tabled(ground, plausible, quantiles, progress)
+        return _by_density(ground, self.model, plausible.estimate, quantiles, progress)
 
     def ground(
         self,
         conditions: Conditions | pd.DataFrame,
         alpha: Array,
-        transform: Transform,
         of: str | None = None,
         noise: bool = True,
     ) -> Ground:
         """New experiments, or those `of` measured ones, and what makes their outcomes."""
+        if of is not None and self.model is not None:
+            raise InputsError(
+                f"of '{of}': one outcome says too little of the parameters of its experiment",
+                "predict new experiments: leave `of` out",
+            )
+        if isinstance(conditions, pd.DataFrame):
+            conditions = Conditions.from_frame(conditions, responses=self.responses)
+        runner, inputs = self.runner_on(conditions, "a prediction"), self.inputs
+        assert inputs is not None
+        known = None if of is None else self._measured(conditions, alpha, of)
+        if inputs.regressed and known is None:
+            inputs = inputs.resolved(covariates(conditions, inputs.covariates))
+        return Ground(
+            conditions,
+            inputs,
+            MeasurementErrors.of(self.noise, conditions) if noise and self.noise else None,
+            runner,
+            self.on_simulator,
+            self.surfaces,
+            known,
+            self.experiments,
+        )
 
     def exact_fit(self) -> Fit | None:
-        """The fit by the simulator itself, which makes runs; None where it has no surfaces."""
+        """The fit by the simulator itself, which makes runs; None where it has no surfaces.
 
-    def runner_on(self, conditions: Conditions) -> Runner:
-        """What makes the runs of other experiments, as that of the identification did."""
+        None of exact outcomes: their density is that of all nodes, which no runs replace.
+        """
+        fit, runner, table = self.fit, self.runner, self.experiments
+        if self.on_simulator or fit is None or runner is None or table is None:
+            return None
+        here = fit.likelihood
+        if not isinstance(here, IndividualsAt):
+            return None
+        return replace(fit, likelihood=here.on(runner(table)))
+
+    def runner_on(self, conditions: Conditions, what: str = "this") -> Runner:
+        """Runs of other experiments, made as those of the identification."""
+        if self.runner is None:
+            raise missing(
+                f"{what} needs the simulator and the inputs",
+                "aleator.load(path, simulator=..., inputs=..., noise=...)",
+            )
+        return self.runner(conditions)
 
     def fit_on(
         self, candidates: Conditions, alpha: Array, runner: Runner, progress: Progress
     ) -> Fit:
         """The fit of experiments that were not made, at alpha: their outcomes are unknown.
 
-        `drawn` and `seeing` give it some. Runs are made for surfaces where those are needed.
+        `drawn` and `seeing` give it some; limits are those of the measured ones. Runs are made
+        where surfaces are needed, which are as exact as a prediction's.
         """
+        fit, table = kept(self.fit), unmeasured(candidates)
+        if self.model is not None:
+            ready = under_law(runner, self.model, alpha, progress)
+            problem = ready.given(np.full(len(candidates.ids), np.nan))
+            return Fit.of_outcomes(problem, alpha, fit.inference, table)
+        assert isinstance(fit.likelihood, IndividualsAt)
+        assert self.inputs is not None
+        runner.progress = progress
+        inputs, seen = self.inputs, candidates.observations
+        if inputs.regressed:
+            inputs = inputs.resolved(covariates(candidates, inputs.covariates))
+        table = table.with_observations(with_limits_of_test(seen, fit.table.observations))
+        likely = likely_alphas(fit.alpha, fit.inference, fit.hyperparameters)
+        x = draws(inputs, [alpha, *likely], len(candidates.ids))
+        # as many nodes as the answer needed
+        likelihood = replace(
+            self._integral(inputs, table, runner, x, 1), rule=fit.likelihood.integral.rule
+        )
+        return Fit.of_individuals(likelihood, alpha, fit.inference, table, fit.likelihood.fewest)
 
-
-@dataclass(frozen=True, eq=False)
-class OutcomeSession:
-    """Model, simulator, and the fit on the last surfaces; None for what is not at hand.
-
-    `model` holds the inputs and the choices of surfaces and density; `tested` are the
-    experiments where there is no fit that has them.
-    """
-
-    model: Model | None
-    simulator: Runner | Simulator | None
-    fit: OutcomeFit | None
-    tested: Experiments | None = None
-
-    @property
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the model; none without one."""
-        return () if self.model is None else self.model.hyperparameters
-
-    def law(
-        self,
-        values: Mapping[str, float | Estimate],
-        at: Mapping[str, object] | pd.Series | None = None,  # noqa: ARG002  it is the same
-    ) -> JointLaw:
-        """The joint law at these values of the hyperparameters."""
-        if self.model is None:
-            raise missing("the law needs the inputs", "aleator.load(path, inputs=...)")
-        alpha = in_order(values, self.model.hyperparameters)
-        return JointLaw(self.model.inputs, alpha[: self.model.inputs.size])
-
-    def predict(
-        self,
-        conditions: Conditions | pd.DataFrame,
-        plausible: AlphaDraws,
-        transform: Transform,
-        quantiles: tuple[float, ...],
-        progress: Progress | None,
-        of: str | None = None,
-        noise: bool = True,
-    ) -> pd.DataFrame:
-        """The table of `Identification.predict`; at the estimate alone by the study's density."""
-        ground = self.ground(conditions, plausible.estimate, transform, of, noise)
-        if progress is not None:
-            progress.stage("prediction")
-        if not plausible.certain:
-            return tabled(ground, plausible, quantiles, progress)
-        assert self.model is not None
-        found = predicted(ground.runner, self.model, plausible.estimate, quantiles, progress)
-        status = found.pop("status")
-        for name, column in tails(ground).items():
-            found[name] = column
-        return found.assign(status=status)
-
-    def ground(
-        self,
-        conditions: Conditions | pd.DataFrame,
-        alpha: Array,  # noqa: ARG002  one interface for all sessions
-        transform: Transform,
-        of: str | None = None,
-        noise: bool = True,  # noqa: ARG002  there is none
-    ) -> Ground:
-        """New experiments, on surfaces."""
-        if of is not None:
-            raise InputsError(
-                f"of '{of}': one outcome says too little of the parameters of its experiment",
-                "predict new experiments: leave `of` out",
-            )
-        model = self.model
-        if model is None or self.simulator is None:
-            raise missing(
-                "a prediction needs the simulator and the inputs",
-                "aleator.load(path, simulator=..., inputs=..., noise=...)",
-            )
-        if isinstance(conditions, pd.DataFrame):
-            conditions = Conditions.from_frame(conditions, transform=transform)
-        return Ground(
-            conditions,
-            model.inputs,
-            None,
-            as_runner(self.simulator, conditions, model.inputs.names),
-            False,
-            model.surfaces or ResponseSurface(),
-            tested=self.tested if self.fit is None else self.fit.table,
+    def _integral(
+        self, inputs: Inputs, table: Experiments, runner: Runner, x: Array, nodes: int
+    ) -> IndividualLikelihood:
+        """That of a table, on the simulator or surfaces that are exact at points x (D, n)."""
+        assert self.noise is not None
+        return IndividualLikelihood.of(
+            inputs,
+            MeasurementErrors.of(self.noise, table),
+            self._predictor(runner, x),
+            Layout(len(table.ids), table.observations.experiment, runner.unit, runner.column),
+            GaussHermite(nodes),
         )
 
-    def exact_fit(self) -> None:
-        """None: its density is that of all nodes, which no runs replace."""
+    def _predictor(self, runner: Runner, x: Array) -> Predictor:
+        assert self.inputs is not None
+        box = self.inputs.box
+        if not self.on_simulator:
+            return about(runner, box, x, self.surfaces)
+        return direct(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
 
-    def runner_on(self, conditions: Conditions) -> Runner:
-        """Runs of the simulator, made here and kept in no store."""
-        if self.model is None or self.simulator is None:
-            raise missing("this needs the simulator", "aleator.load(path, simulator=..., ...)")
-        return as_runner(self.simulator, conditions, self.model.inputs.names)
+    def _measured(self, conditions: Conditions, alpha: Array, of: str) -> MeasuredExperiments:
+        """The measured experiments that the new ones are said to be."""
+        table = self.experiments
+        if table is None:
+            raise missing(
+                f"of '{of}': that needs the experiments that were measured",
+                "aleator.load(path, ..., experiments=...)",
+            )
+        which = [table.ids.index(name) for name in _named_by(table, conditions, of)]
+        return MeasuredExperiments(self._adapted(table, alpha), np.array(which, dtype=np.intp))
 
-    def fit_on(
-        self, candidates: Conditions, alpha: Array, runner: Runner, progress: Progress
-    ) -> OutcomeFit:
-        """On surfaces of the candidates' own, as exact as a prediction's."""
-        fit = kept(self.fit)
-        ready = under_law(runner, fit.problem.model, alpha, progress)
-        problem = ready.given(np.full(len(candidates.ids), np.nan))
-        return OutcomeFit(problem, alpha, fit.inference, unmeasured(candidates))
+    def _adapted(self, table: Experiments, alpha: Array, nodes: int = 7) -> IndividualLikelihood:
+        """The likelihood of the measured experiments, made again where it was not kept.
 
-    def log_likelihood(
-        self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
-    ) -> float:
-        """The honest log-likelihood at alpha; what is not named has these values."""
-        fit = kept(self.fit)
-        at = given_values(alpha, values, fit.hyperparameters)
-        return fit.problem.likelihood.evaluate(at).likelihood
+        Then by so many Gauss-Hermite nodes a variate, which serve to look at single experiments.
+        """
+        if self.fit is not None:
+            assert isinstance(self.fit.likelihood, IndividualsAt)
+            return self.fit.likelihood.integral
+        assert self.runner is not None
+        assert self.inputs is not None
+        x = Draws.new(self.inputs, alpha, len(table.ids)).x.reshape(-1, len(self.inputs.names))
+        return self._integral(self.inputs, table, self.runner(table), x, nodes).adapted(alpha)
+
+
+def _by_density(
+    ground: Ground,
+    model: Model,
+    alpha: Array,
+    quantiles: tuple[float, ...],
+    progress: Progress | None,
+) -> pd.DataFrame:
+    """The table of one exact outcome an experiment by its own density, under the law alpha (K,)."""
+    outcomes = under_law(ground.runner, model, alpha, progress).predictor.under(alpha)
+    found = outcomes.quantile(np.array(quantiles))
+    columns: dict[str, Any] = {
+        "id": list(ground.runner.ids),
+        "mean": outcomes.mean,
+        "standard_deviation": outcomes.sd,
+        "skewness": outcomes.standardized[:, 3],
+        "kurtosis": outcomes.standardized[:, 4],
+    }
+    columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)} | tails(ground)
+    columns["status"] = [Status(int(code)).name.lower() for code in outcomes.status]
+    return pd.DataFrame(columns)
+
+
+def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
+    """The measured experiment that each new one is: a column's, or one for all."""
+    if of == OWN:
+        ids = [*conditions.ids]
+    elif of in conditions.table.columns:
+        ids = [_text(cell) for cell in covariates(conditions, [of])[of]]
+    else:
+        ids = [of] * len(conditions.ids)
+    for name in ids:
+        if name not in table.ids:
+            raise InputsError(
+                f"of '{of}': there is no experiment '{name}'{nearest(name, table.ids)}",
+                "name an experiment that was measured, or a column of the conditions with such",
+            )
+    return ids
+
+
+def _text(cell: object) -> str:
+    """An id as a table of texts has it."""
+    return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell)
+
+
+def runners(simulator: Simulator | Runner, parameters: Sequence[str]) -> Runners:
+    """Runs of a simulator, made here and kept in no store."""
+    return lambda asked: as_runner(simulator, asked, parameters)
+
+
+def runners_like(runner: Runner, table: Experiments) -> Runners:
+    """Runs of the simulator of a runner, which gets arrays of what varies in the table."""
+    varying = varying_conditions(table, tuple(runner.cases.columns))
+
+    def of(asked: Experiments | Conditions) -> Runner:
+        if asked is table:
+            return runner
+        return Runner(runner.simulator, asked, runner.parameters, varying=varying)
+
+    return of
 
 
 def given_values(
@@ -229,7 +404,7 @@ def _named(alpha: Array, names: Sequence[str]) -> dict[str, float]:
     return dict(zip(names, alpha.tolist(), strict=True))
 
 
-def kept(fit: AnyFit | None) -> AnyFit:
+def kept(fit: Fit | None) -> Fit:
     """The fit. Raises AleatorError where the identification was read from a file."""
     if fit is None:
         raise missing(

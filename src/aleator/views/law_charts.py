@@ -11,7 +11,7 @@ from scipy import stats
 
 from aleator.inference.profile_end import DROP
 from aleator.results.units import label, transforms
-from aleator.tasks.pictures.between import finer, profile_line
+from aleator.tasks.pictures import finer, profile_line
 from aleator.types import Array
 from aleator.views import chart
 from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, numbers

@@ -15,8 +15,7 @@ from aleator import (
     Normal,
     identify,
 )
-from aleator.inference.consistency.columns import columns_of
-from aleator.inference.consistency.copies import copies_of
+from aleator.inference.consistency.columns import columns_of, copies_of
 from aleator.types import Array
 
 RNG = np.random.default_rng(8)

@@ -68,7 +68,7 @@ def test_the_mean_products_are_the_score_of_a_correlation(tied: Identification) 
         return stats.multivariate_normal(DESIGN @ mean, cov).logpdf(y)
 
     score = (each(1e-4) - each(-1e-4)) / 2e-4
-    means, products = tied.fit.variates()
+    means, products = tied.fit.likelihood.variates()
     assert products[:, 0, 1] == pytest.approx(score, abs=1e-5)
     assert tied.shrinkage["a"] == pytest.approx(1.0 - np.std(means[:, 0]), abs=1e-6)
 

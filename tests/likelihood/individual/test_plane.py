@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from aleator.tasks.individual.fit import IndividualFit
 from individual_cases import likelihood_of
 from scipy import stats
 
@@ -11,7 +12,6 @@ from aleator.fit.certain import UNKNOWN, inferred
 from aleator.fit.settle import Settled, climbed, settled
 from aleator.likelihood.individual import GaussHermite, LawPoints, PlanePanels
 from aleator.search import Optimum, SearchResult
-from aleator.tasks.individual.fit import IndividualFit
 
 TWO = Inputs(
     {

@@ -11,18 +11,16 @@ from scipy import integrate, stats
 
 from aleator import By, Inputs, LogNormal, Noise, Normal, Uniform
 from aleator.errors import InputsError
-from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.inference.decisions.event import Event
+from aleator.inference.alpha_draws import AlphaDraws
+from aleator.inference.rare_events import Event
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions
 from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Kriged, Near
-from aleator.tasks.decide.probability import interval_about, probability
-from aleator.tasks.decide.question import events_asked
-from aleator.tasks.decide.sample import of_law
-from aleator.tasks.decide.simulator_check import corrected, unseen_by
+from aleator.tasks.decide.probability import events_asked, interval_about, probability
+from aleator.tasks.decide.sample import corrected, of_law, unseen_by
 
 ONE = pd.DataFrame({"load": [1.0]})
 

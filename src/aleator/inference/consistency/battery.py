@@ -1,4 +1,9 @@
-"""The statistics: residuals in, one number for each test out."""
+"""The statistics of the tests: residuals of a fit in, one number for each test out.
+
+Residuals are normal scores of observations and scores of experiments. A `Battery` asks for their
+shape, for what they depend on (`Contrasts` by column, `Relations` of individual parameters), and
+for how alike neighbours and groups are.
+"""
 
 from __future__ import annotations
 
@@ -9,32 +14,322 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from aleator.inference.consistency.columns import LEVELS, ORDER, Column
-from aleator.inference.consistency.contrasts import (
-    MAIN,
-    Contrasts,
-    Subject,
-    contrasts_of,
-    shared,
-)
-from aleator.inference.consistency.measures import moments, scatter, standardized
-from aleator.inference.consistency.relations import INDIVIDUAL, Relations, of_size_one
-from aleator.inference.consistency.residuals import Residuals
+from aleator.inference.consistency.columns import COLUMNS, ORDER, Column
+from aleator.inference.fit import Fit
+from aleator.results.values import Relation, Statistic
 from aleator.types import Array, Flags, Indices
+
+
+@dataclass(frozen=True)
+class BatterySettings:
+    """How statistics are made and weighted: by judgement, held against `benchmarks findings`."""
+
+    nearest: float = 1e-15
+    """Probabilities stay so far from zero and one: normal scores stay below eight."""
+    values: int = 200_000
+    least_points: int = 64
+    points: int = 256
+    """Simulated values by which all probabilities are computed; points of each, fewest and most."""
+    more: int = 4
+    times: int = 3
+    """So many times as many points, so often, where too few probabilities are known."""
+    main: float = 3.0
+    """The weight of the likeliest form of dependence on a column, its trend, among its parts."""
+    hidden: float = 0.5
+    """Shrinkage above which two parameters are not held against each other (Savic and Karlsson,
+    2009).
+
+    A standard deviation of nearly zero is estimated as zero in many replicates and not in others.
+    The products of two parameters then scatter otherwise in these than where it was not.
+    """
+    least: float = 0.05
+    """Sums over a column are taken to scatter at least so much: one that the law follows pins them.
+    """
+    scatter_least: float = 1e-9
+    """Means that scatter less than this have no correlation."""
+    pinned: float = 0.05
+    """What the maximum itself pins is taken to scatter at least so much: mean, scale and contrasts.
+
+    Where the standard deviation is identified the mean square of all residuals is nearly one, and
+    where a law follows a column its scores add up to nothing in each part of it.
+    """
+    heavy: float = 4.0
+    """The weight of heavy tails among the tests of shape: nothing else sees all of them."""
+    repeated: float = 0.7
+    """A column is no sign of repeated subjects where it has more distinct values a row."""
+
+
+BATTERY = BatterySettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Of M observations the normal scores (M,), of N experiments the scores (N, K) by alpha.
+
+    w = Phi^-1(P(below what was measured | earlier ones of the same experiment)): independent and
+    standard normal under the right model. `known` (M,) tells where the probability is one; w is
+    zero elsewhere. `scores` are those of the hyperparameters that were identified; zero where an
+    experiment has none. `means` (N, s) and `products` (N, s, s) are those of the variates of the
+    individual parameters; s is zero where there is no noise. Experiments of which nothing was
+    observed are left out.
+    """
+
+    normal: Array
+    known: Flags
+    scores: Array
+    means: Array
+    products: Array
+
+
+def points_of(fit: Fit, enough: float, settings: BatterySettings = BATTERY) -> int:
+    """The points of each experiment by which this share of the probabilities is known, or most."""
+    points = int(
+        np.clip(
+            settings.values // len(fit.table.observations), settings.least_points, settings.points
+        )
+    )
+    for _ in range(settings.times):
+        if np.mean(np.isfinite(fit.probabilities(points))) >= enough:
+            break
+        points *= settings.more
+    return points
+
+
+def residuals_of(fit: Fit, points: int, settings: BatterySettings = BATTERY) -> Residuals:
+    """The residuals of a fit; one evaluation of its probabilities and one of its scores."""
+    u = fit.probabilities(points)
+    known = np.isfinite(u)
+    inside = np.clip(np.where(known, u, 0.5), settings.nearest, 1.0 - settings.nearest)
+    scores = fit.scored().scores
+    assert scores is not None
+    observed = np.unique(fit.table.observations.experiment)
+    scores = scores[np.ix_(observed, fit.inference.free)]
+    means, products = fit.likelihood.variates() or (
+        np.zeros((fit.count, 0)),
+        np.zeros((fit.count, 0, 0)),
+    )
+    return Residuals(
+        special.ndtri(inside),
+        known,
+        np.where(np.isfinite(scores), scores, 0.0),
+        means[observed],
+        products[observed],
+    )
+
+
+def standardized(values: Array) -> Array:
+    """Values of mean zero and mean square one; zeros where they do not scatter.
+
+    A sum of products of independent ones scatters alike then, whatever their scale and tails.
+    """
+    left = values - values.mean()
+    size = np.sqrt(np.mean(left**2))
+    return np.asarray(left / size if size > 0.0 else left)
+
+
+def scatter(w: Array) -> Array:
+    """log(1 + u^2) of each value, with u the values over their size: what scatters more has more.
+
+    It sees scatter that differs as well as |u| does, and one far value counts little in it.
+    """
+    return np.asarray(np.log1p(standardized(w) ** 2))
+
+
+def moments(w: Array) -> tuple[float, float, float]:
+    """Skewness, and a measure of heavy tails twice: as it is, and with the other sign, of light.
+
+    With u, the values but the farthest one over their size, skewness is the mean of u log(1 + u^2),
+    and the tails are the cube root of log 2 - mean of log(1 + u^2), which is never negative. It
+    sees Student's t as well as the likelihood ratio to a t law does
+    (docs/statistics/consistency.md); two modes lower it. Of 11 to 300 normal values the root is
+    normal down to p = 0.001, while without it p = 0.001 came four times as often of 27. One gross
+    error is neither a skewed law nor heavy tails: the farthest value has a test of its own.
+    """
+    nearer = np.delete(w, np.argmax(np.abs(standardized(w))))
+    u, far = standardized(nearer), scatter(nearer)
+    heavy = float(np.cbrt(np.log(2.0) - np.mean(far)))
+    return float(np.mean(u * far)), heavy, -heavy
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What a test is about: its group of tests, what of the residuals, and where.
+
+    `of` is "outcomes", "scatter", or a hyperparameter. `column` is None where a test is about all
+    observations; `where` names the part of the column, and is None for a trend along it. `weight`
+    says how many times as many of the false alarms it may have as another test of its group, and
+    `least` how far a right model's statistic is taken to scatter at least.
+    """
+
+    group: str
+    kind: str
+    of: str
+    column: str | None = None
+    where: str | None = None
+    skewed: bool = False
+    one_sided: bool = False
+    weight: float = 1.0
+    least: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Contrasts:
+    """Weights (T, M) of observations, each of mean zero and length one, of these columns and parts.
+
+    The sum of independent values of variance one has then the variance one. `main` tells those
+    that weigh more: the trend along a condition, and the one contrast of a column of two values.
+    """
+
+    column: tuple[Column, ...]
+    where: tuple[str | None, ...]
+    main: tuple[bool, ...]
+    weights: Array
+
+
+def contrasts_of(columns: tuple[Column, ...], count: int) -> Contrasts:
+    """A trend along each column of numbers, and each part of it against the rest.
+
+    `count` is M, of a table without a column too.
+    """
+    found = [(column, where, weight) for column in columns for where, weight in _of_column(column)]
+    return Contrasts(
+        tuple(column for column, _, _ in found),
+        tuple(where for _, where, _ in found),
+        tuple(_is_main(column, where) for column, where, _ in found),
+        np.array([weight for _, _, weight in found]).reshape(len(found), count),
+    )
+
+
+def _is_main(column: Column, where: str | None) -> bool:
+    return column.name != ORDER and (where is None or column.count == 2)
+
+
+def _of_column(column: Column) -> Iterator[tuple[str | None, Array]]:
+    if column.ranks is not None:
+        yield None, column.ranks / np.linalg.norm(column.ranks)
+    if column.count == 2 and column.ranks is not None:
+        return
+    known = column.level >= 0
+    parts = range(1, 2) if len(column.labels) == 2 else range(len(column.labels))
+    if column.name == ORDER:
+        return
+    for part in parts:
+        inside = column.level == part
+        if min(inside.sum(), known.sum() - inside.sum()) < COLUMNS.fewest:
+            continue
+        weight = np.where(known, inside - inside.sum() / known.sum(), 0.0)
+        yield column.labels[part], weight / np.linalg.norm(weight)
+
+
+def shared(group: Indices, values: Array) -> float:
+    """How alike values of variance one are within groups: their sums squared over their number.
+
+    Only groups of two and more count; the mean is zero, whatever the sizes.
+    """
+    count = np.bincount(group)
+    total, square = np.bincount(group, values), np.bincount(group, values**2)
+    many = count > 1
+    within = count[many] * (count[many] - 1.0)
+    return float(np.sum(total[many] ** 2 - square[many]) / np.sqrt(2.0 * within.sum()))
+
+
+INDIVIDUAL = "individual"
+PAIR, COLUMN = "pair", "relation"
+RELATED = (PAIR, COLUMN)
+"""The kinds of its tests."""
+
+
+@dataclass(frozen=True, eq=False)
+class Relations:
+    """What is asked of s scattering parameters, whose names these are.
+
+    `pairs` (P,) are the places of two that the law does not tie. `columns` (t,) are those that are
+    one in each experiment, with centered ranks `ranks` (t, N) of length one.
+    """
+
+    names: tuple[str, ...]
+    pairs: tuple[tuple[int, int], ...]
+    columns: tuple[str, ...]
+    ranks: Array
+    settings: BatterySettings = BATTERY
+
+    @classmethod
+    def of(
+        cls,
+        names: tuple[str, ...],
+        pairs: tuple[tuple[int, int], ...],
+        columns: tuple[Column, ...],
+        first: Indices,
+    ) -> Relations:
+        """Of these parameters; `first` (N,) is an observation of each experiment."""
+        own = [c for c in columns if c.own and c.ranks is not None]
+        ranks = np.array([c.ranks[first] for c in own if c.ranks is not None])
+        ranks = ranks.reshape(len(own), len(first))
+        ranks = ranks - ranks.mean(axis=1, keepdims=True)
+        return cls(names, pairs, tuple(c.name for c in own), ranks / _length(ranks))
+
+    def subjects(self) -> Iterator[Subject]:
+        """What each of `values` is about: pairs, then each parameter against all columns."""
+        for i, j in self.pairs:
+            yield Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=self.settings.main)
+        for name in self.names:
+            for column in self.columns:
+                yield Subject(INDIVIDUAL, COLUMN, name, column, least=self.settings.least)
+
+    def values(self, means: Array, products: Array) -> Array:
+        """The statistics (P + s t,) of means (N, s) and mean products (N, s, s)."""
+        pairs = [products[:, i, j].mean() for i, j in self.pairs]
+        return np.concatenate([pairs, (of_size_one(means).T @ self.ranks.T).ravel()])
+
+    def told(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
+        """The correlations of individual means with all else, each with the p of its test."""
+        if not tests:
+            return ()
+        centered = means - means.mean(axis=0)
+        scaled = centered / _length(centered.T).T
+        within, against = scaled.T @ scaled, scaled.T @ self.ranks.T
+        found = [within[i, j] for i, j in self.pairs] + against.ravel().tolist()
+        return tuple(
+            Relation(test.of, str(test.column), test.kind == PAIR, float(value), test.p)
+            for value, test in zip(found, tests, strict=True)
+        )
+
+
+def apart(
+    means: Array, pairs: tuple[tuple[int, int], ...], settings: BatterySettings = BATTERY
+) -> tuple[tuple[int, int], ...]:
+    """Those of the pairs of which the observations tell both, by individual means (N, s).
+
+    None where there are no such means (s = 0): outcomes without noise tell no single parameter.
+
+    >>> means = np.array([[1.0, 0.2, 1.0], [-1.0, -0.2, 1.0], [1.0, 0.2, -1.0], [-1.0, -0.2, -1.0]])
+    >>> apart(means, ((0, 1), (0, 2)))
+    ((0, 2),)
+    """
+    if not means.shape[1]:
+        return ()
+    told = 1.0 - np.std(means, axis=0) <= settings.hidden
+    return tuple((i, j) for i, j in pairs if told[i] and told[j])
+
+
+def of_size_one(values: Array) -> Array:
+    """Values (N, ...) over their root mean square: that of a replicate may be far smaller.
+
+    So it is where its law hardly scatters, and each individual parameter is nearly the mean.
+    """
+    size = np.sqrt(np.mean(values**2, axis=0))
+    return np.asarray(values / np.where(size > 0.0, size, 1.0))
+
+
+def _length(rows: Array, settings: BatterySettings = BATTERY) -> Array:
+    """The length of each row, as a column; one where there is nothing."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.where(length > settings.scatter_least, length, 1.0)
+
 
 SHAPE, OUTCOMES, SCATTER, TOGETHER = "shape", "outcomes", "scatter", "together"
 SHARES = {SHAPE: 0.32, OUTCOMES: 0.30, SCATTER: 0.28, TOGETHER: 0.06, INDIVIDUAL: 0.1}
 """Share of each group of tests in the false alarms, chosen by `python -m benchmarks findings`."""
-PINNED = 0.05
-"""What the maximum itself pins is taken to scatter at least so much: mean, scale and contrasts.
-
-Where the standard deviation is identified the mean square of all residuals is nearly one, and where
-a law follows a column its scores add up to nothing in each part of it.
-"""
-HEAVY = 4.0
-"""The weight of heavy tails among the tests of shape: nothing else sees all of them."""
-REPEATED = 0.7
-"""A column is no sign of repeated subjects where it has more distinct values a row."""
 SAME = "the same conditions"
 SHAPES = ("level", "scale", "skewness", "heavy tails", "light tails", "outlier")
 """The kinds of tests that are about all residuals, or all scores, together."""
@@ -57,6 +352,7 @@ class Battery:
     groups: dict[str, Indices]
     ordered: bool
     relations: Relations
+    settings: BatterySettings = BATTERY
 
     @classmethod
     def of(
@@ -106,8 +402,8 @@ class Battery:
         return np.concatenate(parts)
 
     def _of_shape(self) -> Iterator[Subject]:
-        yield Subject(SHAPE, "level", OUTCOMES, least=PINNED)
-        yield Subject(SHAPE, "scale", SCATTER, least=PINNED)
+        yield Subject(SHAPE, "level", OUTCOMES, least=self.settings.pinned)
+        yield Subject(SHAPE, "scale", SCATTER, least=self.settings.pinned)
         yield from self._of_moments(OUTCOMES)
         yield Subject(SHAPE, "outlier", OUTCOMES, skewed=True, one_sided=True)
         if self.several:
@@ -116,7 +412,7 @@ class Battery:
 
     def _of_moments(self, of: str) -> Iterator[Subject]:
         yield Subject(SHAPE, "skewness", of)
-        yield Subject(SHAPE, "heavy tails", of, one_sided=True, weight=HEAVY)
+        yield Subject(SHAPE, "heavy tails", of, one_sided=True, weight=self.settings.heavy)
         yield Subject(SHAPE, "light tails", of, one_sided=True)
 
     def _of_columns(self) -> Iterator[Subject]:
@@ -132,9 +428,16 @@ class Battery:
         for i in np.flatnonzero(which):
             column, where = self.contrasts.column[i], self.contrasts.where[i]
             skewed = group == SCATTER
-            weight = MAIN if self.contrasts.main[i] and not skewed else 1.0
+            weight = self.settings.main if self.contrasts.main[i] and not skewed else 1.0
             yield Subject(
-                group, "contrast", of, column.name, where, skewed, weight=weight, least=PINNED
+                group,
+                "contrast",
+                of,
+                column.name,
+                where,
+                skewed,
+                weight=weight,
+                least=self.settings.pinned,
             )
 
     def _of_neighbours(self) -> Iterator[Subject]:
@@ -142,7 +445,9 @@ class Battery:
             yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True)
         for name in self.groups:
             for group, kind, of in ((TOGETHER, "groups", OUTCOMES), (SCATTER, "unequal", SCATTER)):
-                yield Subject(group, kind, of, name, skewed=True, one_sided=True, least=PINNED)
+                yield Subject(
+                    group, kind, of, name, skewed=True, one_sided=True, least=self.settings.pinned
+                )
         if self.several:
             yield Subject(SCATTER, "unequal", SCATTER, ORDER, one_sided=True)
 
@@ -214,13 +519,15 @@ def is_scale(name: str) -> bool:
     return name.startswith("noise.") or any(part.startswith("sd") for part in name.split("."))
 
 
-def _groups(columns: tuple[Column, ...]) -> dict[str, Indices]:
+def _groups(columns: tuple[Column, ...], settings: BatterySettings = BATTERY) -> dict[str, Indices]:
     """Groups of rows by columns of many values that repeat, and by all numbers together."""
     size = columns[0].group.size if columns else 0
-    many = {c.name: c.group for c in columns if LEVELS < c.count <= REPEATED * size}
+    many = {
+        c.name: c.group for c in columns if COLUMNS.levels < c.count <= settings.repeated * size
+    }
     rows = [c.group for c in columns if c.ranks is not None and c.name != ORDER]
     if len(rows) > 1:
         together = np.unique(np.stack(rows, axis=1), axis=0, return_inverse=True)[1].ravel()
-        if LEVELS < together.max() + 1 <= REPEATED * size:
+        if COLUMNS.levels < together.max() + 1 <= settings.repeated * size:
             many[SAME] = together
     return many

@@ -1,29 +1,55 @@
-"""The columns of a table, as what residuals may depend on."""
+"""The columns of a table, as what residuals may depend on; and those that copy the outcomes.
+
+`columns_of` reads a table; `copies_of` finds columns that tell the outcomes again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special, stats
 
 from aleator.observations.experiments import Experiments
+from aleator.observations.responses import Observations, Transform
 from aleator.types import Array, Flags, Indices
 
-LEVELS = 6
-"""A column of so many values at most is looked at value by value."""
-BINS = 4
-"""Parts, alike in size, of a column of more numbers."""
-FEWEST = 3
-"""Observations of a level that are looked at by themselves."""
+
+@dataclass(frozen=True)
+class ColumnSettings:
+    """How columns are read, and when they copy the outcomes; by judgement, with the counts told."""
+
+    bins: int = 4
+    """Parts, alike in size, of a column of more numbers."""
+    pairs: int = 8
+    sorted: float = 0.8
+    """Pairs of neighbours at least, and the share that rise (or fall) in a table that was sorted.
+    """
+    distinct: int = 7
+    """Distinct values at least, of the column and of the outcome: fewer may be in one order by
+    chance.
+
+    Of seven independent values two orders in 5040 are that of the outcome, or its reverse.
+    """
+    rounded: float = 1e-4
+    """Share of a column's variance that rounding may leave, where the outcome gives it."""
+    coarse: float = 0.5
+    """Distinct values that a copy has at least, for each of the outcome: rounding leaves so many.
+    """
+    levels: int = 6
+    """A column of so many values at most is looked at value by value."""
+    fewest: int = 3
+    """Observations of a level that are looked at by themselves."""
+
+
+COLUMNS = ColumnSettings()
+
 ORDER = "the order of the rows"
 """The name of the column that counts rows."""
 RESPONSE = "response"
-PAIRS, SORTED = 8, 0.8
-"""Pairs of neighbours at least, and the share that rise (or fall) in a table that was sorted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +76,7 @@ class Column:
         return int(self.group.max()) + 1
 
 
-def columns_of(table: Experiments) -> tuple[Column, ...]:
+def columns_of(table: Experiments, settings: ColumnSettings = COLUMNS) -> tuple[Column, ...]:
     """Every column that is not constant, the responses where there are several, and the order.
 
     Of columns that part the rows alike only the first is kept.
@@ -59,7 +85,7 @@ def columns_of(table: Experiments) -> tuple[Column, ...]:
     found: list[Column] = []
     kept: dict[bytes, int] = {}
     for name, values in _values(table, frame):
-        column = _column(name, values, seen.experiment)
+        column = _column(name, values, seen.experiment, settings)
         if column.count < 2:
             continue
         at = [kept[key] for key in _keys(column) if key in kept]
@@ -72,7 +98,11 @@ def columns_of(table: Experiments) -> tuple[Column, ...]:
 
 
 def without_order(
-    columns: tuple[Column, ...], experiment: Indices, normal: Array, means: Array
+    columns: tuple[Column, ...],
+    experiment: Indices,
+    normal: Array,
+    means: Array,
+    settings: ColumnSettings = COLUMNS,
 ) -> tuple[Column, ...]:
     """The columns without the order of the rows, where the table was sorted by its outcomes.
 
@@ -88,15 +118,17 @@ def without_order(
     steps = [np.diff(np.add.reduceat(normal, first))[same]]
     if first.size < experiment.size:
         steps += [*np.diff(means, axis=0).T]
-    if not any(map(_sorted, steps)):
+    if not any(_sorted(each, settings) for each in steps):
         return columns
     return tuple(column for column in columns if column.name != ORDER)
 
 
-def _sorted(steps: Array) -> bool:
+def _sorted(steps: Array, settings: ColumnSettings) -> bool:
     """Whether nearly all steps go one way, of enough."""
-    share = max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) if steps.size >= PAIRS else 0.0
-    return bool(share >= SORTED)
+    share = (
+        max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) if steps.size >= settings.pairs else 0.0
+    )
+    return bool(share >= settings.sorted)
 
 
 def _values(table: Experiments, frame: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
@@ -109,12 +141,12 @@ def _values(table: Experiments, frame: pd.DataFrame) -> Iterator[tuple[str, pd.S
     yield ORDER, pd.Series(order.astype(float))
 
 
-def _column(name: str, values: pd.Series, experiment: Indices) -> Column:
+def _column(name: str, values: pd.Series, experiment: Indices, settings: ColumnSettings) -> Column:
     numbers = _numbers(values)
     if numbers is None:
         texts = values.astype(str).to_numpy()
         distinct_texts, group = np.unique(texts, return_inverse=True)
-        few = distinct_texts.size <= LEVELS
+        few = distinct_texts.size <= settings.levels
         level = group if few else np.full(group.shape, -1)
         shown = tuple(f"{name} = {label}" for label in distinct_texts) if few else ()
         return Column(name, None, level, shown, group, _own(group, experiment))
@@ -124,22 +156,24 @@ def _column(name: str, values: pd.Series, experiment: Indices) -> Column:
     ranks = np.zeros(numbers.size)
     if np.any(known):
         ranks[known] = stats.rankdata(numbers[known]) - 0.5 * (known.sum() + 1)
-    if distinct.size <= LEVELS:
+    if distinct.size <= settings.levels:
         labels: tuple[str, ...] = tuple(f"{name} = {value:g}" for value in distinct)
         level = np.where(known, group, -1)
     else:
-        level, labels = _binned(name, numbers, ranks, known)
+        level, labels = _binned(name, numbers, ranks, known, settings)
     return Column(name, ranks, level, labels, group, _own(group, experiment))
 
 
 def _binned(
-    name: str, numbers: Array, ranks: Array, known: Flags
+    name: str, numbers: Array, ranks: Array, known: Flags, settings: ColumnSettings
 ) -> tuple[Indices, tuple[str, ...]]:
     """Parts alike in size; equal numbers are in the same part."""
     share = ranks / known.sum() + 0.5
-    level = np.where(known, np.clip((BINS * share).astype(np.intp), 0, BINS - 1), -1)
+    level = np.where(
+        known, np.clip((settings.bins * share).astype(np.intp), 0, settings.bins - 1), -1
+    )
     labels = []
-    for part in range(BINS):
+    for part in range(settings.bins):
         inside = numbers[level == part]
         ends = (inside.min(), inside.max()) if inside.size else (np.nan, np.nan)
         labels.append(f"{name} from {ends[0]:g} to {ends[1]:g}")
@@ -168,3 +202,177 @@ def _keys(column: Column) -> tuple[bytes, ...]:
     _, first = np.unique(column.group, return_index=True)
     order = np.argsort(np.argsort(first))
     return (b"text" + order[column.group].tobytes(),)
+
+
+RARE = -float(np.log(2520.0))
+"""The logarithm of that probability."""
+
+
+def copies_of(
+    columns: Sequence[Column],
+    table: Experiments,
+    asked: Collection[str],
+    normal: Array,
+    settings: ColumnSettings = COLUMNS,
+) -> tuple[Column, ...]:
+    """The columns that the outcome determines, alone or with the columns `asked` for.
+
+    Their numbers order the measured values of a response, all or under each of the conditions that
+    the simulator or a law takes, as these are themselves or in reverse; or they are a sum or a
+    product of the outcome and of such conditions; or of several observations of an experiment the
+    first, last, least, largest or mean; or their classes part the outcomes at limits, but neither
+    the `normal` scores (M,), which a condition would part as well, nor what is asked for. A
+    condition does that only where nothing else scatters; so what is asked for is none. Nor are
+    columns conditions that tell no more than whether an outcome was measured, or is a bound.
+    """
+    seen = table.observations
+    taken = [c for c in columns if {c.name, *c.alike} & set(asked)]
+    same = _together([c.group for c in taken], len(seen))
+    causes = [normal, *(c.ranks for c in taken if c.ranks is not None)]
+    return tuple(
+        column
+        for column in columns
+        if column.name not in {ORDER, RESPONSE}
+        and column not in taken
+        and (
+            _censoring(column, seen)
+            or any(
+                _copied(column, seen, rows, same, settings)
+                or _computed(column, table, rows, taken, settings)
+                or (
+                    classed(column, seen.lower, rows)
+                    and not any(classed(column, values, rows) for values in causes)
+                )
+                for rows in _measured(column, seen)
+            )
+        )
+    )
+
+
+def classes_of(columns: Sequence[Column], seen: Observations) -> set[str]:
+    """The names of columns whose classes part the outcomes at limits: results, or strong causes."""
+    return {
+        column.name
+        for column in columns
+        if any(classed(column, seen.lower, rows) for rows in _measured(column, seen))
+    }
+
+
+def classed(column: Column, values: Array, rows: Flags) -> bool:
+    """Whether values (M,) in their order run through one class of a column after the other.
+
+    Equal values are of one class then, and no such order of the classes would come by chance.
+    """
+    size = np.bincount(column.group[rows])
+    size = size[size > 0]
+    if size.size < 2:
+        return False
+    chance = special.gammaln(size + 1).sum() - special.gammaln(size.sum() + 1)
+    if chance + special.gammaln(size.size + 1) > RARE:
+        return False
+    value, group = np.unique([values[rows], column.group[rows]], axis=1)
+    return bool(np.all(np.diff(value) > 0.0) and np.sum(np.diff(group) != 0.0) == size.size - 1)
+
+
+def _measured(column: Column, seen: Observations) -> Iterator[Flags]:
+    """The rows (M,) of each response that were measured, and where the column has a value."""
+    known = seen.measured & ((column.level >= 0) | (column.ranks is None))
+    for response in range(len(seen.responses)):
+        rows = known & (seen.response == response)
+        if np.any(rows):
+            yield rows
+
+
+def _together(groups: Sequence[Indices], size: int) -> Indices:
+    """Which rows (M,) are in the same group of all."""
+    if not groups:
+        return np.zeros(size, dtype=np.intp)
+    return np.unique(np.stack(groups, axis=1), axis=0, return_inverse=True)[1].ravel()
+
+
+def _censoring(column: Column, seen: Observations) -> bool:
+    """Whether the bounds alone give the column: one value for what was measured, and each bound."""
+    if np.all(seen.measured):
+        return False
+    ends = np.where(seen.measured[:, None], 0.0, np.stack([seen.lower, seen.upper], axis=1))
+    kind = np.unique(np.column_stack([seen.measured, ends]), axis=0, return_inverse=True)[1].ravel()
+    pairs = np.unique(np.column_stack([kind, column.group]), axis=0)
+    return bool(len(pairs) == kind.max() + 1)
+
+
+def _copied(
+    column: Column, seen: Observations, rows: Flags, same: Indices, settings: ColumnSettings
+) -> bool:
+    if column.ranks is None:
+        return False
+    y, ranks = seen.lower[rows], column.ranks[rows]
+    if column.own and len(seen) > seen.experiment[-1] + 1:
+        return _of_series(y, ranks, seen.experiment[rows], settings)
+    everywhere = np.zeros(y.size, dtype=np.intp)
+    return _ordered(y, ranks, everywhere, settings) or _ordered(y, ranks, same[rows], settings)
+
+
+def _of_series(y: Array, ranks: Array, experiment: Indices, settings: ColumnSettings) -> bool:
+    """Whether one of the values that sum up a series orders the experiments as the column does."""
+    first = np.unique(experiment, return_index=True)[1]
+    count = np.diff([*first, y.size])
+    sums = (
+        y[first], y[first + count - 1], np.add.reduceat(y, first) / count,
+        np.minimum.reduceat(y, first), np.maximum.reduceat(y, first),
+    )  # fmt: skip
+    together = np.zeros(first.size, dtype=np.intp)
+    return any(_ordered(value, ranks[first], together, settings) for value in sums)
+
+
+def _ordered(y: Array, ranks: Array, same: Indices, settings: ColumnSettings) -> bool:
+    """Whether ranks rise with y, or fall, within each of the groups, and not by chance."""
+    few, many = sorted(
+        (len(np.unique([same, y], axis=1).T), len(np.unique([same, ranks], axis=1).T))
+    )
+    groups = same.max() + 1
+    distinct = np.bincount(np.unique([same, y], axis=1)[0].astype(np.intp))
+    if few < settings.coarse * many or few - groups < settings.distinct - 1:
+        return False
+    if -special.gammaln(distinct + 1).sum() > RARE:
+        return False
+    return _rising(y, ranks, same) or _rising(y, -ranks, same)
+
+
+def _rising(y: Array, values: Array, same: Indices) -> bool:
+    """Whether no pair of values of a group falls where y rises."""
+    order = np.lexsort((values, y, same))
+    inside = np.diff(same[order]) == 0
+    return bool(np.all(np.diff(values[order])[inside] >= 0.0))
+
+
+def _computed(
+    column: Column,
+    table: Experiments,
+    rows: Flags,
+    taken: Sequence[Column],
+    settings: ColumnSettings,
+) -> bool:
+    """Whether a column is a sum of multiples, or a product of powers, of y and what is asked for.
+
+    But for rounding: y leaves `ROUNDED` of what the conditions leave of its variance.
+    """
+    if column.ranks is None or rows.sum() < len(taken) + settings.distinct:
+        return False
+    seen = table.observations
+    log = seen.responses[int(seen.response[rows][0])].transform is Transform.LOG
+    y = np.exp(seen.lower[rows]) if log else seen.lower[rows]
+    own, *others = (
+        table.table[c.name].iloc[seen.row[rows]].to_numpy(dtype=float)
+        for c in (column, *(c for c in taken if c.ranks is not None))
+    )
+    values = np.stack([own, y, *others])
+    forms = [values, np.log(values)] if np.all(values > 0.0) else [values]
+    for form in forms:
+        if not np.all(np.isfinite(form)):
+            continue
+        design = np.stack([np.ones(y.size), *form[2:]], axis=1)
+        c, y_left = form[:2] - (design @ np.linalg.lstsq(design, form[:2].T)[0]).T
+        slope = c @ y_left / max(y_left @ y_left, 1e-300)
+        if np.sum((c - slope * y_left) ** 2) < settings.rounded * (c @ c):
+            return True
+    return False

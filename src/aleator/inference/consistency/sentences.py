@@ -23,7 +23,7 @@ def told(
     if test.kind == "contrast":
         message, remedy = _contrast(test), (_curved if test.column in within else _mended)(test)
     else:
-        message, remedy = _OTHERS[test.kind](test, several)
+        message, remedy = _other(test, several)
     if test.column in measured and test.kind in ("contrast", "relation"):
         remedy += f"; or, if {test.column} is a result of the experiments, take it out of the table"
     return Discrepancy(test, message, remedy)
@@ -76,130 +76,100 @@ def _curved(test: Statistic) -> str:
     )
 
 
-def _level(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    return (
-        f"outcomes are {'larger' if test.z > 0.0 else 'smaller'} than the law says, by and large",
-        "let a mean that is fixed be identified, or mend the simulator, which is biased",
-    )
+def _other(test: Statistic, several: bool) -> tuple[str, str]:
+    """The message and the remedy of every kind of test but contrasts."""
+    up, of, column = test.z > 0.0, test.of, test.column
+    match test.kind:
+        case "level":
+            return (
+                f"outcomes are {'larger' if up else 'smaller'} than the law says, by and large",
+                "let a mean that is fixed be identified, or mend the simulator, which is biased",
+            )
+        case "scale":
+            return (
+                f"outcomes scatter {'more' if up else 'less'} than the law and the noise say",
+                "let the noise, or a standard deviation of a law, be identified; where all are, "
+                "let the noise differ by a column of standard deviations, or take noise of kind "
+                '"student_t"',
+            )
+        case "heavy tails":
+            pull = f"more experiments pull far, and more hardly, on {of} than the law says"
+            return (
+                HEAVY if of == OUTCOMES else pull,
+                'noise of kind "student_t", a law with heavier tails, or a column that tells apart '
+                "what scatters more",
+            )
+        case "light tails":
+            return (
+                LIGHT
+                if of == OUTCOMES
+                else f"experiments pull alike far on {of} than the law says",
+                'a law = "mixture", or a column that tells two groups apart',
+            )
+        case "skewness":
+            skewed = "choose a skewed law (lognormal, gamma, beta), or"
+            if of == OUTCOMES:
+                side = "above" if up else "below"
+                message = f"outcomes lie farther {side} what is expected than the law says"
+                return message, f"{skewed} the transform log"
+            side = "up" if up else "down"
+            message = f"single experiments pull {of} farther {side} than the law says"
+            return message, f"{skewed} look at these experiments"
+        case "outlier":
+            return (
+                "an outcome lies farther out than the law says",
+                'look at the outliers named; noise of kind "student_t", or a skewed law, makes '
+                "them likely",
+            )
+        case "unequal":
+            whose = "experiments" if column == ORDER else f"outcomes of different `{column}`"
+            whose = "outcomes under different conditions" if column == SAME else whose
+            heavy = ', or take noise of kind "student_t"' if column == ORDER else ""
+            return (
+                f"{whose} scatter unequally, more than the law says",
+                f"let the noise differ between them by a column of standard deviations{heavy}",
+            )
+        case "neighbours" if several:
+            return (
+                f"observations that follow each other in an experiment err {_alike(up)}",
+                "the errors are not independent, or the simulator's curve has another shape: mend "
+                "the simulator, or leave out observations that are too close",
+            )
+        case "neighbours":
+            return (
+                f"outcomes next to each other in the table are {_alike(up)}",
+                "if they are of one subject, name the column that says which: [experiments] "
+                'id = "..."; else something changed while the experiments were made',
+            )
+        case "groups":
+            where = "under the same conditions" if column == SAME else f"with the same `{column}`"
+            whose = (
+                "observations of the same experiment" if column == ORDER else f"outcomes {where}"
+            )
+            mended = "mend the simulator, whose curve has another shape than what was measured"
+            named = "..." if column == SAME else column
+            subject = (
+                "if their rows are of one subject, name the column that says which: [experiments] "
+                f'id = "{named}"; else mend the simulator, which is biased there'
+            )
+            return f"{whose} err alike, more than the law says", mended if several else subject
+        case "pair":
+            return (
+                f"{of} and {column} of single experiments differ "
+                f"{'together' if up else 'in opposite directions'}, more than a law says that "
+                "takes them as independent",
+                f"let them be correlated: [correlation] {of}.{column}",
+            )
+        case _:
+            late, size = column == ORDER, "larger" if up else "smaller"
+            place = "late in the table" if late else f"under high `{column}`"
+            return (
+                f"{of} of single experiments is {size} {place} than the law says",
+                "look for what changed while the experiments were made"
+                if late
+                else f'let the mean of {of} follow {column}: "1 + {column}"',
+            )
 
 
-def _scale(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    return (
-        f"outcomes scatter {'more' if test.z > 0.0 else 'less'} than the law and the noise say",
-        "let the noise, or a standard deviation of a law, be identified; where all are, let the "
-        'noise differ by a column of standard deviations, or take noise of kind "student_t"',
-    )
-
-
-def _heavy(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    remedy = (
-        'noise of kind "student_t", a law with heavier tails, or a column that tells apart what '
-        "scatters more"
-    )
-    if test.of == OUTCOMES:
-        return HEAVY, remedy
-    return f"more experiments pull far, and more hardly, on {test.of} than the law says", remedy
-
-
-def _light(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    remedy = 'a law = "mixture", or a column that tells two groups apart'
-    if test.of == OUTCOMES:
-        return LIGHT, remedy
-    return f"experiments pull alike far on {test.of} than the law says", remedy
-
-
-def _unequal(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    of = "experiments" if test.column == ORDER else f"outcomes of different `{test.column}`"
-    if test.column == SAME:
-        of = "outcomes under different conditions"
-    heavy = ', or take noise of kind "student_t"' if test.column == ORDER else ""
-    return (
-        f"{of} scatter unequally, more than the law says",
-        f"let the noise differ between them by a column of standard deviations{heavy}",
-    )
-
-
-def _skewness(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    side = "above" if test.z > 0.0 else "below"
-    if test.of == OUTCOMES:
-        return (
-            f"outcomes lie farther {side} what is expected than the law says",
-            "choose a skewed law (lognormal, gamma, beta), or the transform log",
-        )
-    return (
-        f"single experiments pull {test.of} farther {'up' if test.z > 0.0 else 'down'} than the "
-        "law says",
-        "choose a skewed law (lognormal, gamma, beta), or look at these experiments",
-    )
-
-
-def _outlier(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    return (
-        "an outcome lies farther out than the law says",
-        'look at the outliers named; noise of kind "student_t", or a skewed law, makes them likely',
-    )
-
-
-def _neighbours(test: Statistic, several: bool) -> tuple[str, str]:
-    alike = "alike" if test.z > 0.0 else "opposite"
-    if several:
-        return (
-            f"observations that follow each other in an experiment err {alike}",
-            "the errors are not independent, or the simulator's curve has another shape: mend the "
-            "simulator, or leave out observations that are too close",
-        )
-    return (
-        f"outcomes next to each other in the table are {alike}",
-        'if they are of one subject, name the column that says which: [experiments] id = "..."; '
-        "else something changed while the experiments were made",
-    )
-
-
-def _groups(test: Statistic, several: bool) -> tuple[str, str]:
-    where = "under the same conditions" if test.column == SAME else f"with the same `{test.column}`"
-    message = f"outcomes {where} err alike, more than the law says"
-    if test.column == ORDER:
-        message = "observations of the same experiment err alike, more than the law says"
-    if several:
-        return message, "mend the simulator, whose curve has another shape than what was measured"
-    named = "..." if test.column == SAME else test.column
-    return message, (
-        "if their rows are of one subject, name the column that says which: [experiments] id = "
-        f'"{named}"; else mend the simulator, which is biased there'
-    )
-
-
-def _pair(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    sign = "together" if test.z > 0.0 else "in opposite directions"
-    return (
-        f"{test.of} and {test.column} of single experiments differ {sign}, more than a law says "
-        "that takes them as independent",
-        f"let them be correlated: [correlation] {test.of}.{test.column}",
-    )
-
-
-def _relation(test: Statistic, several: bool) -> tuple[str, str]:  # noqa: ARG001
-    late = test.column == ORDER
-    place = "late in the table" if late else f"under high `{test.column}`"
-    size = "larger" if test.z > 0.0 else "smaller"
-    return (
-        f"{test.of} of single experiments is {size} {place} than the law says",
-        "look for what changed while the experiments were made"
-        if late
-        else f'let the mean of {test.of} follow {test.column}: "1 + {test.column}"',
-    )
-
-
-_OTHERS = {
-    "pair": _pair,
-    "relation": _relation,
-    "level": _level,
-    "scale": _scale,
-    "heavy tails": _heavy,
-    "light tails": _light,
-    "skewness": _skewness,
-    "outlier": _outlier,
-    "unequal": _unequal,
-    "neighbours": _neighbours,
-    "groups": _groups,
-}
+def _alike(up: bool) -> str:
+    return "alike" if up else "opposite"

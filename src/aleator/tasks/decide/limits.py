@@ -8,23 +8,28 @@ import numpy as np
 import pandas as pd
 
 from aleator.errors import InputsError
-from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.inference.decisions.event import Event
-from aleator.inference.decisions.tolerance import content_interval, quantile_bound
-from aleator.inference.decisions.weighted import quantiles
+from aleator.inference.alpha_draws import AlphaDraws, quantiles
+from aleator.inference.rare_events import Event, content_interval, quantile_bound
 from aleator.progress import Progress
-from aleator.tasks.decide.ground import Ground
+from aleator.tasks.decide.ground import Ground, Points
 from aleator.tasks.decide.near import Near
-from aleator.tasks.decide.points import Points
+from aleator.tasks.decide.prediction import heads, in_rows, tails
 from aleator.tasks.decide.sample import about_event, of_law
-from aleator.tasks.decide.table import heads, in_rows, tails
 from aleator.types import Array, Indices
 
-FAR = 0.02
-"""Share beyond a design value below which it has points of its own."""
-ROUNDS = 4
-STILL = 0.01
-"""A change of a design value over the scatter that is none."""
+
+@dataclass(frozen=True)
+class LimitSettings:
+    """When a design value has points of its own; by judgement."""
+
+    far: float = 0.02
+    """Share beyond a design value below which it has points of its own."""
+    rounds: int = 4
+    still: float = 0.01
+    """A change of a design value over the scatter that is none."""
+
+
+LIMITS = LimitSettings()
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,7 @@ def limits(
     asked: Tolerance,
     which: Indices,
     progress: Progress | None = None,
+    settings: LimitSettings = LIMITS,
 ) -> pd.DataFrame:
     """A row for each of the values `which`; limits are in the unit of the outcome."""
     draws = ground.taken(draws)
@@ -67,7 +73,7 @@ def limits(
             low, high = _interval(near, draws, asked)
             lower[row], upper[row] = back(np.array([low, high]))
         else:
-            value, error[row] = _bound(near, draws, asked)
+            value, error[row] = _bound(near, draws, asked, settings)
             (upper if asked.side == "upper" else lower)[row] = back(np.array(value))
             # the error is one of the logarithm, where that is what the likelihood sees
             slope = back(np.array([value + error[row], value - error[row]]))
@@ -84,7 +90,9 @@ def _interval(near: Near, draws: AlphaDraws, asked: Tolerance) -> tuple[float, f
     return content_interval(y, found.weights, draws.weights, asked.content, asked.confidence)
 
 
-def _bound(near: Near, draws: AlphaDraws, asked: Tolerance) -> tuple[float, float]:
+def _bound(
+    near: Near, draws: AlphaDraws, asked: Tolerance, settings: LimitSettings
+) -> tuple[float, float]:
     """The confidence bound of a quantile, and the standard error of its computation.
 
     Far out the points are about the most probable points beyond the value of the round before.
@@ -93,11 +101,11 @@ def _bound(near: Near, draws: AlphaDraws, asked: Tolerance) -> tuple[float, floa
     probability = asked.content if upper else 1.0 - asked.content
     confidence = asked.confidence if upper else 1.0 - asked.confidence
     y, scatter, sample = 0.0, 1.0, of_law(near)
-    for _ in range(ROUNDS):
+    for _ in range(settings.rounds):
         before = y
         y, scatter = _once(near, draws, sample.joined, probability, confidence)
-        settled = abs(y - before) < STILL * scatter
-        if 1.0 - asked.content > FAR or near.ground.measured is not None or settled:
+        settled = abs(y - before) < settings.still * scatter
+        if 1.0 - asked.content > settings.far or near.ground.measured is not None or settled:
             break
         event = Event(((y, np.inf),) if upper else ((-np.inf, y),))
         found = about_event(near, draws, event)

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from aleator.blocks import blocks
 from aleator.fit.regions import hull, padded
-from aleator.inference.decisions.alpha_draws import AlphaDraws
+from aleator.inference.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Direct, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.problem import told
@@ -20,18 +20,18 @@ from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.samples import Samples
 from aleator.surrogates.shared import STEPS
 from aleator.surrogates.sites import Sites
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.points import (
-    LARGEST,
-    Parameters,
+from aleator.tasks.decide.ground import (
+    GROUND,
+    DrawnParameters,
+    Ground,
     Points,
+    ends_of,
     law_points,
     measured,
     normal_points,
     parameters,
     simulated,
 )
-from aleator.tasks.decide.predictors import LEVEL, MOST, ends_of
 from aleator.types import Array, Indices
 
 REACH = 6.5
@@ -71,7 +71,7 @@ class Kriged:
     def values(self, block: Block, x: Array) -> Array:
         """Values (1, J) at points x (1, J, n): those of the runs, where they were made."""
         found, z = self.trend.values(block, x), self.trend.inward(x[0])
-        for part in blocks(len(z), len(self.missed.u), LARGEST):
+        for part in blocks(len(z), len(self.missed.u), GROUND.largest):
             found[0, part] += self.missed.mean(_alike(z[part]), z[part])
         return found
 
@@ -107,6 +107,7 @@ class OneSurface:
         self.box, self.progress = ground.inputs.box, progress
         self._trend: OnSurfaces | None = None
         self._kriged: Kriged | None = None
+        self.settings = ground.settings
         self.region = padded(ends, self.box)
         where = slice(place, place + 1)
         self.sites = Sites.seen(runner, runner.unit[where], runner.column[where])
@@ -176,9 +177,9 @@ class OneSurface:
 
     def _sharpened(self, x: Array) -> None:
         self._trend = self._kriged = None
-        where = x[:: max(1, len(x) // MOST)][:, moving_parameters(self.region)]
+        where = x[:: max(1, len(x) // self.settings.places)][:, moving_parameters(self.region)]
         self.surfaces.judge(where)
-        self.surfaces.refine(where, LEVEL, told(self.progress))
+        self.surfaces.refine(where, self.settings.level, told(self.progress))
 
 
 def _alike(z: Array) -> Indices:
@@ -238,14 +239,14 @@ class Near:
         assert self.direct is not None
         return self.direct
 
-    def outcomes(self, alphas: Array, points: Points) -> tuple[Array, Parameters]:
+    def outcomes(self, alphas: Array, points: Points) -> tuple[Array, DrawnParameters]:
         """Outcomes (A, J) at the points under each law, and the parameters there."""
         found = parameters(self.ground, alphas, self.experiment, points)
         eta = simulated(self.predictor.values, self.block, found.x)
         rows = slice(self.place, self.place + 1)
         return measured(self.ground, alphas, eta, found.score, rows)[0], found
 
-    def possible(self, alphas: Array, points: Points) -> tuple[Array, Array, Parameters]:
+    def possible(self, alphas: Array, points: Points) -> tuple[Array, Array, DrawnParameters]:
         """Outcomes (A, J) by a surface, and their standard deviations that its runs leave."""
         assert self.surface is not None
         surface = self.surface.kriged

@@ -1,18 +1,252 @@
-"""The predictive distribution with the uncertainty of alpha: a mixture over plausible laws."""
+"""The distribution of new observations: of a new experiment, or of one that was measured.
+
+`forecast` is that under one law, `widened` that of a mixture over plausible laws with intervals of
+its quantiles, and `tabled` the table of both.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.inference.decisions.weighted import moments, quantiles
-from aleator.likelihood.individual import Predictor
-from aleator.tasks.decide.forecast import Forecast
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.points import POINTS, Parameters, Points, measured, parameters, simulated
-from aleator.types import Array
+from aleator.inference.alpha_draws import AlphaDraws, moments, quantiles
+from aleator.inference.extrapolation import Beyond, compared
+from aleator.laws.inputs import Inputs
+from aleator.laws.law import invert
+from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor, individual_points
+from aleator.likelihood.individual.importance import standard_points
+from aleator.observations.errors import MeasurementErrors
+from aleator.progress import Progress
+from aleator.tasks.decide.ground import (
+    GROUND,
+    DrawnParameters,
+    Ground,
+    Points,
+    about,
+    direct,
+    ends_of,
+    measured,
+    parameters,
+    predictor_for,
+    simulated,
+)
+from aleator.types import Array, Indices
+
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """Points that stand for a law in a prediction; by judgement."""
+
+    law_points: int = 4096
+    """Points that stand for the law of an experiment."""
+    step: float = 1e-4
+    """Step in scales of the difference that a density is taken by."""
+    lost: float = 1e-3
+    """Share of the law whose runs may fail before what is told is told of what is left."""
+
+
+PREDICTION = PredictionSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Points x (B, J, n) of the parameters of B experiments, of weights (B, J) that sum to one."""
+
+    x: Array
+    weights: Array
+
+    @classmethod
+    def new(cls, inputs: Inputs, alpha: Array, experiments: int) -> Draws:
+        """Of experiments that nothing is known of but their law."""
+        points = standard_points(PREDICTION.law_points, inputs.scattering)
+        xi = np.tile(points, (experiments, len(inputs.classes), 1))
+        found = inputs.individual(alpha[: inputs.size], xi, slice(0, experiments))
+        weights = np.exp(found.log_weight) / len(points)
+        return cls(found.x, np.broadcast_to(weights, found.x.shape[:2]))
+
+    @classmethod
+    def old(cls, likelihood: IndividualLikelihood, alpha: Array, which: int) -> Draws:
+        """Of one experiment of a likelihood that is adapted to alpha, given its observations."""
+        return cls(
+            *individual_points(
+                likelihood, alpha, likelihood.layout.alone(which), PREDICTION.law_points
+            )
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Draws]) -> Draws:
+        """Those of all experiments, one after the other."""
+        return cls(
+            np.concatenate([part.x for part in parts]),
+            np.concatenate([part.weights for part in parts]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Moments (M,) and quantiles (M, P) of M values; `lost` (M,) is the share that failed.
+
+    `kurtosis` is not in excess: 3 for a normal value. Where some of what is simulated is infinite,
+    so are the mean and quantiles, and there are no further moments.
+    """
+
+    mean: Array
+    sd: Array
+    skewness: Array
+    kurtosis: Array
+    quantiles: Array
+    lost: Array
+
+
+def forecast(
+    draws: Draws,
+    predictor: Predictor,
+    layout: Layout,
+    errors: MeasurementErrors | None,
+    of_errors: Array,
+    probabilities: Array,
+    settings: PredictionSettings = PREDICTION,
+) -> Forecast:
+    """The mixture over the draws of what is measured, or without errors of what is simulated.
+
+    F(y) = sum_j w_j F(y | eta_j, scale_j), exact but for the draws, inverted. Points whose runs
+    fail are left out. Cost: a run for each point and unit.
+    """
+    size = layout.experiment.size
+    mean, sd, skewness, kurtosis, lost = np.empty((5, size))
+    found = Forecast(mean, sd, skewness, kurtosis, np.empty((size, len(probabilities))), lost)
+    for block in layout.blocks(draws.x.shape[1]):
+        rows = block.rows
+        with np.errstate(all="ignore"):
+            eta = predictor.values(block, draws.x[block.experiments])
+        every = draws.weights[block.experiments][block.owner]
+        found.lost[rows] = np.sum(every, axis=1, where=np.isnan(eta))
+        known = np.isfinite(eta)
+        weights = np.where(known, every, 0.0)
+        endless = _Endless.of(eta, every)
+        with np.errstate(all="ignore"):
+            weights = weights / weights.sum(axis=1, keepdims=True)
+        eta = np.where(known, eta, 0.0)
+        of_each = (
+            (eta, *np.zeros((3, *eta.shape)))
+            if errors is None
+            else errors.moments(of_errors, eta, rows)
+        )
+        moments = _moments(weights, *of_each)
+        among = endless.among_finite(probabilities)
+        found.quantiles[rows] = endless.quantiles(
+            probabilities,
+            _weighted(eta, weights, among)
+            if errors is None
+            else _inverted(errors, of_errors, eta, weights, rows, among, settings),
+        )
+        finite = endless.mean == 0.0
+        found.mean[rows] = np.where(finite, moments[0], endless.mean)
+        for moment, own in zip(
+            moments[1:], (found.sd, found.skewness, found.kurtosis), strict=True
+        ):
+            own[rows] = np.where(finite, moment, np.nan)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Endless:
+    """The shares (m,) of what is simulated that are minus and plus infinity."""
+
+    below: Array
+    above: Array
+
+    @classmethod
+    def of(cls, eta: Array, weights: Array) -> _Endless:
+        """Of values (m, J) with weights; those that are NaN count as nothing."""
+        whole = np.sum(weights, axis=1, where=~np.isnan(eta))
+        with np.errstate(all="ignore"):
+            below, above = (
+                np.sum(weights, axis=1, where=eta == end) / whole for end in (-np.inf, np.inf)
+            )
+        return cls(below, above)
+
+    @property
+    def mean(self) -> Array:
+        """What they add to a mean (m,): nothing, an infinity, or NaN where there are both."""
+        low, high = (np.where(share > 0.0, np.inf, 0.0) for share in (self.below, self.above))
+        with np.errstate(invalid="ignore"):
+            return np.asarray(high - low)
+
+    def among_finite(self, probabilities: Array) -> Array:
+        """Which probability (m, P) of the finite values is one of all values."""
+        finite = 1.0 - self.below - self.above
+        with np.errstate(all="ignore"):
+            among = (probabilities - self.below[:, None]) / finite[:, None]
+        return np.clip(np.nan_to_num(among, nan=0.5), 1e-12, 1.0 - 1e-12)
+
+    def quantiles(self, probabilities: Array, finite: Array) -> Array:
+        """Those (m, P) of all values, given those of the finite ones."""
+        low = probabilities < self.below[:, None]
+        return np.where(
+            low, -np.inf, np.where(probabilities > 1.0 - self.above[:, None], np.inf, finite)
+        )
+
+
+def _moments(
+    weights: Array, mean: Array, second: Array, third: Array, fourth: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Mean, sd, skewness and kurtosis (m,) of a mixture of parts with central moments (m, J)."""
+    middle = np.sum(weights * mean, axis=1)
+    away = mean - middle[:, None]
+    sd = np.sqrt(np.sum(weights * (away**2 + second), axis=1))
+    cubes = away**3 + 3.0 * away * second + third
+    squares = away**4 + 6.0 * away**2 * second + 4.0 * away * third + fourth
+    with np.errstate(divide="ignore", invalid="ignore"):
+        skewness = np.sum(weights * cubes, axis=1) / sd**3
+        kurtosis = np.sum(weights * squares, axis=1) / sd**4
+    return middle, sd, skewness, kurtosis
+
+
+def _weighted(eta: Array, weights: Array, probabilities: Array) -> Array:
+    """Quantiles (m, P) of values (m, J) with weights; each stands in the middle of its weight."""
+    order = np.argsort(eta, axis=1)
+    value, share = (np.take_along_axis(array, order, axis=1) for array in (eta, weights))
+    reached = np.cumsum(share, axis=1) - 0.5 * share
+    found = np.full(probabilities.shape, np.nan)
+    for k in np.flatnonzero(np.any(share > 0.0, axis=1)):
+        counted = share[k] > 0.0
+        found[k] = np.interp(probabilities[k], reached[k, counted], value[k, counted])
+    return found
+
+
+def _inverted(
+    errors: MeasurementErrors,
+    of_errors: Array,
+    eta: Array,
+    weights: Array,
+    rows: slice,
+    probabilities: Array,
+    settings: PredictionSettings,
+) -> Array:
+    """Quantiles (m, P) of the mixture, which lie between those of its parts."""
+    scale = np.broadcast_to(errors.scale(of_errors, eta, rows), eta.shape)
+    step = settings.step * np.sum(weights * scale, axis=1, keepdims=True)
+    counted = weights > 0.0
+
+    def cdf(y: Array) -> Array:
+        columns = [errors.cdf(of_errors, column[:, None], eta, rows) for column in y.T]
+        return np.stack([np.sum(weights * column, axis=1) for column in columns], axis=1)
+
+    def pdf(y: Array) -> Array:
+        return np.asarray((cdf(y + step) - cdf(y - step)) / (2.0 * step))
+
+    ends = [errors.quantile(of_errors, p[:, None], eta, rows) for p in probabilities.T]
+    low = np.stack([np.min(np.where(counted, end, np.inf), axis=1) for end in ends], axis=1)
+    high = np.stack([np.max(np.where(counted, end, -np.inf), axis=1) for end in ends], axis=1)
+    lost = ~np.isfinite(low) | ~np.isfinite(high)
+    low, high = np.where(lost, 0.0, low), np.where(lost, 1.0, high)
+    return np.where(lost, np.nan, invert(cdf, pdf, probabilities, low, high))
+
 
 LEVEL = np.array([0.025, 0.975])
 """Ends of the interval of each quantile."""
@@ -34,9 +268,9 @@ def widened(
     size = len(ground.seen)
     moments_of, quantiles_of = np.empty((4, size)), np.empty((size, len(probabilities)))
     ends = np.empty((size, len(probabilities), 2))
-    points = Points.standard(POINTS, ground.inputs.scattering)
+    points = Points.standard(GROUND.points, ground.inputs.scattering)
     alphas = np.concatenate([draws.estimate[None], draws.alpha])
-    known: Parameters | None = None
+    known: DrawnParameters | None = None
     for l in range(ground.count):
         if known is None or ground.inputs.regressed or ground.measured is not None:
             known = parameters(ground, alphas, l, points)
@@ -44,7 +278,7 @@ def widened(
         eta = simulated(predictor.values, block, known.x)
         y = measured(ground, alphas, eta, known.score, block.rows)
         for k, own in enumerate(y, block.rows.start):
-            values = _Values.of(own, known.weights, draws, probabilities)
+            values = _PointValues.of(own, known.weights, draws, probabilities)
             at = np.array([found.mean[k], found.sd[k], found.skewness[k], found.kurtosis[k]])
             moments_of[:, k] = np.where(np.isnan(at), np.nan, _moved(at, *values.moments))
             quantiles_of[k] = _moved(found.quantiles[k], *values.quantiles)
@@ -54,7 +288,7 @@ def widened(
 
 
 @dataclass(frozen=True, eq=False)
-class _Values:
+class _PointValues:
     """Moments (4,) and quantiles (P,) by points, each of the mixture and of the estimate.
 
     `each` (A, P) are the quantiles of each draw, with `weights` (A,).
@@ -66,7 +300,7 @@ class _Values:
     weights: Array
 
     @classmethod
-    def of(cls, y: Array, weights: Array, draws: AlphaDraws, probabilities: Array) -> _Values:
+    def of(cls, y: Array, weights: Array, draws: AlphaDraws, probabilities: Array) -> _PointValues:
         """Of values y (1 + A, J) with weights; the first row is the estimate's."""
         each = quantiles(y, weights, probabilities)
         whole = (draws.weights[:, None] * weights[1:]).ravel()
@@ -91,3 +325,92 @@ def _moved(at: Array, mixed: Array, own: Array) -> Array:
     finite = np.isfinite(at) & np.isfinite(mixed) & np.isfinite(own)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where(finite, at + (mixed - own), mixed))
+
+
+def tabled(
+    ground: Ground,
+    draws: AlphaDraws,
+    quantiles: tuple[float, ...],
+    progress: Progress | None,
+    settings: PredictionSettings = PREDICTION,
+) -> pd.DataFrame:
+    """A row for each row of the conditions and response, in the order of the rows.
+
+    With draws of alpha, their mixture, and columns ``q<p>.lower`` and ``q<p>.upper`` with 95 %
+    intervals of the quantiles.
+    """
+    draws, probabilities = ground.taken(draws), np.array(quantiles)
+    own = _own(ground, draws.estimate)
+    predictor = _about(ground, own) if draws.certain else predictor_for(ground, draws, progress)
+    found = forecast(
+        own, predictor, ground.layout, ground.errors,
+        draws.estimate[ground.inputs.size :], probabilities,
+    settings=settings)  # fmt: skip
+    ends = None
+    if not draws.certain:
+        found, ends = widened(ground, predictor, draws, probabilities, found)
+    columns = heads(ground)
+    columns["mean"], columns["standard_deviation"] = found.mean, found.sd
+    columns["skewness"], columns["kurtosis"] = found.skewness, found.kurtosis
+    columns |= {f"q{p:g}": found.quantiles[:, i] for i, p in enumerate(quantiles)}
+    if ends is not None:
+        for i, p in enumerate(quantiles):
+            columns[f"q{p:g}.lower"], columns[f"q{p:g}.upper"] = ends[:, i].T
+    columns |= tails(ground)
+    columns["status"] = np.where(found.lost > settings.lost, "runs_failed", "solved")
+    return in_rows(ground, columns)
+
+
+def heads(ground: Ground, asked: Indices | None = None) -> dict[str, Any]:
+    """The columns that say which row and response each value is, or those that are `asked`."""
+    conditions, seen = ground.conditions, ground.seen
+    which = np.arange(len(seen)) if asked is None else asked
+    columns: dict[str, Any] = {"id": [conditions.ids[l] for l in seen.experiment[which]]}
+    if len(conditions.ids) < len(conditions.conditions):
+        columns["row"] = seen.row[which] + 1
+    if len(seen.responses) > 1:
+        columns["response"] = [seen.responses[k].name for k in seen.response[which]]
+    return columns
+
+
+def tails(ground: Ground, asked: Indices | None = None) -> dict[str, Array]:
+    """How far each value is `beyond` the tested conditions, in tested ranges."""
+    found, row = beyond(ground), ground.seen.row
+    return {} if found is None else {"beyond": found.distance[row if asked is None else row[asked]]}
+
+
+def beyond(ground: Ground) -> Beyond | None:
+    """Of the conditions that the simulator asks for, and the covariates of the laws.
+
+    None where the experiments that were measured are not at hand.
+    """
+    if ground.tested is None:
+        return None
+    new, tested = ground.conditions.table, ground.tested.table
+    asked = dict.fromkeys([*ground.runner.cases.columns, *ground.inputs.covariates])
+    names = [name for name in asked if name in new and name in tested]
+    return compared(tested[names], new[names])
+
+
+def in_rows(ground: Ground, columns: dict[str, Any], asked: Indices | None = None) -> pd.DataFrame:
+    """The columns in the order of the rows; the responses of a row one below the other."""
+    which = np.arange(len(ground.seen)) if asked is None else asked
+    order = np.lexsort((ground.seen.response[which], ground.seen.row[which]))
+    return pd.DataFrame(columns).iloc[order].reset_index(drop=True)
+
+
+def _own(ground: Ground, alpha: Array) -> Draws:
+    """Points of each new experiment, or of the measured one that it is, under one alpha."""
+    if ground.measured is None:
+        return Draws.new(ground.inputs, alpha, ground.count)
+    likelihood, which = ground.measured.likelihood, ground.measured.which.tolist()
+    each = {k: Draws.old(likelihood, alpha, k) for k in dict.fromkeys(which)}
+    return Draws.joined([each[k] for k in which])
+
+
+def _about(ground: Ground, own: Draws) -> Predictor:
+    """The simulator, or surfaces about the law of the estimate."""
+    x, box = own.x.reshape(-1, own.x.shape[2]), ground.inputs.box
+    if ground.on_simulator:
+        return direct(ground.runner, box, ends_of(x))
+    return about(ground.runner, box, x, ground.surfaces)

@@ -2,48 +2,117 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
-from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.inference.decisions.event import Event
-from aleator.inference.decisions.importance import CrossEntropy
-from aleator.inference.decisions.weighted import quantiles
+from aleator.errors import InputsError, nearest
+from aleator.inference.alpha_draws import AlphaDraws, quantiles
+from aleator.inference.rare_events import CrossEntropy, Event
+from aleator.observations.responses import Transform
 from aleator.progress import Progress
-from aleator.tasks.decide.forecast import LOST
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Exploration, Near
+from aleator.tasks.decide.prediction import PREDICTION, heads, in_rows, tails
 from aleator.tasks.decide.sample import (
-    EACH,
-    FOLLOWED,
-    REPLICATES,
+    CHECKS,
+    SAMPLE,
+    Correction,
     Sample,
+    SurfaceDoubt,
     about_event,
     by_some,
+    corrected,
     distance_of,
+    explored,
     of_law,
     often,
     possible,
+    settling,
     sought,
 )
-from aleator.tasks.decide.simulator_check import (
-    CHECKS,
-    Correction,
-    Doubt,
-    corrected,
-    explored,
-    settling,
-)
-from aleator.tasks.decide.table import heads, in_rows, tails
-from aleator.types import Array, Flags
+from aleator.types import Array, Flags, Indices
 
-CONTENT = 0.95
+
+def responses_asked(ground: Ground, response: str | None) -> Indices:
+    """The numbers of the response of that name, or of all. Raises InputsError where it is unknown.
+
+    >>> from types import SimpleNamespace as Some
+    >>> ground = Some(seen=Some(responses=(Some(name="force"), Some(name="wear"))))
+    >>> responses_asked(ground, "wear").tolist(), responses_asked(ground, None).tolist()
+    ([1], [0, 1])
+    """
+    names = [r.name for r in ground.seen.responses]
+    # a table with one response may have been given without its name
+    if response is None or names == [response] or len(names) == 1:
+        return np.arange(len(names))
+    if response not in names:
+        raise InputsError(
+            f"there is no response '{response}'{nearest(response, names)}",
+            f"the responses are {', '.join(names)}",
+        )
+    return np.array([names.index(response)], dtype=np.intp)
+
+
+def events_asked(
+    ground: Ground,
+    response: str | None,
+    above: float | None,
+    below: float | None,
+    between: Sequence[float] | None,
+) -> dict[int, Event]:
+    """The event of one response by its number, as the likelihood sees its values.
+
+    Raises InputsError unless one of the three is given, of one response, with ends that are
+    numbers in order and have a logarithm where the likelihood sees that.
+    """
+    if sum(part is not None for part in (above, below, between)) != 1:
+        raise InputsError(
+            "the probability of which outcomes?",
+            "give one of above, below and between, in the unit of the outcome",
+        )
+    which = responses_asked(ground, response)
+    if which.size > 1:
+        names = ", ".join(r.name for r in ground.seen.responses)
+        raise InputsError(
+            f"the probability of which response? There are {names}", "name one with response"
+        )
+    transform = ground.seen.responses[which[0]].transform
+    low, high = between or (above, below)
+    ends = _end(low, -np.inf, transform), _end(high, np.inf, transform)
+    if not ends[0] < ends[1]:
+        raise InputsError(f"between {low:g} and {high:g} lies nothing", "give the lower end first")
+    return {int(which[0]): Event((ends,))}
+
+
+def _end(value: float | None, other: float, transform: Transform) -> float:
+    if value is None:
+        return other
+    if not np.isfinite(value):
+        raise InputsError(f"an end at {value} is no number", "leave it out, or give a number")
+    if transform is Transform.LOG and value <= 0.0:
+        raise InputsError(
+            f"an end at {value:g}, and the likelihood sees the logarithm of the outcome",
+            "give a positive number: all outcomes are above zero",
+        )
+    return float(transform(value))
+
+
+@dataclass(frozen=True)
+class ProbabilitySettings:
+    """Shares and batches of an interval; by judgement."""
+
+    content: float = 0.95
+    batches: int = 16
+
+
+PROBABILITY = ProbabilitySettings()
+
 LEVEL = np.array([0.025, 0.975])
-BATCHES = 16
-STUDENT = float(stats.t.ppf(LEVEL[1], REPLICATES - 1) / stats.norm.ppf(LEVEL[1]))
+STUDENT = float(stats.t.ppf(LEVEL[1], SAMPLE.replicates - 1) / stats.norm.ppf(LEVEL[1]))
 """What the standard error of few replicates is longer by, so that twice it holds 95 %."""
 
 
@@ -178,7 +247,7 @@ def _sharpened(
     runs, seek = 0, CrossEntropy()
     while True:
         seen = possible(near, draws, event, seek)
-        doubt = Doubt.of(near, draws, event, seen.joined, FOLLOWED)
+        doubt = SurfaceDoubt.of(near, draws, event, seen.joined, SAMPLE.followed)
         certain = not seen.reached or bool(doubt.wrong.sum() <= choice.doubt * doubt.probability)
         if certain or runs + choice.batch > choice.runs:
             return sought(near, draws, event, seek), certain
@@ -222,18 +291,20 @@ class _Told:
     @property
     def error(self) -> float:
         """Standard error of the mixture: of the points, and of the draws by batches of pairs."""
-        points = STUDENT * float(self.by_replicate.std(ddof=1) / np.sqrt(REPLICATES))
+        points = STUDENT * float(self.by_replicate.std(ddof=1) / np.sqrt(SAMPLE.replicates))
         if self.plain:
-            points = max(points, float(0.5 / (EACH * np.sqrt(REPLICATES))))
-        if len(self.weights) < 4 * BATCHES:
+            points = max(points, float(0.5 / (SAMPLE.each * np.sqrt(SAMPLE.replicates))))
+        if len(self.weights) < 4 * PROBABILITY.batches:
             return points
-        batch = (np.arange(len(self.weights)) // 2) % BATCHES
+        batch = (np.arange(len(self.weights)) // 2) % PROBABILITY.batches
         own = self.each[1:].mean(axis=1)
         means = [
             np.average(own[batch == b], weights=self.weights[batch == b] + 1e-300)
-            for b in range(BATCHES)
+            for b in range(PROBABILITY.batches)
         ]
-        return float(np.hypot(points, STUDENT * np.std(means, ddof=1) / np.sqrt(BATCHES)))
+        return float(
+            np.hypot(points, STUDENT * np.std(means, ddof=1) / np.sqrt(PROBABILITY.batches))
+        )
 
     def found(
         self,
@@ -256,11 +327,13 @@ class _Told:
         return Probability(
             whole, float(ends[0]), float(ends[1]), float(own[0]),
             float(np.hypot(self.error, change.error)), distance, change.runs,
-            "runs_failed" if self.lost > LOST else status, unseen,
+            "runs_failed" if self.lost > PREDICTION.lost else status, unseen,
         )  # fmt: skip
 
 
-def interval_about(mean: float, values: Array, weights: Array) -> Array:
+def interval_about(
+    mean: float, values: Array, weights: Array, settings: ProbabilitySettings = PROBABILITY
+) -> Array:
     """The ends (2,) of an interval that holds 95 % of the values (A,), and their mean.
 
     Tails of 2.5 % each; of a law so skew that the mean lies in one of them, the interval ends at
@@ -269,10 +342,10 @@ def interval_about(mean: float, values: Array, weights: Array) -> Array:
     low, high = quantiles(values, weights, LEVEL)
     if mean > high:
         below = float(np.sum(weights, where=values <= mean))
-        low = quantiles(values, weights, np.array([below - CONTENT]))[0]
+        low = quantiles(values, weights, np.array([below - settings.content]))[0]
     elif mean < low:
         below = float(np.sum(weights, where=values < mean))
-        high = quantiles(values, weights, np.array([below + CONTENT]))[0]
+        high = quantiles(values, weights, np.array([below + settings.content]))[0]
     return np.array([min(low, mean), max(high, mean)])
 
 

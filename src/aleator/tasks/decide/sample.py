@@ -1,4 +1,9 @@
-"""Points of the variates by which the probability of an event, rare or not, is computed."""
+"""Points by which the probability of an event, rare or not, is computed; and runs that check it.
+
+`about_event` seeks an importance density of the event, on a surface that is made exact there.
+`explored` are fresh runs against a surface, `settling` those where it doubts, and `corrected` is
+what runs near the ends of the event change of its probability.
+"""
 
 from __future__ import annotations
 
@@ -6,38 +11,57 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special, stats
 
-from aleator.inference.decisions.alpha_draws import AlphaDraws
-from aleator.inference.decisions.event import Event
-from aleator.inference.decisions.importance import (
+from aleator.inference.alpha_draws import AlphaDraws
+from aleator.inference.rare_events import (
     CrossEntropy,
-    Mixture,
+    Event,
+    ImportanceDensity,
     importance_density,
     uniform_points,
 )
-from aleator.tasks.decide.near import Near, some_of
-from aleator.tasks.decide.points import Parameters, Points
+from aleator.tasks.decide.ground import GROUND, DrawnParameters, Points, normal_points
+from aleator.tasks.decide.near import REACH, Exploration, Near, some_of
 from aleator.types import Array, Flags
 
-REPLICATES = 16
-"""Independent samples, whose scatter is the error."""
-EACH = 256
-"""Points of each."""
-LAWS = 32
-"""Laws that an importance density is sought for, the estimate's among them."""
-FAR = 2.5
-"""By how much points that a surface is first made exact at are farther out than the law says."""
-PLACED = 24
-"""Such points for each law."""
-FOLLOWED = 8
-"""Laws by which a surface is placed."""
-SURE = 2.0
-"""Standard deviations of kriging within which an outcome is possible."""
-ROUNDS = 6
-STILL = 0.02
-"""A relative change of the probability by a surface that is none."""
-SEARCHES = 40
-"""Rounds of the search for the point of an event that is nearest to the middle of the law."""
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """Points of an event and runs that check it: by judgement, see `benchmarks limit_states`."""
+
+    laws: int = 32
+    """Laws that an importance density is sought for, the estimate's among them."""
+    far: float = 2.5
+    """By how much points that a surface is first made exact at are farther out than the law says.
+    """
+    placed: int = 24
+    """Such points for each law."""
+    sure: float = 2.0
+    """Standard deviations of kriging within which an outcome is possible."""
+    rounds: int = 6
+    still: float = 0.02
+    """A relative change of the probability by a surface that is none."""
+    searches: int = 40
+    """Rounds of the search for the point of an event that is nearest to the middle of the law."""
+    doubted: float = 0.7
+    """Share of the runs that are near the ends of the event; the others are anywhere in it."""
+    seed: int = 11
+    pool: int = 4096
+    """Points by which the probability of an unseen region, and of a surface's mistakes, is
+    computed.
+    """
+    missed: float = 0.05
+    """Chance that a region is missed which is said to be excluded."""
+    replicates: int = 16
+    """Independent samples, whose scatter is the error."""
+    each: int = 256
+    """Points of each."""
+    followed: int = 8
+    """Laws by which a surface is placed."""
+
+
+SAMPLE = SampleSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +72,7 @@ class Sample:
     """
 
     replicates: tuple[Points, ...]
-    density: Mixture | None = None
+    density: ImportanceDensity | None = None
     reached: bool = True
 
     @property
@@ -60,11 +84,15 @@ class Sample:
 def of_law(near: Near) -> Sample:
     """Points of the law itself."""
     s = near.ground.inputs.scattering
-    return Sample(tuple(Points.standard(EACH, s, seed) for seed in range(REPLICATES)))
+    return Sample(tuple(Points.standard(SAMPLE.each, s, seed) for seed in range(SAMPLE.replicates)))
 
 
 def about_event(
-    near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy | None = None
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    choice: CrossEntropy | None = None,
+    settings: SampleSettings = SAMPLE,
 ) -> Sample:
     """Points of an importance density of the event, under the estimate and other laws alike.
 
@@ -74,17 +102,17 @@ def about_event(
     """
     laws, choice = chosen_laws(draws), choice or CrossEntropy()
     if near.surface is not None:
-        near.surface.follow(near.wide(laws[0][:FOLLOWED], FAR, PLACED))
+        near.surface.follow(near.wide(laws[0][: settings.followed], settings.far, settings.placed))
     before, found = np.nan, sought(near, draws, event, choice)
-    for _ in range(ROUNDS if near.surface is not None and found.reached else 0):
+    for _ in range(settings.rounds if near.surface is not None and found.reached else 0):
         assert near.surface is not None
         points = found.replicates[0]
         away, weights = missed(near, laws, event, points)
         now = float(np.sum(weights, where=away == 0.0))
-        if abs(now - before) < STILL * now:
+        if abs(now - before) < settings.still * now:
             break
         before = now
-        x = near.outcomes(laws[0][:FOLLOWED], _heavy(points, away, weights))[1].x
+        x = near.outcomes(laws[0][: settings.followed], _heavy(points, away, weights))[1].x
         near.surface.follow(x.reshape(-1, x.shape[2]))
         found = sought(near, draws, event, choice)
     return found
@@ -96,13 +124,19 @@ def sought(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) ->
     return _sought(near, lambda points: missed(near, laws, event, points), choice)
 
 
-def possible(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) -> Sample:
+def possible(
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    choice: CrossEntropy,
+    settings: SampleSettings = SAMPLE,
+) -> Sample:
     """Points about all that may be in the event: within two standard deviations of kriging."""
-    laws = chosen_laws(draws, FOLLOWED)
+    laws = chosen_laws(draws, settings.followed)
 
     def away(points: Points) -> tuple[Array, Array]:
         y, apart, found = near.possible(laws[0], points)
-        least = np.maximum(event.missed(y) - SURE * apart, 0.0)
+        least = np.maximum(event.missed(y) - settings.sure * apart, 0.0)
         return _by_law(least, found, laws[1], points)
 
     return _sought(near, away, choice)
@@ -116,8 +150,10 @@ def _sought(
     density, reached = importance_density(
         lambda u: away(points_at(near, u)), variates(near), choice
     )
-    seeds = range(100, 100 + REPLICATES)
-    return Sample(tuple(drawn(near, density, EACH, seed) for seed in seeds), density, reached)
+    seeds = range(100, 100 + SAMPLE.replicates)
+    return Sample(
+        tuple(drawn(near, density, SAMPLE.each, seed) for seed in seeds), density, reached
+    )
 
 
 def _heavy(points: Points, away: Array, weights: Array) -> Points:
@@ -127,7 +163,7 @@ def _heavy(points: Points, away: Array, weights: Array) -> Points:
     return Points(points.xi[order], points.score[order], points.weights[order])
 
 
-def drawn(near: Near, density: Mixture, count: int, seed: int) -> Points:
+def drawn(near: Near, density: ImportanceDensity, count: int, seed: int) -> Points:
     """Points of a density, with their weights; `count` is a power of two."""
     u = density.drawn(uniform_points(count, variates(near) + 1, seed))
     return points_at(near, u, density.weights(u))
@@ -145,7 +181,7 @@ def variates(near: Near) -> int:
     return max(near.ground.inputs.scattering + (near.ground.errors is not None), 1)
 
 
-def chosen_laws(draws: AlphaDraws, count: int = LAWS) -> tuple[Array, Array]:
+def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Array]:
     """Some laws (L, K) and their weights (L,): the estimate and draws along the sequence."""
     if draws.certain:
         return draws.alpha, np.ones(1)
@@ -163,7 +199,9 @@ def missed(
     return _by_law(event.missed(y), found, laws[1], points)
 
 
-def _by_law(away: Array, found: Parameters, share: Array, points: Points) -> tuple[Array, Array]:
+def _by_law(
+    away: Array, found: DrawnParameters, share: Array, points: Points
+) -> tuple[Array, Array]:
     """A row for each law and class."""
     shape = (-1, len(points.score))
     weights = found.weights * share[:, None] * len(points.score)
@@ -179,11 +217,19 @@ def by_some(near: Near, draws: AlphaDraws, event: Event, points: Points) -> floa
 def often(near: Near, draws: AlphaDraws, event: Event) -> bool:
     """Whether the event is more likely than its contrary."""
     laws = chosen_laws(draws)
-    away, weights = missed(near, laws, event, Points.standard(EACH, near.ground.inputs.scattering))
+    away, weights = missed(
+        near, laws, event, Points.standard(SAMPLE.each, near.ground.inputs.scattering)
+    )
     return bool(np.sum(weights, where=away == 0.0) > 0.5 * np.sum(weights, where=away < np.inf))
 
 
-def distance_of(near: Near, alpha: Array, event: Event, samples: Sequence[Points]) -> float:
+def distance_of(
+    near: Near,
+    alpha: Array,
+    event: Event,
+    samples: Sequence[Points],
+    settings: SampleSettings = SAMPLE,
+) -> float:
     """The length of the shortest variates that lead to the event under one law.
 
     From the shortest of the points, by random steps that are halved where none is shorter. NaN
@@ -202,8 +248,8 @@ def distance_of(near: Near, alpha: Array, event: Event, samples: Sequence[Points
         return float("nan")
     best = u[np.argmin(np.sum(u**2, axis=1))]
     rng, step = np.random.default_rng(s), 0.5
-    for _ in range(SEARCHES):
-        tried = best + step * rng.normal(size=(EACH, best.size))
+    for _ in range(settings.searches):
+        tried = best + step * rng.normal(size=(settings.each, best.size))
         tried = tried[np.sum(tried**2, axis=1) < np.sum(best**2)]
         tried = tried[inside(points_at(near, tried))] if len(tried) else tried
         if not len(tried):
@@ -211,3 +257,211 @@ def distance_of(near: Near, alpha: Array, event: Event, samples: Sequence[Points
         else:
             best = tried[np.argmin(np.sum(tried**2, axis=1))]
     return float(np.linalg.norm(best))
+
+
+CHECKS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Explored:
+    """Fresh runs x (R, n), and whether each contradicts a surface.
+
+    `unseen` is the largest probability of a region that runs like these had missed by more than
+    5 % chance.
+    """
+
+    x: Array
+    contrary: Flags
+    unseen: float
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceDoubt:
+    """What a surface has of an event at points x (L, J, n), of probabilities `mass` (L, J).
+
+    `within` says which are in the event; `away` (L, J) are the distances of the outcomes from its
+    ends, and `apart` (L, J) the outcomes' standard deviations that the runs leave.
+    """
+
+    x: Array
+    score: Array
+    alphas: Array
+    mass: Array
+    within: Flags
+    away: Array
+    apart: Array
+
+    @classmethod
+    def of(
+        cls, near: Near, draws: AlphaDraws, event: Event, points: Points, count: int
+    ) -> SurfaceDoubt:
+        """By some of the points and so many laws."""
+        laws, share = chosen_laws(draws, count)
+        y, apart, found = near.possible(laws, points.thinned(SAMPLE.pool // len(laws)))
+        mass = share[:, None] * found.weights
+        away = np.nan_to_num(event.distance(y), nan=np.inf)
+        return cls(found.x, found.score, laws, mass, event.holds(y), away, apart)
+
+    @property
+    def wrong(self) -> Array:
+        """The probability (L, J) of points on the other side of an end than the surface says.
+
+        m Phi(-d/s), m the mass, d the distance and s the standard deviation (Echard, Gayton and
+        Lemaire, 2011).
+        """
+        return self.mass * _beyond(self.away, self.apart)
+
+    @property
+    def probability(self) -> float:
+        """That of the event, by the surface."""
+        return float(np.sum(self.mass, where=self.within))
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What `runs` of the simulator change of a probability, and the standard error of that."""
+
+    value: float
+    error: float
+    runs: int
+
+
+def explored(
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    probability: float,
+    choice: Exploration,
+    seed: int,
+    settings: SampleSettings = SAMPLE,
+) -> Explored:
+    """Runs of the simulator all over the law and its tails, against the surface.
+
+    Sobol' points of the variates, each under a law of its own.
+    """
+    assert near.surface is not None
+    d = variates(near)
+    farthest = stats.chi.isf(max(choice.beyond * probability, 1e-300), d)
+    u, _ = _all_over(choice.runs, d, min(farthest, REACH), settings.seed + seed, settings)
+    _, weights = _all_over(settings.pool, d, min(farthest, REACH), settings.seed + seed, settings)
+    unseen = unseen_by(weights, choice.runs, settings=settings)
+    rng = np.random.default_rng([settings.seed, seed])
+    laws, share = chosen_laws(draws)
+    y, sd, found = near.possible(laws, points_at(near, u))
+    mass = (share[:, None] * found.weights).reshape(-1, len(u)).cumsum(axis=0)
+    row = (mass < rng.uniform(size=len(u)) * mass[-1]).sum(axis=0)
+    law, place = np.unravel_index(row * len(u) + np.arange(len(u)), y.shape)
+    x, y, sd = found.x[law, place], y[law, place], sd[law, place]
+    run = near.at_runs(laws[law], x, found.score[place])
+    usual = near.outcomes(
+        laws, points_at(near, normal_points(settings.pool // 16, d, settings.seed))
+    )[0]
+    scale = np.nan_to_num(event.distance(y)) + float(np.nanstd(usual))
+    sure = stats.norm.isf(0.5 * settings.missed / choice.runs)
+    apart = np.abs(run - y) > choice.share * scale + sure * sd
+    apart |= np.isnan(run) & event.holds(y)
+    return Explored(x, apart, float(unseen))
+
+
+def settling(near: Near, doubt: SurfaceDoubt, count: int) -> Array:
+    """Points (count, n) of runs that leave the least probability on the wrong side of an end.
+
+    A run lowers the variances of all outcomes by their covariances with its own. Each point is the
+    best one after those before (stepwise uncertainty reduction; Bect et al., 2012), among those of
+    which the surface has most wrong.
+    """
+    assert near.surface is not None
+    wrong = doubt.wrong.ravel()
+    top = np.argsort(-wrong, kind="stable")[: GROUND.places]
+    x, mass, away, apart = (
+        part.reshape(wrong.size, -1)[top] for part in (doubt.x, doubt.mass, doubt.away, doubt.apart)
+    )
+    surface = near.surface.kriged
+    joint, noise = surface.joint(x), surface.missed.noise
+    # measurement errors may stretch deviations
+    unit = apart / np.sqrt(np.maximum(np.diag(joint), noise))[:, None]
+    chosen: list[int] = []
+    for _ in range(count):
+        variance = np.diag(joint) + noise
+        left = np.sqrt(np.maximum(np.diag(joint)[:, None] - joint**2 / variance, 0.0))
+        lowered = np.sum(mass * _beyond(away, unit * left), axis=0)
+        lowered[chosen] = np.inf
+        chosen.append(int(np.argmin(lowered)))
+        best = joint[chosen[-1]]
+        joint = joint - np.outer(best, best) / variance[chosen[-1]]
+    return np.asarray(x[chosen])
+
+
+def _beyond(away: Array, apart: Array) -> Array:
+    """Phi(-d/s) of distances and standard deviations."""
+    return np.asarray(special.ndtr(-_deviations(away, apart)))
+
+
+def _deviations(away: Array, apart: Array) -> Array:
+    with np.errstate(over="ignore"):
+        return np.asarray(away / np.maximum(apart, np.finfo(float).tiny))
+
+
+def _all_over(
+    count: int, d: int, radius: float, seed: int, settings: SampleSettings
+) -> tuple[Array, Array]:
+    """Points (J, d), half of the law and half over a ball, and the law over their density (J,).
+
+    Over the ball they are even in one or two variates, and nearer to the middle in more.
+    """
+    flat = min(d, 2)
+    u, z = normal_points(count // 2, d, seed), normal_points(count // 2, d, seed + settings.pool)
+    length = np.linalg.norm(z, axis=1, keepdims=True)
+    u = np.concatenate([u, z / length * radius * stats.chi.cdf(length, d) ** (1.0 / flat)])
+    r = np.linalg.norm(u, axis=1)
+    ball = np.where(r < radius, flat * r ** (flat - 1) / radius**flat, 0.0)
+    law = stats.chi.pdf(r, d)
+    return u, law / (0.5 * law + 0.5 * ball)
+
+
+def unseen_by(weights: Array, runs: int, settings: SampleSettings = SAMPLE) -> float:
+    """The largest probability of a region that so many runs miss by more than 5 % chance.
+
+    It would have 1 - 0.05^(1/runs) of the density that they were drawn by, about 3/runs; of that
+    share of the points (J,) the law's `weights` over this density are the largest where the
+    region has the most. As of independent runs: of points that are spread evenly it is
+    somewhat less.
+    """
+    share = 1.0 - settings.missed ** (1.0 / runs)
+    largest = np.sort(weights)[::-1][: int(np.ceil(share * len(weights)))]
+    return float(np.sum(largest) / len(weights))
+
+
+def corrected(
+    near: Near,
+    draws: AlphaDraws,
+    event: Event,
+    points: Points,
+    checks: int,
+    settings: SampleSettings = SAMPLE,
+) -> Correction:
+    """The difference of simulator and surface, by runs drawn where that is likely.
+
+    1/R sum_r (1_simulator - 1_surface) m_r/q_r over points drawn with probability q, which is
+    larger near an end of the event, in standard deviations of the surface; m is the mass of a
+    point. Where all agree the correction is zero, and its error is that mass of which one of R + 1
+    might differ. What is in the event far from where the surface sees it is not found.
+    """
+    known = SurfaceDoubt.of(near, draws, event, points, settings.laws)
+    doubt = known.mass * np.exp(-_deviations(known.away, known.apart))
+    parts = ((settings.doubted, doubt), (1.0 - settings.doubted, known.mass * known.within))
+    chance = np.sum(
+        [share * part / part.sum() for share, part in parts if part.sum() > 0.0], axis=0
+    )
+    if not np.sum(chance) > 0.0:
+        return Correction(0.0, 0.0, 0)
+    chance = chance / chance.sum()
+    rng = np.random.default_rng(settings.seed)
+    chosen = rng.choice(chance.size, size=checks, p=chance.ravel())
+    law, place = np.unravel_index(chosen, chance.shape)
+    run = near.at_runs(known.alphas[law], known.x[law, place], known.score[place])
+    ratio = known.mass[law, place] / chance[law, place]
+    apart = (event.holds(run).astype(float) - known.within[law, place]) * ratio
+    doubted = float(known.wrong.sum()) / (checks + 1)
+    error = np.hypot(float(np.std(apart, ddof=1)) / np.sqrt(checks), doubted)
+    return Correction(float(apart.mean()), float(error), checks)

@@ -1,0 +1,426 @@
+"""The design of further experiments: what each would tell, and which of them tell most together.
+
+The expected information of an experiment that was not made is that of its scores at virtual
+outcomes (`expected_scores`). A `DesignPlan` says what a set of experiments leaves unknown, and
+`chosen` picks the set.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+from scipy.integrate import cumulative_simpson
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+from scipy.stats import qmc
+
+from aleator.inference.fit import Fit
+from aleator.inference.information import Inference
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
+from aleator.observations.responses import ends_of
+from aleator.observations.responses import limits_of_test as limits_of_tests
+from aleator.progress import Progress
+from aleator.types import Array, Flags, Indices
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """How information is summed and sets are exchanged; by judgement."""
+
+    nodes: int = 97
+    """Outcomes of one experiment, equally far apart, that its expected information is a sum over.
+    """
+    draws: int = 400
+    """Virtual data sets where an experiment has several observations."""
+    singular: float = 1e-9
+    """Information along a direction, over that of all experiments together, that is none."""
+    floor: float = 1e-12
+    """What stands for no information: candidates that leave fewer directions open are then better.
+    """
+    equal: float = 1e-6
+    """Relative difference of two variances that is none."""
+    sweeps: int = 50
+    starts: int = 5
+    """Candidates, the best by themselves, from which a set is begun."""
+    most: float = 1e6
+    """Repetitions beyond which none are told."""
+    seed: int = 5
+    newton: int = 4
+    """Steps that bring a quantile from between two nodes to where it is."""
+
+
+DESIGN = DesignSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Scores (R, C, K) at R virtual outcomes of C experiments; weights (R, C) that sum to one.
+
+    `outcomes` (S, C), S <= R, are the first of them where these are nodes of a sum over the
+    outcome's density, at equal distances; the others are values beyond a limit of the test. None
+    where each is a draw of several observations. An experiment that cannot be simulated has NaN.
+    """
+
+    scores: Array
+    weights: Array
+    outcomes: Array | None
+
+    @cached_property
+    def information(self) -> Array:
+        """I = E[s s'] (C, K, K), the expected information of each experiment (Fisher, 1925)."""
+        return np.asarray(np.einsum("rc,rck,rcl->ckl", self.weights, self.scores, self.scores))
+
+    def of(self, which: Indices) -> Scores:
+        """The same by some of the hyperparameters."""
+        return Scores(self.scores[:, :, which], self.weights, self.outcomes)
+
+    def error(self, directions: Array) -> Array:
+        """The Monte Carlo error (C,) of d' I d for d (C, K); zero for a sum over nodes."""
+        if self.outcomes is not None:
+            return np.zeros(self.weights.shape[1])
+        squares = np.einsum("rck,ck->rc", self.scores, directions) ** 2
+        return np.asarray(squares.std(axis=0, ddof=1) / np.sqrt(len(squares)))
+
+
+def expected_scores(
+    fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings = DESIGN
+) -> Scores:
+    """Scores of experiments under their own law, for any of which nothing need be measured.
+
+    Where each has one observation by a sum over its density f, exact but for the distance of the
+    nodes: I = int s s' f dy, values beyond the limits of the test taken together. Else by draws,
+    censored as the fit's are. Cost: some 97 evaluations of the likelihood of the experiments, or
+    400 draws of them.
+    """
+    seen = fit.table.observations
+    limits = limits_of_tests(seen)
+    if limits is None or not np.array_equal(seen.experiment, np.arange(fit.count)):
+        return _over_draws(fit, rng, progress, settings)
+    return _over_outcomes(fit, *ends_of(seen, limits), progress, settings)
+
+
+def _over_outcomes(
+    fit: Fit, lowest: Array, highest: Array, progress: Progress, settings: DesignSettings
+) -> Scores:
+    low, high = fit.likelihood.span()
+    low, high = np.clip(low, lowest, highest), np.clip(high, lowest, highest)
+    outcomes = low + np.linspace(0.0, 1.0, settings.nodes)[:, None] * (high - low)
+    ends = [*zip(outcomes, outcomes, strict=True)]
+    step = [*(simpson(settings.nodes)[:, None] * (high - low) / (settings.nodes - 1))]
+    if np.any(np.isfinite(highest)):
+        ends.append((np.where(np.isfinite(highest), highest, high), np.full(high.shape, np.inf)))
+        step.append(np.isfinite(highest).astype(float))
+    if np.any(np.isfinite(lowest)):
+        ends.append((np.full(low.shape, -np.inf), np.where(np.isfinite(lowest), lowest, low)))
+        step.append(np.isfinite(lowest).astype(float))
+    weights = np.empty((len(ends), fit.count))
+    scores = np.empty((*weights.shape, fit.alpha.size))
+    for r, (lower, upper) in enumerate(ends):
+        progress.update(f"outcome {r + 1} of {len(ends)}", r, len(ends))
+        # the next outcome is near: nodes are adapted from those of the last
+        seen = replace(fit.table.observations, lower=lower, upper=upper)
+        fit = fit.seeing(fit.table.with_observations(seen))
+        found = fit.scored()
+        assert found.scores is not None
+        weights[r], scores[r] = step[r] * np.exp(found.each), found.scores
+    with np.errstate(invalid="ignore"):
+        weights = weights / weights.sum(axis=0)
+    known = np.where(weights[..., None] > 0.0, scores, 0.0 * weights[..., None])
+    return Scores(known, weights, outcomes)
+
+
+def simpson(count: int) -> Array:
+    """Weights (count,) of Simpson's rule over steps, for an odd number of nodes.
+
+    >>> simpson(5).tolist()
+    [0.333, 1.333, 0.667, 1.333, 0.333]
+    """
+    weights = np.tile([2.0, 4.0], count // 2 + 1)[:count]
+    weights[[0, -1]] = 1.0
+    return weights / 3.0
+
+
+def _over_draws(
+    fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings
+) -> Scores:
+    scores = np.empty((settings.draws, fit.count, fit.alpha.size))
+    for r in range(settings.draws):
+        progress.update(f"virtual data set {r + 1} of {settings.draws}", r, settings.draws)
+        found = fit.drawn(rng).scored()
+        assert found.scores is not None
+        scores[r] = found.scores
+    return Scores(scores, np.full(scores.shape[:2], 1.0 / settings.draws), None)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignPlan:
+    """Information that there is (A, F, F), and what each of C candidates would add (A, C, F, F).
+
+    Both are of F hyperparameters, at A values of them that are all possible. What is wanted is a
+    small variance of d' alpha, the mean over G directions d (A, G, F): c-optimality for one,
+    A-optimality for several. With `directions` None it is a small volume of the confidence
+    ellipsoid, det(I)^(-1/F): D-optimality (Atkinson, Donev and Tobias, 2007, chapter 10).
+    Variances are in units of `unit`. A candidate whose information is not finite is never chosen.
+    """
+
+    present: Array
+    offered: Array
+    directions: Array | None
+    unit: float = 1.0
+    settings: DesignSettings = DESIGN
+
+    def relative(self) -> DesignPlan:
+        """The same with variances over the present ones, of each direction over its own.
+
+        Unchanged for one direction, and where something is not known at all.
+        """
+        if not self.known(self.present):
+            return self
+        if self.directions is None:
+            return replace(self, unit=float(self.variance(self.present)))
+        if self.directions.shape[1] == 1:
+            return self
+        inverse = np.linalg.inv(self.present)
+        now = np.einsum("agf,afh,agh->ag", self.directions, inverse, self.directions)
+        return replace(self, directions=self.directions / np.sqrt(now)[..., None])
+
+    def variance(self, information: Array) -> Array:
+        """The criterion (...) of information (A, ..., F, F), the mean over the A values.
+
+        It is large where a direction has no information, and infinite where that is not finite.
+        """
+        values, vectors, finite = self._decomposed(information)
+        values = np.maximum(values, self.settings.floor)
+        if self.directions is None:
+            each = np.exp(-np.mean(np.log(values), axis=-1))
+            each = each * self._volume.reshape(-1, *[1] * (each.ndim - 1))
+        else:
+            along = np.einsum("agf,a...fh->a...gh", self._directions, vectors)
+            each = np.mean(np.sum(along**2 / values[..., None, :], axis=-1), axis=-1)
+        return np.asarray(np.where(finite, each, np.inf).mean(axis=0) / self.unit)
+
+    def known(self, information: Array) -> Flags:
+        """Whether information (A, ..., F, F) tells something of all that is wanted, bool (...)."""
+        values, vectors, finite = self._decomposed(information)
+        nothing = values < self.settings.singular
+        if self.directions is not None:
+            along = np.einsum("agf,a...fh->a...gh", self._directions, vectors) ** 2
+            share = along / np.maximum(along.sum(axis=-1, keepdims=True), 1e-300)
+            nothing = np.any((share > self.settings.singular) & nothing[..., None, :], axis=-2)
+        return np.asarray(np.all(finite & ~np.any(nothing, axis=-1), axis=0))
+
+    def standard_error(self, information: Array) -> Array:
+        """The root (...) of the criterion; infinite where something is not known at all."""
+        known = self.known(information)
+        return np.where(known, np.sqrt(self.variance(information)), np.inf)
+
+    def _decomposed(self, information: Array) -> tuple[Array, Array, Flags]:
+        """Eigenvalues and vectors of scaled information, and whether it is finite."""
+        between = [1] * (information.ndim - 3)
+        size = information.shape[-1]
+        scaled = information * self._scale.reshape(-1, *between, size, size)
+        finite = np.all(np.isfinite(scaled), axis=(-2, -1))
+        values, vectors = np.linalg.eigh(np.where(finite[..., None, None], scaled, np.eye(size)))
+        return values, vectors, finite
+
+    @cached_property
+    def _scale(self) -> Array:
+        """(A, F, F): the information of all experiments together has ones on its diagonal."""
+        offered = np.where(np.isfinite(self.offered), self.offered, 0.0)
+        whole = np.diagonal(self.present + offered.sum(axis=1), axis1=1, axis2=2)
+        scale = 1.0 / np.sqrt(np.maximum(whole, 1e-300))
+        return np.asarray(scale[:, :, None] * scale[:, None, :])
+
+    @cached_property
+    def _directions(self) -> Array:
+        assert self.directions is not None
+        return np.asarray(self.directions * np.sqrt(self._diagonal)[:, None])
+
+    @cached_property
+    def _volume(self) -> Array:
+        """(A,): of the scale that was multiplied by, det^(1/F)."""
+        return np.asarray(np.exp(np.mean(np.log(self._diagonal), axis=1)))
+
+    @property
+    def _diagonal(self) -> Array:
+        return np.diagonal(self._scale, axis1=1, axis2=2)
+
+
+@dataclass(frozen=True)
+class ChosenSet:
+    """Candidates by number, the most useful first, and the standard error after each of them.
+
+    `ties` says how many others would be as good in each place, beside the rest of the set.
+    """
+
+    order: tuple[int, ...]
+    after: tuple[float, ...]
+    ties: tuple[int, ...]
+
+
+def chosen(
+    plan: DesignPlan, count: int, repeat: int = 1, settings: DesignSettings = DESIGN
+) -> ChosenSet:
+    """The best set of `count` candidates: one after the other, then exchanged while that helps.
+
+    Every member gives way to the candidate that is best in its place (Fedorov, 1972), until none
+    is better. That is a local optimum, no worse than the set taken one after the other; it is
+    sought from each of the best five as the first member. A candidate is taken `repeat` times at
+    most. Cost: 5 count C decompositions a sweep.
+    """
+    every = [*range(plan.offered.shape[1])] * repeat
+    first = np.argsort(_beside(plan, [], every[: plan.offered.shape[1]]), kind="stable")[
+        : settings.starts
+    ]
+    ends = [
+        _exchanged(plan, _greedy(plan, every, count, [start]), repeat, settings)
+        for start in first.tolist()
+    ]
+    members = min(ends, key=lambda end: float(plan.variance(_sum(plan, end))))
+    order = _greedy(plan, members, count)
+    steps = np.stack([_sum(plan, order[: k + 1]) for k in range(count)], axis=1)
+    after = plan.standard_error(steps)
+    return ChosenSet(tuple(order), tuple(after.tolist()), _ties(plan, order, repeat, settings))
+
+
+def repetitions(
+    plan: DesignPlan, again: Array, goal: float, settings: DesignSettings = DESIGN
+) -> float | None:
+    """How often experiments of information `again` (F, F) are to be made for an error of `goal`.
+
+    A number that need not be whole; None where no number reaches it.
+    """
+
+    def beyond(times: float) -> float:
+        return float(plan.standard_error(plan.present + times * again)) - goal
+
+    if not np.isfinite(goal) or not beyond(settings.most) < 0.0:
+        return None
+    return 0.0 if beyond(0.0) <= 0.0 else float(brentq(beyond, 0.0, settings.most, xtol=1e-6))
+
+
+def _greedy(
+    plan: DesignPlan, among: Sequence[int], count: int, begin: Sequence[int] = ()
+) -> list[int]:
+    """`count` of the candidates `among`, after the first each the best beside those before."""
+    taken = [*begin]
+    left = Counter(among) - Counter(taken)
+    for _ in range(count - len(taken)):
+        offered = [c for c, times in left.items() if times]
+        best = offered[int(np.argmin(_beside(plan, taken, offered)))]
+        taken.append(best)
+        left[best] -= 1
+    return taken
+
+
+def _exchanged(
+    plan: DesignPlan, members: list[int], repeat: int, settings: DesignSettings
+) -> list[int]:
+    members = [*members]
+    value = float(plan.variance(_sum(plan, members)))
+    for _ in range(settings.sweeps):
+        before = value
+        for place in range(len(members)):
+            others = members[:place] + members[place + 1 :]
+            left = _left(plan, others, repeat)
+            found = _beside(plan, others, left)
+            best = int(np.argmin(found))
+            if found[best] < value * (1.0 - settings.equal):
+                members[place], value = left[best], float(found[best])
+        if value >= before * (1.0 - settings.equal):
+            break
+    return members
+
+
+def _ties(
+    plan: DesignPlan, order: list[int], repeat: int, settings: DesignSettings
+) -> tuple[int, ...]:
+    value, found = float(plan.variance(_sum(plan, order))), []
+    for place, own in enumerate(order):
+        others = order[:place] + order[place + 1 :]
+        left = [c for c in _left(plan, others, repeat) if c != own]
+        found.append(int(np.sum(_beside(plan, others, left) <= value * (1.0 + settings.equal))))
+    return tuple(found)
+
+
+def _left(plan: DesignPlan, others: list[int], repeat: int) -> list[int]:
+    """The candidates that may stand beside these others."""
+    taken = Counter(others)
+    return [c for c in range(plan.offered.shape[1]) if taken[c] < repeat]
+
+
+def _sum(plan: DesignPlan, members: list[int]) -> Array:
+    return np.asarray(plan.present + plan.offered[:, members].sum(axis=1))
+
+
+def _beside(plan: DesignPlan, members: list[int], candidates: list[int]) -> Array:
+    """The variance after these members with each of the candidates."""
+    return plan.variance(_sum(plan, members)[:, None] + plan.offered[:, candidates])
+
+
+def possible_laws(
+    alpha: Array,
+    inference: Inference,
+    hyperparameters: Sequence[Hyperparameter],
+    count: int,
+    settings: DesignSettings = DESIGN,
+) -> Array:
+    """Values (A, K) that the experiments leave possible: alpha itself, or `count` spread about it.
+
+    Normal with the covariance of the estimates, quasi-random, moved within their limits.
+    """
+    if count < 2 or not inference.positive or not inference.free.size:
+        return alpha[None]
+    power = int(np.ceil(np.log2(count)))
+    uniform = qmc.Sobol(inference.free.size, rng=settings.seed).random_base2(power)[:count]
+    root = np.linalg.cholesky(inference.covariance)
+    found = np.tile(alpha, (count, 1))
+    found[:, inference.free] += special.ndtri(np.clip(uniform, 1e-6, 1.0 - 1e-6)) @ root.T
+    return np.asarray(np.clip(found, *limits_of(hyperparameters)))
+
+
+def quantile_gradients(
+    found: Scores, probability: float, settings: DesignSettings = DESIGN
+) -> tuple[Array, Array]:
+    """Quantiles q (C,) of the outcomes, and dq/dalpha (C, K) = -(dF/dalpha)(q) / f(q).
+
+    F is the distribution function and dF/dalpha = int_{-inf}^q s f dy, both from the nodes of the
+    scores. Needs one observation an experiment.
+    """
+    y, below, slopes, density = _distribution(found)
+    rising = np.maximum.accumulate(below, axis=0)
+    q = np.array([np.interp(probability, F, nodes) for F, nodes in zip(rising.T, y.T, strict=True)])
+    for _ in range(settings.newton):
+        error = _at(y, below[..., None], q) - probability
+        q = np.clip(q - (error / _at(y, density[..., None], q))[:, 0], y[0], y[-1])
+    return q, -_at(y, slopes, q) / _at(y, density[..., None], q)
+
+
+def probability_gradients(found: Scores, limit: float) -> tuple[Array, Array]:
+    """P(outcome <= limit) (C,) and its derivatives (C, K) by alpha."""
+    y, below, slopes, _ = _distribution(found)
+    at = np.clip(limit, y[0], y[-1])
+    return np.clip(_at(y, below[..., None], at)[:, 0], 0.0, 1.0), _at(y, slopes, at)
+
+
+def _distribution(found: Scores) -> tuple[Array, Array, Array, Array]:
+    """Nodes y (R, C), F (R, C), dF/dalpha (R, C, K) and f (R, C) at them, without limits."""
+    assert found.outcomes is not None
+    y = found.outcomes
+    step = np.diff(y, axis=0).mean(axis=0)
+    density = found.weights / (simpson(len(y))[:, None] * step)
+    moved = density[..., None] * found.scores
+    below = cumulative_simpson(density, dx=1.0, axis=0, initial=0.0) * step
+    slopes = cumulative_simpson(moved, dx=1.0, axis=0, initial=0.0) * step[:, None]
+    return y, below, slopes, density
+
+
+def _at(nodes: Array, values: Array, y: Array) -> Array:
+    """Values (R, C, K) interpolated at y (C,) from their nodes (R, C)."""
+    each = [CubicSpline(nodes[:, c], values[:, c])(point) for c, point in enumerate(y)]
+    return np.array(each).reshape(y.size, values.shape[2])

@@ -1,0 +1,597 @@
+"""The two likelihoods as a fit asks them: with data, at one alpha, and without runs.
+
+`OutcomesAt` is that of exact outcomes, by level sets or moments; `IndividualsAt` is the integral
+over each experiment's own parameters, with nodes adapted to alpha.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from scipy import special
+
+from aleator.errors import InputsError
+from aleator.inference.alpha_draws import quantiles
+from aleator.inference.calibration import sequential_pit
+from aleator.inference.check import Remembered
+from aleator.inference.diagnostics.surfaces import relative_errors
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs, drawn
+from aleator.likelihood.individual import (
+    Direct,
+    IndividualLikelihood,
+    LawPoints,
+    OnSurfaces,
+    Rule,
+    individual_points,
+)
+from aleator.likelihood.individual.importance import standard_points
+from aleator.likelihood.individual.layout import Block
+from aleator.likelihood.individual.moments import individual_variates, values_under_law
+from aleator.likelihood.individual.rule import AsManyAsNeeded
+from aleator.likelihood.problem import Problem
+from aleator.observations.responses import Observations
+from aleator.search.value import LogLikelihood
+from aleator.simulators import Runner
+from aleator.surrogates.responses import DirectResponse, Predicted
+from aleator.types import Array
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a fit draws data and tells where they would lie, all by judgement.
+
+    Outcomes are taken to lie within `span` standard deviations of their mean. Of densities by
+    moments `tabulated` quantiles, out to `farthest` normal scores, stand for the law that outcomes
+    are drawn of. Each experiment has `points` of its law of which one is drawn, `marginal` ones for
+    quantiles. A replicate is judged by some `values` simulated ones at points of the law, at least
+    and at most `law_points` of an experiment. An experiment whose run fails is drawn `tries` times.
+    """
+
+    span: float = 7.0
+    farthest: float = 6.0
+    tabulated: int = 81
+    points: int = 256
+    marginal: int = 2048
+    values: int = 120_000
+    law_points: tuple[int, int] = (1000, 4000)
+    tries: int = 20
+
+
+FIT = FitSettings()
+
+
+class LikelihoodAt(ABC):
+    """The likelihood of N experiments with M observations at alpha (K,).
+
+    A value: each method that changes something returns another one. Those with a default need
+    measurement noise, without which an outcome tells no single parameter.
+    """
+
+    alpha: Array
+
+    @property
+    @abstractmethod
+    def inputs(self) -> Inputs:
+        """The laws of the parameters, resolved by the covariates that they follow."""
+
+    @property
+    @abstractmethod
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of alpha, in its order."""
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """N."""
+
+    @property
+    @abstractmethod
+    def region(self) -> Array:
+        """Where simulated values are known, (n, 2): the region of the surfaces, or the box."""
+
+    @property
+    @abstractmethod
+    def roughness(self) -> Array | None:
+        """Of each observation the estimated error of its surface, relative, (M,); None without."""
+
+    @abstractmethod
+    def scored(self) -> LogLikelihood:
+        """Log-densities (N,) of all experiments at alpha, with scores (N, K)."""
+
+    @abstractmethod
+    def log_likelihood(self) -> float:
+        """The sum of the log-densities, without priors; minus infinity beyond a support."""
+
+    @abstractmethod
+    def objective(self) -> Callable[[Array], LogLikelihood]:
+        """The same as a function of alpha, which a search may climb: continued where it ends."""
+
+    @abstractmethod
+    def honest(self) -> Callable[[Array], LogLikelihood]:
+        """The same for a sampler: a function of alpha alone, minus infinity outside a support."""
+
+    @abstractmethod
+    def more_nodes(self, alpha: Array) -> float:
+        """What more nodes change of the log-likelihood at alpha; zero where there are no more."""
+
+    @abstractmethod
+    def rough(self) -> Self:
+        """The same with the fewest nodes that serve."""
+
+    @abstractmethod
+    def for_replicates(self) -> tuple[Self, bool]:
+        """The same with nodes that many data sets in turn are quickly judged by.
+
+        And whether the maximum by these nodes is another one, so that alpha is to be moved there.
+        """
+
+    @abstractmethod
+    def at(self, alpha: Array) -> Self:
+        """The same data at another alpha."""
+
+    @abstractmethod
+    def seeing(self, seen: Observations) -> Self:
+        """The same experiments with other observations."""
+
+    @abstractmethod
+    def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
+        """Other observations under the law and the noise of alpha, with bounds like those seen."""
+
+    @abstractmethod
+    def probabilities(self, seen: Observations, points: int | None) -> Array:
+        """P(below what was measured | earlier ones of the same experiment, alpha) (M,).
+
+        Under the right alpha they are independent and uniform. NaN where one is not known. By so
+        many `points` of each experiment where they are integrals; None takes what a report needs.
+        """
+
+    @abstractmethod
+    def span(self) -> tuple[Array, Array]:
+        """Ends (M,) between which each observation would lie, but for one in many thousands."""
+
+    @abstractmethod
+    def quantiles(self, probabilities: Array) -> Array:
+        """Quantiles (M, P) of what would be measured in place of each observation, under alpha.
+
+        Of the law, not of what is known of the experiment. NaN where there is none.
+        """
+
+    @abstractmethod
+    def simulated(self, x: Array) -> Array | None:
+        """What is known of the simulator at points x (J, n): of each observation, (M, J).
+
+        By its surfaces, or by itself where it is fast. NaN where it has no value; None with
+        collocation, which knows its nodes only.
+        """
+
+    def nodes(self) -> tuple[Array, Array] | None:
+        """With collocation its nodes x (J, n), and the outcomes of its runs there (M, J).
+
+        None where `simulated` answers.
+        """
+        return None
+
+    def variates(self) -> tuple[Array, Array] | None:
+        """Means (N, s) and mean products (N, s, s) of the variates of the scattering parameters.
+
+        Given the observations of their experiment; under the law they are standard normal. None
+        where there is no noise, or one observation an experiment, which tells no parameter alone.
+        """
+        return None
+
+    def individuals(self, rng: np.random.Generator) -> Array:  # noqa: ARG002
+        """A draw (N, n) of the parameters of each experiment given its observations.
+
+        Under the right model they are a sample of the law. Raises as `given`.
+        """
+        raise _without_noise()
+
+    def given(self, x: Array) -> Array:  # noqa: ARG002
+        """log p(observations of an experiment | parameters) (N, J) at points x (J, n).
+
+        Raises InputsError where there is no noise.
+        """
+        raise _without_noise()
+
+
+def _without_noise() -> InputsError:
+    return InputsError(
+        "without measurement noise an outcome has no density given its parameters",
+        "add noise: [noise] sd, or noise=Noise(...), which may be small",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class OutcomesAt(LikelihoodAt):
+    """The likelihood of exact outcomes, one an experiment."""
+
+    problem: Problem
+    alpha: Array
+    settings: FitSettings = FIT
+
+    @property
+    def inputs(self) -> Inputs:
+        """Those of the model."""
+        return self.problem.model.inputs
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the model."""
+        return self.problem.model.hyperparameters
+
+    @property
+    def count(self) -> int:
+        """One outcome each."""
+        return len(self.problem.outcomes)
+
+    @property
+    def region(self) -> Array:
+        """That of the surfaces; with collocation the box."""
+        return self.problem.region
+
+    @property
+    def roughness(self) -> Array | None:
+        """Over the scatter of the outcome under the law, (N,)."""
+        surface, of = self.problem.surface, self.problem.condition
+        return None if surface is None else relative_errors(surface)[of]
+
+    def scored(self) -> LogLikelihood:
+        """With a smooth continuation where there is no density."""
+        return self.problem.continued(self.alpha)
+
+    def log_likelihood(self) -> float:
+        """Not continued."""
+        return self.problem.likelihood.evaluate(self.alpha).likelihood
+
+    def objective(self) -> Callable[[Array], LogLikelihood]:
+        """Continued where there is no density."""
+        return self.problem.continued
+
+    def honest(self) -> Callable[[Array], LogLikelihood]:
+        """Not continued."""
+        return self.problem.likelihood
+
+    def more_nodes(self, alpha: Array) -> float:
+        """With half as many nodes again; zero for collocation, where nodes cost runs."""
+        return self.problem.gap(alpha)
+
+    def rough(self) -> OutcomesAt:
+        """With level sets on coarser grids; other nodes are those of the law."""
+        return replace(self, problem=self.problem.coarse())
+
+    def for_replicates(self) -> tuple[OutcomesAt, bool]:
+        """On coarser grids, alpha fitted by these; other nodes are those of the law."""
+        levels = self.problem.levels is not None
+        return (self.rough() if levels else self), levels
+
+    def at(self, alpha: Array) -> OutcomesAt:
+        """The same outcomes."""
+        return replace(self, alpha=alpha)
+
+    def seeing(self, seen: Observations) -> OutcomesAt:
+        """The lower ends are the outcomes."""
+        return replace(self, problem=self.problem.given(seen.lower))
+
+    def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
+        """With surfaces values of these, and with level sets of the simulator.
+
+        With collocation they are quantiles of the densities, and where one failed the outcome
+        stays as it is.
+        """
+        (response,) = seen.responses
+        return Observations.exact(self._drawn(rng), response.name, response.transform)
+
+    def probabilities(self, seen: Observations, points: int | None) -> Array:  # noqa: ARG002
+        """By the distributions of the outcomes."""
+        return self._under.cdf(self.problem.outcomes)
+
+    def span(self) -> tuple[Array, Array]:
+        """Some standard deviations about the mean, within what can be reached."""
+        under, ends, far = self._under, self.problem.predictor, self.settings.span
+        low, high = under.mean - far * under.sd, under.mean + far * under.sd
+        return np.maximum(ends.lower, low), np.minimum(ends.upper, high)
+
+    def quantiles(self, probabilities: Array) -> Array:
+        """Those of the densities."""
+        return self._under.quantile(probabilities)
+
+    def simulated(self, x: Array) -> Array | None:
+        """Of surfaces, or of a simulator that is integrated over itself."""
+        if not self.problem.free:
+            return None
+        return self.problem.response.evaluate(x)[self.problem.condition]
+
+    def nodes(self) -> tuple[Array, Array] | None:
+        """Those of the law at alpha, whose runs the likelihood at alpha has made."""
+        if self.problem.free:
+            return None
+        x = self.problem.nodes(self.alpha)
+        return x, self.problem.response.evaluate(x)[self.problem.condition]
+
+    def _drawn(self, rng: np.random.Generator) -> Array:
+        """Outcomes (N,), simulated ones each at a point of its own, which may be far out."""
+        problem = self.problem
+        direct = problem.levels is not None and isinstance(problem.response, DirectResponse)
+        if not direct and problem.surface is None:
+            return self._from_densities(rng)
+        x = self.inputs.sample(self.alpha, rng.random((self.count, len(self.inputs.names))))
+        if isinstance(problem.response, DirectResponse):
+            return problem.response.run(problem.condition, x)
+        assert problem.surface is not None
+        inside = np.clip(x, *problem.region.T)
+        return problem.surface.at(problem.condition, inside[:, problem.moving])
+
+    def _from_densities(self, rng: np.random.Generator) -> Array:
+        """Outcomes (N,) by interpolation between the quantiles of the densities."""
+        score, table = self._quantiles
+        drawn = rng.standard_normal(self.count)
+        place = np.clip(np.searchsorted(score, drawn) - 1, 0, score.size - 2)
+        share = np.clip((drawn - score[place]) / (score[place + 1] - score[place]), 0.0, 1.0)
+        rows = np.arange(self.count)
+        y = (1.0 - share) * table[rows, place] + share * table[rows, place + 1]
+        return np.where(np.isfinite(y), y, self.problem.outcomes)
+
+    @cached_property
+    def _under(self) -> Predicted:
+        """The distributions of the outcomes at alpha."""
+        return self.problem.predictor.under(self.alpha)
+
+    @cached_property
+    def _quantiles(self) -> tuple[Array, Array]:
+        """Normal scores (Q,) and the outcomes (N, Q) at their probabilities, at alpha."""
+        far = self.settings.farthest
+        score = np.linspace(-far, far, self.settings.tabulated)
+        return score, self._under.quantile(special.ndtr(score))
+
+
+@dataclass(frozen=True, eq=False)
+class IndividualsAt(LikelihoodAt):
+    """The integral over each experiment's own parameters, on surfaces or the simulator itself.
+
+    `fewest` is the rule with the fewest nodes of which more hardly change the log-likelihood. Nodes
+    that are `kept` serve for other observations and the alpha of these.
+    """
+
+    integral: IndividualLikelihood
+    alpha: Array
+    fewest: Rule
+    kept: bool = False
+    settings: FitSettings = FIT
+
+    @property
+    def inputs(self) -> Inputs:
+        """Resolved by the covariates."""
+        return self.integral.inputs
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Those of the laws, then those of the errors."""
+        return self.integral.hyperparameters
+
+    @property
+    def count(self) -> int:
+        """Of one observation or more."""
+        return self.integral.count
+
+    @property
+    def region(self) -> Array:
+        """That of the surfaces; of the simulator itself the box."""
+        predictor = self.integral.predictor
+        return predictor.region if isinstance(predictor, OnSurfaces) else self.inputs.box
+
+    @property
+    def roughness(self) -> Array | None:
+        """Over the noise, (M,)."""
+        predictor = self.integral.predictor
+        if not isinstance(predictor, OnSurfaces):
+            return None
+        return relative_errors(predictor.surface)[predictor.of]
+
+    def scored(self) -> LogLikelihood:
+        """With the nodes as they are."""
+        return self.integral(self.alpha)
+
+    def log_likelihood(self) -> float:
+        """With the nodes as they are."""
+        return self.integral.evaluate(self.alpha).likelihood
+
+    def objective(self) -> Callable[[Array], LogLikelihood]:
+        """Nodes follow alpha, but importance points, whose error does."""
+        one = self.integral.rule.centers == 1
+        return self.integral.continued if one else self.integral.__call__
+
+    def honest(self) -> Callable[[Array], LogLikelihood]:
+        """With nodes adapted to each alpha, from those here; importance points are kept."""
+        here = self.integral
+        if here.rule.centers > 1 or not here.inputs.scattering:
+            return here.__call__
+        return lambda alpha: here.adapted(alpha)(alpha)
+
+    def more_nodes(self, alpha: Array) -> float:
+        """By the finest of the rules that tell how exact this one is, adapted to alpha."""
+        here, s = self.integral, self.inputs.scattering
+        finer = here.rule.finer(s) if s else ()
+        if not finer:
+            return 0.0
+        most = max(finer, key=lambda rule: rule.size(s))
+        more = here.by(most, alpha).evaluate(alpha).likelihood
+        return more - self.honest()(alpha).likelihood
+
+    def rough(self) -> IndividualsAt:
+        """By the roughest rule that serves."""
+        return replace(self, integral=self.integral.by(self.fewest.rough, self.alpha))
+
+    def for_replicates(self) -> tuple[IndividualsAt, bool]:
+        """By points of the law where panels would have to be sought for each data set.
+
+        One observation leaves enough of these points near; several may not.
+        """
+        if not (self._alone and isinstance(self.fewest, AsManyAsNeeded)):
+            return self.rough(), False
+        points = int(np.clip(self.settings.values // self.count, *self.settings.law_points))
+        integral = self.integral.by(LawPoints(points), self.alpha)
+        return replace(self, integral=integral, kept=integral.parameters is not None), False
+
+    def at(self, alpha: Array) -> IndividualsAt:
+        """Nodes are adapted to it, unless they are kept."""
+        return replace(self, integral=self._adapted(self.integral, alpha), alpha=alpha)
+
+    def seeing(self, seen: Observations) -> IndividualsAt:
+        """Nodes are adapted to them, unless they are kept."""
+        other = replace(self.integral, errors=self.integral.errors.of_others(seen))
+        return replace(self, integral=self._adapted(other, self.alpha))
+
+    def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
+        """Of values that are simulated under drawn parameters, with their errors."""
+        eta = self._simulated(rng)
+        uniform = rng.random(eta.shape)
+        y = self.integral.errors.quantile(self._of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
+        return censored_alike(seen, y, rng)
+
+    def probabilities(self, seen: Observations, points: int | None) -> Array:
+        """By importance points: see `sequential_pit`."""
+        return sequential_pit(self.integral, self.alpha, seen, points)
+
+    def span(self) -> tuple[Array, Array]:
+        """Some standard deviations about the mean of what would be measured."""
+        middle, reach = np.empty((2, self._observations))
+        for block, eta, share in values_under_law(self.integral, self.alpha, self.settings.points):
+            scale = self.integral.errors.scale(self._of_errors, eta, block.rows)
+            mean = np.sum(share * eta, axis=1)
+            second = np.sum(share * ((eta - mean[:, None]) ** 2 + scale**2), axis=1)
+            middle[block.rows], reach[block.rows] = mean, self.settings.span * np.sqrt(second)
+        return middle - reach, middle + reach
+
+    def quantiles(self, probabilities: Array) -> Array:
+        """Of one measurement at each of many points of the law and the error (Sobol).
+
+        Exact to some hundredths of a standard deviation. NaN where no run gives a value.
+        """
+        integral, inputs, count = self.integral, self.inputs, self.settings.marginal
+        classes = len(inputs.classes)
+        joint = standard_points(count, inputs.scattering + 1)
+        points, uniform = joint[:, :-1], np.tile(special.ndtr(joint[:, -1]), classes)
+        found = np.full((self._observations, probabilities.size), np.nan)
+        for block in integral.layout.blocks(count * classes):
+            xi = np.tile(points, (len(block), classes, 1))
+            law = inputs.individual(self.alpha[: inputs.size], xi, block.experiments)
+            with np.errstate(all="ignore"):
+                eta = integral.predictor.values(block, law.x)
+            share = np.exp(np.broadcast_to(law.log_weight, law.x.shape[:2]))[block.owner]
+            level = np.broadcast_to(uniform[: eta.shape[1]], eta.shape)
+            y = integral.errors.quantile(self._of_errors, level, eta, block.rows)
+            found[block.rows] = quantiles(y, share, probabilities)
+        return found
+
+    def simulated(self, x: Array) -> Array:
+        """Of the surfaces, or of the simulator."""
+        found = np.empty((self._observations, len(x)))
+        for block in self.integral.layout.blocks(len(x)):
+            points = np.broadcast_to(x, (len(block), *x.shape))
+            with np.errstate(all="ignore"):
+                found[block.rows] = self.integral.predictor.values(block, points)
+        return found
+
+    def variates(self) -> tuple[Array, Array] | None:
+        """By the nodes."""
+        return None if self._alone else individual_variates(self.integral, self.alpha)
+
+    def individuals(self, rng: np.random.Generator) -> Array:
+        """One of many points of its individual law."""
+        found, count = np.empty((self.count, len(self.inputs.names))), self.settings.points
+        for block in self.integral.layout.blocks(count):
+            x, share = individual_points(self.integral, self.alpha, block, count)
+            reached = np.cumsum(share, axis=1)
+            level = rng.random((len(block), 1)) * reached[:, -1:]
+            chosen = np.minimum(np.sum(reached < level, axis=1), share.shape[1] - 1)
+            found[block.experiments] = x[np.arange(len(block)), chosen]
+        return found
+
+    def given(self, x: Array) -> Array:
+        """The sum over its observations."""
+        found = np.empty((self.count, len(x)))
+        for block in self.integral.layout.blocks(len(x)):
+            points = np.broadcast_to(x, (len(block), *x.shape))
+            with np.errstate(all="ignore"):
+                eta = self.integral.predictor.values(block, points)
+                found[block.experiments] = self.integral.sums_of(self.alpha, block, eta)
+        return found
+
+    def on(self, runner: Runner) -> IndividualsAt:
+        """The same by the simulator itself: values are runs, which are remembered and stored."""
+        no_parameters = np.zeros(0, dtype=np.intp)
+        simulator = Direct(Remembered(runner), no_parameters, self.inputs.box)
+        return replace(self, integral=replace(self.integral, predictor=simulator))
+
+    @property
+    def _of_errors(self) -> Array:
+        """The part of alpha that is of the measurement errors."""
+        return self.alpha[self.inputs.size :]
+
+    @property
+    def _observations(self) -> int:
+        """M."""
+        return int(self.integral.layout.experiment.size)
+
+    @property
+    def _alone(self) -> bool:
+        """Whether each experiment has one observation."""
+        return self._observations == self.count
+
+    def _adapted(self, integral: IndividualLikelihood, alpha: Array) -> IndividualLikelihood:
+        return integral if self.kept else integral.adapted(alpha)
+
+    def _simulated(self, rng: np.random.Generator) -> Array:
+        """Values (M, 1) of runs at parameters drawn from the law of each experiment."""
+        inputs, eta = self.inputs, np.full((self._observations, 1), np.nan)
+        for _ in range(self.settings.tries):
+            x = drawn(inputs, self.alpha[: inputs.size], self.count, rng)
+            for block in self.integral.layout.blocks(1):
+                eta[block.rows] = self._completed(block, eta[block.rows], x[block.experiments])
+            if np.all(np.isfinite(eta)):
+                break
+        return eta
+
+    def _completed(self, block: Block, eta: Array, x: Array) -> Array:
+        """Values (m, 1), at x (B, n) where an experiment of the block lacks one."""
+        lacking = block.summed(np.isnan(eta).astype(float)) > 0.0
+        if not np.any(lacking):
+            return eta
+        found = self.integral.predictor.values(block, x[:, None])
+        return np.where(lacking[block.owner], found, eta)
+
+
+def censored_alike(seen: Observations, y: Array, rng: np.random.Generator) -> Observations:
+    """Values y (M,) with bounds like those of the observations that were seen.
+
+    Where all right-censored values of a response have one bound, that is a limit of the test: every
+    value above it is censored. Where their bounds differ, only those values are censored that were,
+    if they lie above their own bound again. Left-censored values alike. An interval is one of the
+    same width, thrown about the value.
+    """
+    lower, upper = y.copy(), y.copy()
+    for right in (True, False):
+        known, other = (seen.lower, seen.upper) if right else (seen.upper, seen.lower)
+        censored = np.isinf(other) & np.isfinite(known)
+        bound = np.where(censored, known, np.nan)
+        for k in range(len(seen.responses)):
+            own = seen.response == k
+            bounds = np.unique(bound[own & censored])
+            if bounds.size == 1:
+                bound[own] = bounds[0]
+        with np.errstate(invalid="ignore"):
+            beyond = y > bound if right else y < bound
+        lower[beyond] = bound[beyond] if right else -np.inf
+        upper[beyond] = np.inf if right else bound[beyond]
+    between = np.isfinite(seen.lower) & np.isfinite(seen.upper) & ~seen.measured
+    width = np.where(between, seen.upper - seen.lower, 0.0)
+    below = width * rng.random(len(y))
+    lower[between] = (y - below)[between]
+    upper[between] = (y - below + width)[between]
+    return replace(seen, lower=lower, upper=upper)

@@ -1,0 +1,358 @@
+"""How well a model fits for what it took, and how well it predicts: by which models are compared.
+
+AIC and BIC (`Criteria`), the likelihood ratio of nested models (`LikelihoodRatio`), and the
+log-density of each experiment by the maximum of the others (`leave_one_out`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import stats
+
+from aleator.inference.fit import Fit, refitted
+from aleator.inference.information import BOUND, DIFFERENCES
+from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
+from aleator.progress import Progress, Silent
+from aleator.types import Array, Flags, Indices
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """A maximum of the likelihood with what it took to reach it.
+
+    Of the free hyperparameters `of_law` belong to parameters that differ between the N
+    `experiments`, and `of_rest` to the noise and to constants, of which each of the M
+    `observations` tells.
+
+    >>> found = Criteria(-875.970, 5, 1, 18, 180)
+    >>> round(found.aic, 2), round(found.aicc, 2), round(found.bic, 2)
+    (1763.94, 1771.58, 1771.58)
+    """
+
+    log_likelihood: float
+    of_law: int
+    of_rest: int
+    experiments: int
+    observations: int
+
+    @property
+    def free(self) -> int:
+        """K, the number of free hyperparameters."""
+        return self.of_law + self.of_rest
+
+    @property
+    def aic(self) -> float:
+        """-2 log L + 2 K (Akaike 1974)."""
+        return -2.0 * self.log_likelihood + 2.0 * self.free
+
+    @property
+    def aicc(self) -> float:
+        """AIC + 2 K (K + 1) / (N - K - 1) (Hurvich and Tsai 1989); infinite for N <= K + 1.
+
+        The N experiments are the sample: the observations of one are not independent.
+        """
+        left = self.experiments - self.free - 1
+        return self.aic + 2.0 * self.free * (self.free + 1) / left if left > 0 else math.inf
+
+    @property
+    def bic(self) -> float:
+        """-2 log L + K_law log N + K_rest log M (Delattre, Lavielle and Poursat 2014)."""
+        return (
+            -2.0 * self.log_likelihood
+            + self.of_law * math.log(self.experiments)
+            + self.of_rest * math.log(self.observations)
+        )
+
+
+@dataclass(frozen=True)
+class LeaveOneOutSettings:
+    """When a Newton step tells what an experiment that is left out changes; by judgement."""
+
+    tie: float = 1e-9
+    """Ratios this close are equal: both are zero where a scale ends at zero."""
+    trusted: float = 0.1
+    """Change of log p(y_l) up to which one Newton step tells it: it is then exact to about 0.01."""
+    leverage: float = 0.5
+    """Share of an experiment in the information, in any direction, up to which a step is trusted.
+    """
+    determined: float = 1e-8
+    """Eigenvalues of the scaled information below this belong to directions that are not known."""
+    released: float = 1e-3
+    """What a hyperparameter on a limit may gain by leaving it, in log-likelihood."""
+
+
+LEAVE_ONE_OUT = LeaveOneOutSettings()
+
+
+@dataclass(frozen=True)
+class LikelihoodRatio:
+    """D = 2 (log L_larger - log L_smaller) and what chance makes of it.
+
+    `df` free hyperparameters more; `on_boundary` of them are scales that are zero in the smaller
+    model. `bootstrap` (R,) are ratios of data drawn under the smaller model, NaN where a climb did
+    not arrive; empty without. `regular` is False where there is no reference but these.
+    """
+
+    smaller: str
+    larger: str
+    statistic: float
+    df: int
+    on_boundary: int
+    regular: bool
+    bootstrap: Array
+
+    @property
+    def p(self) -> float:
+        """P(chi-squared >= D) by the reference; NaN where there is none.
+
+        With a scale of zero half chi2(df - 1) and half chi2(df): exact for one scale (Self and
+        Liang 1987, case 5; with its correlations Stram and Lee 1994, case 3), and an upper bound
+        for several (Perlman 1969).
+        """
+        if not self.regular or self.df < 1:
+            return float("nan")
+        return ratio_p(self.statistic, self.df, boundary=self.on_boundary > 0)
+
+    @property
+    def bootstrap_p(self) -> float:
+        """(1 + number of drawn ratios as large) / (1 + R); NaN without any."""
+        drawn = self.bootstrap[np.isfinite(self.bootstrap)]
+        if not drawn.size:
+            return float("nan")
+        return float((1 + np.sum(drawn >= self.statistic - LEAVE_ONE_OUT.tie)) / (1 + drawn.size))
+
+    @property
+    def reference(self) -> str:
+        """What the p is taken from, in a few letters."""
+        if not self.regular or self.df < 1:
+            return "bootstrap"
+        if not self.on_boundary:
+            return f"chi2({self.df})"
+        bound = "<= " if self.on_boundary > 1 else ""
+        return f"{bound}1/2 chi2({self.df - 1}) + 1/2 chi2({self.df})"
+
+
+def ratio_p(
+    statistic: float, df: int, *, boundary: bool, settings: LeaveOneOutSettings = LEAVE_ONE_OUT
+) -> float:
+    """P(chi2(df) >= statistic), or of half chi2(df - 1) and half chi2(df) on a `boundary`.
+
+    chi2(0) is zero. A statistic below zero, which only a wrong maximum gives, has p = 1.
+
+    >>> round(ratio_p(3.841, 1, boundary=False), 3), round(ratio_p(3.841, 1, boundary=True), 3)
+    (0.05, 0.025)
+    """
+    if statistic <= settings.tie:
+        return 1.0
+    larger = float(stats.chi2.sf(statistic, df))
+    if not boundary:
+        return larger
+    smaller = float(stats.chi2.sf(statistic, df - 1)) if df > 1 else 0.0
+    return 0.5 * (smaller + larger)
+
+
+@dataclass(frozen=True)
+class LeaveOneOut:
+    """Each of N experiments predicted by the maximum of the others.
+
+    `each` (N,) is log p(y_l | alpha without l), and `alpha` (N, K) these maxima; `leverage` (N,)
+    the largest share of an experiment in the information; `refitted` (N,) which maxima were
+    climbed to, the others are a step; `arrived` (N,) is False where a climb did not end well.
+    """
+
+    each: Array
+    alpha: Array
+    leverage: Array
+    refitted: Flags
+    arrived: Flags
+
+    @property
+    def total(self) -> float:
+        """The predictive log-likelihood, summed over experiments."""
+        return float(self.each.sum())
+
+    @property
+    def error(self) -> float:
+        """Its standard error, sqrt(N var): that of drawing the experiments."""
+        return summed_error(self.each)
+
+
+def summed_error(each: Array) -> float:
+    """The standard error of a sum of N independent terms, sqrt(N var); NaN for one term.
+
+    Of paired differences it is the error of a difference (Vehtari, Gelman and Gabry 2017).
+
+    >>> round(summed_error(np.array([1.0, 2.0, 3.0])), 3)
+    1.732
+    """
+    if each.size < 2:
+        return float("nan")
+    return math.sqrt(each.size) * float(np.std(each, ddof=1))
+
+
+def leave_one_out(
+    fit: Fit, progress: Progress | None = None, settings: LeaveOneOutSettings = LEAVE_ONE_OUT
+) -> LeaveOneOut:
+    """log p(y_l | alpha_-l) of each experiment, alpha_-l the maximum of all others; no runs.
+
+    With scores s_l and information H_l of the experiments, H that of all and of priors, one Newton
+    step on the others' log-likelihood is
+
+        alpha_-l = alpha - (H - H_l)^-1 s_l,
+
+    and log p(y_l) there is taken to second order. Where the step changes it by more than 0.1, the
+    experiment has more than half of the information in a direction, or limits come into play, the
+    others' maximum is climbed to. Cost: 2 F evaluations, and some ten for each such climb.
+    """
+    told = progress or Silent()
+    local = _Local.of(fit, settings)
+    each, alpha, trusted = local.stepped()
+    arrived = np.ones(fit.count, dtype=bool)
+    again = np.flatnonzero(~trusted)
+    for done, l in enumerate(again.tolist()):
+        told.update(f"refit {done + 1} of {again.size}", done, again.size)
+        weights = np.ones(fit.count)
+        weights[l] = 0.0
+        end = refitted(fit, weights)
+        each[l], alpha[l], arrived[l] = end.fit.scored().each[l], end.fit.alpha, end.arrived
+    return LeaveOneOut(each, alpha, local.leverage, ~trusted, arrived)
+
+
+@dataclass(frozen=True)
+class _Local:
+    """The log-likelihood of each experiment about alpha to second order.
+
+    `values` (N,), `scores` (N, F) and `information` (N, F, F) by the identified hyperparameters
+    `moving`; `inside` (F,) those off their limits. `believed` (F,) and `curvature` (F,) are the
+    score and the information of priors, which no experiment that is left out takes away.
+    """
+
+    alpha: Array
+    hyperparameters: Sequence[Hyperparameter]
+    moving: Indices
+    inside: Flags
+    values: Array
+    scores: Array
+    information: Array
+    believed: Array
+    curvature: Array
+    settings: LeaveOneOutSettings = LEAVE_ONE_OUT
+
+    @classmethod
+    def of(cls, fit: Fit, settings: LeaveOneOutSettings) -> _Local:
+        moving, alpha = fit.inference.identified, fit.alpha
+        found = fit.scored()
+        assert found.scores is not None
+        scores = found.scores[:, moving]
+        lower, upper = limits_of(fit.hyperparameters, moving)
+        margin = BOUND * (upper - lower)
+        inside = (alpha[moving] > lower + margin) & (alpha[moving] < upper - margin)
+        information = informations(fit, scores)
+        own = [fit.hyperparameters[k] for k in moving]
+        believed = found.score[moving] - scores.sum(axis=0)
+        curvature = curvatures(own, alpha[moving])
+        return cls(
+            alpha,
+            own,
+            moving,
+            inside,
+            found.each,
+            scores,
+            information,
+            believed,
+            curvature,
+            settings,
+        )
+
+    @cached_property
+    def _whole(self) -> Array:
+        """H (F, F), of all experiments and the priors."""
+        return np.asarray(self.information.sum(axis=0) + np.diag(self.curvature))
+
+    @cached_property
+    def _whitening(self) -> Array:
+        """W (F, G) with W' H W = 1 over the directions inside that the data determine."""
+        whole = self._whole[np.ix_(self.inside, self.inside)]
+        scale = np.sqrt(np.abs(np.diag(whole)))
+        known = scale > 0.0
+        scale = np.where(known, scale, 1.0)
+        values, vectors = np.linalg.eigh(whole / np.outer(scale, scale))
+        kept = values > self.settings.determined
+        found = np.zeros((self.moving.size, int(kept.sum())))
+        found[self.inside] = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
+        return found
+
+    @cached_property
+    def _share(self) -> Array:
+        """W' H_l W (N, G, G): the part of each experiment in the information."""
+        w = self._whitening
+        return np.asarray(w.T @ self.information @ w)
+
+    @cached_property
+    def leverage(self) -> Array:
+        """Its largest eigenvalue (N,)."""
+        if not self._share.shape[1]:
+            return np.zeros(len(self.values))
+        return np.asarray(np.linalg.eigvalsh(self._share)[:, -1])
+
+    def stepped(self) -> tuple[Array, Array, Flags]:
+        """log p(y_l) at the step (N,), alpha there (N, K), and whether the step is trusted (N,)."""
+        rest = self.scores.sum(axis=0) + self.believed - self.scores
+        safe = self.leverage < self.settings.leverage
+        share = np.where(safe[:, None, None], self._share, 0.0)
+        unit = np.eye(share.shape[1]) - share
+        z = np.linalg.solve(unit, (rest @ self._whitening)[:, :, None])[:, :, 0]
+        step = z @ self._whitening.T
+        change = np.sum(self.scores * step, axis=1)
+        change -= 0.5 * np.einsum("lf,lfg,lg->l", step, self.information, step)
+        lower, upper = limits_of(self.hyperparameters)
+        end = self.alpha[self.moving] + step
+        within = np.all((end >= lower) & (end <= upper), axis=1)
+        alpha = np.repeat(self.alpha[None], len(self.values), axis=0)
+        alpha[:, self.moving] = np.clip(end, lower, upper)
+        fine = np.isfinite(change) & (np.abs(change) <= self.settings.trusted)
+        return self.values + change, alpha, safe & within & fine & ~self._released(rest)
+
+    def _released(self, rest: Array) -> Flags:
+        """Whether one on a limit gains by leaving it when the experiment is left out (N,).
+
+        By the score, or by the curvature: that by a scale of zero has no score.
+        """
+        held = np.flatnonzero(~self.inside).tolist()
+        left = self._whole - self.information
+        found = np.zeros(len(rest), dtype=bool)
+        for k in held:
+            h, value = self.hyperparameters[k], self.alpha[self.moving[k]]
+            inward = 1.0 if value - h.lower < h.upper - value else -1.0
+            curvature = left[:, k, k]
+            room = h.upper - h.lower
+            gain = np.maximum(inward * rest[:, k], 0.0) ** 2 / (np.abs(curvature) + 1.0 / room**2)
+            turned = (curvature < 0.0) & (-curvature * room**2 > self.settings.released)
+            found |= (0.5 * gain > self.settings.released) | turned
+        return found
+
+
+def informations(fit: Fit, scores: Array) -> Array:
+    """-d2 log p(y_l) / d alpha2 (N, F, F) of each experiment, by differences of its scores (N, F).
+
+    Their sum is the observed information; steps are its `Differences`.
+    """
+    moving = fit.inference.identified
+
+    def scored(point: Array) -> Array:
+        alpha = fit.alpha.copy()
+        alpha[moving] = point
+        at = fit.at(alpha).scored().scores
+        assert at is not None
+        return np.asarray(at[:, moving])
+
+    if not moving.size:
+        return np.zeros((fit.count, 0, 0))
+    limits, known = limits_of(fit.hyperparameters, moving), np.sum(scores**2, axis=0)
+    found = DIFFERENCES.bends(scored, fit.alpha[moving], *limits, known).transpose(1, 0, 2)
+    return np.asarray(0.5 * (found + found.transpose(0, 2, 1)))

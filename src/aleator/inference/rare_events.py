@@ -1,0 +1,327 @@
+"""Rare events and limits of outcomes: importance densities, and limits that hold a share of all.
+
+An `Event` is an outcome in some intervals; `importance_density` is a mixture of normal densities by
+which its probability is computed, found by cross-entropy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, optimize, special
+from scipy.stats import qmc
+
+from aleator.inference.alpha_draws import quantiles
+from aleator.types import Array, Flags
+
+
+@dataclass(frozen=True)
+class Event:
+    """An outcome in one of the intervals `parts`, which do not overlap.
+
+    >>> Event(((1.0, np.inf),)).holds(np.array([0.5, 2.0])).tolist()
+    [False, True]
+    >>> Event(((1.0, 2.0),)).contrary.parts
+    ((-inf, 1.0), (2.0, inf))
+    """
+
+    parts: tuple[tuple[float, float], ...]
+
+    @property
+    def contrary(self) -> Event:
+        """Everything else."""
+        ends = [-np.inf, *(end for part in self.parts for end in part), np.inf]
+        pairs = zip(ends[::2], ends[1::2], strict=True)
+        return Event(tuple((low, high) for low, high in pairs if low < high))
+
+    def holds(self, y: Array) -> Flags:
+        """Whether outcomes y are in it; what is NaN is not."""
+        found = np.zeros(y.shape, dtype=np.bool_)
+        for low, high in self.parts:
+            found |= (y > low) & (y < high)
+        return found
+
+    def distance(self, y: Array) -> Array:
+        """How far outcomes y are from the nearest end of an interval."""
+        ends = [end for part in self.parts for end in part if np.isfinite(end)]
+        return np.asarray(np.min([np.abs(y - end) for end in ends], axis=0))
+
+    def missed(self, y: Array) -> Array:
+        """By how much outcomes y miss it: zero within, infinite where there is no outcome."""
+        away = [np.maximum(low - y, y - high) for low, high in self.parts]
+        outside = np.maximum(np.min(away, axis=0), np.finfo(float).tiny)
+        return np.where(self.holds(y), 0.0, np.nan_to_num(outside, nan=np.inf, posinf=np.inf))
+
+
+Missed = Callable[[Array], tuple[Array, Array]]
+"""u (J, d) -> by how much the outcome misses the event under each of L laws (L, J), zero within,
+infinite where there is none, and the weight of each (L, J); weights sum to one over the laws."""
+
+
+@dataclass(frozen=True)
+class CrossEntropy:
+    """How the importance density of an event is sought; chosen by `benchmarks limit_states`.
+
+    Each of at most `rounds` rounds draws `points` from the mixture so far. `components` normal
+    densities are fitted to those in the event, wider by `wider`; `floor` is the share of the law
+    itself, and of the law with each of the `scales`, that no fit takes away. `effective`
+    points of equal weight must have reached a level of the event before the next one is sought,
+    and `enough` is the effective share of points of a density that is not improved further.
+    `iterations` are those of a fit by expectation-maximization.
+    """
+
+    points: int = 2048
+    rounds: int = 12
+    components: int = 8
+    wider: float = 1.2
+    floor: float = 0.07
+    scales: tuple[float, ...] = (1.6, 2.6)
+    effective: float = 100.0
+    enough: float = 0.25
+    iterations: int = 20
+
+
+@dataclass(frozen=True, eq=False)
+class ImportanceDensity:
+    """Normal densities of d variates: `shares` (M,), means (M, d), Cholesky factors (M, d, d).
+
+    The first are the law itself and the law with other scales.
+    """
+
+    shares: Array
+    means: Array
+    factors: Array
+
+    @classmethod
+    def of_law(cls, variates: int, scales: tuple[float, ...]) -> ImportanceDensity:
+        """The standard normal law in equal shares with those of other scales."""
+        every = np.array([1.0, *scales])
+        return cls(
+            np.full(every.size, 1.0 / every.size),
+            np.zeros((every.size, variates)),
+            every[:, None, None] * np.eye(variates),
+        )
+
+    def drawn(self, points: Array) -> Array:
+        """Points (J, d) by uniform ones (J, d + 1), the last of which chooses the component."""
+        normal = special.ndtri(np.clip(points[:, :-1], 1e-14, 1.0 - 1e-14))
+        last = len(self.shares) - 1
+        owner = np.minimum(np.searchsorted(np.cumsum(self.shares), points[:, -1]), last)
+        return np.asarray(self.means[owner] + np.einsum("jkl,jl->jk", self.factors[owner], normal))
+
+    def log_parts(self, u: Array) -> Array:
+        """Logarithms (M, J) of the shares times the densities at u (J, d), over (2 pi)^(-d/2)."""
+        parts = np.empty((len(self.shares), len(u)))
+        for k, (share, mean, factor) in enumerate(
+            zip(self.shares, self.means, self.factors, strict=True)
+        ):
+            away = linalg.solve_triangular(factor, (u - mean).T, lower=True, check_finite=False)
+            parts[k] = (
+                np.log(max(share, 1e-300))
+                - 0.5 * np.sum(away**2, axis=0)
+                - np.log(np.diag(factor)).sum()
+            )
+        return parts
+
+    def weights(self, u: Array) -> Array:
+        """The density of the law over that of the mixture (J,), at u (J, d)."""
+        log = np.logaddexp.reduce(self.log_parts(u), axis=0)
+        return np.asarray(np.exp(-0.5 * np.sum(u**2, axis=1) - log))
+
+
+def uniform_points(count: int, dimensions: int, seed: int) -> Array:
+    """Scrambled Sobol' points (count, dimensions); `count` is a power of two."""
+    return np.asarray(qmc.Sobol(dimensions, rng=seed).random_base2(count.bit_length() - 1))
+
+
+def importance_density(
+    missed: Missed, variates: int, choice: CrossEntropy, seed: int = 0
+) -> tuple[ImportanceDensity, bool]:
+    """A mixture near the density phi(u) 1(u in the event)/P, and whether a point was in the event.
+
+    Multilevel cross-entropy (Rubinstein and Kroese, 2004) with normal mixtures fitted by
+    expectation-maximization (Kurtz and Song, 2013): a level is the least miss that enough points
+    stay below, and the points of all rounds count by the ratio of the law to the mean of their
+    densities (Owen and Zhou, 2000). The law and wider ones keep a share: what lies apart from
+    the points of the event that are known is still looked for, and weights are bounded.
+    """
+    rng = np.random.default_rng([seed, 5])
+    mixture = ImportanceDensity.of_law(variates, choice.scales)
+    used: list[ImportanceDensity] = []
+    u, misses, shares = np.empty((0, variates)), None, None
+    for round_ in range(choice.rounds):
+        fresh = mixture.drawn(uniform_points(choice.points, variates + 1, 1000 * seed + round_))
+        miss, share = missed(fresh)
+        used.append(mixture)
+        u = np.concatenate([u, fresh])
+        misses = miss if misses is None else np.concatenate([misses, miss], axis=1)
+        shares = share if shares is None else np.concatenate([shares, share], axis=1)
+        own = _within(0.0, mixture.weights(fresh), miss, share)
+        if _effective(own) > choice.enough * choice.points:
+            break
+        log = [np.logaddexp.reduce(part.log_parts(u), axis=0) for part in used]
+        mean = np.logaddexp.reduce(log, axis=0) - np.log(len(used))
+        ratio = np.exp(-0.5 * np.sum(u**2, axis=1) - mean)
+        weights = _level(ratio, misses, shares, choice.effective)
+        if weights is None:
+            continue
+        mixture = _fitted(u, weights, variates, choice, rng)
+    assert misses is not None
+    return mixture, bool(np.any(misses <= 0.0))
+
+
+def _effective(weights: Array) -> float:
+    """(sum w)^2/sum w^2 (Kish, 1965)."""
+    square = float(np.sum(weights**2))
+    return float(np.sum(weights)) ** 2 / square if square > 0.0 else 0.0
+
+
+def _within(level: float, ratio: Array, misses: Array, shares: Array) -> Array:
+    """Weights (J,) of the points within a level: of the mixture of all laws, and of each alike.
+
+    Laws under which the event is far less probable would have no points by their mixture alone, and
+    the lower end of an interval is theirs.
+    """
+    each = ratio * shares * (misses <= level)
+    own = each.sum(axis=1)
+    counted = own > 0.0
+    if not counted.any():
+        return np.zeros(len(ratio))
+    alike = np.mean(each[counted] / own[counted, None], axis=0)
+    return np.asarray(each.sum(axis=0) / own.sum() + alike)
+
+
+def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Array | None:
+    """Weights (J,) of the points within the least miss that enough points are within.
+
+    None where no point has an outcome.
+    """
+
+    def within(level: float) -> Array:
+        return _within(level, ratio, misses, shares)
+
+    found = within(0.0)
+    if _effective(found) >= effective:
+        return found
+    finite = np.sort(misses[np.isfinite(misses)])
+    if not finite.size:
+        return None
+    low, high = 0, finite.size - 1
+    while high - low > finite.size // 1000 + 1:
+        middle = (low + high) // 2
+        if _effective(within(float(finite[middle]))) >= effective:
+            high = middle
+        else:
+            low = middle
+    return within(float(finite[high]))
+
+
+def _fitted(
+    u: Array, weights: Array, variates: int, choice: CrossEntropy, rng: np.random.Generator
+) -> ImportanceDensity:
+    """The mixture of least cross-entropy to the weighted points, from distant first centers."""
+    counted = weights > 0.0
+    u, w = u[counted], weights[counted] / weights.sum()
+    law = ImportanceDensity.of_law(variates, choice.scales)
+    fixed = len(law.shares)
+    means = u[_distant(u, w, choice.components, rng)]
+    size = fixed + len(means)
+    mixture = ImportanceDensity(
+        np.full(size, 1.0 / size),
+        np.concatenate([law.means, means]),
+        np.concatenate([law.factors, np.tile(np.eye(variates), (len(means), 1, 1))]),
+    )
+    for _ in range(choice.iterations):
+        parts = mixture.log_parts(u)
+        owned = np.exp(parts - np.logaddexp.reduce(parts, axis=0)) * w
+        mass = owned.sum(axis=1)
+        means, factors = mixture.means.copy(), mixture.factors.copy()
+        for k in range(fixed, size):
+            if not mass[k] > 0.0:
+                continue
+            means[k] = owned[k] @ u / mass[k]
+            away = u - means[k]
+            spread = (owned[k][:, None] * away).T @ away / mass[k]
+            factors[k] = np.linalg.cholesky(_rounder(spread, _effective(owned[k])))
+        mixture = ImportanceDensity(mass, means, factors)
+    floor = np.zeros(size)
+    floor[:fixed] = choice.floor
+    factors = mixture.factors.copy()
+    factors[fixed:] *= choice.wider
+    shares = (1.0 - floor.sum()) * mixture.shares / mixture.shares.sum() + floor
+    return ImportanceDensity(shares, mixture.means, factors)
+
+
+def _rounder(spread: Array, count: float) -> Array:
+    """A covariance (d, d) of so many points, nearer to one that is alike in all directions."""
+    d = len(spread)
+    alike = (d + 1.0) * float(np.trace(spread)) / d + 0.1
+    return np.asarray((count * spread + alike * np.eye(d)) / (count + d + 1.0))
+
+
+def _distant(u: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
+    """Numbers of points far from each other, by chance (k-means++; Arthur, Vassilvitskii, 2007)."""
+    chosen = [int(rng.choice(len(u), p=weights))]
+    nearest = np.sum((u - u[chosen[0]]) ** 2, axis=1)
+    while len(chosen) < min(count, len(u)):
+        chance = weights * nearest
+        if not chance.sum() > 0.0:
+            break
+        chosen.append(int(rng.choice(len(u), p=chance / chance.sum())))
+        nearest = np.minimum(nearest, np.sum((u - u[chosen[-1]]) ** 2, axis=1))
+    return np.array(chosen)
+
+
+def quantile_bound(
+    y: Array, weights: Array, draws: Array, probability: float, confidence: float
+) -> tuple[float, Array]:
+    """The value that quantiles of draws are below with this confidence, and the quantiles (A,).
+
+    `y` (A, J) are outcomes with `weights` (A, J) under A laws, whose own weights are `draws` (A,).
+    """
+    each = quantiles(y, weights, np.array([probability]))[:, 0]
+    return float(quantiles(each, draws, np.array([confidence]))[0]), each
+
+
+def content_interval(
+    y: Array, weights: Array, draws: Array, content: float, confidence: float
+) -> tuple[float, float]:
+    """The interval that holds the share `content` of a law with this confidence.
+
+    Its ends are quantiles t and 1 - t of the mixture of all laws, with the largest t such that laws
+    of a total weight of `confidence` have at least that content between them: a content
+    tolerance interval (Wilks, 1941; Hamada et al., 2004). NaN where the points end before.
+    Outcomes that are NaN do not count.
+    """
+    lost = np.isnan(y)
+    y, weights = np.where(lost, 0.0, y), np.where(lost, 0.0, weights)
+    total = weights.sum(axis=1)
+    every = np.argsort(y, axis=None)
+    values, whole = y.ravel()[every], (draws[:, None] * weights).ravel()[every]
+    below = (np.cumsum(whole) - 0.5 * whole) / whole.sum()
+
+    def ends(t: float) -> Array:
+        return np.interp([t, 1.0 - t], below, values)
+
+    order = np.argsort(y, axis=1)
+    sorted_y = np.take_along_axis(y, order, axis=1)
+    reached = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
+    middle = reached - 0.5 * np.take_along_axis(weights, order, axis=1)
+
+    def excess(t: float) -> float:
+        low, high = ends(t)
+        inside = [
+            np.interp(high, row, m, 0.0, w) - np.interp(low, row, m, 0.0, w)
+            for row, m, w in zip(sorted_y, middle, total, strict=True)
+        ]
+        shares = np.array(inside) / total
+        return float(quantiles(shares, draws, np.array([1.0 - confidence]))[0]) - content
+
+    least, most = 1e-6, 0.5 * (1.0 - content)
+    if excess(least) < 0.0:
+        return float("nan"), float("nan")
+    t = most if excess(most) >= 0.0 else float(optimize.brentq(excess, least, most, xtol=1e-6))
+    low, high = ends(t)
+    return float(low), float(high)

@@ -1,0 +1,432 @@
+"""The best possible law of an identification (`inference/npmle.py`): its value, points, p value.
+
+`ceiling` answers the question in full, `best_possible` as a line of a report where it is quick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from scipy import special
+from scipy.stats import qmc
+
+from aleator.errors import InputsError
+from aleator.fit.regions import FAR, padded, region_of, within
+from aleator.fit.result import law_curves
+from aleator.inference.fit import Fit
+from aleator.inference.likelihood_at import IndividualsAt
+from aleator.inference.npmle import NPMLE, GapTest, gradient, judged, mixed, npmle
+from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import OnSurfaces
+from aleator.progress import Progress, Silent
+from aleator.results import printed
+from aleator.results.printed import number
+from aleator.tasks.identification import Identification
+from aleator.types import Array
+
+
+@dataclass(frozen=True)
+class CeilingSettings:
+    """Where the best law is sought, what is drawn of it, and when it is quick; all by judgement.
+
+    `points` cover a region of one, two, and more parameters: fewer, but `fewest`, where
+    observations at them would be more than `values`. Half of them are of the law with variates
+    `wider` times as far out. More than `covered` parameters leave gaps. A point is on an edge
+    within the share `edge` of the region's width. Curves have 2 `line` points over `across` draws
+    of the other parameters, maps `side` points a side. It is quick for `experiments` at least (any
+    law explains fewer), at most so many scattering `parameters`, `nodes` of all observations, and
+    so many values of the simulator itself (`direct`) or of `surfaces` a replicate, of which there
+    are `replicates`.
+    """
+
+    points: tuple[int, int, int] = (256, 1024, 2048)
+    values: int = 4_000_000
+    fewest: int = 128
+    wider: float = 1.5
+    covered: int = 3
+    edge: float = 1e-3
+    line: int = 121
+    side: int = 61
+    across: int = 64
+    experiments: int = 5
+    parameters: int = 2
+    nodes: int = 20_000
+    direct: int = 100_000
+    surfaces: int = 300_000
+    replicates: int = 39
+
+
+CEILING = CeilingSettings()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Ceiling:
+    """The largest log-likelihood that any law of the parameters can have, and where it is reached.
+
+    `points` has a row for each point of the best law: its `probability` and its parameters.
+    `log_likelihood` is that of the best law, known to `error`; `estimated` that of the chosen one;
+    `verified` that of a law on the same points by the simulator itself, None without surfaces.
+    `judged` is the parametric bootstrap of the gap, None where none was asked for. `region` is
+    where laws were sought, and `held` what was kept at its estimate meanwhile: constants, and the
+    noise. `covered` is false for more than three scattering parameters: points of the region may
+    then have been missed, and the value is a lower bound. `edges` are the parameters whose best law
+    has mass on an edge of the region where the laws do not end. `gains` are log f_l of the best law
+    above that of the chosen one, by experiment. `curves` and `map` hold the gradient function.
+    """
+
+    log_likelihood: float
+    error: float
+    estimated: float
+    verified: float | None
+    points: pd.DataFrame
+    gains: pd.Series[float]
+    judged: GapTest | None
+    region: Mapping[str, tuple[float, float]]
+    held: Mapping[str, float]
+    covered: bool
+    edges: tuple[str, ...]
+    curves: Mapping[str, pd.DataFrame]
+    map: pd.DataFrame | None
+
+    def __repr__(self) -> str:
+        return f"{self._head}\n{self.points.to_string()}\n{self._told}"
+
+    def _repr_html_(self) -> str:
+        """The points of the best law in a notebook."""
+        return printed.shown(self._head, self.points, self._told)
+
+    @property
+    def _head(self) -> str:
+        best, chosen = number(self.log_likelihood, 6), number(self.estimated, 6)
+        least = "" if self.covered else "at least "
+        return (
+            f"Log-likelihood of the best of all laws {least}{best}, of the identified one {chosen}"
+        )
+
+    @property
+    def _told(self) -> str:
+        chance = "" if np.isnan(self.p_value) else f", p = {number(self.p_value, 2)}"
+        return f"Gap {number(self.gap, 3)}{chance}."
+
+    @property
+    def gap(self) -> float:
+        """How much larger than that of the chosen law."""
+        return self.log_likelihood - self.estimated
+
+    @property
+    def p_value(self) -> float:
+        """Of so large a gap under the chosen law; NaN where it was not asked for."""
+        return np.nan if self.judged is None else self.judged.p_value
+
+
+def ceiling(
+    found: Identification,
+    *,
+    replicates: int = 99,
+    verify: bool = True,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Ceiling:
+    """The best of all laws of the scattering parameters, and the gap of the identified one to it.
+
+    The maximum over all probability laws G on the region of sum_l log int p(y_l | x) dG(x), with
+    constants and noise at their estimates (Kiefer and Wolfowitz, 1956). It is a law of at most N
+    points. The gap is judged by at most `replicates` data sets drawn from the identified law, none
+    for 0. On surfaces `verify` asks the simulator at these points: a run for each point and
+    experiment. Raises InputsError without noise, where laws follow covariates, and where nothing
+    scatters; AleatorError where `found` was read from a file. Cost: some seconds for a hundred
+    experiments.
+
+    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
+    >>> table = pd.DataFrame({"y": [0.9, 1.1, 0.9, 1.1, 0.9, 1.1]})
+    >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    >>> found = identify(lambda x: x, table, law, outcome="y", noise=Noise(0.01),
+    ...                  verification=Check(0))
+    >>> best = ceiling(found, replicates=0)
+    >>> best.points.round(3).to_numpy().tolist()
+    [[0.5, 0.9], [0.5, 1.1]]
+    >>> round(best.log_likelihood, 3), round(best.gap, 2)     # 6 log(phi(0)/0.01/2)
+    (17.959, 12.66)
+    """
+    fit, exact = found.fit, found.session.exact_fit() if verify else None
+    return ceiling_of(fit, exact, replicates, seed, progress or Silent())
+
+
+def ceiling_of(
+    fit: Fit, exact: Fit | None, replicates: int, seed: int, progress: Progress
+) -> Ceiling:
+    """The best possible law of a fit; `exact` is the fit by the simulator itself, if asked."""
+    sought = LawRegion.of(fit)
+    progress.stage("best possible law")
+    best = best_of(sought, seed)
+    estimated = fit.scored()
+    verified = None if exact is None else _on_points(exact, sought, best)
+    test = None
+    if replicates:
+        progress.stage("bootstrap of the gap")
+        test = judged(fit, sought.points, replicates, seed, progress)
+    names = sought.names
+    x = sought.x(best.points)[:, sought.moving]
+    order = np.lexsort((*x.T[::-1],))
+    points = pd.DataFrame(x[order], columns=[*names])
+    points.insert(0, "probability", best.weights[order])
+    gains = pd.Series(best.each - estimated.each, index=pd.Index(fit.table.ids, name="id"))
+    return Ceiling(
+        best.log_likelihood, best.gap, estimated.likelihood, verified, points, gains, test,
+        dict(zip(names, map(tuple, sought.region.tolist()), strict=True)),
+        sought.held, len(names) <= sought.settings.covered, sought.edges(x),
+        gradient_curves(sought), gradient_map(sought),
+    )  # fmt: skip
+
+
+def _on_points(exact: Fit, sought: LawRegion, best: NPMLE) -> float:
+    """The log-likelihood of the best weights of the same points on the simulator itself."""
+    there = replace(sought, fit=exact)
+    return mixed(there.log_density(best.points)).log_likelihood
+
+
+def gap_of(fit: Fit, seed: int) -> float:
+    """How much larger the log-likelihood of the best law is than that of a fit; no runs.
+
+    Raises InputsError without noise, where laws follow covariates, and where nothing scatters.
+    """
+    return best_of(LawRegion.of(fit), seed).log_likelihood - fit.scored().likelihood
+
+
+def best_of(sought: LawRegion, seed: int) -> NPMLE:
+    """The best law of a fit, on points of its region."""
+    own = sought.own(np.random.default_rng([seed, 0]))
+    points = np.concatenate([sought.cover(0, sought.count), own])
+    return npmle(sought.log_density, points, sought.cover(7, 2 * sought.count))
+
+
+def best_possible(
+    fit: Fit, seed: int, progress: Progress, settings: CeilingSettings = CEILING
+) -> dict[str, float] | None:
+    """Its log-likelihood, the `gap` to it, its p value and replicates; None where it is not quick.
+
+    Quick are fits by individual parameters of one or two that scatter, with few nodes, and few
+    values to compute for a replicate. So counted, and not timed, the answer is always the same.
+    """
+    if not _small(fit, settings):
+        return None
+    sought = LawRegion.of(fit, settings)
+    if len(fit.table.observations) * sought.count > _allowed(fit, settings):
+        return None
+    best = best_of(sought, seed).log_likelihood
+    test = judged(fit, sought.points, settings.replicates, seed, progress)
+    if test is None:
+        return None
+    return {
+        "log_likelihood": best,
+        "gap": best - fit.scored().likelihood,
+        "p_value": test.p_value,
+        "replicates": float(test.replicates),
+    }
+
+
+def _small(fit: Fit, settings: CeilingSettings) -> bool:
+    inputs = fit.inputs
+    return (
+        isinstance(fit.likelihood, IndividualsAt)
+        and not inputs.regressed
+        and 1 <= inputs.scattering <= settings.parameters
+        and fit.count >= settings.experiments
+        and len(fit.table.observations) * fit.likelihood.integral.nodes.xi.shape[1]
+        <= settings.nodes
+    )
+
+
+def _allowed(fit: Fit, settings: CeilingSettings) -> int:
+    assert isinstance(fit.likelihood, IndividualsAt)
+    on_surfaces = isinstance(fit.likelihood.integral.predictor, OnSurfaces)
+    return settings.surfaces if on_surfaces else settings.direct
+
+
+def require_one_law(inputs: Inputs) -> None:
+    """Raise InputsError where there is no one law of all experiments to be better than."""
+    if inputs.regressed:
+        raise InputsError(
+            "the best possible law is one for all experiments, but these laws follow "
+            f"{', '.join(inputs.covariates)}",
+            "ask for it with laws that follow no column; the two verdicts of `aleator identify` "
+            "do not need it",
+        )
+    if not inputs.scattering:
+        raise InputsError(
+            "no parameter scatters: there is no law to compare with the best possible one",
+            "give a parameter a law, such as normal",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LawRegion:
+    """Where the best law of a fit is sought: a region (s, 2) of the parameters that scatter."""
+
+    fit: Fit
+    moving: list[int]
+    region: Array
+    settings: CeilingSettings = CEILING
+
+    @classmethod
+    def of(cls, fit: Fit, settings: CeilingSettings = CEILING) -> LawRegion:
+        """The box of laws that have one; of others where their mass is; within the surfaces.
+
+        Raises InputsError where there is no such law.
+        """
+        inputs = fit.inputs
+        require_one_law(inputs)
+        moving = [*inputs.scattered]
+        mass = padded(region_of(inputs, [fit.alpha], 1, FAR), inputs.box)
+        laws = [*inputs.laws.values()]
+        bounded = np.array([law.bounded for law in laws])[:, None]
+        region = within(fit.likelihood.region, np.where(bounded, fit.likelihood.region, mass))
+        return cls(fit, moving, region[moving], settings)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters that scatter."""
+        return tuple(self.fit.inputs.names[i] for i in self.moving)
+
+    @cached_property
+    def still(self) -> Array:
+        """The parameters (n,) of the median of the law: of constants, their values."""
+        inputs, alpha = self.fit.inputs, self.fit.alpha
+        middle = np.full((1, len(inputs.names)), 0.5)
+        return np.asarray(inputs.marginal(alpha[: inputs.size], middle)[0])
+
+    @property
+    def held(self) -> dict[str, float]:
+        """What is identified and not of the law of a scattering parameter: constants and noise."""
+        inputs = self.fit.inputs
+        kept = set(range(inputs.size))
+        for i, part in enumerate(inputs.parts):
+            if i not in self.moving:
+                kept -= set(range(inputs.size)[part])
+        return {
+            h.name: float(value)
+            for k, (h, value) in enumerate(
+                zip(self.fit.hyperparameters, self.fit.alpha, strict=True)
+            )
+            if k not in kept and h.free
+        }
+
+    def x(self, z: Array) -> Array:
+        """Parameters (J, n) of points (J, s) of the unit cube."""
+        low, high = self.region.T
+        x = np.tile(self.still, (len(z), 1))
+        x[:, self.moving] = low + (high - low) * z
+        return x
+
+    def z(self, x: Array) -> Array:
+        """Points (J, s) of the unit cube, on its faces where parameters x (J, n) are beyond."""
+        low, high = self.region.T
+        return np.asarray(np.clip((x[:, self.moving] - low) / (high - low), 0.0, 1.0))
+
+    def log_density(self, z: Array) -> Array:
+        """log p(observations | parameters) (N, J) at points (J, s) of the unit cube."""
+        return self.fit.likelihood.given(self.x(z))
+
+    @property
+    def count(self) -> int:
+        """Points that cover the region."""
+        most = self.settings.points[min(len(self.moving), 3) - 1]
+        allowed = max(
+            self.settings.values // len(self.fit.table.observations), self.settings.fewest
+        )
+        return most if allowed >= most else int(2 ** np.floor(np.log2(allowed)))
+
+    def cover(self, seed: int, count: int) -> Array:
+        """Points (J, s): half of them spread over the region, half where the law is."""
+        s, inputs = len(self.moving), self.fit.inputs
+        uniform = qmc.Sobol(s, rng=seed).random(count // 2)
+        scores = self.settings.wider * special.ndtri(qmc.Sobol(s, rng=seed + 1).random(count // 2))
+        probability = np.full((len(scores), len(inputs.names)), 0.5)
+        probability[:, self.moving] = special.ndtr(scores)
+        x = inputs.sample(self.fit.alpha[: inputs.size], probability)
+        return np.concatenate([uniform, self.z(x)])
+
+    def points(self, fit: Fit, rng: np.random.Generator) -> Array:
+        """Points x (J, n) for another fit of the same laws: those that cover, and its own."""
+        there = replace(self, fit=fit)
+        return there.x(np.concatenate([self._covering, there.own(rng)]))
+
+    def own(self, rng: np.random.Generator) -> Array:
+        """A draw (N, s) of the parameters of each experiment."""
+        x = self.fit.likelihood.individuals(rng)
+        step = max(1, len(x) // self.count)
+        return self.z(x[::step][np.all(np.isfinite(x[::step]), axis=1)])
+
+    def edges(self, x: Array) -> tuple[str, ...]:
+        """Parameters of points x (S, s) that are on an edge of the region but not of the box."""
+        box = self.fit.inputs.box[self.moving]
+        slack = self.settings.edge * np.diff(self.region, axis=1)[:, 0]
+        low = (x.min(axis=0) < self.region[:, 0] + slack) & (self.region[:, 0] > box[:, 0])
+        high = (x.max(axis=0) > self.region[:, 1] - slack) & (self.region[:, 1] < box[:, 1])
+        return tuple(name for name, on in zip(self.names, low | high, strict=True) if on)
+
+    @cached_property
+    def _covering(self) -> Array:
+        return self.cover(0, self.count)
+
+
+def gradient_curves(sought: LawRegion) -> dict[str, pd.DataFrame]:
+    """`gradient` over each parameter `x`, with the `density` of its law, by its name.
+
+    D(x_i) is the mean of D over the other parameters, drawn from the chosen law: a law that moves
+    a share h of mass to x_i, the others as they were, gains N h D(x_i) in log-likelihood.
+    """
+    found = {}
+    drawn = _draws(sought)
+    densities = law_curves(sought.fit.inputs, sought.fit.alpha, 1)
+    for s, name in enumerate(sought.names):
+        at = _places(sought, s)
+        points = np.tile(drawn, (len(at), 1, 1))
+        points[:, :, s] = at[:, None]
+        d = _lacking(sought, points.reshape(-1, drawn.shape[1])).reshape(len(at), -1).mean(axis=1)
+        low, high = sought.region[s]
+        x = low + (high - low) * at
+        curve = densities.get(name, {"x": [low], "density": [np.nan]})
+        density = np.interp(x, curve["x"], curve["density"], 0.0, 0.0)
+        found[name] = pd.DataFrame({"x": x, "gradient": d, "density": density})
+    return found
+
+
+def gradient_map(sought: LawRegion) -> pd.DataFrame | None:
+    """D at a grid of two parameters, a row for each of the second; None for any other number."""
+    if len(sought.names) != 2:
+        return None
+    count = sought.settings.side
+    side = np.linspace(0.0, 1.0, count)
+    z = np.stack(np.meshgrid(side, side, indexing="xy"), axis=-1).reshape(-1, 2)
+    first, second = (low + (high - low) * side for low, high in sought.region)
+    return pd.DataFrame(_lacking(sought, z).reshape(count, count), index=second, columns=first)
+
+
+def _places(sought: LawRegion, s: int) -> Array:
+    """Places of the unit interval for a curve: half of them even, half by the law's quantiles."""
+    inputs, alpha = sought.fit.inputs, sought.fit.alpha
+    line = sought.settings.line
+    level = (np.arange(line) + 0.5) / line
+    probability = np.tile(level[:, None], (1, len(inputs.names)))
+    of_law = sought.z(inputs.marginal(alpha[: inputs.size], probability))[:, s]
+    return np.unique(np.concatenate([np.linspace(0.0, 1.0, line), of_law]))
+
+
+def _draws(sought: LawRegion) -> Array:
+    """Points (64, s) of the chosen law; one where nothing else scatters."""
+    inputs, alpha = sought.fit.inputs, sought.fit.alpha
+    count = sought.settings.across if len(sought.names) > 1 else 1
+    uniform = qmc.Sobol(len(inputs.names), rng=11).random(count)
+    return sought.z(inputs.sample(alpha[: inputs.size], uniform))
+
+
+def _lacking(sought: LawRegion, points: Array) -> Array:
+    """D (J,) under the chosen law, in parts that fit into memory."""
+    each = sought.fit.scored().each
+    parts = np.array_split(points, -(-len(points) // sought.count))
+    return np.concatenate([gradient(sought.log_density, each, part) for part in parts])

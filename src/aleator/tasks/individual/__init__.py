@@ -1,1 +1,0 @@
-"""Fits of experiments with parameters of their own."""

@@ -1,0 +1,505 @@
+"""The pictures of an identification: what is drawn of it, computed once and kept beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy import stats
+from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGridInterpolator
+
+from aleator.inference.alpha_draws import AlphaDraws, quantiles
+from aleator.inference.fit import Fit
+from aleator.inference.likelihood_shape import (
+    Objective,
+    around,
+    likelihood_curve,
+    likelihood_surface,
+    weakest_pair,
+)
+from aleator.laws import Law, Mixture
+from aleator.laws.inputs import Inputs
+from aleator.laws.inputs import drawn as of_law
+from aleator.progress import Progress, Silent
+from aleator.results.values import QUANTILES, Estimate
+from aleator.types import Array, Indices
+
+if TYPE_CHECKING:
+    from aleator.tasks.identification import Identification
+
+
+@dataclass(frozen=True)
+class PictureSettings:
+    """How much is drawn, and in how many digits: by what the eye sees."""
+
+    digits: int = 5
+    places: int = 10
+    """Digits of where something is: an interval may be narrow beside its place."""
+    curve: int = 80
+    """Points of the line of a profile."""
+    """Standard normal variates where a curve ends: all but a thousandth of the law."""
+    band_points: int = 101
+    few: int = 40
+    """Experiments whose laws are averaged where each has its own."""
+    around: int = 73
+    """Points of a contour."""
+    masses: tuple[float, float] = (0.5, 0.95)
+    pairs: int = 6
+    side: int = 11
+    """Points of a side of the surface."""
+    profiles: int = 8
+    """Hyperparameters that are profiled, the first of them: more are no picture."""
+    observations: int = 3000
+    """Observations up to which a curve takes seconds."""
+    spread: int = 4000
+    """Parameters of which the middle and the ends of the charts are taken."""
+    spread_ends: tuple[float, float, float] = (0.002, 0.5, 0.998)
+    along: int = 41
+    map_side: int = 21
+    """Points of a curve, and of a side of a map."""
+    curves: int = 3
+    """Parameters over which there are curves; over the first two there is a map."""
+    experiments: int = 9
+    nodes: int = 200
+    """Nodes of collocation that are shown."""
+    seed: int = 11
+    map_values: int = 10_000_000
+    """Values that are computed for the charts at most."""
+    laws: int = 256
+    """Plausible laws whose densities make a band."""
+
+
+PICTURES = PictureSettings()
+
+
+def drawn(values: ArrayLike, digits: int = PICTURES.digits) -> Any:
+    """Numbers of any shape as nested lists with so many significant digits; None for none.
+
+    >>> drawn([1.23456789, float("inf"), 0.0]), drawn([1000000.25], 10)
+    ([1.2346, None, 0.0], [1000000.25])
+    """
+    return _shortest(np.asarray(values, dtype=np.float64).tolist(), digits)
+
+
+def _shortest(values: Any, digits: int) -> Any:
+    if isinstance(values, list):
+        return [_shortest(value, digits) for value in values]
+    return float(f"{values:.{digits}g}") if np.isfinite(values) else None
+
+
+STEPS = 5
+"""Steps between two points of a surface."""
+
+
+def profile_line(
+    at: Array, below: Array, settings: PictureSettings = PICTURES
+) -> tuple[Array, Array]:
+    """A line through the points of a profile: its signed root is nearly straight.
+
+    `below` is how far the log-likelihood is below its maximum at the values `at`, in ascending
+    order; the line's ordinate is minus that.
+
+    >>> x, y = profile_line(np.array([-3.0, 0.0, 2.0]), np.array([4.5, 0.0, 2.0]))
+    >>> bool(np.allclose(y, -0.5 * x**2))
+    True
+    """
+    known = np.isfinite(below) & (np.diff(at, prepend=-np.inf) > 0.0)
+    at, below = at[known], below[known]
+    if at.size < 2:
+        return at, -below
+    root = np.sign(at - at[np.argmin(below)]) * np.sqrt(2.0 * np.maximum(below, 0.0))
+    x = np.union1d(np.linspace(at[0], at[-1], settings.curve), at)
+    return x, -0.5 * PchipInterpolator(at, root)(x) ** 2
+
+
+def finer(grid: Array) -> Array:
+    """A square grid with steps between its points: smooth, or straight where some are unknown.
+
+    >>> side = np.arange(4.0)
+    >>> bool(np.allclose(finer(np.add.outer(side, side**2))[::STEPS, 1], side + 1 / STEPS**2))
+    True
+    """
+    at = np.arange(float(len(grid)))
+    fine = np.linspace(0.0, at[-1], STEPS * (len(grid) - 1) + 1)
+    if np.all(np.isfinite(grid)):
+        return np.asarray(RectBivariateSpline(at, at, grid)(fine, fine))
+    between = np.meshgrid(fine, fine, indexing="ij")
+    return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
+
+
+BAND_ENDS = np.array([0.002, 0.998])
+"""Probabilities of a law between which its density is drawn."""
+LEVELS = np.array([0.025, 0.975])
+
+
+def law_bands(
+    inputs: Inputs, draws: AlphaDraws, count: int, settings: PictureSettings = PICTURES
+) -> dict[str, dict[str, Any]]:
+    """`x`, `density`, and `lower` and `upper` ends of 95 % of the densities under plausible laws.
+
+    For each parameter that scatters. Where laws follow covariates it is the mean of those of some
+    of the `count` experiments, evenly chosen. The band is that of each x by itself. None of a
+    mixture with points, which has no density.
+    """
+    here = _values(inputs, draws.estimate, count, settings)
+    others = [_values(inputs, alpha, count, settings) for alpha in draws.alpha]
+    found = {}
+    for i in inputs.scattered:
+        law, name = [*inputs.laws.values()][i], inputs.names[i]
+        if isinstance(law, Mixture) and law.points:
+            continue
+        low, high = _ends(law, here[i])
+        wide = np.array([_ends(law, own[i]) for own in others])
+        low = min(low, float(np.quantile(wide[:, 0], 0.25)))
+        high = max(high, float(np.quantile(wide[:, 1], 0.75)))
+        x = np.linspace(low, high, settings.band_points)
+        density = _density(law, here[i], x)
+        each = np.array([_density(law, own[i], x) for own in others])
+        if not np.all(np.isfinite(x)) or not np.any(np.isfinite(density)):
+            continue
+        found[name] = {"x": drawn(x, settings.places), "density": drawn(density)}
+        if not draws.certain:
+            with np.errstate(invalid="ignore"):
+                band = quantiles(each.T, np.broadcast_to(draws.weights, each.T.shape), LEVELS)
+            found[name] |= {"lower": drawn(band[:, 0]), "upper": drawn(band[:, 1])}
+    return found
+
+
+def law_contours(
+    inputs: Inputs, alpha: Array, settings: PictureSettings = PICTURES
+) -> list[dict[str, Any]]:
+    """Curves that hold 50 % and 95 % of the law of two parameters, of some pairs.
+
+    The images of the circles that hold as much of two standard normal variates, correlated as the
+    parameters are. Pairs that are correlated come first. None where laws follow covariates, and of
+    a mixture, whose law is no image of one normal variate.
+    """
+    if inputs.regressed or len(inputs.classes) > 1:
+        return []
+    matrix = inputs.correlation_matrix(alpha)
+    pairs = sorted(combinations(inputs.scattered, 2), key=lambda pair: -abs(matrix[pair]))
+    laws = [*inputs.laws.values()]
+    angle = np.linspace(0.0, 2.0 * np.pi, settings.around)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    found = []
+    for i, j in pairs[: settings.pairs]:
+        r = float(np.clip(matrix[i, j], -1.0, 1.0))
+        turned = np.stack([circle[0], r * circle[0] + np.sqrt(1.0 - r * r) * circle[1]])
+        curves = {}
+        for mass in settings.masses:
+            theta = turned * np.sqrt(stats.chi2.ppf(mass, 2))
+            x, y = (
+                laws[k].standard(alpha[inputs.slices[k]], at).x
+                for k, at in zip((i, j), theta, strict=True)
+            )
+            curves[f"{mass:g}"] = [drawn(x, settings.places), drawn(y, settings.places)]
+        found.append({"between": [inputs.names[i], inputs.names[j]], "curves": curves})
+    return found
+
+
+def _values(
+    inputs: Inputs, alpha: Array, count: int, settings: PictureSettings
+) -> tuple[Array, ...]:
+    """Of each law the values (k, E) of some experiments: one where all have the same law."""
+    chosen = np.unique(np.linspace(0, count - 1, settings.few).round().astype(int))
+    found = inputs.values(alpha[: inputs.size], slice(0, count))
+    return tuple(own[:, None] if own.ndim == 1 else own[:, chosen, 0] for own in found)
+
+
+def _ends(law: Law, values: Array) -> tuple[float, float]:
+    ends = np.array([law.quantile(own, BAND_ENDS) for own in values.T])
+    return float(ends.min()), float(ends.max())
+
+
+def _density(law: Law, values: Array, x: Array) -> Array:
+    with np.errstate(all="ignore"):
+        each = np.array([np.exp(law.log_density(own, x)) for own in values.T])
+        return np.asarray(each.mean(axis=0))
+
+
+def likelihood_shapes(
+    fit: Fit,
+    estimates: Mapping[str, Estimate],
+    told: Callable[[str], None],
+    settings: PictureSettings = PICTURES,
+) -> dict[str, Any]:
+    """`profiles` by hyperparameter, and `surface` over the weakest pair; both below the maximum.
+
+    A profile is that of the interval: it has its ends, and has dropped there as the estimate says.
+    Empty where there is no maximum with a curvature, or where observations are too many. By the
+    fewest nodes that serve: differences of log-likelihoods hardly depend on these.
+    """
+    inference = fit.inference
+    if not inference.positive or len(fit.table.observations) > settings.observations:
+        return {}
+    objective = fit.likelihood.rough().objective()
+    profiles = {}
+    for k in _shown(fit, estimates, settings):
+        h = fit.hyperparameters[k]
+        told(h.name)
+        estimate = estimates[h.name]
+        assert estimate.interval is not None
+        assert estimate.drops is not None
+        at = around(estimate.interval, float(fit.alpha[k]), h)
+        curve = likelihood_curve(objective, fit.alpha, fit.hyperparameters, inference, k, at)
+        below = curve.value[at == fit.alpha[k]] - curve.value
+        for end, drop in zip(estimate.interval, estimate.drops, strict=True):
+            below[at == end] = drop
+        profiles[h.name] = {"at": drawn(at, settings.places), "below": drawn(below)}
+    return {"profiles": profiles, "surface": _surface(fit, estimates, objective, told, settings)}
+
+
+def _shown(fit: Fit, estimates: Mapping[str, Estimate], settings: PictureSettings) -> list[int]:
+    known = [
+        int(k) for k in fit.inference.identified if estimates[fit.hyperparameters[k].name].interval
+    ]
+    return known[: settings.profiles]
+
+
+def _surface(
+    fit: Fit,
+    estimates: Mapping[str, Estimate],
+    objective: Objective,
+    told: Callable[[str], None],
+    settings: PictureSettings,
+) -> dict[str, Any] | None:
+    free = [int(k) for k in fit.inference.free]
+    rows = [r for r, k in enumerate(free) if estimates[fit.hyperparameters[k].name].interval]
+    correlation = fit.inference.correlation[np.ix_(rows, rows)]
+    weakest = weakest_pair(correlation)
+    if weakest is None:
+        return None
+    first, second = (free[rows[r]] for r in weakest)
+    names = [fit.hyperparameters[k].name for k in (first, second)]
+    told(" and ".join(names))
+    found = likelihood_surface(
+        objective, fit.alpha, fit.hyperparameters, fit.inference, (first, second), settings.side
+    )
+    return {
+        "between": names,
+        "correlation": float(correlation[weakest]),
+        "first": drawn(found.first, settings.places),
+        "second": drawn(found.second, settings.places),
+        "below": drawn(np.nanmax(found.value) - found.value),
+    }
+
+
+ROWS = {1: ("last",), 2: ("first", "last")}
+"""Which of so many rows of a series are shown; of more the middle one too."""
+EVERY = ("first", "middle", "last")
+
+
+def responses(fit: Fit, settings: PictureSettings = PICTURES) -> dict[str, Any]:
+    """Outcomes over each scattering parameter, the others in their middle, and over two of them.
+
+    `over` has the values of each parameter, `map` those of the two on the grid of the maps;
+    `shown` has for some observations `curves` by parameter, and the `map`, in the original unit.
+    Of a series they are the first, the middle and the last observation, which `place` tells. With
+    collocation there are `nodes` instead: the values of each parameter at those of the law, and
+    `shown` has the outcomes of their runs. Empty where no parameter scatters, and of many rows.
+    """
+    names = [fit.inputs.names[i] for i in fit.inputs.scattered][: settings.curves]
+    seen = fit.table.observations
+    if (
+        not names
+        or (len(names) * settings.along + settings.map_side**2) * len(seen) > settings.map_values
+    ):
+        return {}
+    low, middle, high = _spread(fit, settings)
+    columns = [fit.inputs.names.index(name) for name in names]
+    lines = {k: np.linspace(low[k], high[k], settings.along) for k in columns}
+    points = [_moved(middle, [k], at[:, None]) for k, at in lines.items()]
+    pair = columns[:2] if len(columns) > 1 else []
+    sides = [np.linspace(low[k], high[k], settings.map_side) for k in pair]
+    if pair:
+        grid = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")], axis=1)
+        points.append(_moved(middle, pair, grid))
+    found = fit.likelihood.simulated(np.concatenate([*points, middle[None]]))
+    if found is None:
+        return _at_nodes(fit, columns, low, high, settings)
+    parts = np.split(found, np.cumsum([len(part) for part in points]), axis=1)
+    shown = []
+    for m, place in _chosen(fit, parts[-1][:, 0], settings):
+        curves = {n: _original(fit, m, part[m]) for n, part in zip(names, parts, strict=False)}
+        plane = (
+            {"map": _original(fit, m, parts[-2][m].reshape(settings.map_side, settings.map_side))}
+            if pair
+            else {}
+        )
+        shown.append({**_entry(fit, m, place, settings), "curves": curves, **plane})
+    return {
+        "over": {
+            n: drawn(at, settings.places) for n, at in zip(names, lines.values(), strict=True)
+        },
+        "map": {
+            n: drawn(at, settings.places) for n, at in zip(names[: len(pair)], sides, strict=True)
+        },
+        "shown": shown,
+    }
+
+
+def _at_nodes(
+    fit: Fit, columns: list[int], low: Array, high: Array, settings: PictureSettings
+) -> dict[str, Any]:
+    """Outcomes of the runs of collocation at the nodes of the law, some of those within its ends.
+
+    Nodes of Gauss rules lie farther out than any parameter, where a chart would show nothing else.
+    """
+    known = fit.likelihood.nodes()
+    if known is None:
+        return {}
+    x, eta = known
+    inside = np.all((x >= low) & (x <= high), axis=1)
+    kept = np.flatnonzero(inside if inside.any() else np.ones(len(x), dtype=bool))
+    if kept.size > settings.nodes:
+        kept = np.sort(
+            np.random.default_rng(settings.seed).choice(kept, settings.nodes, replace=False)
+        )
+    return {
+        "nodes": {fit.inputs.names[k]: drawn(x[kept, k], settings.places) for k in columns},
+        "shown": [
+            {**_entry(fit, m, place, settings), "values": _original(fit, m, eta[m, kept])}
+            for m, place in _chosen(fit, np.median(eta[:, kept], axis=1), settings)
+        ],
+    }
+
+
+def _spread(fit: Fit, settings: PictureSettings) -> Array:
+    """Low ends, middle and high ends (3, n) of the law of all experiments, within the region."""
+    inputs, rng = fit.inputs, np.random.default_rng(settings.seed)
+    times = max(1, settings.spread // fit.count)
+    alpha = fit.alpha[: inputs.size]
+    x = np.concatenate([of_law(inputs, alpha, fit.count, rng) for _ in range(times)])
+    return np.asarray(
+        np.clip(np.quantile(x, settings.spread_ends, axis=0), *fit.likelihood.region.T)
+    )
+
+
+def _moved(middle: Array, columns: list[int], values: Array) -> Array:
+    """Points (J, n) in the middle but for some columns, whose values (J, k) are given."""
+    points = np.tile(middle, (len(values), 1))
+    points[:, columns] = values
+    return points
+
+
+def _chosen(fit: Fit, middle: Array, settings: PictureSettings) -> list[tuple[int, str]]:
+    """Some observations of each response, with their places in their series.
+
+    They are the first, the middle and the last one of some experiments, from low to high last
+    outcomes. The least probable experiment is among them.
+    """
+    seen = fit.table.observations
+    each, found = np.nan_to_num(fit.scored().each, nan=-np.inf), []
+    for response in range(len(seen.responses)):
+        rows = np.flatnonzero(seen.response == response)
+        of = seen.experiment[rows]
+        last = rows[len(rows) - 1 - np.unique(of[::-1], return_index=True)[1]]
+        last = last[np.argsort(middle[last], kind="stable")]
+        worst = int(np.argmin(each[seen.experiment[last]]))
+        evenly = (
+            np.linspace(0, len(last) - 1, min(len(last), settings.experiments - 1))
+            .round()
+            .astype(int)
+        )
+        for m in last[np.unique([*evenly, worst])]:
+            found += _placed(rows[of == seen.experiment[m]])
+    return found
+
+
+def _placed(rows: Indices) -> list[tuple[int, str]]:
+    """Of the observations of a series those that are shown, and where in it each is."""
+    places = ROWS.get(len(rows), EVERY)
+    at = np.linspace(len(rows) - 1, 0, len(places)).round().astype(int)[::-1]
+    return [(int(rows[k]), place) for k, place in zip(at, places, strict=True)]
+
+
+def _entry(fit: Fit, m: int, place: str, settings: PictureSettings) -> dict[str, Any]:
+    """What is told of observation m of M."""
+    seen = fit.table.observations
+    return {
+        "id": str(fit.table.ids[int(seen.experiment[m])]),
+        "row": int(seen.row[m]) + 1,
+        "place": place,
+        "response": seen.responses[int(seen.response[m])].name,
+        "lower": _original(fit, m, seen.lower[m], settings.places),
+        "upper": _original(fit, m, seen.upper[m], settings.places),
+    }
+
+
+def _original(fit: Fit, m: int, values: Array, digits: int | None = None) -> Any:
+    """Values of observation m of M in the unit of the table, as they are drawn."""
+    seen = fit.table.observations
+    response = seen.responses[int(seen.response[m])]
+    with np.errstate(over="ignore"):
+        shown = np.exp(values) if str(response.transform) == "log" else values
+    return drawn(shown) if digits is None else drawn(shown, digits)
+
+
+STAGE = "pictures"
+
+
+def pictured(
+    found: Identification, progress: Progress | None = None, settings: PictureSettings = PICTURES
+) -> Identification:
+    """The identification with what its report draws: `pictures`, by its fit, without runs.
+
+    `conditions` of each experiment, `laws` with the uncertainty of alpha, `contours` of two
+    parameters, `profiles` of the likelihood and its `surface` over the two estimates that are told
+    apart worst, the simulator's `response` over the parameters and the `roughness` of its
+    surfaces, and `predicted` quantiles of each observation under the law. Cost: seconds.
+    Raises AleatorError where the identification was read from a file.
+
+    >>> import pandas as pd
+    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
+    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    >>> law = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
+    >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
+    ...                  verification=Check(0))
+    >>> sorted(pictured(found).pictures)
+    ['conditions', 'contours', 'laws', 'predicted', 'profiles', 'response', 'roughness', 'surface']
+    """
+    progress = progress or Silent()
+    fit = found.fit
+    progress.stage(STAGE)
+    return replace(
+        found,
+        pictures={
+            "conditions": _conditions(fit, settings),
+            "laws": law_bands(fit.inputs, found.draws(settings.laws), fit.count, settings=settings),
+            "contours": law_contours(fit.inputs, fit.alpha, settings=settings),
+            **likelihood_shapes(fit, found.alpha, progress.update, settings=settings),
+            "response": responses(fit, settings=settings),
+            "roughness": []
+            if fit.likelihood.roughness is None
+            else drawn(fit.likelihood.roughness),
+            "predicted": _predicted(fit, settings) if found.observations else {},
+        },
+    )
+
+
+def _conditions(fit: Fit, settings: PictureSettings) -> dict[str, list[Any]]:
+    """What is the same in all rows of an experiment, by its name: (N,) numbers or texts."""
+    table = fit.table.table.reset_index(drop=True)
+    owner = pd.Series(fit.table.experiment)
+    found = {}
+    for name in table.columns:
+        column = table[name]
+        if column.groupby(owner).nunique(dropna=False).max() > 1:
+            continue
+        first = column.groupby(owner).first().reindex(range(fit.count))
+        found[str(name)] = (
+            drawn(first.to_numpy(), settings.places)
+            if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
+            else [str(value) for value in first]
+        )
+    return found
+
+
+def _predicted(fit: Fit, settings: PictureSettings) -> dict[str, list[float]]:
+    quantiles = fit.likelihood.quantiles(np.array(QUANTILES))
+    return {str(p): drawn(q, settings.places) for p, q in zip(QUANTILES, quantiles.T, strict=True)}
