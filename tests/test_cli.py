@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import cli
-from aleator.simulators.runs import MOST
+from aleator.simulators.runs import Repeatability
 
 pytestmark = pytest.mark.usefixtures("unreported")
 
@@ -68,7 +68,7 @@ def test_every_command_and_option_is_documented() -> None:
     found = dict(commands(cli.main))
     assert set(found) == {
         "aleator", "aleator identify", "aleator predict", "aleator recover",
-        "aleator ceiling", "aleator clutch", "aleator clutch bench",
+        "aleator ceiling",
         "aleator sensitivity", "aleator box", "aleator compare",
         "aleator bootstrap", "aleator posterior", "aleator next", "aleator report",
         "aleator runs", "aleator runs list", "aleator runs show", "aleator runs export",
@@ -143,7 +143,7 @@ def test_completed_runs_survive_and_are_taken_up(study: Path) -> None:
     done = run("identify", study, "--no-figures", "--output", "result")
     assert done.exit_code == 0
     assert f"springs/runs.sqlite has {kept} runs of this simulator" in done.stderr
-    assert abs(int(counter.read_text()) - (calls - kept)) <= MOST
+    assert abs(int(counter.read_text()) - (calls - kept)) <= Repeatability().most
     # Resumed or not, the answer is the same, and so is the number of runs that it rests on.
     one, two = (json.loads(Path(f, "identification.json").read_text()) for f in ("whole", "result"))
     del one["seconds"], two["seconds"]
@@ -228,14 +228,3 @@ def test_a_truth_that_is_none_is_told(study: Path, truth: str, name: str) -> Non
     done = run("recover", study, "--truth", truth)
     assert done.exit_code == 2
     assert name in done.stderr
-
-
-def test_the_bench_measures_the_same_for_the_same_seed(study: Path) -> None:  # noqa: ARG001
-    printed = run("clutch", "bench", "--seed", 1)
-    assert printed.exit_code == 0
-    written = run("clutch", "bench", "--seed", 1, "--output", "bench.csv")
-    assert written.output == "Written: bench.csv\n"
-    assert Path("bench.csv").read_text() == printed.stdout
-    assert len(pd.read_csv("bench.csv")) == 108
-    other = run("clutch", "bench", "--seed", 1, "--kind", "model")
-    assert other.stdout != printed.stdout

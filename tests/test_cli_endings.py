@@ -30,8 +30,8 @@ sd = {lower = 0.01, upper = 0.4}
 ENDS = {
     "exit": ("os._exit(0)", "exit code 0"),
     "stop": ("ctypes.CDLL(None).exit(0)", "exit code 0"),
-    "crash": ("ctypes.string_at(0)", "signal 11"),
-    "abort": ("os.abort()", "signal 6"),
+    "crash": ("ctypes.string_at(0)", "signal SIGSEGV"),
+    "abort": ("os.abort()", "signal SIGABRT"),
 }
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="no cheap copy of a process")
 

@@ -92,7 +92,6 @@ def test_rows_of_one_experiment_are_seen_and_get_noise() -> None:
     assert found["noise.sd"] == pytest.approx(0.05, abs=0.02)
 
 
-CLUTCH = "aleator.clutch:shifting_time"
 CASES = {
     "crack_growth": ("cracks.csv", "model.py:relative_length", {"rate", "exponent"}, "specimen"),
     "fatigue_limit": ("experiments.csv", "model.py", {"v", "b0", "b1"}, None),
@@ -100,7 +99,7 @@ CASES = {
     "run_outs": ("experiments.csv", "model.py", {"v", "b0", "b1"}, None),
     "sleep_study": ("reactions.csv", "model.py", {"start", "slope"}, "unit"),
     "repeated/wear": ("wear.csv", "model.py", {"rate", "run_in"}, "pad"),
-    "wet_clutch": ("experiments.csv", CLUTCH, {"c2_scale", "zp_scale"}, "id"),
+    "wet_clutch": ("experiments.csv", "model.py:shifting_time", {"c2_scale", "zp_scale"}, "id"),
 }  # fmt: skip
 
 

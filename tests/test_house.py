@@ -79,7 +79,7 @@ def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
         "from . import gaussian\n"
         "from ...laws.marginals import Normal\n"
         "def late():\n"
-        "    from aleator.laws import gamma\n"
+        "    from aleator.laws import marginals\n"
     )
     assert list(imports("search.local.mixture", module)) == [
         "numpy",

@@ -9,7 +9,7 @@ from aleator.laws import Constant, Free, Normal, TruncatedNormal
 from aleator.moments.densities import Gaussian
 from aleator.moments.expansion import Hyperbolic, TotalDegree
 from aleator.moments.maximum_entropy import MaximumEntropy
-from aleator.moments.projection import Regression, SparseProjection
+from aleator.moments.projection import Projection, Regression
 from aleator.moments.propagation import Collocation
 from aleator.moments.quadrature import Smolyak, SobolPoints, TensorGauss
 from aleator.search import GradientMultistart
@@ -211,8 +211,8 @@ PROPAGATIONS = {
     'method = "collocation"\nfit = "regression"\ndegree = 2': Collocation(
         fit=Regression(TotalDegree(2), adaptive=False)
     ),
-    'method = "collocation"\nfit = "sparse_grid"\ndegree = 3\nterms = "hyperbolic"': Collocation(
-        fit=SparseProjection(Hyperbolic(3))
+    'method = "collocation"\nfit = "projection"\ndegree = 3\nterms = "hyperbolic"': Collocation(
+        fit=Projection(Hyperbolic(3))
     ),
     'nodes = {rule = "gauss", per_dimension = 9}': ResponseSurface(nodes=TensorGauss(9)),
     "nodes = 7": ResponseSurface(nodes=7),

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from aleator import polynomials as gauss
 from aleator.polynomials import (
     evaluate,
+    gauss,
     gauss_hermite,
     gauss_with_gradient,
     hermite_recurrence,

@@ -3,13 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
-from aleator.tasks.individual.fit import IndividualFit
 from individual_cases import likelihood_of
 from scipy import stats
 
 from aleator import Experiments, Free, Inputs, Normal
 from aleator.fit.certain import UNKNOWN, inferred
 from aleator.fit.settle import Settled, climbed, settled
+from aleator.inference.fit import Fit
 from aleator.likelihood.individual import GaussHermite, LawPoints, PlanePanels
 from aleator.search import Optimum, SearchResult
 
@@ -114,10 +114,10 @@ def test_points_of_the_law_serve_for_whatever_is_observed() -> None:
     )
     here = likelihood_of(front, frame, TWO).by(PlanePanels(), ALPHA)
     table = Experiments.from_frame(frame, outcome="y", id="id")
-    fit = IndividualFit(here, ALPHA, None, table, here.rule).for_replicates()
-    assert fit.likelihood.rule == LawPoints(4000)
+    fit = Fit.of_individuals(here, ALPHA, None, table, here.rule).for_replicates()
+    assert fit.likelihood.integral.rule == LawPoints(4000)
     another = fit.seeing(Experiments.from_frame(other, outcome="y", id="id"))
-    assert another.likelihood.nodes is fit.likelihood.nodes
+    assert another.likelihood.integral.nodes is fit.likelihood.integral.nodes
     for seen, rows in ((fit, frame), (another, other)):
         truth = exact(front, rows["time"].to_numpy(), rows["y"].to_numpy(), ALPHA)
         assert seen.scored().each == pytest.approx(truth, abs=0.1)
