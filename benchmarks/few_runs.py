@@ -32,7 +32,7 @@ from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.propagation import Collocation
 from aleator.moments.quadrature import MonteCarloPoints
 from aleator.search import GradientMultistart
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface

@@ -17,8 +17,8 @@ from scipy import special
 from aleator import Experiments, Free, Inputs, Normal
 from aleator.inference.information import Inference, infer
 from aleator.laws.hyperparameter import Hyperparameter
+from aleator.search.interface import LogLikelihood
 from aleator.search.newton import ascended
-from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
 
 ARRIVED = 1e-9

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from aleator.laws import Hyperparameter
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array
 
 

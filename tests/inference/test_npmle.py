@@ -26,7 +26,7 @@ from aleator.inference.npmle import (
 )
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.progress import Silent
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array
 
 CASES = [(30, 12, 0.5), (108, 400, 0.3), (60, 400, 0.02), (400, 200, 1.0)]

@@ -12,7 +12,7 @@ from aleator.errors import AleatorError
 from aleator.inference.posterior import POSTERIOR, Chains, RealLine, convergence, sampled, scaled
 from aleator.laws import Free, Gamma, Hyperparameter, Normal, resolve
 from aleator.laws.law import Law
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array
 
 Y = np.random.default_rng(8).normal(1.0, 2.0, 12)

@@ -11,7 +11,7 @@ from aleator.inference.profile import profile_intervals
 from aleator.inference.profile_end import CLOSE, TARGET
 from aleator.laws import Hyperparameter
 from aleator.search import GradientMultistart
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array
 
 

@@ -14,7 +14,7 @@ from aleator.inference.bracket import Bracket
 from aleator.inference.information import infer
 from aleator.inference.profile import profile_intervals
 from aleator.laws import Hyperparameter
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array
 
 DROP = 0.5 * stats.chi2.ppf(0.95, 1)

@@ -23,7 +23,7 @@ from aleator import Gaussian, MaximumEntropy
 from aleator.moments.densities import Density
 from aleator.moments.entropy_solver import SETTINGS
 from aleator.moments.likelihood import Continued, Likelihood
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.status import Status
 from aleator.surrogates.responses import DirectResponse
 from aleator.types import Array

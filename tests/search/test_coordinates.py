@@ -9,8 +9,8 @@ import pytest
 from aleator import By, Free, GradientMultistart, Normal
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.search.coordinates import Coordinates
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
+from aleator.search.objective import Coordinates
 from aleator.types import Array
 
 TABLE = pd.DataFrame({"kelvin": 300.0 + np.array([-10.0, -6.0, -1.0, 2.0, 5.0, 8.0])})

@@ -16,9 +16,8 @@ from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.moments.likelihood import Continued
 from aleator.search import ascend
-from aleator.search.coordinates import Coordinates
-from aleator.search.interface import Optimum, SearchResult
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood, Optimum, SearchResult
+from aleator.search.objective import Coordinates
 from aleator.types import Array
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from aleator.laws import Hyperparameter
+from aleator.search.interface import LogLikelihood
 from aleator.search.newton import BELIEVED, ascended
-from aleator.search.value import LogLikelihood
 from aleator.types import Array
 
 

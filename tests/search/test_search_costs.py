@@ -17,7 +17,7 @@ from aleator.search import (
     compare,
     objective_of,
 )
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array
 
 # ------------------------------------------------------------------------------ what it costs

@@ -16,7 +16,7 @@ from aleator.search import (
     CMAES,
     GradientMultistart,
 )
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array
 
 # ------------------------------------------------------------------------------ the maximum

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aleator.laws import Hyperparameter
-from aleator.search.coordinates import Coordinates
-from aleator.search.starts import starting_points
+from aleator.search.multistart import starting_points
+from aleator.search.objective import Coordinates
 
 LOW, HIGH = -2.0, 6.0
 LIMITS = [

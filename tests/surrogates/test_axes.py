@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface, Surface, build_surface
-from aleator.surrogates.axes import Axes
+from aleator.surrogates.surface import Axes
 from aleator.types import Array, Indices
 
 BOX = np.array([[0.05, 8.0], [-1.0, 1.0]])

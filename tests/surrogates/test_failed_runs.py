@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from aleator.surrogates import ResponseSurface, Surface, build_surface
-from aleator.surrogates.basis import products
-from aleator.surrogates.fit import first_priors, fitted, search
-from aleator.surrogates.points import shares, spread
+from aleator.surrogates.fit import first_priors, fitted, search, shares, spread
+from aleator.surrogates.surface import products
 from aleator.types import Array, Indices
 
 BOX = np.tile([0.0, 1.0], (2, 1))

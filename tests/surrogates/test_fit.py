@@ -3,9 +3,18 @@
 import numpy as np
 import pytest
 
-from aleator.surrogates.basis import ball, legendre, products, products_with_gradient
-from aleator.surrogates.fit import Prior, first_priors, fitted, judged, leave_one_out, weights
-from aleator.surrogates.points import low_discrepancy, shares, spread
+from aleator.surrogates.fit import (
+    Prior,
+    first_priors,
+    fitted,
+    judged,
+    leave_one_out,
+    low_discrepancy,
+    shares,
+    spread,
+    weights,
+)
+from aleator.surrogates.surface import ball, legendre, products, products_with_gradient
 
 PRIOR = Prior((1.0, 1.6), 2.0, 2.5, 0.25)
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from aleator.errors import SimulatorError
-from aleator.surrogates.basis import products
-from aleator.surrogates.fit import Prior, judged, weights
-from aleator.surrogates.own import OwnSurfaces
-from aleator.surrogates.points import continued, shares, spread
-from aleator.surrogates.responses import Run
-from aleator.surrogates.samples import Samples
+from aleator.surrogates.emulator import OwnSurfaces
+from aleator.surrogates.fit import Prior, continued, judged, shares, spread, weights
+from aleator.surrogates.responses import Run, Samples
+from aleator.surrogates.surface import products
 from aleator.types import Array, Indices
 
 BOX = np.tile([0.0, 1.0], (2, 1))

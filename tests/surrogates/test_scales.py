@@ -8,12 +8,10 @@ from aleator.laws import Free, Normal
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.surrogates import ResponseSurface, Surface, build_surface
-from aleator.surrogates.basis import products
-from aleator.surrogates.fit import Prior, fitted, judged, weights
-from aleator.surrogates.own import OwnSurfaces
-from aleator.surrogates.points import spread
-from aleator.surrogates.responses import Confined
-from aleator.surrogates.samples import Samples
+from aleator.surrogates.emulator import OwnSurfaces
+from aleator.surrogates.fit import Prior, fitted, judged, spread, weights
+from aleator.surrogates.responses import Confined, Samples
+from aleator.surrogates.surface import products
 from aleator.types import Array, Indices
 
 BOX = np.array([[-1.0, 2.0], [0.5, 0.9]])

@@ -7,10 +7,8 @@ from scipy.optimize import approx_fprime
 
 from aleator.errors import SimulatorError
 from aleator.surrogates import Surface
-from aleator.surrogates.conditions import features
-from aleator.surrogates.kriging import Covariance, Posterior, _loss, learned
-from aleator.surrogates.responses import Run
-from aleator.surrogates.shared import SharedSurface
+from aleator.surrogates.responses import Run, features
+from aleator.surrogates.shared import Covariance, Posterior, SharedSurface, _loss, learned
 from aleator.types import Array, Indices
 
 RNG = np.random.default_rng(3)

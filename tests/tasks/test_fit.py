@@ -14,7 +14,7 @@ from scipy import stats
 from aleator import Check, Experiments, Free, Identification, Inputs, Noise, Normal
 from aleator.inference.fit import climbed, stepped
 from aleator.laws.hyperparameter import Hyperparameter
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 
 COUNT = 60
 

@@ -17,7 +17,7 @@ from aleator import Constant, Experiments, Free, GradientMultistart, Identificat
 
 from aleator import Mixture, Noise, Normal, ResponseSurface  # isort: skip
 from aleator.errors import InputsError
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.tasks.identification import load
 from aleator.types import Array
 from aleator.views.identification import render

@@ -15,7 +15,7 @@ from aleator.simulators import FunctionSimulator, Runner
 from aleator.study.sections import PROPAGATIONS
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
 from aleator.surrogates.choice import Surfaces
-from aleator.surrogates.own import OwnSurfaces
+from aleator.surrogates.emulator import OwnSurfaces
 
 RNG = np.random.default_rng(8)
 EFFECTS = RNG.normal(size=(40, 2))

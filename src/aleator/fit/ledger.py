@@ -12,8 +12,7 @@ from aleator.laws.inputs import Inputs
 from aleator.progress import Progress
 from aleator.simulators import Budget, Runner
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.adaptive import first_runs
-from aleator.surrogates.afforded import RESERVED
+from aleator.surrogates.adaptive import RESERVED, first_runs
 from aleator.surrogates.responses import moving_parameters
 
 if TYPE_CHECKING:

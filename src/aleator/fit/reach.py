@@ -20,8 +20,8 @@ from aleator.laws.inputs import Inputs, law_region
 from aleator.likelihood.problem import Problem, prepare
 from aleator.progress import Progress
 from aleator.surrogates import AdaptiveSurfaces
-from aleator.surrogates.axes import Axes, logarithms
 from aleator.surrogates.responses import Run, attempts, by_calls, moving_parameters, straight
+from aleator.surrogates.surface import Axes, logarithms
 from aleator.types import Array, Indices
 
 

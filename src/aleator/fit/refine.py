@@ -39,10 +39,8 @@ from aleator.progress import Progress
 from aleator.search import SearchResult
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
-from aleator.surrogates.afforded import within
-from aleator.surrogates.conditions import features
-from aleator.surrogates.responses import moving_parameters
-from aleator.surrogates.sites import Sites
+from aleator.surrogates.adaptive import within
+from aleator.surrogates.responses import Sites, features, moving_parameters
 from aleator.types import Array, Flags
 
 SHRINK = 0.8

@@ -48,7 +48,7 @@ from aleator.results.values import (
     ParameterCorrelation,
 )
 from aleator.search import SearchResult
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.status import Status
 from aleator.types import Array
 

@@ -30,10 +30,8 @@ from aleator.likelihood.individual import (
 )
 from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, Search, SearchResult, WarmStart
-from aleator.search.interface import SAME_VALUE
-from aleator.search.optima import SAME_PLACE
-from aleator.search.value import LogLikelihood
-from aleator.search.written import read, written
+from aleator.search.interface import SAME_VALUE, LogLikelihood, read, written
+from aleator.search.objective import SAME_PLACE
 from aleator.simulators import Runner
 from aleator.simulators.store import keep, kept
 from aleator.status import DEGENERATE_VALUE, Status

@@ -11,11 +11,11 @@ from aleator.fit.flow import Answer
 from aleator.inference import diagnostics
 from aleator.inference.diagnostics import estimates, experiments, surfaces
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
-from aleator.likelihood.individual.importance import standard_points
+from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.results.values import Diagnostic
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array, Flags
 
 POINTS = 64

@@ -12,7 +12,7 @@ from scipy.stats import qmc
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.results.values import Estimate, in_order
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array, Flags, Indices
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.stats import binom, kstwo
 
 from aleator.likelihood.individual import IndividualLikelihood
-from aleator.likelihood.individual.importance import proposed
-from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
+from aleator.likelihood.individual.predictors import Block
+from aleator.likelihood.individual.rules import proposed
 from aleator.observations.responses import Observations
 from aleator.types import Array
 

@@ -22,9 +22,9 @@ from aleator.likelihood.individual import (
     Layout,
     Predictor,
 )
-from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import mean_of
-from aleator.likelihood.individual.moments import values_under_law
+from aleator.likelihood.individual.posterior import values_under_law
+from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.observations.errors import MeasurementErrors, Noise, ResponseErrors
 from aleator.simulators import Runner

@@ -19,9 +19,9 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, Rule
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
-from aleator.search.counted import FLOOR
+from aleator.search.interface import LogLikelihood
 from aleator.search.newton import ARRIVED, TRIES, Summit, ascended, held
-from aleator.search.value import LogLikelihood
+from aleator.search.objective import FLOOR
 from aleator.types import Array
 
 Objective = Callable[[Array], LogLikelihood]

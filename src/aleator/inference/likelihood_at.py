@@ -30,13 +30,13 @@ from aleator.likelihood.individual import (
     Rule,
     individual_points,
 )
-from aleator.likelihood.individual.importance import standard_points
-from aleator.likelihood.individual.layout import Block
-from aleator.likelihood.individual.moments import individual_variates, values_under_law
-from aleator.likelihood.individual.rule import AsManyAsNeeded
+from aleator.likelihood.individual.modes import AsManyAsNeeded
+from aleator.likelihood.individual.posterior import individual_variates, values_under_law
+from aleator.likelihood.individual.predictors import Block
+from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
 from aleator.observations.responses import Observations
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.simulators import Runner
 from aleator.surrogates.responses import DirectResponse, Predicted
 from aleator.types import Array

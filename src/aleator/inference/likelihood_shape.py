@@ -9,8 +9,8 @@ import numpy as np
 
 from aleator.inference.information import Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
+from aleator.search.interface import LogLikelihood
 from aleator.search.newton import ascended, positive
-from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
 
 Objective = Callable[[Array], LogLikelihood]

@@ -23,7 +23,7 @@ from scipy import optimize, special
 from aleator.errors import AleatorError, installing
 from aleator.inference.information import DIFFERENCES
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.types import Array, Flags, Indices
 
 

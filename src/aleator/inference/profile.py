@@ -17,9 +17,8 @@ from aleator.inference.information import Inference
 from aleator.inference.profile_end import Trace
 from aleator.laws import Hyperparameter
 from aleator.search import Objective
-from aleator.search.interface import Scored, objective_of, reach_of
+from aleator.search.interface import LogLikelihood, Scored, objective_of, reach_of
 from aleator.search.newton import positive
-from aleator.search.value import LogLikelihood
 from aleator.types import Array, Flags, Indices
 
 LAST = 4

@@ -12,8 +12,8 @@ from aleator.inference.bracket import Bracket
 from aleator.inference.information import LEVEL, Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search import Objective
-from aleator.search.counted import CountedObjective
 from aleator.search.newton import Summit, ascended, held
+from aleator.search.objective import CountedObjective
 from aleator.types import Array, Indices
 
 TARGET = float(np.sqrt(stats.chi2.ppf(LEVEL, 1)))

@@ -15,7 +15,7 @@ from aleator.likelihood.level_sets.predicted import Predictor as PointPredictor
 from aleator.likelihood.model import Model
 from aleator.progress import Progress
 from aleator.search import Objective
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.simulators import NoOutcome, Runner
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.surrogates.responses import (

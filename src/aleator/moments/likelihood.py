@@ -20,7 +20,7 @@ from aleator.moments.maximum_entropy import FittedMaximumEntropy, MaximumEntropy
 from aleator.moments.moments import Moments, joined
 from aleator.moments.propagation import Propagation, QuadraturePropagation, finer
 from aleator.results.values import DensityDistance
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.status import Status
 from aleator.surrogates.responses import Divisible, Predicted
 from aleator.types import Array, Indices

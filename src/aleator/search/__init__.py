@@ -1,11 +1,6 @@
 """Searches for the alpha of largest log-likelihood: one interface, one file each."""
 
-from aleator.search.cmaes import CMAES
-from aleator.search.comparison import Trial, compare
-from aleator.search.custom import CustomSearch
-from aleator.search.differential import DifferentialEvolution
-from aleator.search.genetic import GeneticAlgorithm
-from aleator.search.gradient import GradientMultistart
+from aleator.search.custom import CustomSearch, Trial, compare
 from aleator.search.interface import (
     Ascent,
     Objective,
@@ -15,10 +10,11 @@ from aleator.search.interface import (
     SearchResult,
     Step,
     objective_of,
+    wide_limits,
 )
-from aleator.search.limits import wide_limits
+from aleator.search.multistart import GradientMultistart, WarmStart
 from aleator.search.newton import ascend
-from aleator.search.warm_start import WarmStart
+from aleator.search.populations import CMAES, DifferentialEvolution, GeneticAlgorithm
 
 __all__ = [
     "Ascent",

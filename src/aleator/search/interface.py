@@ -1,17 +1,60 @@
-"""What every search takes and returns."""
+"""What every search takes and returns: values with scores, objectives, limits, results."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from aleator.laws import Hyperparameter
+from aleator.errors import InputsError
+from aleator.laws.hyperparameter import Hyperparameter, has_prior, log_prior, prior_score
 from aleator.progress import Progress
-from aleator.search.value import LogLikelihood
 from aleator.types import Array, Indices
+
+
+@dataclass(frozen=True)
+class LogLikelihood:
+    """Value at one alpha: `each` (N,) log-densities, `scores` (N, K) or None, `status` (N,).
+
+    Where hyperparameters have priors, `prior` is the sum of the logarithms of their densities and
+    `prior_score` (K,) its derivative. The `total` and its `score` are of both, which is what is
+    maximized; the prior is no experiment, and belongs to none of the N.
+    """
+
+    each: Array
+    scores: Array | None
+    status: NDArray[np.int64]
+    prior: float = 0.0
+    prior_score: Array | None = None
+
+    @property
+    def total(self) -> float:
+        """The log-likelihood, summed over experiments, and the log prior."""
+        return self.likelihood + self.prior
+
+    @property
+    def likelihood(self) -> float:
+        """The log-likelihood alone."""
+        return float(self.each.sum())
+
+    @property
+    def score(self) -> Array:
+        """The derivative of the total by alpha, (K,)."""
+        assert self.scores is not None
+        score = np.asarray(self.scores.sum(axis=0))
+        return score if self.prior_score is None else score + self.prior_score
+
+    def believed(self, hyperparameters: Sequence[Hyperparameter], alpha: Array) -> LogLikelihood:
+        """The same with the priors of the hyperparameters at this alpha (K,)."""
+        if not has_prior(hyperparameters):
+            return self
+        slope = None if self.scores is None else prior_score(hyperparameters, alpha)
+        return replace(self, prior=log_prior(hyperparameters, alpha), prior_score=slope)
+
 
 Scored = Callable[[Array], LogLikelihood]
 """The log-likelihood at one alpha (K,), with its score: all that a search needs to work."""
@@ -225,3 +268,81 @@ class Search(Protocol):
 
         A plain function of alpha does for an objective; a population is then a loop over it.
         """
+
+
+WIDE = 1e6
+"""Limits farther apart than this many times what is known of the value's size are wide."""
+NOTHING = 1e-30
+"""A value below this share of the distance between its limits says nothing of its size."""
+
+
+def wide_limits(hyperparameters: Sequence[Hyperparameter]) -> tuple[str, ...]:
+    """Names of the free hyperparameters whose limits span six orders of magnitude or more.
+
+    Measured against the smallest of limits and start that is not zero; where these are all of one
+    size, as for -1e9 to 1e9, against 1. A scale is never one: it is seen by its logarithm, and by
+    its square near zero.
+
+    >>> far = Hyperparameter("b.value", -1e9, 1e9, 0.0, free=True)
+    >>> near = Hyperparameter("v.mean", 1e9, 3e11, 2e11, free=True)
+    >>> wide_limits([far, near])
+    ('b.value',)
+    """
+    return tuple(h.name for h in hyperparameters if h.free and not h.log and _spans(h) >= WIDE)
+
+
+def outsized(width: Array, size: Array) -> NDArray[np.bool_]:
+    """Where limits this far apart (F,) are wide for values of this size (F,).
+
+    >>> outsized(np.array([1e9, 1e9, 1e9]), np.array([1.0, 1e8, 0.0])).tolist()
+    [True, False, False]
+    """
+    return (size > NOTHING * width) & (width > WIDE * size)
+
+
+def _spans(h: Hyperparameter) -> float:
+    sizes = [abs(v) for v in (h.lower, h.upper, h.start) if v != 0.0]
+    smallest, largest = min(sizes), max(sizes)
+    # one size all round says nothing of the value's own size
+    unknown = h.lower <= 0.0 <= h.upper and largest <= 2.0 * smallest
+    return (h.upper - h.lower) / (min(1.0, smallest) if unknown else smallest)
+
+
+def nowhere_finite(hyperparameters: Sequence[Hyperparameter], evaluations: int) -> InputsError:
+    """The refusal of a search that met no alpha where the log-likelihood is a number."""
+    wide = wide_limits(hyperparameters)
+    because = f": the limits of {', '.join(wide)} span many orders of magnitude" if wide else ""
+    which = ", ".join(wide or [h.name for h in hyperparameters if h.free])
+    return InputsError(
+        f"search: the log-likelihood is not a finite number at any of the {evaluations} points "
+        f"that were tried{because}",
+        f"narrow the limits of {which} to values that are physically possible, or give a start",
+    )
+
+
+def written(result: SearchResult) -> str:
+    """A result as JSON: numbers to the last bit."""
+    return json.dumps(asdict(result), default=np.ndarray.tolist)
+
+
+def read(text: str) -> SearchResult:
+    """The result that was written.
+
+    >>> one = SearchResult(np.array([0.1, 1 / 3]), -1.5, (), (), (Step(3, 0.2, -1.5),), "climb")
+    >>> again = read(written(one))
+    >>> again.alpha.tolist() == one.alpha.tolist(), again.trace == one.trace, again.method
+    (True, True, 'climb')
+    """
+    told = json.loads(text)
+    return SearchResult(
+        np.array(told["alpha"]),
+        told["log_likelihood"],
+        tuple(
+            Ascent(**{**one, "start": np.array(one["start"]), "alpha": np.array(one["alpha"])})
+            for one in told["ascents"]
+        ),
+        tuple(Optimum(**{**one, "alpha": np.array(one["alpha"])}) for one in told["optima"]),
+        tuple(Step(**one) for one in told["trace"]),
+        told["method"],
+        told["once"],
+    )

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.search.counted import CountedObjective
-from aleator.search.interface import Objective, Scored
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood, Objective, Scored
+from aleator.search.objective import CountedObjective
 from aleator.types import Array, Flags, Indices
 
 ARRIVED = 1e-5

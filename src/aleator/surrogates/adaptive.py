@@ -8,24 +8,119 @@ draws of that law.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.spatial import KDTree
 from scipy.stats import qmc
 
 from aleator.errors import InputsError
-from aleator.simulators import Runner
-from aleator.surrogates.afforded import Afforded, everyone, within
+from aleator.simulators import Account, Runner
 from aleator.surrogates.choice import ResponseSurface
-from aleator.surrogates.conditions import TEXTS, features
-from aleator.surrogates.emulator import Emulator, pairs
-from aleator.surrogates.own import OwnSurfaces
-from aleator.surrogates.responses import Run, attempts, moving_parameters
-from aleator.surrogates.samples import Samples
+from aleator.surrogates.emulator import Emulator, OwnSurfaces, pairs
+from aleator.surrogates.responses import TEXTS, Run, Samples, attempts, features, moving_parameters
 from aleator.surrogates.shared import SharedSurface
-from aleator.surrogates.steps import Step, steps
-from aleator.surrogates.surface import Surface
+from aleator.surrogates.surface import Axes, Surface
 from aleator.types import Array, Flags, Indices
+
+Afforded = Callable[[Flags, Array, Array], Flags]
+"""Of the members (N,), with their relative errors (N,) and the runs (N,) of a round: who has it."""
+
+RESERVED = 2
+"""Runs of each unit that a budget keeps for the check of the answer."""
+
+
+def everyone(members: Flags, _relative: Array, _runs: Array) -> Flags:
+    """All members: there is no budget."""
+    return members
+
+
+def within(account: Account, unit: Indices) -> Afforded:
+    """The roughest, as many as the account has runs for; `unit` (N,) are those that run together.
+
+    One run of a unit serves all its surfaces: its price is that of the dearest.
+    """
+    units, of = np.unique(unit, return_inverse=True)
+
+    def afforded(members: Flags, relative: Array, runs: Array) -> Flags:
+        price, need = np.zeros((2, units.size))
+        np.maximum.at(price, of[members], runs[members])
+        np.maximum.at(need, of[members], relative[members])
+        asked = int(price.sum())
+        given = account.given(asked, RESERVED * units.size)
+        if given == asked:
+            return members
+        order = np.argsort(-need, kind="stable")
+        chosen = np.zeros(units.size, dtype=np.bool_)
+        chosen[order[np.cumsum(price[order]) <= given]] = True
+        return np.asarray(members & chosen[of])
+
+    return afforded
+
+
+NEAR = 0.1
+"""Distance of two runs, over the widths of the region, to which an outcome is looked at."""
+LARGE = 0.05
+"""Difference of two outcomes, over the range of all of that experiment, that may be a step."""
+CLOSE, WIDE, AS_MUCH = 0.4, 0.8, 1.5
+"""Shares of NEAR within which runs are close, and beyond which they are wide apart; and how many
+times as much a smooth outcome differs over the wider distance, at least."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """The largest difference `size` of two outcomes of `surface` at points (n,) near each other."""
+
+    surface: int
+    size: float
+    here: Array
+    there: Array
+
+
+def steps(samples: Samples, box: Array, members: Indices) -> tuple[Step, ...]:
+    """The step of each surface among `members` (A,) that has one, by its runs in the box (n, 2).
+
+    Between runs that are close a smooth outcome differs by less than between those wide apart. One
+    that jumps differs as much; so does a front as steep as that. Cost: all pairs of near points,
+    for each member.
+
+    >>> x = np.linspace(0.0, 1.0, 201)[:, None]
+    >>> made = Samples(x, np.stack([x[:, 0] > 0.5, x[:, 0]]).astype(float), np.ones((2, 201), bool))
+    >>> [(step.surface, step.size, step.here.round(3).tolist(), step.there.round(3).tolist())
+    ...  for step in steps(made, np.array([[0.0, 1.0]]), np.arange(2))]
+    [(0, 1.0, [0.5], [0.505])]
+    """
+    inside = samples.inside(box)
+    z = Axes.plain(box).inward(inside.x)
+    pairs = KDTree(z).query_pairs(NEAR, output_type="ndarray")
+    distance = np.linalg.norm(z[pairs[:, 0]] - z[pairs[:, 1]], axis=1)
+    order = np.argsort(distance)
+    pairs, distance = pairs[order], distance[order]
+    close, wide = pairs[distance < CLOSE * NEAR], pairs[distance > WIDE * NEAR]
+    found = (_step(int(member), inside, close, wide) for member in members)
+    return tuple(step for step in found if step is not None)
+
+
+def _step(member: int, samples: Samples, close: Indices, wide: Indices) -> Step | None:
+    """That of one surface between close points, pairs (P, 2) with the closest first."""
+    y = samples.outcome[member]
+    known = np.isfinite(y)
+    if not known.any():
+        return None
+    most = np.zeros(y.size)
+    apart = np.nan_to_num(np.abs(y[wide[:, 0]] - y[wide[:, 1]]))
+    for end in wide.T:
+        np.maximum.at(most, end, apart)
+    size = np.abs(y[close[:, 0]] - y[close[:, 1]])
+    beyond = np.maximum(most[close[:, 0]], most[close[:, 1]])
+    large = size > LARGE * np.ptp(y[known])
+    rows = np.flatnonzero(large & (beyond > 0.0) & (beyond < AS_MUCH * size))
+    if not rows.size:
+        return None
+    low, high = sorted(close[rows[0]], key=lambda i: tuple(samples.x[i]))
+    return Step(member, abs(float(y[high] - y[low])), samples.x[low], samples.x[high])
+
 
 Progress = Callable[[int, int, int], None]
 
@@ -376,3 +471,55 @@ def _checked_box(box: Array) -> Array:
                 "pass two finite numbers, the smaller one first",
             )
     return box
+
+
+SLOWEST, FASTEST = 0.5, 6.0
+"""Powers of the number of runs by which errors may be taken to fall."""
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """Of `surfaces`, `rough` are not exact enough: their largest error is `worst` of the scatter.
+
+    `needed` runs would bring all of them to `level`, and `more` runs the largest error to `then`;
+    both are None where no surface has had a round of runs after its first.
+    """
+
+    rough: int
+    surfaces: int
+    worst: float
+    level: float
+    more: int
+    needed: int | None
+    then: float | None
+
+
+def outlook(surfaces: AdaptiveSurfaces, more: int = 1000) -> Outlook:
+    """Extrapolate e ~ R^-p, with the median p of the last rounds of the rough surfaces.
+
+    A rough guide: errors fall fast, or hardly, as soon as a surface sees what it has to follow.
+    """
+    relative, runs = surfaces.relative, surfaces.emulator.runs.astype(np.float64)
+    rough = ~surfaces.good & np.isfinite(relative)
+    count, level = int(rough.sum()), surfaces.level
+    worst = float(relative[rough].max(initial=0.0))
+    power = _power(surfaces.past[-1, rough], relative[rough])
+    if not count or power is None:
+        return Outlook(count, rough.size, worst, level, more, None, None)
+
+    def price(goal: float) -> float:
+        times = np.maximum(relative[rough] / goal, 1.0) ** (1.0 / power)
+        return float(runs[rough] @ (times - 1.0))
+
+    needed = int(np.ceil(price(level)))
+    then = level if needed <= more else float(brentq(lambda e: price(e) - more, level, worst))
+    return Outlook(count, rough.size, worst, level, more, needed, then)
+
+
+def _power(before: Array, now: Array) -> float | None:
+    """By which power of the number of runs the errors fell in the last round; None if unknown."""
+    known = np.isfinite(before) & (before > 0.0) & (now > 0.0)
+    if not known.any():
+        return None
+    powers = np.log(before[known] / now[known]) / np.log1p(GROWTH)
+    return float(np.clip(np.median(powers), SLOWEST, FASTEST))

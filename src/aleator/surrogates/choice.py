@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 from aleator.errors import InputsError
-from aleator.surrogates.points import CANDIDATES
+from aleator.surrogates.fit import CANDIDATES
 
 if TYPE_CHECKING:
     from aleator.moments.quadrature import Cubature

@@ -1,4 +1,4 @@
-"""Fit polynomials through runs: least norm in a prior, which leave-one-out residuals choose.
+"""From runs to a surface: where runs are placed, the prior of least leave-one-out error.
 
 A surface y = sum_nu c_nu phi_nu has more coefficients than there are runs. Of all that pass through
 the runs, the one with the least sum (c_nu / w_nu)^2 is taken: the mean of a Gaussian process whose
@@ -11,16 +11,175 @@ form; g > 0 lets the surface pass beside noisy runs.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.spatial import cKDTree
+from scipy.stats import qmc
 
-from aleator.surrogates.basis import ball, products
-from aleator.surrogates.points import everywhere
-from aleator.surrogates.scales import LARGEST, outcomes
+from aleator.surrogates.surface import LARGEST, Group, Surface, ball, outcomes, products
 from aleator.threads import single_threaded
 from aleator.types import Array, Flags, Indices
+
+# Points gather at the faces of the box, as sin(CLUSTER t) / sin(CLUSTER) of evenly spread t does:
+# between even spacing (0), where polynomials oscillate at the faces, and Chebyshev's (pi / 2),
+# which wastes runs there on outcomes with kinks.
+CLUSTER = 0.4 * np.pi
+# The sequence is chosen from so many points, hence no longer. Fixed, or it would not be nested.
+CANDIDATES = 4096
+# Points that tell of all the box.
+EVERYWHERE = 512
+# The least variance, of one, that a point is taken to have before it is run.
+TINY = 1e-10
+# Points that differ by less are the same: rounding between the box and [-1, 1]^n.
+SAME = 1e-9
+
+
+def low_discrepancy(count: int, n: int, shift: Array) -> Array:
+    """Return `count` points (count, n) of Sobol's sequence in [-1, 1]^n, moved by `shift` modulo 1.
+
+    >>> low_discrepancy(2, 1, np.array([0.25]))
+    array([[-0.5], [ 0.5]])
+    """
+    power = int(np.ceil(np.log2(max(count, 2))))
+    base = qmc.Sobol(n, scramble=False).random_base2(power)[:count]
+    return np.asarray(2.0 * ((base + shift) % 1.0) - 1.0, dtype=np.float64)
+
+
+def fixed_shift(n: int) -> Array:
+    """Return one shift (n,) without symmetry, so that no two candidates are equally good."""
+    return np.asarray(np.sqrt(np.arange(2.0, 2.0 + n)) % 1.0)
+
+
+def everywhere(n: int) -> Array:
+    """Return points (J, n) that tell of all of [-1, 1]^n."""
+    return low_discrepancy(EVERYWHERE, n, fixed_shift(n))
+
+
+def spread(count: int, n: int) -> Array:
+    """Return the first `count` points (count, n) in [-1, 1]^n of a nested, well separated sequence.
+
+    Greedy choice of the point at which a Gaussian process with a Matern-3/2 covariance knows least
+    (P-greedy; De Marchi, Schaback and Wendland 2005), in coordinates that gather at the faces.
+    Every prefix covers the box; at most CANDIDATES points. Cost: 4096 count^2 operations, once.
+
+    >>> spread(3, 1).round(1).ravel() ** 2
+    array([0., 1., 1.])
+    """
+    return _greedy(max(64, 2 ** int(np.ceil(np.log2(count)))), n)[:count]
+
+
+@lru_cache(maxsize=16)
+def _greedy(count: int, n: int) -> Array:
+    t = low_discrepancy(CANDIDATES, n, fixed_shift(n))
+    # every candidate is equally unknown at first: begin in the middle
+    middle = int(np.argmin((t**2).sum(axis=1)))
+    chosen = _least_known(t, np.ones(len(t)), [middle], count)
+    return clustered(t[chosen])
+
+
+def asymmetric(z: Array, few: int) -> Array:
+    """Return points z (M, n) in another order: the last of `few` is neither mid nor at a face.
+
+    The first ones of `spread` are nearly all: at these a cube is as good as a line.
+
+    >>> asymmetric(np.array([[0.0], [1.0], [-1.0], [0.6]]), 3).ravel().tolist()
+    [0.0, 1.0, 0.6, -1.0]
+    """
+    away = np.minimum(np.abs(z), 1.0 - np.abs(z)).min(axis=1)
+    order = np.arange(len(z))
+    last = few - 1 + int(np.argmax(away[few - 1 :]))
+    order = np.concatenate([order[: few - 1], [last], np.delete(order, last)[few - 1 :]])
+    return np.asarray(z[order])
+
+
+def evenly(z: Array, count: int) -> Array:
+    """Return `count` more points (count, n) in [-1, 1]^n than z (M, n), evenly spread.
+
+    Those of `spread` where z are its first; else its greedy choice goes on from z.
+
+    >>> bool((evenly(spread(5, 2), 3) == spread(8, 2)[5:]).all())
+    True
+    """
+    n = z.shape[1]
+    sequence = spread(len(z) + count, n)
+    if np.allclose(z, sequence[: len(z)], rtol=0.0, atol=SAME):
+        return sequence[len(z) :]
+    candidates = low_discrepancy(CANDIDATES, n, fixed_shift(n))
+    t = np.vstack([_even(z), candidates])
+    chosen = _least_known(t, np.ones(len(t)), list(range(len(z))), len(z) + count)
+    return clustered(candidates[chosen[len(z) :] - len(z)])
+
+
+def continued(z: Array, draws: Array, count: int) -> Array:
+    """Return `count` more points (count, n) in [-1, 1]^n than z (M, n), where draws (D, n) lie.
+
+    The greedy choice of `spread` goes on from the points that there are, and weighs what is not
+    known at a point by the density of the draws there (a kernel estimate, Scott 1992). Candidates
+    are the draws and low-discrepancy points. Cost: some 2500 (M + count)^2 operations.
+
+    >>> continued(np.array([[0.0]]), np.array([[0.5], [0.6], [0.7]]), 1).round(1).tolist()
+    [[0.7]]
+    """
+    n = z.shape[1]
+    candidates = np.vstack(
+        [np.clip(draws, -1.0, 1.0), clustered(low_discrepancy(2048, n, fixed_shift(n)))]
+    )
+    t = np.vstack([_even(z), _even(candidates)])
+    weight = np.concatenate([np.zeros(len(z)), _kernel_density(draws, candidates)])
+    chosen = _least_known(t, weight, list(range(len(z))), len(z) + count)
+    return candidates[chosen[len(z) :] - len(z)]
+
+
+def _least_known(t: Array, weight: Array, first: list[int], count: int) -> Indices:
+    """Return `count` rows of t (T, n), the `first` and then greedily those of most variance."""
+    length = np.sqrt(t.shape[1] / 6.0)
+    factors = np.zeros((count, len(t)))
+    variance = np.ones(len(t))
+    chosen = np.empty(count, dtype=np.intp)
+    free = np.ones(len(t), dtype=np.bool_)
+    for k in range(count):
+        new = (
+            first[k] if k < len(first) else int(np.argmax(np.where(free, variance * weight, -1.0)))
+        )
+        chosen[k] = new
+        free[new] = False
+        r = np.sqrt(((t - t[new]) ** 2).sum(axis=1)) / length
+        known = factors[:k].T @ factors[:k, new]
+        # points that a region's move brings together can be all but equal
+        factors[k] = ((1.0 + r) * np.exp(-r) - known) / np.sqrt(max(variance[new], TINY))
+        variance = np.maximum(variance - factors[k] ** 2, 0.0)
+    return chosen
+
+
+def _kernel_density(draws: Array, points: Array) -> Array:
+    """Return the density (P,) of draws (D, n) at points (P, n), up to a factor."""
+    count, n = draws.shape
+    scale = np.maximum(draws.std(axis=0), 1e-6)
+    width = scale * count ** (-1.0 / (n + 4))
+    distance = (((points[:, None] - draws) / width) ** 2).sum(axis=2)
+    return np.asarray(np.exp(-0.5 * distance).mean(axis=1))
+
+
+def clustered(t: Array) -> Array:
+    """Return evenly spread points of [-1, 1]^n gathered at the faces; `_even` turns that round."""
+    return np.asarray(np.sin(CLUSTER * t) / np.sin(CLUSTER))
+
+
+def _even(z: Array) -> Array:
+    return np.asarray(np.arcsin(np.clip(z * np.sin(CLUSTER), -1.0, 1.0)) / CLUSTER)
+
+
+def shares(z: Array, where: Array | None = None) -> Array:
+    """Return the part (M,) of the box [-1, 1]^n, or of points `where`, nearest to each z (M, n)."""
+    n = z.shape[1]
+    reference = low_discrepancy(8192, n, fixed_shift(n)) if where is None else where
+    nearest = cKDTree(z).query(reference)[1]
+    return np.bincount(nearest, minlength=len(z)) / len(reference)
+
 
 SMOOTHNESS = (1.5, 2.5, 4.0, 6.0, 9.0)
 TREND = (0.0, 0.25, 0.5)
@@ -38,7 +197,7 @@ SWEEPS = 2
 # from one scale to the other, round by round, surfaces hardly become exact.
 FALL = 0.01
 # The least error that is compared with another.
-TINY = np.finfo(np.float64).tiny
+SMALLEST = np.finfo(np.float64).tiny
 
 
 class Prior(NamedTuple):
@@ -259,5 +418,120 @@ def _fall(before: Array, after: Array) -> Flags:
     The experiments are alike, and the few runs of one tell little: where neither is good, as with a
     kink, chance would choose.
     """
-    change = np.log(np.maximum(after, TINY)) - np.log(np.maximum(before, TINY))
+    change = np.log(np.maximum(after, SMALLEST)) - np.log(np.maximum(before, SMALLEST))
     return np.asarray(change + (np.median(change) if change.size else 0.0) < 2.0 * np.log(FALL))
+
+
+# A term is left out where all that is left out stays under this part of the error: it then adds
+# half a percent to it (root of 1 + 0.1^2).
+NEGLIGIBLE = 0.1
+ROUNDING = 1e-14
+
+Piece = tuple[Indices, Indices, Array]
+
+
+def merged(pieces: Iterable[Piece], error: Array) -> tuple[Indices, tuple[Group, ...], Array]:
+    """Return common indices (P, n), groups over its prefixes, and all coefficients (N, P).
+
+    A piece holds experiments (A,), indices (Q, n) and coefficients (Q, A). Terms used by most
+    experiments come first, so that the few large surfaces do not make everyone pay.
+    """
+    pieces = list(pieces)
+    place: dict[tuple[int, ...], int] = {}
+    thinned: list[Piece] = []
+    for members, indices, coefficients in pieces:
+        kept = _thinned(coefficients.T, error[members])
+        used = np.flatnonzero((kept != 0.0).any(axis=0) | ~indices.any(axis=1))
+        names = [tuple(nu) for nu in indices[used].tolist()]
+        column = np.array([place.setdefault(nu, len(place)) for nu in names])
+        thinned.append((members, column, kept[:, used]))
+    terms = np.zeros((len(error), len(place)))
+    for members, column, kept in thinned:
+        terms[np.ix_(members, column)] = kept
+    listed = np.array(list(place), dtype=np.intp).reshape(len(place), -1)
+    order = np.lexsort((*listed.T, listed.sum(axis=1), -(terms != 0.0).sum(axis=0)))
+    listed, terms = listed[order], terms[:, order]
+    return listed, _groups(terms), terms
+
+
+def _thinned(coefficients: Array, error: Array) -> Array:
+    """Return coefficients (A, Q) with the smallest of each row set to zero."""
+    level = np.abs(coefficients).max(axis=1)
+    budget = np.maximum(NEGLIGIBLE * error, ROUNDING * level)
+    order = np.argsort(np.abs(coefficients), axis=1)
+    dropped = np.cumsum(np.take_along_axis(coefficients, order, axis=1) ** 2, axis=1)
+    out = np.array(coefficients)
+    small = np.take_along_axis(out, order, axis=1)
+    small[dropped <= budget[:, None] ** 2] = 0.0
+    np.put_along_axis(out, order, small, axis=1)
+    return out
+
+
+def _groups(terms: Array) -> tuple[Group, ...]:
+    """Return groups of experiments (rows) that need about the same number of leading terms."""
+    count = terms.shape[1]
+    needed = count - np.argmax((terms != 0.0)[:, ::-1], axis=1)
+    needed[~terms.any(axis=1)] = 1
+    steps = np.unique(np.minimum(np.ceil(16.0 * 1.4 ** np.arange(40)), count)).astype(np.intp)
+    size = steps[np.searchsorted(steps, needed)]
+    members = [np.flatnonzero(size == step) for step in steps]
+    return tuple(
+        Group(rows, np.ascontiguousarray(terms[rows, :step]))
+        for rows, step in zip(members, steps, strict=True)
+        if len(rows)
+    )
+
+
+def degrees_of(indices: Indices, terms: Array, error: Array) -> Indices:
+    """Return the degree (N, n) of each parameter beyond which all terms stay below the error."""
+    out = np.zeros((len(terms), indices.shape[1]), dtype=np.intp)
+    floor = np.maximum(error, ROUNDING * np.abs(terms).max(axis=1)) ** 2
+    for i, degree in enumerate(indices.T):
+        for d in range(int(degree.max(initial=0))):
+            beyond = (terms[:, degree > d] ** 2).sum(axis=1)
+            out[beyond > floor, i] = d + 1
+    return out
+
+
+def outcome_range(surface: Surface, outcomes: Array) -> tuple[Array, Array]:
+    """Return the least and the largest outcome (N,) of each experiment over the box.
+
+    From the runs (N, M), NaN where there is none, a search over 2048 points and the corners of the
+    box, and a polish of the best of them that halves its step ten times.
+    """
+    n = len(surface.box)
+    low, high = surface.box.T
+    z = low_discrepancy(2048, n, fixed_shift(n))
+    corners = 2.0 * (np.arange(2 ** min(n, 10))[:, None] >> np.arange(n) & 1) - 1.0
+    x = low + 0.5 * (np.vstack([corners, z]) + 1.0) * (high - low)
+    best = [np.fmin.reduce(outcomes, axis=1), -np.fmax.reduce(outcomes, axis=1)]
+    start = [np.zeros((len(outcomes), n)), np.zeros((len(outcomes), n))]
+    found = [np.full(len(outcomes), np.inf), np.full(len(outcomes), np.inf)]
+    for part in range(0, len(x), 256):
+        y = surface.evaluate(x[part : part + 256])
+        for side, sign in enumerate((1.0, -1.0)):
+            least = (sign * y).argmin(axis=1)
+            value = sign * y[np.arange(len(y)), least]
+            better = value < found[side]
+            found[side][better], start[side][better] = value[better], x[part + least[better]]
+    for side, sign in enumerate((1.0, -1.0)):
+        polished = _polished(surface, start[side], found[side], sign)
+        best[side] = np.fmin(best[side], polished)
+    return best[0], -best[1]
+
+
+def _polished(surface: Surface, x: Array, value: Array, sign: float) -> Array:
+    """Return the least sign * outcome (N,) that a compass search from x (N, n) finds."""
+    count, n = x.shape
+    low, high = surface.box.T
+    moves = np.vstack([np.eye(n), -np.eye(n)]) * (high - low)
+    step = 0.04
+    index = np.repeat(np.arange(count), len(moves))
+    for _ in range(10):
+        trial = np.clip(x[:, None] + step * moves, low, high)
+        y = sign * surface.at(index, trial.reshape(-1, n)).reshape(count, -1)
+        least = y.argmin(axis=1)
+        rows = np.flatnonzero(y[np.arange(count), least] < value)
+        value[rows], x[rows] = y[rows, least[rows]], trial[rows, least[rows]]
+        step *= 0.5
+    return value

@@ -1,18 +1,219 @@
-"""The fitted surfaces: one polynomial an experiment, evaluated for all of them at once."""
+"""Polynomial surfaces of outcomes over the parameters of a region."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
 from aleator.blocks import blocks
 from aleator.errors import InputsError
-from aleator.surrogates.axes import Axes
-from aleator.surrogates.basis import products, products_with_gradient
-from aleator.surrogates.scales import chained, outcomes
 from aleator.threads import single_threaded
 from aleator.types import Array, Flags, Indices
+
+RATIO = 2.0
+"""Upper over lower end of a region from which a logarithm is another coordinate than x."""
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """Coordinates z in [-1, 1]^n of points x of a region `box` (n, 2).
+
+    z is linear in x, or in log x where an axis is `logarithmic` (n,).
+
+    >>> axes = Axes(np.array([[1.0, 9.0], [1.0, 9.0]]), np.array([False, True]))
+    >>> axes.inward(np.array([[3.0, 3.0]])).tolist(), axes.outward(np.array([[-0.5, 0.0]])).tolist()
+    ([[-0.5, 0.0]], [[3.0, 3.0]])
+    """
+
+    box: Array
+    logarithmic: Flags
+
+    @classmethod
+    def plain(cls, box: Array) -> Axes:
+        """Linear ones."""
+        return cls(box, np.zeros(len(box), dtype=np.bool_))
+
+    def inward(self, x: Array) -> Array:
+        """Coordinates z (..., n) of points x (..., n)."""
+        low, high = self._terms(self.box.T)
+        return np.asarray((2.0 * self._terms(x) - low - high) / (high - low))
+
+    def outward(self, z: Array) -> Array:
+        """Points x (..., n) of coordinates z (..., n)."""
+        low, high = self._terms(self.box.T)
+        x = 0.5 * (low + high) + 0.5 * (high - low) * z
+        x[..., self.logarithmic] = np.exp(x[..., self.logarithmic])
+        return np.asarray(np.clip(x, *self.box.T))
+
+    def rates(self, x: Array) -> Array:
+        """Derivatives dz/dx (..., n) at points x (..., n), each coordinate by its own parameter."""
+        low, high = self._terms(self.box.T)
+        return np.asarray(2.0 / (high - low) / np.where(self.logarithmic, x, 1.0))
+
+    def moved(self, box: Array) -> Axes:
+        """Those of another box: logarithms where there still are any."""
+        return Axes(box, self.logarithmic & (box[:, 0] > 0.0))
+
+    def others(self) -> list[Axes]:
+        """Those that may be better: none of the logarithms, all, and one more or less."""
+        able = logarithms(self.box)
+        flips = [self.logarithmic ^ (np.arange(able.size) == i) for i in np.flatnonzero(able)]
+        sets = {tuple(flags.tolist()) for flags in (np.zeros_like(able), able, *flips)}
+        sets -= {tuple(self.logarithmic.tolist())}
+        return [replace(self, logarithmic=np.array(flags)) for flags in sorted(sets)]
+
+    def _terms(self, x: Array) -> Array:
+        if not self.logarithmic.any():
+            return x
+        out = np.array(x, dtype=np.float64)
+        out[..., self.logarithmic] = np.log(out[..., self.logarithmic])
+        return out
+
+
+def logarithms(box: Array) -> Flags:
+    """Which parameters of a region (n, 2) have a logarithm that bends there."""
+    low, high = box.T
+    return np.asarray((low > 0.0) & (high > RATIO * low))
+
+
+def legendre(z: Array, degree: int) -> tuple[Array, Array]:
+    """Return orthonormal Legendre polynomials and their derivatives at z (J,), both (degree+1, J).
+
+    Orthonormal for the uniform distribution on [-1, 1]: phi_k = sqrt(2k+1) P_k. The derivative
+    comes from P_k' = P_(k-2)' + (2k-1) P_(k-1), which needs no division at the ends.
+
+    >>> legendre(np.array([1.0]), 2)[0].ravel() ** 2
+    array([1., 3., 5.])
+    """
+    value = _unscaled(z, degree)
+    slope = np.zeros_like(value)
+    if degree > 0:
+        slope[1] = 1.0
+    for k in range(2, degree + 1):
+        slope[k] = slope[k - 2] + (2 * k - 1) * value[k - 1]
+    scale = _scale(degree)[:, None]
+    return value * scale, slope * scale
+
+
+def _unscaled(z: Array, degree: int) -> Array:
+    """P_0..P_degree at z (...), by the three-term recurrence: (degree+1, ...)."""
+    value = np.empty((degree + 1, *z.shape))
+    value[0] = 1.0
+    if degree > 0:
+        value[1] = z
+    for k in range(2, degree + 1):
+        np.multiply(z, value[k - 1], out=value[k])
+        value[k] *= (2 * k - 1) / k
+        value[k] -= (k - 1) / k * value[k - 2]
+    return value
+
+
+def _scale(degree: int) -> Array:
+    return np.asarray(np.sqrt(2.0 * np.arange(degree + 1) + 1.0))
+
+
+def products(indices: Indices, z: Array) -> Array:
+    """Return the products phi_nu(z) as (P, J), for indices (P, n) and points z (J, n)."""
+    highest = indices.max(axis=0, initial=0)
+    values = _unscaled(z.T, int(highest.max(initial=0)))
+    scale = _scale(len(values) - 1)
+    out = np.broadcast_to(scale[indices].prod(axis=1)[:, None], (len(indices), len(z)))
+    for i in np.flatnonzero(highest):
+        out = out * values[indices[:, i], i]
+    return np.array(out)
+
+
+def products_with_gradient(indices: Indices, z: Array) -> Array:
+    """Return the products and their n partial derivatives, stacked as (P, 1 + n, J)."""
+    count, n = indices.shape
+    out = np.empty((count, 1 + n, len(z)))
+    for i, degrees in enumerate(indices.T):
+        value, slope = (table[degrees] for table in legendre(z[:, i], int(degrees.max(initial=0))))
+        for part in range(1 + n):
+            factor = slope if part == 1 + i else value
+            out[:, part] = out[:, part] * factor if i else factor
+    return out
+
+
+@lru_cache(maxsize=1024)
+def ball(scale: tuple[float, ...], norm: float, count: int) -> tuple[Indices, Array]:
+    """Return the `count` indices (count, n) of smallest size, with their sizes (count,), in order.
+
+    size(nu) = (sum_i (nu_i / scale_i)^norm)^(1/norm): norm 2 suits outcomes that vary in any
+    direction, norm 1 is the total degree, norm 1/2 leaves interactions out for long.
+
+    >>> ball((1.0, 1.0), 1.0, 3)[0]
+    array([[0, 0], [1, 0], [0, 1]])
+    """
+    high = 1.0 / max(scale)
+    low = 0.0
+    found = _inside(scale, norm, high, count)
+    while found is not None and len(found[1]) < count:
+        low, high = high, 2.0 * high
+        found = _inside(scale, norm, high, count)
+    while found is None or len(found[1]) > 2 * count:
+        if high - low < 1e-9 * high:  # many indices of the same size: all of them are needed
+            found = _inside(scale, norm, high, 10**9)
+            break
+        middle = 0.5 * (low + high)
+        trial = _inside(scale, norm, middle, count)
+        if trial is not None and len(trial[1]) < count:
+            low = middle
+        else:
+            high, found = middle, trial
+    assert found is not None
+    indices, size = found
+    order = np.lexsort((*indices.T, np.round(size, 9)))[:count]
+    return indices[order], size[order]
+
+
+def _inside(
+    scale: tuple[float, ...], norm: float, radius: float, count: int
+) -> tuple[Indices, Array] | None:
+    """Return all indices up to a size, or None where they are far more than `count`."""
+    indices = np.zeros((1, 0), dtype=np.intp)
+    total = np.zeros(1)
+    for one in scale:
+        term = (np.arange(int(one * radius) + 2) / one) ** norm
+        grid = total[:, None] + term
+        row, degree = np.nonzero(grid <= radius**norm * (1.0 + 1e-12))
+        indices = np.column_stack([indices[row], degree])
+        total = grid[row, degree]
+        if len(total) > 100 * count:
+            return None
+    return indices, total ** (1.0 / norm)
+
+
+LARGEST = 345.0
+"""Size of a logarithm beyond which squares of outcomes are no numbers."""
+
+
+def outcomes(t: Array, logarithmic: Flags) -> Array:
+    """Outcomes (A, ...) of polynomials t (A, ...), some of them (A,) of the logarithm.
+
+    >>> outcomes(np.array([0.0, 0.0]), np.array([False, True]))
+    array([0., 1.])
+    """
+    if not logarithmic.any():
+        return t
+    out = np.array(t)
+    out[logarithmic] = np.exp(np.clip(t[logarithmic], -LARGEST, LARGEST))
+    return out
+
+
+def chained(slope: Array, y: Array, logarithmic: Flags) -> None:
+    """Make slopes (A, n, J) of polynomials, in place, those of the outcomes y (A, J)."""
+    slope[logarithmic] *= y[logarithmic][:, None]
+
+
+def widened(y: Array, by: Array, logarithmic: Flags) -> Array:
+    """Ends y (A,) of ranges, moved on the scale of the polynomials."""
+    moved = y + by
+    moved[logarithmic] = outcomes(by, logarithmic)[logarithmic] * y[logarithmic]
+    return moved
+
 
 # Numbers held at once by one block of basis functions: 32 MB.
 BLOCK = 4_000_000

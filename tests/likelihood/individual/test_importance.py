@@ -8,8 +8,8 @@ from scipy import integrate, stats
 from aleator import Free, Inputs, Noise, Normal
 from aleator.fit.settle import settled, several_modes
 from aleator.likelihood.individual import GaussHermite, ImportancePoints, PlanePanels
-from aleator.likelihood.individual.importance import proposed
 from aleator.likelihood.individual.modes import highest
+from aleator.likelihood.individual.rules import proposed
 
 SQUARE = Inputs(
     {

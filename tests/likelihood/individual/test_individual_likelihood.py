@@ -13,7 +13,7 @@ from scipy import integrate, stats
 from aleator import Constant, Free, Inputs, Noise, Normal
 from aleator.inference.information import infer
 from aleator.likelihood.individual import GaussHermite, Layout, individual_parameters
-from aleator.likelihood.individual import layout as layout_module
+from aleator.likelihood.individual import predictors as layout_module
 
 
 def covariance(alpha):

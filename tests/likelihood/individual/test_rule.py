@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aleator.likelihood.individual import Direct, GaussHermite
-from aleator.likelihood.individual.layout import Layout
+from aleator.likelihood.individual.predictors import Layout
 
 
 @pytest.mark.parametrize("nodes", [40, 90, 200])

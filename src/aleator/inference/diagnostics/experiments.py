@@ -14,7 +14,7 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
 from aleator.observations.responses import Observations
 from aleator.results.values import Diagnostic, FailureReport
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.simulators import NoOutcome, Runner, working_box
 from aleator.status import Status
 from aleator.types import Array, Flags, Indices

@@ -16,11 +16,11 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
 from aleator.likelihood.scoring import scoring_step
 from aleator.results.values import Diagnostic
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.simulators import Account
 from aleator.status import Status
 from aleator.surrogates import AdaptiveSurfaces, Surface
-from aleator.surrogates.outlook import Outlook, outlook
+from aleator.surrogates.adaptive import Outlook, outlook
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array, Flags, Indices
 

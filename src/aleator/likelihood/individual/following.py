@@ -1,18 +1,305 @@
-"""What a search climbs: a likelihood whose nodes follow alpha."""
+"""A likelihood whose nodes follow alpha, and nodes that are held as parameters."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aleator.likelihood.individual.parameters import distance
-from aleator.likelihood.individual.toward import toward
-from aleator.search.value import LogLikelihood
-from aleator.types import Array
+from aleator.laws.hyperparameter import log_prior
+from aleator.likelihood.individual.predictors import Block
+from aleator.search.interface import LogLikelihood
+from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
+    from aleator.laws.inputs import Inputs
+    from aleator.laws.law import Law
     from aleator.likelihood.individual.likelihood import IndividualLikelihood
+    from aleator.likelihood.individual.predictors import Predictor
+    from aleator.observations.errors import MeasurementErrors
+
+
+STEP = 1e-5
+"""Step of differences over a hyperparameter, or over a thousandth of its range if that is more."""
+LEAST = 1e-3
+QUARTERS = np.array([0.25, 0.5, 0.75])
+SHIFTED = 1.0
+"""Distance between quartiles by which a law may have moved for nodes to serve."""
+NARROWER, WIDER = 0.4, 2.0
+"""Share of its width that it, or the noise, may have become: nodes end where a law did."""
+TIED = 0.2
+"""What a correlation may have changed by."""
+POINTS, BIASED = 100, 0.2
+"""Points by which the mean of a score is seen, and its share of their size that is too much."""
+COUNTED = 1e-8
+"""Share of an integral that a node has at least, to count in its score."""
+MOST = 4_000_000
+"""Simulated values that are kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Parameters x (T, n) at the nodes that have a weight, and simulated values eta (M, J) there.
+
+    int p(y | eta(x)) p(x | alpha) dx = sum_j w_j p(y | eta_j) p(x_j | alpha)/p(x_j | alpha0), where
+    w_j are the weights of nodes that were adapted to alpha0. It is smooth in alpha whatever the
+    simulator is: with a kink or a jump, the same nodes held as variates are not, and their scores
+    leave out what moves across it. `alpha` is alpha0, `there` (N, J) tells which nodes have a
+    weight, and `log_weight` (T,) is log w_j/p(x_j | alpha0) of these, experiment by experiment.
+    It holds for `inputs` and `predictor` only, and for laws whose support does not move.
+    """
+
+    inputs: Inputs
+    predictor: Predictor
+    alpha: Array
+    there: Flags
+    x: Array
+    log_weight: Array
+    eta: Array
+
+    def distance(self, alpha: Array) -> float:
+        """How far alpha is from that of the nodes: up to one, they serve there."""
+        return distance(self.inputs, self.alpha, alpha)
+
+    def log_weights(self, alpha: Array, block: Block) -> Array:
+        """log w_j p(x_j | alpha)/p(x_j | alpha0) (B, J) of a block; -inf where there is no node."""
+        there, own = self._of(block)
+        found = np.full(there.shape, -np.inf)
+        with np.errstate(invalid="ignore"):
+            known = self.log_weight[own] + scattered_density(self.inputs, alpha, self.x[own])
+        found[there] = np.where(np.isnan(known), -np.inf, known)
+        return found
+
+    def scores(self, alpha: Array, block: Block, share: Array) -> Array:
+        """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) of a block."""
+        there, own = self._of(block)
+        counted = share[there] > COUNTED
+        owner = np.nonzero(there)[0][counted]
+        x, shares = self.x[own][counted], share[there][counted]
+        return _scores_of(self.inputs, alpha, x, shares, owner, len(there))
+
+    def _of(self, block: Block) -> tuple[Flags, slice]:
+        """Which nodes (B, J) of a block there are, and where they stand among all (T,)."""
+        part, ends = block.experiments, self._ends
+        return self.there[part], slice(int(ends[part.start]), int(ends[part.stop]))
+
+    @cached_property
+    def _ends(self) -> Indices:
+        """How many nodes (N + 1,) come before each experiment."""
+        return np.concatenate([[0], np.cumsum(self.there.sum(axis=1))])
+
+
+def distance(inputs: Inputs, alpha: Array, other: Array) -> float:
+    """How far another alpha is from this one: up to one, nodes that are held serve there too."""
+    size = inputs.size
+    here, there = (_quartiles(inputs, tuple(values[:size].tolist())) for values in (alpha, other))
+    width, wider = here[:, 2] - here[:, 0], there[:, 2] - there[:, 0]
+    shifted = np.abs(there[:, 1] - here[:, 1]) / (SHIFTED * width)
+    ties = np.abs(other - alpha)[inputs.partials] / TIED
+    grown = [_grown(width, wider), _grown(alpha[size:], other[size:])]
+    return float(np.max(np.concatenate([shifted, ties, *grown]), initial=0.0))
+
+
+def holds(inputs: Inputs, values: int) -> bool:
+    """Whether so many simulated values can be held so under these laws."""
+    return (
+        values <= MOST
+        and len(inputs.classes) == 1
+        and inputs.covariate_model is None
+        and not moving(inputs)
+    )
+
+
+@lru_cache(maxsize=16)
+def moving(inputs: Inputs) -> tuple[int, ...]:
+    """The free hyperparameters with which parameters x move, and not only their density.
+
+    The values of constants, and what laws have whose support moves: there the score has another
+    mean than zero, at the start of the hyperparameters by a hundred points of equal probability.
+    """
+    own, start = inputs.hyperparameters, np.array([h.start for h in inputs.hyperparameters])
+    found = list[int]()
+    for i, (law, part) in enumerate(zip(inputs.laws.values(), inputs.slices, strict=True)):
+        if i not in inputs.scattered or not _fixed_support(law, start[part]):
+            found += [k for k in range(part.start, part.stop) if own[k].free]
+    return tuple(found)
+
+
+def _fixed_support(law: Law, values: Array) -> bool:
+    x = law.quantile(values, (np.arange(POINTS) + 0.5) / POINTS)
+    for k, (value, h) in enumerate(zip(values, law.hyperparameters, strict=True)):
+        step = STEP * (max(abs(value), LEAST * (h.upper - h.lower)) or LEAST)
+        up, down = (law.log_density(_moved(values, k, by), x) for by in (step, -step))
+        score = (up - down) / (2.0 * step)
+        if not abs(np.mean(score)) <= BIASED * np.sqrt(np.mean(score**2)):
+            return False
+    return True
+
+
+def densities(inputs: Inputs, alpha: Array, x: Array) -> Array:
+    """log p(x | alpha) (B, J) at x (B, J, n), of parameters that scatter."""
+    flat = x.reshape(-1, x.shape[2])
+    return scattered_density(inputs, alpha, flat).reshape(x.shape[:2])
+
+
+def scattered_density(inputs: Inputs, alpha: Array, x: Array) -> Array:
+    """The same (J,) at x (J, n)."""
+    return inputs.log_density_of(inputs.scattered, alpha, x, inputs.normal_scores(alpha, x))
+
+
+def law_scores(inputs: Inputs, alpha: Array, x: Array, share: Array) -> Array:
+    """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) at x (B, J, n)."""
+    there = share > COUNTED
+    return _scores_of(inputs, alpha, x[there], share[there], np.nonzero(there)[0], len(x))
+
+
+def _scores_of(
+    inputs: Inputs, alpha: Array, x: Array, share: Array, owner: Indices, count: int
+) -> Array:
+    """The same (B, K) by central differences at x (T, n), whose owners (T,) count B."""
+    found, scores = np.zeros((count, inputs.size)), inputs.normal_scores(alpha, x)
+    for k, h in enumerate(inputs.hyperparameters):
+        if h.free:
+            step = STEP * max(abs(alpha[k]), LEAST * (h.upper - h.lower))
+            up, down = (
+                _changed_density(inputs, _moved(alpha, k, by), x, k, scores) for by in (step, -step)
+            )
+            slope = (up - down) / (2.0 * step)
+            found[:, k] = np.bincount(owner, share * slope, minlength=count)
+    return found
+
+
+def _changed_density(inputs: Inputs, alpha: Array, x: Array, k: int, scores: Array) -> Array:
+    """The part (J,) of log p(x | alpha) that alpha_k changes.
+
+    Given the normal scores (m, J) at another alpha_k: only those of its own law are others here.
+    """
+    own = [i for i in inputs.scattered if inputs.slices[i].start <= k < inputs.slices[i].stop]
+    theta = scores.copy()
+    for i in own:
+        if i in inputs.correlated:
+            theta[inputs.correlated.index(i)] = inputs.normal_score(i, alpha, x)
+    return inputs.log_density_of(own, alpha, x, theta)
+
+
+@lru_cache(maxsize=64)
+def _quartiles(inputs: Inputs, alpha: tuple[float, ...]) -> Array:
+    """Quartiles and median (s, 3) of each law that scatters."""
+    laws, values = list(inputs.laws.values()), np.array(alpha)
+    own = [laws[i].quantile(values[inputs.slices[i]], QUARTERS) for i in inputs.scattered]
+    return np.array(own)
+
+
+def _grown(before: Array, after: Array) -> Array:
+    """How far widths have changed; values that are not positive only serve themselves."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(after / before)
+        scaled = np.where(ratio > 0.0, ratio / np.log(WIDER), ratio / np.log(NARROWER))
+    return np.where(before == after, 0.0, np.nan_to_num(scaled, nan=np.inf))
+
+
+def _moved(alpha: Array, k: int, by: float) -> Array:
+    found = alpha.copy()
+    found[k] += by
+    return found
+
+
+LEAST_TOLD = 0.05
+"""Share of a law's information that observations tell, at least: no step becomes too long."""
+STRETCH = 10.0
+"""How many times larger or smaller a step may make the sd of a law."""
+LARGER, SMALLER = 2.0, 0.1
+"""... and that of errors: laws must have time to explain more."""
+
+
+def toward(likelihood: IndividualLikelihood, alpha: Array) -> tuple[float, Array]:
+    """log L at alpha, where the nodes are adapted, and where it may be larger: alpha (K,).
+
+    A step of expectation and maximization (Dempster, Laird and Rubin, 1977), made longer where
+    observations tell less (Louis, 1982). With m_l and V_l the mean and the variance of x in
+    experiment l given its observations, and mu and v those of the law,
+
+        mu' = mu + sum_l (m_l - mu) / sum_l w_l,                 w_l = 1 - V_l/v,
+        v'  = v + sum_l ((m_l - mu)^2 + V_l - v) / sum_l w_l^2,
+        sd'^2 = sd^2 (1 + sd/M d log L/d sd)                     of the errors of M observations.
+
+    For normal laws and errors its end is the maximum, for others near one. Constants, correlations,
+    shapes and laws without a mean and an sd stay; limits are not kept. Cost: an evaluation without
+    a score.
+    """
+    inputs, errors = likelihood.inputs, likelihood.errors
+    center, spread = _laws(inputs, alpha, likelihood.count)
+    mean, square = np.full(center.shape, np.nan), np.full(center.shape, np.nan)
+    slope, count = np.zeros(len(errors.hyperparameters)), np.zeros(len(errors.hyperparameters))
+    value = log_prior(likelihood.hyperparameters, alpha)
+    for block in likelihood.blocks:
+        part = block.experiments
+        each, share, individual, terms = likelihood.weighed(alpha, block)
+        value += float(each.sum())
+        mean[part] = np.einsum("bj,bjn->bn", share, individual.x)
+        away = individual.x - center[part, None]
+        square[part] = np.einsum("bj,bjn->bn", share, away**2)
+        for p, (rows, derivative) in enumerate(terms.d_values):
+            slope[p] += np.sum(share[block.owner[rows]] * derivative)
+            count[p] += len(rows)
+    found, counted = alpha.copy(), ~np.isnan(mean[:, 0])
+    if not np.isfinite(value) or not np.all(np.isfinite(square[counted])):
+        return value, found
+    for i in _known(inputs):
+        own = (mean[counted, i] - center[counted, i], square[counted, i], spread[counted, i])
+        _place(inputs, i, found, *own, counted)
+    _place_errors(errors, found[inputs.size :], slope / np.maximum(count, 1.0))
+    return value, found
+
+
+def _known(inputs: Inputs) -> list[int]:
+    """The parameters whose laws have a mean and an sd."""
+    names = [[h.name for h in law.hyperparameters] for law in inputs.laws.values()]
+    return [i for i in inputs.scattered if names[i] == ["mean", "sd"]]
+
+
+def _laws(inputs: Inputs, alpha: Array, count: int) -> tuple[Array, Array]:
+    """The means and variances (N, n) of these laws in all experiments; of others zero and one."""
+    values = inputs.values(alpha[: inputs.size], slice(0, count))
+    center, spread = np.zeros((count, len(values))), np.ones((count, len(values)))
+    for i in _known(inputs):
+        center[:, i], spread[:, i] = values[i][0].ravel(), values[i][1].ravel() ** 2
+    return center, spread
+
+
+def _place(
+    inputs: Inputs,
+    i: int,
+    alpha: Array,
+    shift: Array,
+    square: Array,
+    spread: Array,
+    counted: Flags,
+) -> None:
+    """Set the law of parameter i in alpha, by m_l - mu, its mean square and v of experiments."""
+    at, model = inputs.parts[i].start, inputs.covariate_model
+    mean, sd = slice(at, at + 1), slice(at + 1, at + 2)
+    columns = np.ones((len(shift), 1))
+    if model is not None:
+        of_mean, of_sd = model.entries[at], model.entries[at + 1]
+        mean, sd = of_mean.places, of_sd.places
+        columns = columns if of_mean.design is None else of_mean.design.matrix[counted]
+    told = np.clip(1.0 - (square - shift**2) / spread, LEAST_TOLD, 1.0)
+    alpha[mean] += np.linalg.lstsq((columns.T * told) @ columns, columns.T @ shift)[0]
+    if model is None or of_sd.design is None:
+        grown = 1.0 + np.mean(square / spread - 1.0) / np.mean(told**2)
+        alpha[sd] *= np.sqrt(np.clip(grown, STRETCH**-2.0, STRETCH**2.0))
+
+
+def _place_errors(errors: MeasurementErrors, values: Array, slope: Array) -> None:
+    """Set the sds of the errors, by the slope (P,) of the log-likelihood an observation."""
+    for p, h in enumerate(errors.hyperparameters):
+        if h.free and h.name.endswith(".sd"):
+            ratio = np.sqrt(np.maximum(1.0 + values[p] * slope[p], 0.0))
+            values[p] *= np.clip(ratio, SMALLER, LARGER)
+
 
 VALUE = 0.01
 """Error of a log-likelihood over what its modes are found to."""

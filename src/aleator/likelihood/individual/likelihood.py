@@ -10,25 +10,22 @@ from numpy.typing import NDArray
 
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
-from aleator.likelihood.individual.following import Following
-from aleator.likelihood.individual.gauss_hermite import GaussHermite
-from aleator.likelihood.individual.layout import Block, Layout
+from aleator.likelihood.individual.following import Following, Parameters, holds, scattered_density
 from aleator.likelihood.individual.modes import (
     ARRIVED,
     FARTHEST,
     NEAR,
+    AsManyAsNeeded,
     Curved,
     Modes,
+    Rule,
     highest,
     modes,
 )
-from aleator.likelihood.individual.nodes import Nodes, joined
-from aleator.likelihood.individual.on_surfaces import OnSurfaces
-from aleator.likelihood.individual.parameters import Parameters, holds, scattered_density
-from aleator.likelihood.individual.predictor import Predictor
-from aleator.likelihood.individual.rule import AsManyAsNeeded, Rule
+from aleator.likelihood.individual.predictors import Block, Layout, OnSurfaces, Predictor
+from aleator.likelihood.individual.rules import GaussHermite, Nodes, joined
 from aleator.observations.errors import MeasurementErrors, Terms
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.status import Status
 from aleator.types import Array
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, image_at
-from aleator.likelihood.individual.parameters import moving
+from aleator.likelihood.individual.following import moving
 from aleator.likelihood.level_sets.grid import Grid, Values, in_rows
 from aleator.likelihood.level_sets.lines import traced
 from aleator.likelihood.level_sets.sets import LevelSets
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.surrogates.responses import Divisible
 from aleator.types import Array, Flags, Indices
 

@@ -16,7 +16,7 @@ from scipy.stats import qmc
 
 from aleator.blocks import blocks
 from aleator.laws.inputs import Inputs, parameters_at
-from aleator.likelihood.individual.parameters import scattered_density
+from aleator.likelihood.individual.following import scattered_density
 from aleator.polynomials import gauss_hermite
 from aleator.surrogates.responses import Divisible
 from aleator.types import Array, Flags, Indices

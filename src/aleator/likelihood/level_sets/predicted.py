@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aleator.laws.inputs import Inputs, parameters_at
-from aleator.likelihood.individual.importance import standard_points
+from aleator.likelihood.individual.rules import standard_points
 from aleator.status import Status
 from aleator.surrogates.responses import Response
 from aleator.types import Array, Flags, Indices

@@ -8,9 +8,9 @@ import numpy as np
 
 from aleator.blocks import blocks
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual.following import densities, law_scores
 from aleator.likelihood.individual.likelihood import mean_of
-from aleator.likelihood.individual.parameters import densities, law_scores
-from aleator.search.value import LogLikelihood
+from aleator.search.interface import LogLikelihood
 from aleator.status import DEGENERATE_VALUE, Status
 from aleator.types import Array, Flags, Indices
 

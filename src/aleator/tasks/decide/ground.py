@@ -26,7 +26,7 @@ from aleator.likelihood.individual import (
     Predictor,
     individual_points,
 )
-from aleator.likelihood.individual.layout import Block
+from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.problem import told
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
@@ -34,8 +34,7 @@ from aleator.observations.responses import Observations
 from aleator.progress import Progress
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
-from aleator.surrogates.responses import moving_parameters
-from aleator.surrogates.sites import Sites
+from aleator.surrogates.responses import Sites, moving_parameters
 from aleator.types import Array, Indices
 
 

@@ -11,15 +11,12 @@ from aleator.blocks import blocks
 from aleator.fit.regions import hull, padded
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Direct, Layout, OnSurfaces, Predictor
-from aleator.likelihood.individual.layout import Block
+from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.problem import told
 from aleator.progress import Progress
 from aleator.surrogates import AdaptiveSurfaces
-from aleator.surrogates.kriging import NONE, Covariance, Posterior, learned
-from aleator.surrogates.responses import moving_parameters
-from aleator.surrogates.samples import Samples
-from aleator.surrogates.shared import STEPS
-from aleator.surrogates.sites import Sites
+from aleator.surrogates.responses import Samples, Sites, moving_parameters
+from aleator.surrogates.shared import NONE, STEPS, Covariance, Posterior, learned
 from aleator.tasks.decide.ground import (
     GROUND,
     DrawnParameters,

@@ -18,7 +18,7 @@ from aleator.inference.extrapolation import Beyond, compared
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import invert
 from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor, individual_points
-from aleator.likelihood.individual.importance import standard_points
+from aleator.likelihood.individual.rules import standard_points
 from aleator.observations.errors import MeasurementErrors
 from aleator.progress import Progress
 from aleator.tasks.decide.ground import (

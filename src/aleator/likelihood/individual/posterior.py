@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.likelihood.individual.importance import proposed, standard_points
-from aleator.likelihood.individual.layout import Block
 from aleator.likelihood.individual.likelihood import IndividualLikelihood, mean_of
+from aleator.likelihood.individual.predictors import Block
+from aleator.likelihood.individual.rules import proposed, standard_points
 from aleator.types import Array
 
 

@@ -1,0 +1,541 @@
+"""Rules that place the nodes of experiments: about modes, along a ridge, by importance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+from scipy import special
+from scipy.stats import qmc
+
+from aleator.likelihood.individual.modes import (
+    ARRIVED,
+    NEAR,
+    AsManyAsNeeded,
+    Curved,
+    Modes,
+    Valued,
+    modes,
+)
+from aleator.likelihood.individual.panels import Panels
+from aleator.polynomials import hermite_recurrence, polished_rule
+from aleator.types import Array, Indices
+
+MOST = 3000
+"""Nodes of an experiment beyond which no more are taken."""
+FINEST = 250
+"""Nodes of a variate beyond which no more are taken: their weights leave the floating numbers."""
+TIE = 1e-6
+"""Information that each variate is given more than the one before: directions that are informed
+alike are else what rounding errors make of them."""
+
+
+@dataclass(frozen=True)
+class GaussHermite:
+    """Gauss-Hermite nodes in each of s coordinates: `first` in the first, `others` in the others.
+
+    Exact where the integrand is the normal density it is adapted to, times a polynomial of degree
+    2 q - 1 in each coordinate of q nodes. The first coordinate is the one of which the
+    observations tell least, and wants most nodes. What has several modes it takes for one.
+
+    >>> GaussHermite(5, 3).nodes(2)[0].shape
+    (15, 2)
+    """
+
+    first: int
+    others: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "Gauss-Hermite"
+
+    @property
+    def centers(self) -> int:
+        """The modes of an experiment that the nodes lie about."""
+        return 1
+
+    @property
+    def arrived(self) -> float:
+        """The nodes are as good as the mode is exact."""
+        return ARRIVED
+
+    @property
+    def holds_parameters(self) -> bool:
+        """No: nodes about a mode are where an outcome is smooth."""
+        return False
+
+    @property
+    def rough(self) -> GaussHermite:
+        """The same: its nodes are few, or the experiments need many."""
+        return self
+
+    def at_least(self, count: int) -> GaussHermite:
+        """The same with so many nodes or more in every coordinate."""
+        others = None if self.others is None else max(self.others, count)
+        return GaussHermite(max(self.first, count), others)
+
+    def coordinate(self, i: int) -> tuple[Array, Array]:
+        """Nodes t (q,) of coordinate i, and the logarithms (q,) of their weights, of sum one."""
+        return _line(self.first if i == 0 or self.others is None else self.others)
+
+    def nodes(self, dimensions: int) -> tuple[Array, Array]:
+        """All nodes t (J, s) and the logarithms (J,) of their weights."""
+        if dimensions == 0:
+            return np.zeros((1, 0)), np.zeros(1)
+        lines = [self.coordinate(i) for i in range(dimensions)]
+        nodes = np.array(list(product(*(t for t, _ in lines))))
+        return nodes, np.array(list(product(*(log_w for _, log_w in lines)))).sum(axis=1)
+
+    def size(self, dimensions: int) -> int:
+        """J, the number of all nodes."""
+        return int(np.prod([self.coordinate(i)[0].size for i in range(dimensions)]))
+
+    def finer(self, dimensions: int) -> tuple[GaussHermite | Panels, ...]:
+        """The rules that tell how exact this one is.
+
+        Of one variate somewhat finer, and panels; else finer in the first, finer in the others.
+        """
+        others = self.others or self.first
+        whole = replace(self, others=others)
+        in_first = replace(whole, first=_more(self.first))
+        if dimensions < 2:
+            return (in_first, Panels())[: 2 * dimensions]
+        return (in_first, replace(whole, others=_more(others)))
+
+    def refined(
+        self, gaps: Sequence[float], enough: float, dimensions: int
+    ) -> GaussHermite | Panels | None:
+        """As many nodes as those finer rules have whose gaps are not small enough.
+
+        None where all are, or where that would be too many nodes. Of the rules of one variate that
+        tell the same as panels the first has the fewest nodes.
+        """
+        pairs = list(zip(self.finer(dimensions), gaps, strict=True))
+        if dimensions < 2:
+            whole = self.told(gaps, dimensions)
+            same = (rule for rule, gap in pairs if abs(gap - whole) <= enough)
+            return next(same) if abs(whole) > enough else None
+        found = self
+        for more, gap in pairs:
+            if isinstance(more, GaussHermite) and abs(gap) > enough / len(gaps):
+                found = GaussHermite(
+                    max(found.first, more.first),
+                    max(found.others or found.first, more.others or 0),
+                )
+        most = max(found.first, found.others or 0)
+        fits = found.size(dimensions) <= MOST and most <= FINEST
+        return found if found != self and fits else None
+
+    def told(self, gaps: Sequence[float], dimensions: int) -> float:
+        """All that panels change, who leave nothing out; else what more nodes change together."""
+        return float(gaps[-1] if dimensions == 1 else sum(gaps))
+
+    def about(
+        self,
+        curved: Curved,
+        valued: Valued,  # noqa: ARG002
+        found: Modes,
+        first: int,  # noqa: ARG002
+    ) -> tuple[Array, Array]:
+        """Nodes xi (B, C J, s) about the highest mode of each class, and their log weights.
+
+        The coordinates w = Q' xi are those of the eigenvectors Q of the information at the mode,
+        the least informed first; where several are informed alike, as all but one are by a single
+        observation, `TIE` chooses them, so that they move with alpha. Each has a Gauss-Hermite rule
+        in turn, about its conditional mode given those before it and as wide as the information
+        there says:
+
+            w_i = w_i*(t_1 .. t_(i-1)) + c_i(t_1 .. t_(i-1)) t_i,
+            weight = w_j prod_i c_i phi(xi)/phi(t).
+
+        So the nodes follow a curved ridge, which is what fewer observations than parameters leave.
+        Where the log-density is quadratic they are those of Liu and Pierce (1994).
+        """
+        z, information = found.z[:, :, 0], found.information[:, :, 0]
+        s = z.shape[2]
+        basis = np.linalg.eigh(information + TIE * np.diag(np.arange(s)))[1]
+        log_weight = np.zeros(z.shape[:2])
+        for i in range(s):
+            # those of one mode are next to each other
+            rest = np.repeat(basis, z.shape[1] // basis.shape[1], axis=1)[..., i:]
+            left = np.linalg.inv(np.swapaxes(rest, -1, -2) @ information @ rest)
+            scale = np.sqrt(left[..., 0, 0])
+            # the others go along as the conditional normal law says
+            along = (rest @ (left[..., :, :1] / scale[..., None, None]))[..., 0]
+            t, log_w = self.coordinate(i)
+            z = _spread(z[:, :, None] + t[:, None] * along[:, :, None])
+            of_rule = log_w + 0.5 * t**2
+            log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
+            if i < s - 1:
+                whole = np.repeat(rest, t.size, axis=1)[..., 1:]
+                again = modes(curved, z, whole, NEAR, found.z.shape[1])
+                z, information = again.z, again.information
+        return z, log_weight - 0.5 * np.sum(z**2, axis=2)
+
+
+def _more(nodes: int) -> int:
+    """Half as many again, and two."""
+    return nodes + nodes // 2 + 2
+
+
+@lru_cache(maxsize=32)
+def _line(count: int) -> tuple[Array, Array]:
+    # weights with all their digits: those far out are multiplied by exp(t^2/2)
+    t, weights, _ = polished_rule(*hermite_recurrence(count), 2 * count - 2)
+    return t[weights > 0.0], np.log(weights[weights > 0.0])
+
+
+def _spread(values: Array) -> Array:
+    """(B, P, q, ...) as (B, P q, ...)."""
+    return values.reshape(values.shape[0], -1, *values.shape[3:])
+
+
+WIDER = 1.3
+"""By how much points about an individual law lie farther out than its curvature says."""
+MOST_POINTS = 5_000
+"""Points of an experiment beyond which no more are taken."""
+ROUGH = 300
+"""Points that serve for statistics of many replicates."""
+NEAREST = 1e-12
+"""Probabilities of points stay so far from zero and one."""
+
+
+@dataclass(frozen=True)
+class ImportancePoints:
+    """Quasi-random points of a mixture of normal laws (defensive importance sampling).
+
+        int g phi dxi = 1/J sum_j g(xi_j) phi(xi_j)/q(xi_j),
+        q = phi/2 + sum_m N(z_m, c^2 I_m^-1)/(2 M),
+
+    with M modes z_m of g phi and the information I_m there (Hesterberg, 1995). What has several
+    modes, or a density that is not smooth, is integrated as well as any other; the error falls
+    about as 1/J. Each experiment has points of its own, so that their errors do not add up.
+
+    >>> ImportancePoints(60).size(2)
+    60
+    """
+
+    count: int = 300
+    centers: int = 3
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "importance points"
+
+    @property
+    def arrived(self) -> float:
+        """Points about a mode that is not exact are as good."""
+        return ARRIVED
+
+    @property
+    def holds_parameters(self) -> bool:
+        """Yes: they are where an outcome is not smooth."""
+        return True
+
+    @property
+    def rough(self) -> ImportancePoints:
+        """At most 300 points."""
+        return ImportancePoints(min(self.count, ROUGH), self.centers)
+
+    def size(self, dimensions: int) -> int:  # noqa: ARG002  the same for any
+        """J, the number of points: as many about each mode."""
+        return 2 * self.centers * _each(self.count, self.centers)
+
+    def finer(self, dimensions: int) -> tuple[ImportancePoints, ...]:  # noqa: ARG002
+        """One with twice as many points."""
+        return (ImportancePoints(2 * self.count, self.centers),)
+
+    def refined(
+        self, gaps: Sequence[float], enough: float, dimensions: int
+    ) -> ImportancePoints | None:
+        """Twice as many points."""
+        (more,) = self.finer(dimensions)
+        return more if abs(gaps[0]) > enough and more.count <= MOST_POINTS else None
+
+    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
+        """What twice as many points change."""
+        return float(sum(gaps))
+
+    def about(
+        self,
+        curved: Curved,  # noqa: ARG002
+        valued: Valued,  # noqa: ARG002
+        found: Modes,
+        first: int,
+    ) -> tuple[Array, Array]:
+        """Points xi (B, C J, s) about the M modes of each class, and their log weights."""
+        shift = np.arange(first, first + len(found.z))
+        return proposed(found.z, found.information, self.count, shift)
+
+
+def standard_points(count: int, dimensions: int) -> Array:
+    """Points (count, s) of the standard normal law: Sobol's, in one dimension midpoints."""
+    return _normal(_uniform(count, dimensions))
+
+
+def proposed(
+    modes: Array, information: Array, count: int, shift: Indices | None = None
+) -> tuple[Array, Array]:
+    """Points xi (B, C J, s) about modes (B, C, M, s), half of them of the standard normal law.
+
+    log weights (B, C J) such that sum_j exp(log_weight_j) g(xi_j) is near int g(xi) phi(xi) dxi
+    over the J points of each class (see `ImportancePoints`). `information` (B, C, M, s, s) is the
+    curvature at the modes. With `shift` (B,) the points of an experiment are shifted by as many
+    steps of a lattice in the unit cube (Cranley and Patterson, 1976).
+    """
+    experiments, classes, centers, s = modes.shape
+    each = _each(count, centers)
+    half = each * centers
+    t, own = shifted_points(half, s, shift)[:, None], shifted_points(each, s, shift)[:, None]
+    root = WIDER * np.linalg.cholesky(np.linalg.inv(information))
+    near = modes[:, :, None] + np.einsum("ncmst,ncjt->ncjms", root, own)
+    law = np.broadcast_to(t, (experiments, classes, half, s))
+    xi = np.concatenate([law, near.reshape(experiments, classes, half, s)], axis=2)
+    log_law = -0.5 * np.sum(xi**2, axis=3)
+    log_det = np.log(np.einsum("ncmss->ncms", root)).sum(axis=3)
+    log_near = np.full(log_law.shape, -np.inf)
+    for m in range(centers):
+        away = xi - modes[:, :, None, m]
+        curved = np.einsum("ncjs,ncst,ncjt->ncj", away, information[:, :, m] / WIDER**2, away)
+        log_near = np.logaddexp(log_near, -0.5 * curved - log_det[:, :, m, None])
+    log_mixture = np.logaddexp(log_law, log_near - np.log(centers)) - np.log(2.0)
+    log_weight = log_law - log_mixture - np.log(2.0 * half)
+    whole = classes * 2 * half
+    return xi.reshape(experiments, whole, s), log_weight.reshape(experiments, whole)
+
+
+def _each(count: int, centers: int) -> int:
+    """Points about each mode, which are half of so many."""
+    return max(1, count // (2 * centers))
+
+
+def _uniform(count: int, dimensions: int) -> Array:
+    """Points (count, s) of the unit cube."""
+    if dimensions <= 1:
+        return ((np.arange(count) + 0.5) / count)[:, None][:, :dimensions]
+    power = int(np.ceil(np.log2(count)))
+    points = qmc.Sobol(dimensions, scramble=False).random_base2(power)[:count]
+    return np.asarray(points + 0.5 / count)
+
+
+def shifted_points(count: int, dimensions: int, shift: Indices | None) -> Array:
+    """Standard normal points (B, count, s), or the same for all (1, count, s)."""
+    if shift is None:
+        return standard_points(count, dimensions)[None]
+    # the lattice of the powers of 1/g, g the root of g^(s+1) = g + 1 (Roberts, 2018)
+    g = 2.0
+    for _ in range(40):
+        g = (1.0 + g) ** (1.0 / (dimensions + 1.0))
+    steps = np.outer(shift, g ** -np.arange(1.0, dimensions + 1.0))
+    return _normal((_uniform(count, dimensions) + steps[:, None]) % 1.0)
+
+
+def _normal(u: Array) -> Array:
+    """Standard normal points of those of the unit cube."""
+    return np.asarray(special.ndtri(np.clip(u, NEAREST, 1.0 - NEAREST)))
+
+
+@dataclass(frozen=True)
+class LawPoints(AsManyAsNeeded):
+    """Quasi-random points of the law, those of each experiment its own.
+
+    int g phi dxi = 1/J sum_j g(xi_j). What was simulated there serves for any observations, each
+    with an error that is the larger the less of the law is likely under it.
+    """
+
+    count: int
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "points of the law"
+
+    @property
+    def rough(self) -> LawPoints:
+        """The same."""
+        return self
+
+    def size(self, dimensions: int) -> int:  # noqa: ARG002  one interface for all rules
+        """J, the number of points."""
+        return self.count
+
+    def finer(self, dimensions: int) -> tuple[LawPoints, ...]:  # noqa: ARG002
+        """None is asked."""
+        return ()
+
+    def about(
+        self,
+        curved: Curved,  # noqa: ARG002
+        valued: Valued,  # noqa: ARG002
+        found: Modes,
+        first: int,
+    ) -> tuple[Array, Array]:
+        """Points xi (B, C J, s) of B experiments with C classes, and log weights."""
+        experiments, classes, _, s = found.z.shape
+        own = shifted_points(self.count, s, first + np.arange(experiments))
+        xi = np.tile(own, (1, classes, 1))
+        return xi, np.full(xi.shape[:2], -np.log(self.count))
+
+
+FEWEST_ON_RIDGE, MOST_ON_RIDGE = 64, 4096
+"""Points of an experiment that are tried first, and beyond which no more are taken."""
+INFORMED = 2.0
+"""Information about a variate from which on the observations tell more of it than its law does."""
+
+
+@dataclass(frozen=True)
+class RidgePoints:
+    """Quasi-random points of a normal law that follows the ridge of an individual law.
+
+    A few observations inform k directions b of the s variates, and of the others a they tell next
+    to nothing. The points are those of a by the curvature at the mode, and of b by the mode and the
+    curvature given a:
+
+        int g phi dxi = 1/J sum_j g(xi_j) phi(xi_j) / (N(a_j; a*, A) N(b_j; b*(a_j), C(a_j))).
+
+    Where the log-density is quadratic every term is the integral itself; where the ridge bends
+    slowly the terms differ little, however many variates there are and however small the noise.
+    The error falls about as 1/J. What has several modes it takes for one.
+
+    >>> RidgePoints(60).size(7)
+    60
+    """
+
+    count: int = FEWEST_ON_RIDGE
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "importance points along a ridge"
+
+    @property
+    def centers(self) -> int:
+        """The modes of an experiment that the points lie about."""
+        return 1
+
+    @property
+    def arrived(self) -> float:
+        """They move with the mode."""
+        return ARRIVED
+
+    @property
+    def holds_parameters(self) -> bool:
+        """No: they lie where an outcome is smooth."""
+        return False
+
+    @property
+    def rough(self) -> RidgePoints:
+        """The fewest."""
+        return RidgePoints(min(self.count, FEWEST_ON_RIDGE))
+
+    def size(self, dimensions: int) -> int:  # noqa: ARG002  the same for any
+        """J, the number of points."""
+        return self.count
+
+    def finer(self, dimensions: int) -> tuple[RidgePoints, ...]:  # noqa: ARG002
+        """One with twice as many points."""
+        return (RidgePoints(2 * self.count),)
+
+    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> RidgePoints | None:
+        """Twice as many points."""
+        (more,) = self.finer(dimensions)
+        return more if abs(gaps[0]) > enough and more.count <= MOST_ON_RIDGE else None
+
+    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
+        """What twice as many points change."""
+        return float(sum(gaps))
+
+    def about(
+        self,
+        curved: Curved,
+        valued: Valued,  # noqa: ARG002
+        found: Modes,
+        first: int,
+    ) -> tuple[Array, Array]:
+        """Points xi (B, C J, s) about the highest mode of each class, and their log weights.
+
+        Directions are the eigenvectors of the information at the mode. Points come in pairs that
+        lie on either side of the ridge, so that a score across it is no matter of chance.
+        """
+        mode, information = found.z[:, :, 0], found.information[:, :, 0]
+        experiments, classes, s = mode.shape
+        half = self.count // 2
+        values, basis = np.linalg.eigh(information + TIE * np.diag(np.arange(s)))
+        along = s - max(1, int((values > INFORMED).sum(axis=2).max(initial=1)))
+        t = shifted_points(half, s, np.arange(first, first + experiments))[:, None]
+        a = t[..., :along] / np.sqrt(values[:, :, None, :along])
+        start = mode[:, :, None] + np.einsum("ncst,ncjt->ncjs", basis[..., :along], a)
+        across = np.repeat(basis[..., along:], half, axis=1)
+        ridge = modes(curved, start.reshape(experiments, -1, s), across, NEAR, classes)
+        within = np.swapaxes(across, -1, -2) @ ridge.information @ across
+        root = np.linalg.cholesky(np.linalg.inv(within))
+        b = np.broadcast_to(t[..., along:], (experiments, classes, half, s - along))
+        b = b.reshape(experiments, -1, s - along)
+        step = (across @ root @ b[..., None])[..., 0]
+        log_det = np.log(np.einsum("njss->njs", root)).sum(axis=2)
+        log_det -= np.repeat(0.5 * np.log(values[..., :along]).sum(axis=2), half, axis=1)
+        square = np.broadcast_to(np.sum(t**2, axis=3), (experiments, classes, half))
+        of_rule = log_det + 0.5 * square.reshape(log_det.shape) - np.log(2.0 * half)
+        shape = (experiments, classes, half, s)
+        sides = [(ridge.z + side * step).reshape(shape) for side in (1.0, -1.0)]
+        xi = np.concatenate(sides, axis=2).reshape(experiments, -1, s)
+        log_rule = np.tile(of_rule.reshape(shape[:3]), (1, 1, 2)).reshape(experiments, -1)
+        return xi, log_rule - 0.5 * np.sum(xi**2, axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Standard normal variates xi (N, J, s) of each experiment, and log weights (N, J).
+
+    int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) over the nodes of each of C classes,
+    which stand one after the other (see `Individual`). `modes` (N, C, M, s) are those that they lie
+    about, the highest first, and `information` (N, C, M, s, s) is that of the variates there. `x`
+    (N, C, n) are the highest modes as parameters, under the alpha to which the nodes are adapted;
+    None for the nodes of the law.
+    """
+
+    xi: Array
+    log_weight: Array
+    modes: Array
+    information: Array
+    x: Array | None = None
+
+    @classmethod
+    def of_the_law(cls, count: int, classes: int, variates: int, rule: GaussHermite) -> Nodes:
+        """Those of the standard normal law, the same in each of so many experiments."""
+        t, log_w = rule.nodes(variates)
+        xi, log_weight = np.tile(t, (count, classes, 1)), np.tile(log_w, (count, classes))
+        information = np.tile(np.eye(variates), (count, classes, 1, 1, 1))
+        return cls(xi, log_weight, np.zeros((count, classes, 1, variates)), information)
+
+    def peaks(self, count: int) -> tuple[Array, Array]:
+        """So many copies of the highest modes, and of the information there."""
+        modes, information = self.modes[:, :, :1], self.information[:, :, :1]
+        return np.repeat(modes, count, axis=2), np.repeat(information, count, axis=2)
+
+    @property
+    def mode(self) -> Array:
+        """The highest modes (N, C, s)."""
+        return np.asarray(self.modes[:, :, 0])
+
+
+def joined(
+    parts: Sequence[tuple[slice, Array, Array]], count: int, classes: int
+) -> tuple[Array, Array]:
+    """Nodes (N, J, s) and log weights (N, J) of parts of N experiments, class by class.
+
+    Those that need fewer nodes than others get some without weight.
+    """
+    most = max(xi.shape[1] for _, xi, _ in parts) // classes
+    nodes = np.zeros((count, classes, most, parts[0][1].shape[2]))
+    log_weights = np.full((count, classes, most), -np.inf)
+    for part, xi, log_weight in parts:
+        own = xi.shape[1] // classes
+        nodes[part, :, :own] = xi.reshape(len(xi), classes, own, -1)
+        log_weights[part, :, :own] = log_weight.reshape(len(xi), classes, own)
+    return nodes.reshape(count, classes * most, -1), log_weights.reshape(count, -1)
