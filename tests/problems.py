@@ -29,7 +29,7 @@ from aleator.moments.propagation import (
     default_cubature,
 )
 from aleator.moments.quadrature import TensorGauss
-from aleator.surrogates.responses import Response
+from aleator.surrogates.responses import ResponseFunction
 from aleator.types import Array
 
 INFINITE = float("inf")
@@ -117,7 +117,9 @@ class Problem:
         return Likelihood(distribution, outcomes)
 
 
-def collocated(inputs: Inputs, response: Response, nodes: int, degree: int | None) -> Propagation:
+def collocated(
+    inputs: Inputs, response: ResponseFunction, nodes: int, degree: int | None
+) -> Propagation:
     """Nodes of a tensor rule, with an expansion of that degree or without one."""
     if degree is None:
         return QuadraturePropagation(inputs, response, TensorGauss(nodes))

@@ -22,7 +22,7 @@ from aleator.moments.quadrature import (
     TensorGauss,
 )
 from aleator.progress import Progress
-from aleator.surrogates.responses import DirectResponse, Response
+from aleator.surrogates.responses import DirectResponse, ResponseFunction
 from reproduction.clutch.laws import EXPANSION, SAMPLED, Judged
 from reproduction.clutch.reference import NODES, SAMPLES
 from reproduction.clutch.study import ClutchStudy
@@ -154,7 +154,7 @@ def _levels(study: ClutchStudy, at: Judged) -> pd.DataFrame:
 def _surface_change(study: ClutchStudy, at: Judged) -> float:
     """Mean absolute change of a log-density by the surfaces, with the same samples."""
     direct = DirectResponse(study.run, len(study.outcomes), study.box)
-    responses: tuple[Response, ...] = (direct, at.surface)
+    responses: tuple[ResponseFunction, ...] = (direct, at.surface)
     by = [
         _by(Sampling(response, study.law(), SobolPoints(CHECKED)), at, (ENTROPY,))[ENTROPY].each
         for response in responses

@@ -17,7 +17,7 @@ from aleator.laws.inputs import Inputs
 from aleator.moments.densities import Density, FittedDensity
 from aleator.moments.moments import NodeOutcomes
 from aleator.moments.quadrature import Cubature, MonteCarloPoints, SobolPoints
-from aleator.surrogates.responses import Response
+from aleator.surrogates.responses import ResponseFunction
 from aleator.types import Array
 from reproduction.sampling.histogram import FittedHistogram, HistogramSpline
 
@@ -40,7 +40,7 @@ class Sampling:
     [1.0]
     """
 
-    response: Response
+    response: ResponseFunction
     inputs: Inputs
     cubature: Cubature
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from aleator import Free, Inputs, LogNormal, Normal
-from aleator.likelihood.level_sets.predicted import PredictedOutcomes, Predictor
+from aleator.likelihood.level_sets.predicted import PointPredictor, PredictedOutcomes
 from aleator.surrogates.responses import DirectResponse
 
 LOADS = np.array([0.5, 1.0, 2.0])
@@ -16,7 +16,7 @@ def under(inputs: Inputs, outcome, alpha: np.ndarray) -> PredictedOutcomes:  # t
     response = DirectResponse(lambda i, x: outcome(LOADS[i], x), LOADS.size, inputs.box)
     infinite = np.full(LOADS.size, np.inf)
     condition = np.arange(LOADS.size)
-    return Predictor(inputs, response, condition, -infinite, infinite).under(alpha)
+    return PointPredictor(inputs, response, condition, -infinite, infinite).under(alpha)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_an_outcome_far_out_is_as_rare_as_it_is(count: int) -> None:
     inputs = Inputs({f"x{i}": Normal(Free(-3.0, 3.0), Free(0.1, 2.0)) for i in range(count)})
     response = DirectResponse(lambda _, x: x.sum(axis=1), 1, inputs.box)
     infinite = np.full(1, np.inf)
-    few = Predictor(inputs, response, np.zeros(1, dtype=int), -infinite, infinite).coarse()
+    few = PointPredictor(inputs, response, np.zeros(1, dtype=int), -infinite, infinite).coarse()
     found = few.under(np.tile([0.0, 1.0], count))
     for sds in (1.0, 2.0, 3.0, 4.0):
         score = stats.norm.ppf(found.cdf(np.array([-sds * np.sqrt(count)])))

@@ -13,7 +13,7 @@ from scipy import optimize, stats
 from aleator import Inputs, Normal, ResponseSurface
 from aleator.errors import InputsError
 from aleator.laws.inputs import law_region
-from aleator.likelihood.level_sets.predicted import Predictor
+from aleator.likelihood.level_sets.predicted import PointPredictor
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem as Prepared
 from aleator.likelihood.problem import prepare
@@ -150,7 +150,7 @@ def prepared(problem: Problem, density) -> Prepared:
 def compared(ready: Prepared, problem: Problem) -> dict[str, DensityDistance]:
     """The distances from the exact distributions of the outcomes."""
     own = ready.predictor
-    points = Predictor(problem.inputs, ready.response, ready.condition, own.lower, own.upper)
+    points = PointPredictor(problem.inputs, ready.response, ready.condition, own.lower, own.upper)
     exact = float(problem.log_density(problem.alpha, problem.z, ready.outcomes).sum())
     rows = density_distances(ready.likelihood, problem.alpha, exact, points.under(problem.alpha))
     return {row.density: row for row in rows}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aleator.surrogates.fit import (
-    Prior,
+    SmoothnessPrior,
     first_priors,
     fitted,
     judged,
@@ -16,7 +16,7 @@ from aleator.surrogates.fit import (
 )
 from aleator.surrogates.surface import ball, legendre, products, products_with_gradient
 
-PRIOR = Prior((1.0, 1.6), 2.0, 2.5, 0.25)
+PRIOR = SmoothnessPrior((1.0, 1.6), 2.0, 2.5, 0.25)
 
 
 def test_points_are_nested_distinct_and_cover_the_box() -> None:
@@ -84,7 +84,7 @@ def test_leave_one_out_equals_leaving_one_out(noise: float) -> None:
 
 
 @pytest.mark.parametrize("prior", [PRIOR, *first_priors(2)])
-def test_surfaces_pass_through_their_runs(prior: Prior) -> None:
+def test_surfaces_pass_through_their_runs(prior: SmoothnessPrior) -> None:
     z = spread(30, 2)
     y = np.random.default_rng(0).normal(size=(30, 2))
     indices, terms = fitted(prior, z, y)

@@ -5,7 +5,7 @@ import pytest
 
 from aleator.errors import SimulatorError
 from aleator.surrogates.emulator import OwnSurfaces
-from aleator.surrogates.fit import Prior, continued, judged, shares, spread, weights
+from aleator.surrogates.fit import SmoothnessPrior, continued, judged, shares, spread, weights
 from aleator.surrogates.responses import Run, Samples
 from aleator.surrogates.surface import products
 from aleator.types import Array, Indices
@@ -57,7 +57,7 @@ def test_shares_of_a_law_are_those_of_its_points() -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_the_error_at_points_is_that_of_outcomes_drawn_from_the_prior(noise: float) -> None:
-    prior = Prior((1.0, 1.6), 2.0, 2.5, 0.25, noise)
+    prior = SmoothnessPrior((1.0, 1.6), 2.0, 2.5, 0.25, noise)
     z, at = spread(25, 2), 2.0 * law() - 1.0
     random = np.random.default_rng(0)
     indices, weight = weights(prior, 25)

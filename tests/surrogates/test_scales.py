@@ -9,13 +9,13 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.surrogates.emulator import OwnSurfaces
-from aleator.surrogates.fit import Prior, fitted, judged, spread, weights
+from aleator.surrogates.fit import SmoothnessPrior, fitted, judged, spread, weights
 from aleator.surrogates.responses import Confined, Samples
 from aleator.surrogates.surface import products
 from aleator.types import Array, Indices
 
 BOX = np.array([[-1.0, 2.0], [0.5, 0.9]])
-PRIOR = Prior((1.0, 1.6), 2.0, 2.5, 0.25, logarithm=True)
+PRIOR = SmoothnessPrior((1.0, 1.6), 2.0, 2.5, 0.25, logarithm=True)
 
 
 def outcome(index: Indices, x: Array) -> Array:

@@ -8,7 +8,7 @@ from scipy.optimize import approx_fprime
 from aleator.errors import SimulatorError
 from aleator.surrogates import Surface
 from aleator.surrogates.responses import Run, features
-from aleator.surrogates.shared import Covariance, Posterior, SharedSurface, _loss, learned
+from aleator.surrogates.shared import Covariance, ProcessPosterior, SharedSurface, _loss, learned
 from aleator.types import Array, Indices
 
 RNG = np.random.default_rng(3)
@@ -83,9 +83,11 @@ def test_learning_makes_the_runs_more_likely() -> None:
 def test_leave_one_out_is_that_of_the_process_without_the_run() -> None:
     index, u, y = some_runs(25)
     covariance = Covariance.first(4, 2)
-    whole = Posterior.of(covariance, index, u, y)
+    whole = ProcessPosterior.of(covariance, index, u, y)
     rest = np.arange(25) != 11
-    without = Posterior.of(covariance, index[rest], u[rest], (y[rest] - whole.level) / whole.unit)
+    without = ProcessPosterior.of(
+        covariance, index[rest], u[rest], (y[rest] - whole.level) / whole.unit
+    )
     shift = without.level + (without.mean(index[11:12], u[11:12]) - without.level)
     spread = (
         whole.unit
@@ -101,7 +103,7 @@ def test_leave_one_out_is_that_of_the_process_without_the_run() -> None:
 
 def test_the_process_goes_through_its_runs() -> None:
     index, u, y = some_runs(25)
-    known = Posterior.of(Covariance.first(4, 2), index, u, y)
+    known = ProcessPosterior.of(Covariance.first(4, 2), index, u, y)
     assert known.mean(index, u) == pytest.approx(y, abs=0.01)
     assert np.all(known.deviation(index, u) < 0.05)
 

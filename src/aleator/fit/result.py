@@ -33,7 +33,7 @@ from aleator.likelihood.individual import (
     IndividualParameters,
     individual_parameters,
 )
-from aleator.likelihood.level_sets.predicted import Predictor as PointPredictor
+from aleator.likelihood.level_sets.predicted import PointPredictor as PointPredictor
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.results.result import Result

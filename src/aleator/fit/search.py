@@ -52,7 +52,7 @@ PROBES = 3
 
 
 @dataclass(frozen=True)
-class Sample:
+class SampledSearch:
     """Of more than `many` experiments a search is made on a sample of `size`, its ends on all.
 
     An optimum of the sample lies within its standard errors of one of all, and a climb from there
@@ -64,7 +64,7 @@ class Sample:
     best: int = 3
 
 
-SAMPLE = Sample()
+SAMPLE = SampledSearch()
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def makes_runs(likelihood: AnyLikelihood) -> bool:
 def of_many(
     likelihood: AnyLikelihood,
     search: Callable[[Objective], SearchResult],
-    settings: Sample = SAMPLE,
+    settings: SampledSearch = SAMPLE,
 ) -> SearchResult:
     """What a search of all experiments would find; of up to `many` it is just that.
 

@@ -18,9 +18,9 @@ from aleator.likelihood.individual import (
     GaussHermite,
     ImportancePoints,
     IndividualLikelihood,
+    NodeRule,
     PlanePanels,
     RidgePoints,
-    Rule,
 )
 from aleator.likelihood.individual.rules import MOST_POINTS
 from aleator.likelihood.problem import Problem
@@ -257,7 +257,7 @@ def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
     return [_change(held, rule, alpha, rule.size(variates) > LARGE) for rule in rules]
 
 
-def _change(held: IndividualLikelihood, rule: Rule, alpha: Array, large: bool) -> float:
+def _change(held: IndividualLikelihood, rule: NodeRule, alpha: Array, large: bool) -> float:
     """What a rule changes; one of many nodes is tried on some of many experiments."""
     tried = _some(held) if large else held
     change = tried.by(rule, alpha).evaluate(alpha).total - tried.evaluate(alpha).total

@@ -16,7 +16,7 @@ from aleator.inference.information import Inference
 from aleator.inference.likelihood_at import IndividualsAt, LikelihoodAt, OutcomesAt
 from aleator.laws.hyperparameter import LIMITS, Hyperparameter, limits_of
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual import IndividualLikelihood, Rule
+from aleator.likelihood.individual import IndividualLikelihood, NodeRule
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.search.interface import LogLikelihood
@@ -71,7 +71,7 @@ class Fit:
         alpha: Array,
         inference: Inference,
         table: Experiments,
-        few: Rule,
+        few: NodeRule,
     ) -> Fit:
         """That of the integral over individual parameters, with nodes adapted to alpha.
 

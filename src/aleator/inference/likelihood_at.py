@@ -26,8 +26,8 @@ from aleator.likelihood.individual import (
     Direct,
     IndividualLikelihood,
     LawPoints,
+    NodeRule,
     OnSurfaces,
-    Rule,
     individual_points,
 )
 from aleator.likelihood.individual.modes import AsManyAsNeeded
@@ -38,7 +38,7 @@ from aleator.likelihood.problem import Problem
 from aleator.observations.responses import Observations
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import Runner
-from aleator.surrogates.responses import DirectResponse, Predicted
+from aleator.surrogates.responses import DirectResponse, OutcomeDistribution
 from aleator.types import Array
 
 
@@ -338,7 +338,7 @@ class OutcomesAt(LikelihoodAt):
         return np.where(np.isfinite(y), y, self.problem.outcomes)
 
     @cached_property
-    def _under(self) -> Predicted:
+    def _under(self) -> OutcomeDistribution:
         """The distributions of the outcomes at alpha."""
         return self.problem.predictor.under(self.alpha)
 
@@ -360,7 +360,7 @@ class IndividualsAt(LikelihoodAt):
 
     integral: IndividualLikelihood
     alpha: Array
-    fewest: Rule
+    fewest: NodeRule
     kept: bool = False
     settings: FitSettings = FIT
 

@@ -11,7 +11,7 @@ import numpy as np
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import LevelLikelihood, searched, traceable
-from aleator.likelihood.level_sets.predicted import Predictor as PointPredictor
+from aleator.likelihood.level_sets.predicted import PointPredictor as PointPredictor
 from aleator.likelihood.model import Model
 from aleator.progress import Progress
 from aleator.search import Objective
@@ -22,8 +22,8 @@ from aleator.surrogates.responses import (
     Confined,
     DirectResponse,
     Divisible,
-    Predicted,
-    Response,
+    OutcomeDistribution,
+    ResponseFunction,
     attempts,
     by_calls,
     moving_parameters,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from aleator.moments.likelihood import Likelihood, Predictive
 
 
-class Predictor(Protocol):
+class OutcomePredictor(Protocol):
     """From a law alpha (K,) to the distributions of N outcomes, and what these reach."""
 
     @property
@@ -47,7 +47,7 @@ class Predictor(Protocol):
     def upper(self) -> Array:
         """See `lower`."""
 
-    def under(self, alpha: Array) -> Predicted:
+    def under(self, alpha: Array) -> OutcomeDistribution:
         """The distributions of the outcomes."""
 
 
@@ -61,8 +61,8 @@ class Forward:
     """
 
     model: Model
-    predictor: Predictor
-    response: Response
+    predictor: OutcomePredictor
+    response: ResponseFunction
     surface: Surface | None
     region: Array
     condition: Indices
@@ -217,7 +217,7 @@ def forward(
     """
     first, condition = runner.cases.first, runner.cases.condition
     count, inputs = first.size, model.inputs
-    response: Response
+    response: ResponseFunction
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     if model.surfaces is not None:
         if surface is None:
@@ -237,7 +237,7 @@ def forward(
         response = DirectResponse(by_calls(runner), count, inputs.box, step)
     ends = lower[condition], upper[condition]
     if model.density is None:
-        predictor: Predictor = PointPredictor(inputs, response, condition, *ends)
+        predictor: OutcomePredictor = PointPredictor(inputs, response, condition, *ends)
     else:
         predictor = _by_moments(model, model.density, response, condition, ends, region)
     return Forward(model, predictor, response, surface, region, condition)
@@ -267,7 +267,7 @@ def level_sets(problem: Forward, outcomes: Array) -> LevelLikelihood:
 def _by_moments(
     model: Model,
     density: Density,
-    response: Response,
+    response: ResponseFunction,
     condition: Indices,
     ends: tuple[Array, Array],
     region: Array,

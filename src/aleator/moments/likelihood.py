@@ -22,7 +22,7 @@ from aleator.moments.propagation import Propagation, QuadraturePropagation, fine
 from aleator.results.values import DensityDistance
 from aleator.search.interface import LogLikelihood
 from aleator.status import Status
-from aleator.surrogates.responses import Divisible, Predicted
+from aleator.surrogates.responses import Divisible, OutcomeDistribution
 from aleator.types import Array, Indices
 
 
@@ -257,7 +257,7 @@ def density_distances(
     likelihood: Likelihood,
     alpha: Array,
     exact: float,
-    outcomes: Predicted,
+    outcomes: OutcomeDistribution,
     most: int = 25,
     sds: float = 8.0,
     points: int = 401,

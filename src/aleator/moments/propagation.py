@@ -23,7 +23,7 @@ from aleator.moments.moments import Moments, NodeOutcomes
 from aleator.moments.projection import Projection, Regression, expansion_map
 from aleator.moments.quadrature import Cubature, CubatureNodes, SobolPoints, TensorGauss
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.responses import Divisible, Response
+from aleator.surrogates.responses import Divisible, ResponseFunction
 from aleator.types import Array, Indices
 
 Fit = Projection | Regression
@@ -183,7 +183,7 @@ class QuadraturePropagation:
     """
 
     inputs: Inputs
-    response: Response
+    response: ResponseFunction
     cubature: Cubature
 
     def take(self, conditions: Indices) -> QuadraturePropagation:
@@ -201,7 +201,9 @@ class QuadraturePropagation:
         return outcomes_at(self.response, nodes, gradient=gradient).moments(order)
 
 
-def outcomes_at(response: Response, nodes: CubatureNodes, *, gradient: bool) -> NodeOutcomes:
+def outcomes_at(
+    response: ResponseFunction, nodes: CubatureNodes, *, gradient: bool
+) -> NodeOutcomes:
     """The outcomes of a response at nodes of the law, with derivatives by alpha if asked for."""
     if not gradient:
         return NodeOutcomes(response.evaluate(nodes.x), nodes.weights)
@@ -229,7 +231,7 @@ class ProjectedPropagation:
     """
 
     inputs: Inputs
-    response: Response
+    response: ResponseFunction
     nodes: int
     degree: int
     step: float = 1e-5
@@ -276,7 +278,7 @@ class ExpandedPropagation:
     """
 
     inputs: Inputs
-    response: Response
+    response: ResponseFunction
     fit: Fit
     order: int
 
@@ -353,7 +355,7 @@ def propagated(
     inputs: Inputs,
     choice: ResponseSurface | Collocation,
     order: int,
-    response: Response,
+    response: ResponseFunction,
     region: Array,
     settings: NodeSettings = NODE_SETTINGS,
 ) -> Propagation:
@@ -370,7 +372,9 @@ def propagated(
     return _enough_degrees(way, region, order, settings)
 
 
-def _collocated(inputs: Inputs, chosen: Collocation, order: int, response: Response) -> Propagation:
+def _collocated(
+    inputs: Inputs, chosen: Collocation, order: int, response: ResponseFunction
+) -> Propagation:
     if chosen.fit is not None:
         return ExpandedPropagation(inputs, response, chosen.fit, order)
     if chosen.nodes is None:

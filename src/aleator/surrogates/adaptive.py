@@ -69,7 +69,7 @@ times as much a smooth outcome differs over the wider distance, at least."""
 
 
 @dataclass(frozen=True)
-class Step:
+class Jump:
     """The largest difference `size` of two outcomes of `surface` at points (n,) near each other."""
 
     surface: int
@@ -78,7 +78,7 @@ class Step:
     there: Array
 
 
-def steps(samples: Samples, box: Array, members: Indices) -> tuple[Step, ...]:
+def steps(samples: Samples, box: Array, members: Indices) -> tuple[Jump, ...]:
     """The step of each surface among `members` (A,) that has one, by its runs in the box (n, 2).
 
     Between runs that are close a smooth outcome differs by less than between those wide apart. One
@@ -102,7 +102,7 @@ def steps(samples: Samples, box: Array, members: Indices) -> tuple[Step, ...]:
     return tuple(step for step in found if step is not None)
 
 
-def _step(member: int, samples: Samples, close: Indices, wide: Indices) -> Step | None:
+def _step(member: int, samples: Samples, close: Indices, wide: Indices) -> Jump | None:
     """That of one surface between close points, pairs (P, 2) with the closest first."""
     y = samples.outcome[member]
     known = np.isfinite(y)
@@ -119,7 +119,7 @@ def _step(member: int, samples: Samples, close: Indices, wide: Indices) -> Step 
     if not rows.size:
         return None
     low, high = sorted(close[rows[0]], key=lambda i: tuple(samples.x[i]))
-    return Step(member, abs(float(y[high] - y[low])), samples.x[low], samples.x[high])
+    return Jump(member, abs(float(y[high] - y[low])), samples.x[low], samples.x[high])
 
 
 Progress = Callable[[int, int, int], None]
@@ -299,11 +299,11 @@ class AdaptiveSurfaces:
         """Whether there are such experiments."""
         return bool(self.stepped.any())
 
-    def _lasting(self, members: Flags) -> tuple[Step, ...]:
+    def _lasting(self, members: Flags) -> tuple[Jump, ...]:
         """Steps that many runs have left in the surfaces of members (N,)."""
         return self.steps(np.flatnonzero(members & (self.emulator.runs >= MANY)))
 
-    def steps(self, members: Indices) -> tuple[Step, ...]:
+    def steps(self, members: Indices) -> tuple[Jump, ...]:
         """Where the outcomes of the experiments `members` (A,) have a step, if they do.
 
         Of the law at whose points the errors were judged last: what is far out is not wanted.

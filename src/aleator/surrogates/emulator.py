@@ -17,7 +17,7 @@ from aleator.surrogates.fit import (
     TINY,
     Judged,
     Piece,
-    Prior,
+    SmoothnessPrior,
     asymmetric,
     continued,
     degrees_of,
@@ -167,7 +167,7 @@ def patterns(worked: Flags) -> list[tuple[Indices, Indices]]:
 
 
 def chosen_axes(
-    axes: Axes, samples: Samples, members: Indices, pool: list[Prior], where: Array | None
+    axes: Axes, samples: Samples, members: Indices, pool: list[SmoothnessPrior], where: Array | None
 ) -> Axes:
     """Axes in which runs left out are missed by far less, in the middle of the `members` (A,).
 
@@ -194,14 +194,14 @@ def chosen_axes(
 
 
 def chosen_priors(
-    z: Array, values: Array, members: Indices, pool: list[Prior], at: Array | None
-) -> tuple[list[tuple[Prior, Indices, Indices]], list[Prior]]:
+    z: Array, values: Array, members: Indices, pool: list[SmoothnessPrior], at: Array | None
+) -> tuple[list[tuple[SmoothnessPrior, Indices, Indices]], list[SmoothnessPrior]]:
     """Return (prior, experiments, runs) that go together, and the pool of priors to go on with.
 
     `values` (N, M) of all experiments at z (M, n), NaN where there is none; only for `members`.
     Scales are compared at points `at` (J, n), or all over the box.
     """
-    found: dict[Prior, None] = {}
+    found: dict[SmoothnessPrior, None] = {}
     out = []
     for k, (rows, runs) in enumerate(patterns(np.isfinite(values[members]))):
         y, share = values[np.ix_(members[rows], runs)].T, shares(z[runs], at)
@@ -358,9 +358,11 @@ class OwnSurfaces(Emulator):
                     self.prior[row] = prior
         self.stale[:] = False
 
-    def _groups(self, members: Indices, worked: Flags) -> list[tuple[Prior, Indices, Indices]]:
+    def _groups(
+        self, members: Indices, worked: Flags
+    ) -> list[tuple[SmoothnessPrior, Indices, Indices]]:
         """Experiments of one prior and one set of runs."""
-        alike: dict[tuple[Prior, bytes], list[int]] = {}
+        alike: dict[tuple[SmoothnessPrior, bytes], list[int]] = {}
         for row in members.tolist():
             alike.setdefault((self.prior[row], worked[row].tobytes()), []).append(row)
         return [
@@ -369,7 +371,7 @@ class OwnSurfaces(Emulator):
         ]
 
 
-def fitted_pieces(z: Array, values: Array, prior: list[Prior], least: int) -> list[Piece]:
+def fitted_pieces(z: Array, values: Array, prior: list[SmoothnessPrior], least: int) -> list[Piece]:
     """Return the surfaces of all experiments, each with its prior, through the runs it has.
 
     Where these are fewer than `least` it is a constant.
@@ -380,7 +382,7 @@ def fitted_pieces(z: Array, values: Array, prior: list[Prior], least: int) -> li
         if len(runs) < least:
             pieces.append(_constants(rows, values[np.ix_(rows, runs)], n))
             continue
-        shared: dict[Prior, list[int]] = {}
+        shared: dict[SmoothnessPrior, list[int]] = {}
         for row in rows.tolist():
             shared.setdefault(prior[row], []).append(row)
         for one, some in shared.items():
@@ -411,7 +413,7 @@ def _root_mean_square(rows: Array) -> Array:
     return np.asarray(np.sqrt(np.nansum(rows**2, axis=1) / np.where(count > 0, count, np.nan)))
 
 
-def _scatter(prior: Prior, fit: Judged, at: Array | None) -> Array:
+def _scatter(prior: SmoothnessPrior, fit: Judged, at: Array | None) -> Array:
     """Return the standard deviation (A,) of the surfaces at points (J, n), or over the box."""
     if at is None and not prior.logarithm:
         return np.asarray(np.sqrt((fit.coefficients[fit.indices.any(axis=1)] ** 2).sum(axis=0)))

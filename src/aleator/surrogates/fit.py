@@ -200,7 +200,7 @@ FALL = 0.01
 SMALLEST = np.finfo(np.float64).tiny
 
 
-class Prior(NamedTuple):
+class SmoothnessPrior(NamedTuple):
     """What is assumed of the coefficients: w_nu = (1 + size(nu)^2)^(-smoothness/2).
 
     `scale` and `norm` define the size of an index (see `ball`). With a `trend` its first `trend` M
@@ -226,15 +226,15 @@ class Prior(NamedTuple):
         return outcomes(t, np.full(len(t), self.logarithm))
 
 
-def first_priors(n: int) -> list[Prior]:
+def first_priors(n: int) -> list[SmoothnessPrior]:
     """Return the priors to begin with: no preferred parameter."""
     even = (1.0,) * n
     choices = [(2.0, s, t) for s in (2.5, 4.0) for t in (0.0, 0.5)]
     choices += [(1.0, 2.5, 0.0), (1.0, 4.0, 0.5), (0.5, 4.0, 0.5), (0.5, 2.5, 0.0)]
-    return [Prior(even, *choice) for choice in choices]
+    return [SmoothnessPrior(even, *choice) for choice in choices]
 
 
-def neighbors(prior: Prior) -> list[Prior]:
+def neighbors(prior: SmoothnessPrior) -> list[SmoothnessPrior]:
     """Return the priors one step away: one parameter stretched, or one choice moved."""
     out = []
     for i, one in enumerate(prior.scale):
@@ -255,7 +255,7 @@ def _beside(values: tuple[float, ...], one: float) -> tuple[float, ...]:
     return values[max(k - 1, 0) : k] + values[k + 1 : k + 2]
 
 
-def weights(prior: Prior, runs: int) -> tuple[Indices, Array]:
+def weights(prior: SmoothnessPrior, runs: int) -> tuple[Indices, Array]:
     """Return indices (P, n) and weights w (P,) for a number of runs."""
     indices, size = ball(prior.scale, prior.norm, TERMS * runs + 10)
     weight = (1.0 + size**2) ** (-0.5 * prior.smoothness)
@@ -264,7 +264,7 @@ def weights(prior: Prior, runs: int) -> tuple[Indices, Array]:
     return indices, np.where(free, FREE * weight, weight)
 
 
-def _scaled(prior: Prior, z: Array) -> tuple[Indices, Array, Array]:
+def _scaled(prior: SmoothnessPrior, z: Array) -> tuple[Indices, Array, Array]:
     """Return indices (P, n), weights (P,) and the matrix B ((P, M) or, with noise, (P + M, M))."""
     indices, weight = weights(prior, len(z))
     matrix = weight[:, None] * products(indices, z)
@@ -273,7 +273,7 @@ def _scaled(prior: Prior, z: Array) -> tuple[Indices, Array, Array]:
     return indices, weight, matrix
 
 
-def leave_one_out(prior: Prior, z: Array, t: Array) -> Array:
+def leave_one_out(prior: SmoothnessPrior, z: Array, t: Array) -> Array:
     """Return t_i minus the polynomial fitted without run i (M, A), for t (M, A) at z (M, n).
 
     r_i = [K^-1 y]_i / [K^-1]_ii (Dubrule 1983): one factorization for all runs and experiments.
@@ -284,7 +284,7 @@ def leave_one_out(prior: Prior, z: Array, t: Array) -> Array:
 
 
 @single_threaded
-def fitted(prior: Prior, z: Array, y: Array) -> tuple[Indices, Array]:
+def fitted(prior: SmoothnessPrior, z: Array, y: Array) -> tuple[Indices, Array]:
     """Return indices (P, n) and coefficients (P, A) of the surfaces through runs y (M, A)."""
     indices, weight, matrix = _scaled(prior, z)
     q, r = np.linalg.qr(matrix)
@@ -307,7 +307,7 @@ class Judged(NamedTuple):
 
 
 @single_threaded
-def judged(prior: Prior, z: Array, y: Array, where: Array | None = None) -> Judged:
+def judged(prior: SmoothnessPrior, z: Array, y: Array, where: Array | None = None) -> Judged:
     """Return the surfaces with the error that the prior expects over the box, or at some points.
 
     The posterior covariance of the coefficients is s^2 W (I - Q Q') W; its trace is the mean
@@ -367,14 +367,16 @@ def _at(q: Array, weight: Array, basis: Array) -> Array:
 class Found(NamedTuple):
     """Priors, the `best` of them (A,), its mean square `error` (A,), and a pool to go on with."""
 
-    priors: list[Prior]
+    priors: list[SmoothnessPrior]
     best: Indices
     error: Array
-    pool: list[Prior]
+    pool: list[SmoothnessPrior]
 
 
 @single_threaded
-def search(pool: list[Prior], z: Array, y: Array, share: Array, sweeps: int = SWEEPS) -> Found:
+def search(
+    pool: list[SmoothnessPrior], z: Array, y: Array, share: Array, sweeps: int = SWEEPS
+) -> Found:
     """Return priors, the best of them for each experiment (A,), and the pool to go on with.
 
     All experiments are judged together, one factorization a prior; each takes the prior with the
@@ -383,8 +385,8 @@ def search(pool: list[Prior], z: Array, y: Array, share: Array, sweeps: int = SW
     run.
     The neighbors of the most frequent winners are tried in turn; with one sweep only the pool is.
     """
-    score: dict[Prior, Array] = {}
-    error: dict[Prior, Array] = {}
+    score: dict[SmoothnessPrior, Array] = {}
+    error: dict[SmoothnessPrior, Array] = {}
     count, positive = y.shape[1], np.flatnonzero((y > 0.0).all(axis=0))
     terms = np.hstack([y, np.log(y[:, positive])])
     trial = list(pool)

@@ -122,7 +122,7 @@ def _scaled(numbers: Array) -> Array:
 Run = Callable[[Indices, Array], Array]
 
 
-class Response(Protocol):
+class ResponseFunction(Protocol):
     """Outcomes of all N experiments at the same points of the box."""
 
     def evaluate(self, x: Array) -> Array:
@@ -135,7 +135,7 @@ class Response(Protocol):
 
 
 @runtime_checkable
-class Divisible(Response, Protocol):
+class Divisible(ResponseFunction, Protocol):
     """A response whose experiments may be asked for in parts."""
 
     def take(self, rows: Indices) -> Divisible:
@@ -147,7 +147,7 @@ class Divisible(Response, Protocol):
         ...
 
 
-class Predicted(Protocol):
+class OutcomeDistribution(Protocol):
     """The distributions of N outcomes under a law."""
 
     @property

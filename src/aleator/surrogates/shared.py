@@ -148,7 +148,7 @@ def learned(start: Covariance, index: Indices, u: Array, y: Array, iterations: i
 
 
 @dataclass(frozen=True)
-class Posterior:
+class ProcessPosterior:
     """The process given runs y (M,), on a scale of mean `level` and standard deviation `unit`."""
 
     covariance: Covariance
@@ -163,7 +163,7 @@ class Posterior:
 
     @classmethod
     @single_threaded
-    def of(cls, covariance: Covariance, index: Indices, u: Array, y: Array) -> Posterior:
+    def of(cls, covariance: Covariance, index: Indices, u: Array, y: Array) -> ProcessPosterior:
         """Condition on runs; M^3 operations."""
         level, unit = float(y.mean()), float(y.std()) or 1.0
         matrix = _between(covariance, index, u, index, u)
@@ -330,13 +330,13 @@ class SharedSurface(Emulator):
         pool = np.vstack([np.clip(draws, low, high), others])
         return np.column_stack([np.quantile(pool[:, i], even[:, i]) for i in range(len(low))])
 
-    def _learned(self, steps: int) -> Posterior:
+    def _learned(self, steps: int) -> ProcessPosterior:
         """The process given all runs; its covariance is learned on from where it was."""
         index, x, y = self.samples.listed
         u = np.hstack([self.conditions[index], self.axes.inward(x)])
         some = np.sort(np.random.default_rng(len(u)).permutation(len(u))[:LEARNED])
         self.covariance = learned(self.covariance, index[some], u[some], y[some], steps)
-        return Posterior.of(self.covariance, index, u, y)
+        return ProcessPosterior.of(self.covariance, index, u, y)
 
     def _surprise(self) -> Array:
         """How much larger the leave-one-out residuals (N,) are than the process expects.

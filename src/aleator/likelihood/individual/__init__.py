@@ -2,7 +2,7 @@
 
 from aleator.likelihood.individual.following import Following
 from aleator.likelihood.individual.likelihood import IndividualLikelihood
-from aleator.likelihood.individual.modes import Rule
+from aleator.likelihood.individual.modes import NodeRule
 from aleator.likelihood.individual.panels import Panels, PlanePanels
 from aleator.likelihood.individual.posterior import (
     IndividualParameters,
@@ -38,7 +38,7 @@ __all__ = [
     "PlanePanels",
     "Predictor",
     "RidgePoints",
-    "Rule",
+    "NodeRule",
     "individual_parameters",
     "individual_points",
 ]

@@ -18,7 +18,7 @@ from aleator.likelihood.individual.modes import (
     AsManyAsNeeded,
     Curved,
     Modes,
-    Rule,
+    NodeRule,
     highest,
     modes,
 )
@@ -49,7 +49,7 @@ class IndividualLikelihood:
     errors: MeasurementErrors
     predictor: Predictor
     layout: Layout
-    rule: Rule
+    rule: NodeRule
     nodes: Nodes
     parameters: Parameters | None = None
 
@@ -166,11 +166,11 @@ class IndividualLikelihood:
         each, share = mean_of(sums + self.nodes.log_weight[block.experiments])
         return each, share, individual, terms
 
-    def by(self, rule: Rule, alpha: Array) -> IndividualLikelihood:
+    def by(self, rule: NodeRule, alpha: Array) -> IndividualLikelihood:
         """The same with other nodes, adapted to alpha."""
         return self.ruled(rule).adapted(alpha)
 
-    def ruled(self, rule: Rule) -> IndividualLikelihood:
+    def ruled(self, rule: NodeRule) -> IndividualLikelihood:
         """The same with a rule by which nodes are not yet adapted."""
         return replace(self, rule=rule, parameters=None)
 

@@ -172,7 +172,7 @@ def _within(gradient: Array, information: Array, basis: Array | None) -> tuple[A
     return (across @ gradient[..., None])[..., 0], across @ information @ basis
 
 
-class Rule(Protocol):
+class NodeRule(Protocol):
     """Nodes of the integral over the s standard normal variates of an experiment."""
 
     @property
@@ -192,16 +192,16 @@ class Rule(Protocol):
         """Whether its nodes are held as parameters, and not as variates (see `Parameters`)."""
 
     @property
-    def rough(self) -> Rule:
+    def rough(self) -> NodeRule:
         """One with few nodes that serves for statistics of many replicates."""
 
     def size(self, dimensions: int) -> int:
         """J, the number of nodes."""
 
-    def finer(self, dimensions: int) -> tuple[Rule, ...]:
+    def finer(self, dimensions: int) -> tuple[NodeRule, ...]:
         """The rules that tell how exact this one is."""
 
-    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> Rule | None:
+    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> NodeRule | None:
         """One with more nodes, where the finer rules change more than enough by these gaps.
 
         None where they do not, and where more nodes would be too many.
@@ -243,7 +243,7 @@ class AsManyAsNeeded:
         gaps: Sequence[float],  # noqa: ARG002
         enough: float,  # noqa: ARG002
         dimensions: int,  # noqa: ARG002
-    ) -> Rule | None:
+    ) -> NodeRule | None:
         """None: panels are as many as are needed."""
         return None
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from aleator.laws.inputs import Inputs, parameters_at
 from aleator.likelihood.individual.rules import standard_points
 from aleator.status import Status
-from aleator.surrogates.responses import Response
+from aleator.surrogates.responses import ResponseFunction
 from aleator.types import Array, Flags, Indices
 
 POINTS, FEWEST, VALUES = 8192, 512, 8_000_000
@@ -125,7 +125,7 @@ class PredictedOutcomes:
 
 
 @dataclass(frozen=True, eq=False)
-class Predictor:
+class PointPredictor:
     """From a law alpha (K,) to the outcomes of N experiments under it.
 
     `response` is that of the distinct conditions, and `condition` (N,) are those of the
@@ -133,13 +133,13 @@ class Predictor:
     """
 
     inputs: Inputs
-    response: Response
+    response: ResponseFunction
     condition: Indices
     lower: Array
     upper: Array
     points: int = POINTS
 
-    def coarse(self) -> Predictor:
+    def coarse(self) -> PointPredictor:
         """By as few points of the law as serve for many data sets."""
         return replace(self, points=FEW.get(self.inputs.scattering, FEWEST))
 

@@ -20,7 +20,7 @@ from aleator.errors import AleatorError, SimulatorError, SurroundingsError
 from aleator.simulators.fmu import session
 from aleator.simulators.fmu.description import INTERFACES
 from aleator.simulators.fmu.session import Failed, FMURun, FMUSession, Setup, Trajectory
-from aleator.simulators.fmu.settings import Operation, Settled
+from aleator.simulators.fmu.settings import Operation, ResolvedSettings
 from aleator.simulators.protocol import RunFailed, with_log
 from aleator.simulators.surroundings import exit_status
 
@@ -205,7 +205,7 @@ class Engine:
     def __init__(
         self,
         file: Path,
-        course: Settled,
+        course: ResolvedSettings,
         records: tuple[str, ...],
         signals: NDArray[Any] | None,
         operation: Operation,

@@ -15,7 +15,7 @@ from aleator.errors import SimulatorError
 from aleator.simulators.derived import Expression, parse
 from aleator.simulators.fmu.description import Description
 from aleator.simulators.fmu.session import SETTINGS
-from aleator.simulators.fmu.settings import Settled
+from aleator.simulators.fmu.settings import ResolvedSettings
 from aleator.simulators.function import FunctionSimulator, load_function
 from aleator.simulators.protocol import Columns, RunFailed
 from aleator.types import Array
@@ -270,7 +270,7 @@ def require_constant(conditions: Columns, time: str) -> None:
             )
 
 
-def require_times(course: Settled, conditions: Columns) -> None:
+def require_times(course: ResolvedSettings, conditions: Columns) -> None:
     """Raise SimulatorError if the times of any run cannot be: no parameters would mend them."""
     names = course.conditions
     for cells in zip(*(conditions[name].tolist() for name in names), strict=True):

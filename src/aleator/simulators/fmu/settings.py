@@ -64,7 +64,7 @@ class Course:
     kind: Kind | None = None
     tolerance: float | None = None
 
-    def of(self, fmu: Description) -> Settled:
+    def of(self, fmu: Description) -> ResolvedSettings:
         """The course with the FMU's defaults. Raises SimulatorError for what it cannot do."""
         kind = self.kind or fmu.kinds[0]
         if kind not in fmu.kinds:
@@ -90,13 +90,13 @@ class Course:
         tolerance = self.tolerance if self.tolerance is not None else fmu.tolerance
         inside = kind == "co_simulation"
         whole, internal = inside and fmu.fixed_step, fmu.internal_step if inside else None
-        settled = Settled(kind, start, stop, step, tolerance, whole, internal)
+        settled = ResolvedSettings(kind, start, stop, step, tolerance, whole, internal)
         settled.check(fmu)
         return settled
 
 
 @dataclass(frozen=True)
-class Settled:
+class ResolvedSettings:
     """A course in which nothing is left open but, in a co-simulation, the tolerance.
 
     A time that is a text is the condition that has it; a stop time may have several in a run, at
@@ -120,7 +120,7 @@ class Settled:
     def __str__(self) -> str:
         """How it is run, in words.
 
-        >>> print(Settled("co_simulation", 0.0, "duration", 0.1, None))
+        >>> print(ResolvedSettings("co_simulation", 0.0, "duration", 0.1, None))
         from 0 to 'duration' s in steps of 0.1 s
         """
         start, stop = (
@@ -160,7 +160,8 @@ class Settled:
 
         Raises SimulatorError for a time that is not a finite number, or before the start.
 
-        >>> span = Settled("co_simulation", 0.0, "time", 0.5, None).span({"time": [1.7, 0.5, 0.7]})
+        >>> settings = ResolvedSettings("co_simulation", 0.0, "time", 0.5, None)
+        >>> span = settings.span({"time": [1.7, 0.5, 0.7]})
         >>> span.start, span.stop, span.step, span.points.tolist()
         (0.0, 1.7, 0.5, [0.5, 0.7, 1.0, 1.5, 1.7])
         """

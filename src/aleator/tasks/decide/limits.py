@@ -19,7 +19,7 @@ from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)
-class LimitSettings:
+class ToleranceSettings:
     """When a design value has points of its own; by judgement."""
 
     far: float = 0.02
@@ -29,7 +29,7 @@ class LimitSettings:
     """A change of a design value over the scatter that is none."""
 
 
-LIMITS = LimitSettings()
+LIMITS = ToleranceSettings()
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def limits(
     asked: Tolerance,
     which: Indices,
     progress: Progress | None = None,
-    settings: LimitSettings = LIMITS,
+    settings: ToleranceSettings = LIMITS,
 ) -> pd.DataFrame:
     """A row for each of the values `which`; limits are in the unit of the outcome."""
     draws = ground.taken(draws)
@@ -91,7 +91,7 @@ def _interval(near: Near, draws: AlphaDraws, asked: Tolerance) -> tuple[float, f
 
 
 def _bound(
-    near: Near, draws: AlphaDraws, asked: Tolerance, settings: LimitSettings
+    near: Near, draws: AlphaDraws, asked: Tolerance, settings: ToleranceSettings
 ) -> tuple[float, float]:
     """The confidence bound of a quantile, and the standard error of its computation.
 

@@ -16,7 +16,7 @@ from aleator.likelihood.problem import told
 from aleator.progress import Progress
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.surrogates.responses import Samples, Sites, moving_parameters
-from aleator.surrogates.shared import NONE, STEPS, Covariance, Posterior, learned
+from aleator.surrogates.shared import NONE, STEPS, Covariance, ProcessPosterior, learned
 from aleator.tasks.decide.ground import (
     GROUND,
     DrawnParameters,
@@ -63,7 +63,7 @@ class Kriged:
     """A polynomial surface of one value, and kriging of what it misses at the runs."""
 
     trend: OnSurfaces
-    missed: Posterior
+    missed: ProcessPosterior
 
     def values(self, block: Block, x: Array) -> Array:
         """Values (1, J) at points x (1, J, n): those of the runs, where they were made."""
@@ -170,7 +170,7 @@ class OneSurface:
         z = trend.surface.axes.inward(x)
         missed = y - trend.surface.evaluate(x)[0]
         self.covariance = learned(self.covariance, _alike(z), z, missed, steps)
-        return Kriged(trend, Posterior.of(self.covariance, _alike(z), z, missed))
+        return Kriged(trend, ProcessPosterior.of(self.covariance, _alike(z), z, missed))
 
     def _sharpened(self, x: Array) -> None:
         self._trend = self._kriged = None
