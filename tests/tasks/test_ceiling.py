@@ -29,7 +29,7 @@ from aleator import (
 from aleator.errors import AleatorError
 from aleator.laws.law import Law
 from aleator.progress import Silent
-from aleator.tasks.ceiling import Ceiling, quick
+from aleator.tasks.ceiling import Ceiling, CeilingSettings, best_possible
 from aleator.tasks.identification import load
 from aleator.views.identification import render
 
@@ -249,12 +249,7 @@ def test_a_number_of_it_that_json_cannot_hold_is_read(
     assert math.isnan(read["gap"])
 
 
-def test_what_takes_longer_is_left_to_the_command(
-    right: Identification, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert quick.best_possible(right.fit, 0, Silent()) == right.best_possible
-    monkeypatch.setattr(quick, "DIRECT", COUNT)
-    assert quick.best_possible(right.fit, 0, Silent()) is None
-    monkeypatch.undo()
-    monkeypatch.setattr(quick, "VALUES", COUNT)
-    assert quick.best_possible(right.fit, 0, Silent()) is None
+def test_what_takes_longer_is_left_to_the_command(right: Identification) -> None:
+    assert best_possible(right.fit, 0, Silent()) == right.best_possible
+    for fewer in (CeilingSettings(direct=COUNT), CeilingSettings(nodes=COUNT)):
+        assert best_possible(right.fit, 0, Silent(), fewer) is None

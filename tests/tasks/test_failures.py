@@ -121,8 +121,9 @@ def test_a_failed_corner_is_told_and_costs_accuracy_only_there() -> None:
 
 def test_a_law_that_reaches_far_beyond_the_simulator_is_given_the_box_that_mends_it() -> None:
     everywhere = ResponseSurface(tolerance=0.005)
+    beyond = Inputs({"x": Normal(mean=Free(-2.0, 2.0), sd=Free(0.05, 1.0))})
     with pytest.raises(SimulatorError) as caught:
-        unjudged(model, TABLE, WIDE, outcome="y", vectorized=True, propagation=everywhere)
+        unjudged(model, TABLE, beyond, outcome="y", vectorized=True, propagation=everywhere)
     lines = [line.strip() for line in caught.value.remedy.splitlines()]
     assert 'law = "truncated_normal"' in lines
     (box,) = (line for line in lines if line.startswith("box = "))
@@ -130,6 +131,14 @@ def test_a_law_that_reaches_far_beyond_the_simulator_is_given_the_box_that_mends
     assert 0.0 <= low < 0.5
     assert high > 2.0
     assert "aleator box" in caught.value.remedy
+
+
+def test_surfaces_that_are_to_be_exact_where_runs_fail_are_refused() -> None:
+    """Through the root a polynomial explodes where there is none: its own scatter says nothing."""
+    everywhere = ResponseSurface(tolerance=0.005)
+    result = unjudged(model, TABLE, WIDE, outcome="y", vectorized=True, propagation=everywhere)
+    assert not result.sound
+    assert any("aleator box" in warning.remedy for warning in result.warnings)
 
 
 def test_surfaces_that_follow_the_law_leave_what_fails_behind() -> None:

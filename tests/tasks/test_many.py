@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from aleator import Check, Free, Gaussian, Identification, Inputs, Normal, identify
+from aleator.fit import search as searching
 from aleator.moments.likelihood import Continued
 from aleator.search import Ascent, Optimum, SearchResult
-from aleator.tasks import many
 
 
 def table(count: int) -> pd.DataFrame:
@@ -28,8 +28,8 @@ def scatter(law: Inputs, data: pd.DataFrame) -> Identification:
 @pytest.mark.parametrize("most", [60, 1000])
 def test_the_answer_is_that_of_all_experiments(most: int, monkeypatch) -> None:
     """y = z a with a normal: mean and sd of y/z, whether or not a sample of 40 was searched."""
-    monkeypatch.setattr(many, "MANY", most)
-    monkeypatch.setattr(many, "SAMPLE", 40)
+    settings = searching.SampledSearch(most, 40)
+    monkeypatch.setattr(searching.of_many, "__defaults__", (settings,))
     data = table(300)
     found = scatter(Inputs({"a": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))}), data)
     ratio = data["y"] / data["z"]
@@ -47,12 +47,12 @@ def test_the_ends_of_a_sample_that_become_one_optimum_are_one() -> None:
     places = [np.array([1.003, 0.1]), np.array([0.99, 0.11]), np.array([1.4, 0.5])]
 
     def search(objective: Continued) -> SearchResult:
-        assert objective(places[0]).each.size == many.SAMPLE
+        assert objective(places[0]).each.size == searching.SAMPLE.size
         optima = tuple(Optimum(p, -float(k), 1) for k, p in enumerate(places))
         ascents = tuple(Ascent(p, p, -float(k), 9, True) for k, p in enumerate(places))
         return SearchResult(places[0], 0.0, ascents, optima)
 
-    found = many.of_many(problem, search)
+    found = searching.of_many(problem, search, searching.SampledSearch(best=2))
     assert len(found.optima) == 1
     assert len(found.ascents) == 2
     assert found.converged

@@ -147,7 +147,7 @@ def test_collocation_predicts_the_same() -> None:
     one, other = predicted(GROWTH), predicted(GROWTH, propagation=Collocation(nodes=20))
     _, sd, _ = GROWTH.exact_moments(2)
     np.testing.assert_allclose(one["mean"], other["mean"], atol=0.01 * sd.min())
-    np.testing.assert_allclose(one["q0.5"], other["q0.5"], atol=0.02 * sd.min())
+    assert np.all(np.abs(one["q0.5"] - other["q0.5"]) < 0.02 * sd)
 
 
 def test_prediction_covers_what_the_law_draws() -> None:

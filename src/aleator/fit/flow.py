@@ -56,7 +56,8 @@ def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
             if better is None:
                 break
             again = _checked(better, check, ledger)
-            if again.checked is None:
+            if again.checked is None or again.doubt.size > answer.doubt.size:
+                # runs beside each other may spoil a surface
                 break
             answer = again
     return answer

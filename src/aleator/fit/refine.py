@@ -43,6 +43,8 @@ from aleator.surrogates.adaptive import within
 from aleator.surrogates.responses import Sites, features, moving_parameters
 from aleator.types import Array, Flags
 
+PREDICTED = 0.02
+"""Estimated error of a surface under a law that is known, over the scatter of the outcome."""
 SHRINK = 0.8
 """A region is narrowed only if that makes it smaller than this share of itself."""
 
@@ -58,8 +60,9 @@ class Rounds:
     level of `last` or less where alpha moves by less than `still`, in the metric of the
     information, and the log-likelihood by less than `change`, or `each` for each experiment. Runs
     lie `wide` times as far out as the laws say. At the ends of the intervals an error of `ends` is
-    admitted. Up to `others` optima of the first surfaces are followed besides the best: those that
-    lie `apart` standard errors. At most `most` rounds are made.
+    admitted, and any after `at_ends` rounds. Up to `others` optima of the first surfaces are
+    followed besides the best: those that lie `apart` standard errors. At most `most` rounds are
+    made.
     """
 
     begin: float
@@ -72,6 +75,7 @@ class Rounds:
     finest: float = 1e-3
     wide: float = 1.2
     ends: float = 0.1
+    at_ends: int = 3
     others: int = 2
     apart: float = 2.0
     most: int = 24
@@ -190,13 +194,14 @@ class Refinement:
             if wider:
                 surfaces.move(region[moving_parameters(region)])
             before = surfaces.total_runs
-            for _ in range(self.rounds.most):
+            for _ in range(self.rounds.at_ends):
                 surfaces.judge(points)
-                members = self._together(answer, surfaces.wanting(self.rounds.ends))
+                rough = surfaces.wanting(self.rounds.ends)
+                surfaces.judge(self._draws(likelihood, [alpha], region))
+                members = self._together(answer, rough | surfaces.wanting(self.rounds.first))
                 if not members.any():
                     break
                 surfaces.sharpen(members, points)
-            surfaces.judge(self._draws(likelihood, [alpha], region))
             if not wider and surfaces.total_runs == before:
                 return None
             moved = self._on(replace(answer, region=region, spread=answer.spread or wider))
@@ -330,7 +335,7 @@ class Refinement:
             surfaces.against(_noise(likelihood, alpha, answer.sites))
         surfaces.judge(self._draws(likelihood, [alpha], region))
         if not (answer.spread or self.question.runner.account.refused):
-            narrower = bool(surfaces.wanting(level).any())
+            narrower = bool(np.any(surfaces.relative > level))
             region = _next_region(answer, likely, narrower=narrower)
         if region is not answer.region:
             surfaces.move(region[moving_parameters(region)])
@@ -416,7 +421,7 @@ def under_law(
         moving = moving_parameters(region)
         surfaces.judge(np.clip(draws(inputs, [alpha], 1), *region.T)[:, moving])
         wide = np.clip(draws(inputs, [alpha], 1, EXACT.wide), *region.T)[:, moving]
-        surfaces.refine(wide, 0.5 * surfaces.level, told(progress))
+        surfaces.refine(wide, PREDICTED * surfaces.caution, told(progress))
     return forward(runner, model, region, progress, surfaces.surface())
 
 

@@ -311,7 +311,8 @@ class OwnSurfaces(Emulator):
             fit = judged(prior, z[runs], y, at)
             self.level[members] = np.abs(y).max(axis=0)
             constant = np.ptp(y, axis=0) <= ROUNDING * self.level[members]
-            scatter = _scatter(prior, fit, at)
+            # where runs fail a surface is an extrapolation: no scatter is above half of the range
+            scatter = np.minimum(_scatter(prior, fit, at), 0.5 * np.ptp(y, axis=0))
             self.scatter[members] = np.where(constant, 0.0, scatter)
             error = np.maximum(fit.there, left_out(fit, shares(z[runs], at)))
             if where is None:

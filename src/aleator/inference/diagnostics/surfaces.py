@@ -294,6 +294,12 @@ class Doubt:
         return float(np.linalg.norm(np.nan_to_num(self.changes, nan=0.0, posinf=np.inf)))
 
     @property
+    def size(self) -> float:
+        """The larger of both, over what is admitted: above one more runs are worth while."""
+        move = float(np.nanmax(self.moves, initial=0.0))
+        return max(move / ACCURACY.move, self.error / ACCURACY.log_likelihood)
+
+    @property
     def wanting(self) -> Flags:
         """Experiments (N,) whose surfaces are to be more exact near the measured outcomes."""
         found: Flags = self.moves > ACCURACY.move
