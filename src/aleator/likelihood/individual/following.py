@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 
 QUARTERS = np.array([1, 2, 3]) / 4.0
+"""Probabilities of the quartiles."""
 
 
 @dataclass(frozen=True)
