@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from aleator import Constant, Free, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
-from aleator.likelihood.level_sets import LevelLikelihood, on_a_grid, sets, traceable
+from aleator.likelihood.level_sets import LevelLikelihood, on_a_grid, traceable
 from aleator.likelihood.level_sets.grid import Grid
 from aleator.surrogates.responses import DirectResponse
 
@@ -209,11 +210,11 @@ def test_what_laws_can_be_traced() -> None:
     assert [on_a_grid(inputs) for inputs in grids + lines] == [True] * 3 + [False] * 3
 
 
-def test_sets_are_looked_at_in_parts_that_change_nothing(monkeypatch) -> None:
+def test_sets_are_looked_at_in_parts_that_change_nothing() -> None:
     y, alpha = np.array([1.0, 2.2, 2.6, 2.9]), np.array([1.0, 0.3, 0.8, 0.2])
     of = likelihood(TWO, lambda c, a, b: c * a + b, y, 64)
     whole, alone = of(alpha), of.evaluate(alpha).each
-    monkeypatch.setattr(sets, "LARGEST", 200)
-    np.testing.assert_allclose(of(alpha).each, whole.each, rtol=1e-12)
-    np.testing.assert_allclose(of(alpha).scores, whole.scores, rtol=1e-9)
-    np.testing.assert_allclose(of.evaluate(alpha).each, alone, rtol=1e-12)
+    parts = replace(of.sets(alpha), block=200)
+    np.testing.assert_allclose(parts(alpha).each, whole.each, rtol=1e-12)
+    np.testing.assert_allclose(parts(alpha).scores, whole.scores, rtol=1e-9)
+    np.testing.assert_allclose(parts.evaluate(alpha).each, alone, rtol=1e-12)

@@ -22,7 +22,7 @@ from aleator.likelihood.individual import (
     PlanePanels,
     RidgePoints,
 )
-from aleator.likelihood.individual.rules import MOST_POINTS
+from aleator.likelihood.individual.rules import RULES
 from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, SearchResult
 from aleator.search.interface import RULED_OUT, one_hill
@@ -201,7 +201,7 @@ def _points_tell_less(end: _End) -> bool:
     """
     coarse, fine = (_some(end.likelihood).by(ImportancePoints(n), end.alpha) for n in TRIED)
     change = _change_of_points(fine, end.alpha, coarse.evaluate(end.alpha).each)
-    return change * float(np.sqrt(TRIED[0] / MOST_POINTS)) > abs(end.gap)
+    return change * float(np.sqrt(TRIED[0] / RULES.most_points)) > abs(end.gap)
 
 
 def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:

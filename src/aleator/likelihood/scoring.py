@@ -8,9 +8,6 @@ import numpy as np
 
 from aleator.types import Array
 
-SMALLEST = 1e-8
-"""Least eigenvalue of the scores' correlation matrix that still tells a direction."""
-
 
 @dataclass(frozen=True)
 class ScoringStep:
@@ -25,13 +22,16 @@ class ScoringStep:
         return np.asarray(self.step / np.sqrt(np.diag(self.inverse)))
 
 
-def scoring_step(scores: Array, prior: Array | None = None) -> ScoringStep | None:
+def scoring_step(
+    scores: Array, prior: Array | None = None, smallest: float = 1e-8
+) -> ScoringStep | None:
     """The step J^-1 s of the scores s_l (N, F) of N experiments: s = sum s_l, J = sum s_l s_l'.
 
     J is the information by outer products (Berndt, Hall, Hall and Hausman, 1974). It holds where
     the observed information does not: far from the maximum, and with a density that is far off. A
     step tells sign and size of a small movement, and of a large one only that it is large. The
-    score of a `prior` (F,) adds to s. None where J is not of full rank. Cost O(N F^2).
+    score of a `prior` (F,) adds to s. None where J is not of full rank: where the correlation
+    matrix of the scores has an eigenvalue below `smallest` (by judgement). Cost O(N F^2).
 
     >>> found = scoring_step(np.array([[1.0], [-1.0], [1.0], [0.0]]))
     >>> found.step.round(6).tolist(), found.in_standard_errors.round(6).tolist()
@@ -41,7 +41,7 @@ def scoring_step(scores: Array, prior: Array | None = None) -> ScoringStep | Non
     if size.size == 0 or not np.all(size > 0.0):
         return None
     values, vectors = np.linalg.eigh(scores.T @ scores / np.outer(size, size))
-    if values[0] < SMALLEST:
+    if values[0] < smallest:
         return None
     inverse = (vectors / values) @ vectors.T / np.outer(size, size)
     whole = scores.sum(axis=0)

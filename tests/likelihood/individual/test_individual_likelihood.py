@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,7 +15,7 @@ from scipy import integrate, stats
 from aleator import Constant, Free, Inputs, Noise, Normal
 from aleator.inference.information import infer
 from aleator.likelihood.individual import GaussHermite, Layout, individual_parameters
-from aleator.likelihood.individual import predictors as layout_module
+from aleator.likelihood.individual.predictors import PredictorSettings
 
 
 def covariance(alpha):
@@ -97,11 +99,11 @@ def test_nodes_of_the_law_miss_an_experiment_that_is_sharper_than_the_law():
     assert adapted.evaluate(alpha).each == pytest.approx(np.array(wanted), abs=2e-3)
 
 
-def test_blocks_of_experiments_give_the_same(monkeypatch):
+def test_blocks_of_experiments_give_the_same():
     likelihood = likelihood_of(decay, table(decay, experiments=11))
     whole = likelihood.adapted(ALPHA)(ALPHA)
-    monkeypatch.setattr(layout_module, "BLOCK", 500)
-    small = likelihood_of(decay, table(decay, experiments=11))
+    layout = replace(likelihood.layout, settings=PredictorSettings(block=500), _blocks={})
+    small = replace(likelihood, layout=layout)
     assert len(small.blocks) > 1
     parts = small.adapted(ALPHA)(ALPHA)
     assert parts.each == pytest.approx(whole.each, rel=1e-9)

@@ -21,22 +21,42 @@ if TYPE_CHECKING:
     from aleator.observations.errors import MeasurementErrors
 
 
-STEP = 1e-5
-"""Step of differences over a hyperparameter, or over a thousandth of its range if that is more."""
-LEAST = 1e-3
-QUARTERS = np.array([0.25, 0.5, 0.75])
-SHIFTED = 1.0
-"""Distance between quartiles by which a law may have moved for nodes to serve."""
-NARROWER, WIDER = 0.4, 2.0
-"""Share of its width that it, or the noise, may have become: nodes end where a law did."""
-TIED = 0.2
-"""What a correlation may have changed by."""
-POINTS, BIASED = 100, 0.2
-"""Points by which the mean of a score is seen, and its share of their size that is too much."""
-COUNTED = 1e-8
-"""Share of an integral that a node has at least, to count in its score."""
-MOST = 4_000_000
-"""Simulated values that are kept."""
+QUARTERS = np.array([1, 2, 3]) / 4.0
+"""Probabilities of the quartiles."""
+
+
+@dataclass(frozen=True)
+class FollowingSettings:
+    """How far nodes that are kept as parameters serve, and how many are kept; by judgement.
+
+    Laws and noise: a median moves by the distance between the quartiles at most. `narrower` and
+    `wider`: share of its width that a law, or the noise, may have become; nodes end where a law
+    did. `tied`: what a correlation may have changed by. `shorter`: factor by which a step of alpha
+    beyond these is shortened. `kept_values`: simulated values that are kept with nodes.
+    `kept_nodes`: nodes, kept as parameters, that an objective remembers. `resolution`: error of a
+    log-likelihood over what its modes are exact to.
+
+    Scores of laws: `step` is that of differences over a hyperparameter, or over the share
+    `least_size` of its range if that is more. `points`: points by which the mean of a score is
+    seen. `biased`: its share of their size from where on the support of a law moves. `counted`:
+    share of an integral that a node has at least, to count in its score.
+    """
+
+    narrower: float = 0.4
+    wider: float = 2.0
+    tied: float = 0.2
+    shorter: float = 0.6
+    kept_values: int = 4_000_000
+    kept_nodes: int = 8_000_000
+    resolution: float = 0.01
+    step: float = 1e-5
+    least_size: float = 1e-3
+    points: int = 100
+    biased: float = 0.2
+    counted: float = 1e-8
+
+
+FOLLOWING = FollowingSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +78,11 @@ class Parameters:
     x: Array
     log_weight: Array
     eta: Array
+    settings: FollowingSettings = FOLLOWING
 
     def distance(self, alpha: Array) -> float:
         """How far alpha is from that of the nodes: up to one, they serve there."""
-        return distance(self.inputs, self.alpha, alpha)
+        return distance(self.inputs, self.alpha, alpha, self.settings)
 
     def log_weights(self, alpha: Array, block: Block) -> Array:
         """log w_j p(x_j | alpha)/p(x_j | alpha0) (B, J) of a block; -inf where there is no node."""
@@ -75,10 +96,10 @@ class Parameters:
     def scores(self, alpha: Array, block: Block, share: Array) -> Array:
         """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) of a block."""
         there, own = self._of(block)
-        counted = share[there] > COUNTED
+        counted = share[there] > self.settings.counted
         owner = np.nonzero(there)[0][counted]
         x, shares = self.x[own][counted], share[there][counted]
-        return _scores_of(self.inputs, alpha, x, shares, owner, len(there))
+        return _scores_of(self.inputs, alpha, x, shares, owner, len(there), self.settings)
 
     def _of(self, block: Block) -> tuple[Flags, slice]:
         """Which nodes (B, J) of a block there are, and where they stand among all (T,)."""
@@ -91,29 +112,32 @@ class Parameters:
         return np.concatenate([[0], np.cumsum(self.there.sum(axis=1))])
 
 
-def distance(inputs: Inputs, alpha: Array, other: Array) -> float:
+def distance(
+    inputs: Inputs, alpha: Array, other: Array, settings: FollowingSettings = FOLLOWING
+) -> float:
     """How far another alpha is from this one: up to one, nodes that are held serve there too."""
     size = inputs.size
     here, there = (_quartiles(inputs, tuple(values[:size].tolist())) for values in (alpha, other))
     width, wider = here[:, 2] - here[:, 0], there[:, 2] - there[:, 0]
-    shifted = np.abs(there[:, 1] - here[:, 1]) / (SHIFTED * width)
-    ties = np.abs(other - alpha)[inputs.partials] / TIED
-    grown = [_grown(width, wider), _grown(alpha[size:], other[size:])]
+    shifted = np.abs(there[:, 1] - here[:, 1]) / width
+    ties = np.abs(other - alpha)[inputs.partials] / settings.tied
+    pairs = [(width, wider), (alpha[size:], other[size:])]
+    grown = [_grown(before, after, settings) for before, after in pairs]
     return float(np.max(np.concatenate([shifted, ties, *grown]), initial=0.0))
 
 
-def holds(inputs: Inputs, values: int) -> bool:
+def holds(inputs: Inputs, values: int, settings: FollowingSettings = FOLLOWING) -> bool:
     """Whether so many simulated values can be held so under these laws."""
     return (
-        values <= MOST
+        values <= settings.kept_values
         and len(inputs.classes) == 1
         and inputs.covariate_model is None
-        and not moving(inputs)
+        and not moving(inputs, settings)
     )
 
 
-@lru_cache(maxsize=16)
-def moving(inputs: Inputs) -> tuple[int, ...]:
+@lru_cache
+def moving(inputs: Inputs, settings: FollowingSettings = FOLLOWING) -> tuple[int, ...]:
     """The free hyperparameters with which parameters x move, and not only their density.
 
     The values of constants, and what laws have whose support moves: there the score has another
@@ -122,18 +146,19 @@ def moving(inputs: Inputs) -> tuple[int, ...]:
     own, start = inputs.hyperparameters, np.array([h.start for h in inputs.hyperparameters])
     found = list[int]()
     for i, (law, part) in enumerate(zip(inputs.laws.values(), inputs.slices, strict=True)):
-        if i not in inputs.scattered or not _fixed_support(law, start[part]):
+        if i not in inputs.scattered or not _fixed_support(law, start[part], settings):
             found += [k for k in range(part.start, part.stop) if own[k].free]
     return tuple(found)
 
 
-def _fixed_support(law: Law, values: Array) -> bool:
-    x = law.quantile(values, (np.arange(POINTS) + 0.5) / POINTS)
+def _fixed_support(law: Law, values: Array, settings: FollowingSettings) -> bool:
+    least = settings.least_size
+    x = law.quantile(values, (np.arange(settings.points) + 0.5) / settings.points)
     for k, (value, h) in enumerate(zip(values, law.hyperparameters, strict=True)):
-        step = STEP * (max(abs(value), LEAST * (h.upper - h.lower)) or LEAST)
+        step = settings.step * (max(abs(value), least * (h.upper - h.lower)) or least)
         up, down = (law.log_density(_moved(values, k, by), x) for by in (step, -step))
         score = (up - down) / (2.0 * step)
-        if not abs(np.mean(score)) <= BIASED * np.sqrt(np.mean(score**2)):
+        if not abs(np.mean(score)) <= settings.biased * np.sqrt(np.mean(score**2)):
             return False
     return True
 
@@ -149,20 +174,34 @@ def scattered_density(inputs: Inputs, alpha: Array, x: Array) -> Array:
     return inputs.log_density_of(inputs.scattered, alpha, x, inputs.normal_scores(alpha, x))
 
 
-def law_scores(inputs: Inputs, alpha: Array, x: Array, share: Array) -> Array:
+def law_scores(
+    inputs: Inputs,
+    alpha: Array,
+    x: Array,
+    share: Array,
+    settings: FollowingSettings = FOLLOWING,
+) -> Array:
     """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) at x (B, J, n)."""
-    there = share > COUNTED
-    return _scores_of(inputs, alpha, x[there], share[there], np.nonzero(there)[0], len(x))
+    there = share > settings.counted
+    owner = np.nonzero(there)[0]
+    return _scores_of(inputs, alpha, x[there], share[there], owner, len(x), settings)
 
 
 def _scores_of(
-    inputs: Inputs, alpha: Array, x: Array, share: Array, owner: Indices, count: int
+    inputs: Inputs,
+    alpha: Array,
+    x: Array,
+    share: Array,
+    owner: Indices,
+    count: int,
+    settings: FollowingSettings,
 ) -> Array:
     """The same (B, K) by central differences at x (T, n), whose owners (T,) count B."""
     found, scores = np.zeros((count, inputs.size)), inputs.normal_scores(alpha, x)
     for k, h in enumerate(inputs.hyperparameters):
         if h.free:
-            step = STEP * max(abs(alpha[k]), LEAST * (h.upper - h.lower))
+            size = max(abs(alpha[k]), settings.least_size * (h.upper - h.lower))
+            step = settings.step * size
             up, down = (
                 _changed_density(inputs, _moved(alpha, k, by), x, k, scores) for by in (step, -step)
             )
@@ -184,7 +223,7 @@ def _changed_density(inputs: Inputs, alpha: Array, x: Array, k: int, scores: Arr
     return inputs.log_density_of(own, alpha, x, theta)
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def _quartiles(inputs: Inputs, alpha: tuple[float, ...]) -> Array:
     """Quartiles and median (s, 3) of each law that scatters."""
     laws, values = list(inputs.laws.values()), np.array(alpha)
@@ -192,11 +231,12 @@ def _quartiles(inputs: Inputs, alpha: tuple[float, ...]) -> Array:
     return np.array(own)
 
 
-def _grown(before: Array, after: Array) -> Array:
+def _grown(before: Array, after: Array, settings: FollowingSettings) -> Array:
     """How far widths have changed; values that are not positive only serve themselves."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.log(after / before)
-        scaled = np.where(ratio > 0.0, ratio / np.log(WIDER), ratio / np.log(NARROWER))
+        wider, narrower = np.log(settings.wider), np.log(settings.narrower)
+        scaled = np.where(ratio > 0.0, ratio / wider, ratio / narrower)
     return np.where(before == after, 0.0, np.nan_to_num(scaled, nan=np.inf))
 
 
@@ -206,15 +246,29 @@ def _moved(alpha: Array, k: int, by: float) -> Array:
     return found
 
 
-LEAST_TOLD = 0.05
-"""Share of a law's information that observations tell, at least: no step becomes too long."""
-STRETCH = 10.0
-"""How many times larger or smaller a step may make the sd of a law."""
-LARGER, SMALLER = 2.0, 0.1
-"""... and that of errors: laws must have time to explain more."""
+@dataclass(frozen=True)
+class ExpectationSettings:
+    """How long a step of expectation and maximization may be; chosen by judgement.
+
+    `least_share`: share of a law's information that observations give, at least, so that no step
+    becomes too long. `stretch`: how many times larger or smaller a step may make the sd of a law.
+    `smaller` and `larger`: the same of errors; laws must have time to explain more.
+    """
+
+    least_share: float = 0.05
+    stretch: float = 10.0
+    smaller: float = 0.1
+    larger: float = 2.0
 
 
-def toward(likelihood: IndividualLikelihood, alpha: Array) -> tuple[float, Array]:
+EXPECTATION = ExpectationSettings()
+
+
+def toward(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    settings: ExpectationSettings = EXPECTATION,
+) -> tuple[float, Array]:
     """log L at alpha, where the nodes are adapted, and where it may be larger: alpha (K,).
 
     A step of expectation and maximization (Dempster, Laird and Rubin, 1977), made longer where
@@ -249,8 +303,8 @@ def toward(likelihood: IndividualLikelihood, alpha: Array) -> tuple[float, Array
         return value, found
     for i in _known(inputs):
         own = (mean[counted, i] - center[counted, i], square[counted, i], spread[counted, i])
-        _place(inputs, i, found, *own, counted)
-    _place_errors(errors, found[inputs.size :], slope / np.maximum(count, 1.0))
+        _place(inputs, i, found, *own, counted, settings)
+    _place_errors(errors, found[inputs.size :], slope / np.maximum(count, 1.0), settings)
     return value, found
 
 
@@ -277,6 +331,7 @@ def _place(
     square: Array,
     spread: Array,
     counted: Flags,
+    settings: ExpectationSettings,
 ) -> None:
     """Set the law of parameter i in alpha, by m_l - mu, its mean square and v of experiments."""
     at, model = inputs.parts[i].start, inputs.covariate_model
@@ -286,28 +341,22 @@ def _place(
         of_mean, of_sd = model.entries[at], model.entries[at + 1]
         mean, sd = of_mean.places, of_sd.places
         columns = columns if of_mean.design is None else of_mean.design.matrix[counted]
-    told = np.clip(1.0 - (square - shift**2) / spread, LEAST_TOLD, 1.0)
-    alpha[mean] += np.linalg.lstsq((columns.T * told) @ columns, columns.T @ shift)[0]
+    share = np.clip(1.0 - (square - shift**2) / spread, settings.least_share, 1.0)
+    alpha[mean] += np.linalg.lstsq((columns.T * share) @ columns, columns.T @ shift)[0]
     if model is None or of_sd.design is None:
-        grown = 1.0 + np.mean(square / spread - 1.0) / np.mean(told**2)
-        alpha[sd] *= np.sqrt(np.clip(grown, STRETCH**-2.0, STRETCH**2.0))
+        grown = 1.0 + np.mean(square / spread - 1.0) / np.mean(share**2)
+        stretch = settings.stretch
+        alpha[sd] *= np.sqrt(np.clip(grown, stretch**-2.0, stretch**2.0))
 
 
-def _place_errors(errors: MeasurementErrors, values: Array, slope: Array) -> None:
+def _place_errors(
+    errors: MeasurementErrors, values: Array, slope: Array, settings: ExpectationSettings
+) -> None:
     """Set the sds of the errors, by the slope (P,) of the log-likelihood an observation."""
     for p, h in enumerate(errors.hyperparameters):
         if h.free and h.name.endswith(".sd"):
             ratio = np.sqrt(np.maximum(1.0 + values[p] * slope[p], 0.0))
-            values[p] *= np.clip(ratio, SMALLER, LARGER)
-
-
-VALUE = 0.01
-"""Error of a log-likelihood over what its modes are found to."""
-REMEMBERED = 8_000_000
-"""Nodes, held as parameters, that an objective remembers."""
-FARTHEST = 1.0
-"""Distance in law (see `Parameters`) that a step may go, and by how much one is made shorter."""
-SHORTER = 0.6
+            values[p] *= np.clip(ratio, settings.smaller, settings.larger)
 
 
 class Following:
@@ -319,9 +368,14 @@ class Following:
     a function of alpha alone. Modes are found to `arrived` in log-density.
     """
 
-    def __init__(self, likelihood: IndividualLikelihood, arrived: float) -> None:
-        self._known, self._arrived = [likelihood], arrived
-        self.resolution = VALUE * arrived
+    def __init__(
+        self,
+        likelihood: IndividualLikelihood,
+        arrived: float,
+        settings: FollowingSettings = FOLLOWING,
+    ) -> None:
+        self._known, self._arrived, self._settings = [likelihood], arrived, settings
+        self.resolution = settings.resolution * arrived
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Value and score at alpha (K,)."""
@@ -341,18 +395,19 @@ class Following:
         Where nodes are held as parameters a step far beyond them costs new ones, and what made it
         so long was seen here only.
         """
-        nearest, share = self.nearest(alpha), 1.0
+        nearest, share, settings = self.nearest(alpha), 1.0, self._settings
         while (
             nearest.parameters is not None
-            and distance(nearest.inputs, alpha, alpha + share * (ahead - alpha)) > FARTHEST
+            and distance(nearest.inputs, alpha, alpha + share * (ahead - alpha), settings) > 1.0
         ):
-            share *= SHORTER
+            share *= settings.shorter
         return share
 
     def remember(self, adapted: IndividualLikelihood) -> None:
         """Take these nodes where they are the nearest."""
         known = [*self._known, adapted] if adapted.parameters is not None else [adapted]
-        while len(known) > 1 and sum(k.nodes.log_weight.size for k in known) > REMEMBERED:
+        kept = self._settings.kept_nodes
+        while len(known) > 1 and sum(k.nodes.log_weight.size for k in known) > kept:
             known = known[1:]
         self._known = known
 

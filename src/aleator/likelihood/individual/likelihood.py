@@ -12,9 +12,7 @@ from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
 from aleator.likelihood.individual.following import Following, Parameters, holds, scattered_density
 from aleator.likelihood.individual.modes import (
-    ARRIVED,
-    FARTHEST,
-    NEAR,
+    MODES,
     AsManyAsNeeded,
     Curved,
     Modes,
@@ -28,9 +26,6 @@ from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.interface import LogLikelihood
 from aleator.status import Status
 from aleator.types import Array
-
-AROUND = (-2.0, -1.0, 1.0, 2.0)
-"""Where modes are sought along each variate, besides about the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +123,7 @@ class IndividualLikelihood:
         """The totals (A,) at alphas (A, K), nodes held."""
         return np.array([self.evaluate(alpha).total for alpha in np.asarray(alphas)])
 
-    def adapted(self, alpha: Array, arrived: float = ARRIVED) -> IndividualLikelihood:
+    def adapted(self, alpha: Array, arrived: float = MODES.arrived) -> IndividualLikelihood:
         """The same with nodes adapted to alpha (see `GaussHermite`, `ImportancePoints`).
 
         Modes are found to `arrived` in log-density.
@@ -181,7 +176,7 @@ class IndividualLikelihood:
     @property
     def continued(self) -> Following:
         """What a search climbs."""
-        return Following(self, NEAR)
+        return Following(self, MODES.near)
 
     @property
     def followed(self) -> Following:
@@ -189,7 +184,7 @@ class IndividualLikelihood:
 
         The law of all experiments moves by more than its width in the least step of alpha.
         """
-        return Following(self, ARRIVED)
+        return Following(self, MODES.arrived)
 
     def at(self, alpha: Array, block: Block, xi: Array) -> Evaluated:
         """Some experiments at variates xi (B, J, s) of their own, with slopes."""
@@ -262,11 +257,11 @@ class IndividualLikelihood:
         near, from the last ones.
         """
         several = self.rule.centers > 1
-        if several and arrived >= NEAR and self.nodes.x is not None:
+        if several and arrived >= MODES.near and self.nodes.x is not None:
             known = self.nodes.modes[block.experiments]
             return highest(curved, known, self.rule.centers, arrived)
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
-        around = np.concatenate([np.zeros((1, s)), *(reach * np.eye(s) for reach in AROUND)])
+        around = np.concatenate([np.zeros((1, s)), *(reach * np.eye(s) for reach in MODES.starts)])
         around = np.broadcast_to(around, (*last.shape[:2], *around.shape))
         again = self._again(alpha, block, last)
         trial = np.concatenate([last[:, :, None], again[:, :, None], around], axis=2)
@@ -287,7 +282,7 @@ class IndividualLikelihood:
         with np.errstate(all="ignore"):
             own, x = alpha[: self.inputs.size], self.nodes.x[block.experiments]
             found = variates_of(self.inputs, own, x, block.experiments)
-        fine = np.all(np.abs(found) < FARTHEST, axis=2, keepdims=True)
+        fine = np.all(np.abs(found) < MODES.farthest, axis=2, keepdims=True)
         return np.where(fine, found, last)
 
     def _curved(self, alpha: Array, block: Block, z: Array) -> tuple[Array, Array, Array]:

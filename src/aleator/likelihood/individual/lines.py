@@ -13,23 +13,40 @@ from aleator.types import Array, Flags, Indices
 
 LogDensity = Callable[[Indices, Array], Array]
 """log f (T, q) at places (T, q) of the lines (T,)."""
-FARTHEST = 8.5
-"""Variates beyond this have no mass: 1e-17 at either end."""
-SEEN = np.linspace(-5.5, 5.5, 23)
-"""Where a line is looked at, to seek its tops."""
-BESIDE = np.linspace(-2.0, 2.0, 17)
-"""Where it is looked at again, about each top in the distance of these points."""
-CLOSER = 4
-"""Parabolas through a top and its neighbors, each nearer to it than the last."""
-EVERYWHERE = np.array([-FARTHEST, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, FARTHEST])
-"""Edges of the first panels; about each top there are others, in its width."""
-ABOUT = np.array([-12.0, -5.0, -2.0, 2.0, 5.0, 12.0])
-DEEPEST = -30.0
-"""Logarithm of a share of the integral that is none: of a top, and of a node."""
-LOWEST = -1e300
+
+
+@dataclass(frozen=True)
+class LineSettings:
+    """How tops of lines are sought, and how their panels begin and end; chosen by judgement.
+
+    `farthest`: variates beyond this have no mass, 1e-17 at either end. `reach` and `places`: a line
+    is looked at, to seek its tops, at so many places that go so far. `beside` and `beside_places`:
+    it is looked at again about each top, so far in the distance of these places and at so many.
+    `parabolas`: parabolas through a top and its neighbors, each closer to it than the last.
+    `apart`: least distance of the vertex of a parabola from the top, over that of the neighbors.
+    `narrowest`: least width of a top, in variates. `edges`: inner edges of the first panels, in
+    variates. `top_edges`: edges about each top, in its width. `deepest`: logarithm of a share of
+    the integral that is none, of a top and of a node. `rounds`: times that panels are halved; at a
+    jump, thirteen digits.
+    """
+
+    farthest: float = 8.5
+    reach: float = 5.5
+    places: int = 23
+    beside: float = 2.0
+    beside_places: int = 17
+    parabolas: int = 4
+    apart: float = 1e-3
+    narrowest: float = 1e-9
+    edges: tuple[float, ...] = (-5.0, -3.0, -1.0, 1.0, 3.0, 5.0)
+    top_edges: tuple[float, ...] = (-12.0, -5.0, -2.0, 2.0, 5.0, 12.0)
+    deepest: float = -30.0
+    rounds: int = 45
+
+
+LINES = LineSettings()
+LOWEST = np.finfo(np.float64).min
 """A log-density that is none, as a number."""
-ROUNDS = 45
-"""Times that panels are halved; at a jump, thirteen digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +136,11 @@ class Pieces:
 
 
 def integrated(
-    log_density: LogDensity, group: Indices, points: int, enough: float
+    log_density: LogDensity,
+    group: Indices,
+    points: int,
+    enough: float,
+    settings: LineSettings = LINES,
 ) -> tuple[Pieces, Array]:
     """Panels of L lines, with `points` nodes in each half, and log integrals (L,).
 
@@ -128,13 +149,13 @@ def integrated(
     Narrow tops are found where the log-density rises toward them over the distance of the points
     that are looked at, which that of a measured outcome does.
     """
-    line, low, high = _first(log_density, group)
+    line, low, high = _first(log_density, group, settings)
     t, w = gauss_legendre(points)
     whole = log_sum(_evaluated(log_density, line, placed(t, low, high)), w, high - low)
     pieces = Pieces.of(log_density, line, low, high, whole, points)
     groups, lines = int(group.max(initial=-1)) + 1, group.size
     calm, totals = list[Pieces](), pieces.totals(lines)
-    for _ in range(ROUNDS):
+    for _ in range(settings.rounds):
         top = np.full(groups, -np.inf)
         np.maximum.at(top, group, totals)
         open_ = pieces.error(top[group]) > enough
@@ -170,19 +191,23 @@ def log_sum_by(owner: Indices, values: Array, count: int) -> Array:
         return np.asarray(safe + np.log(total))
 
 
-def _first(log_density: LogDensity, group: Indices) -> tuple[Indices, Array, Array]:
+def _first(
+    log_density: LogDensity, group: Indices, settings: LineSettings
+) -> tuple[Indices, Array, Array]:
     """The first panels of all lines: over the law, and about each top in its own width."""
     lines = group.size
-    line, at, width = _tops(log_density, group)
-    about = at[:, None] + width[:, None] * ABOUT
-    inner = np.abs(EVERYWHERE - at[:, None]) < 12.0 * width[:, None]
-    covered = np.zeros((lines, EVERYWHERE.size), dtype=np.bool_)
+    line, at, width = _tops(log_density, group, settings)
+    of_law = np.array([-settings.farthest, *settings.edges, settings.farthest])
+    of_top = np.array(settings.top_edges)
+    about = at[:, None] + width[:, None] * of_top
+    inner = np.abs(of_law - at[:, None]) < of_top[-1] * width[:, None]
+    covered = np.zeros((lines, of_law.size), dtype=np.bool_)
     np.logical_or.at(covered, line, inner)
     covered[:, [0, -1]] = False
     rows, columns = np.nonzero(~covered)
-    own = np.concatenate([rows, np.repeat(line, ABOUT.size)])
-    edge = np.concatenate([EVERYWHERE[columns], about.ravel()])
-    kept = np.abs(edge) <= FARTHEST
+    own = np.concatenate([rows, np.repeat(line, of_top.size)])
+    edge = np.concatenate([of_law[columns], about.ravel()])
+    kept = np.abs(edge) <= settings.farthest
     own, edge = own[kept], edge[kept]
     order = np.lexsort((edge, own))
     own, edge = own[order], edge[order]
@@ -190,21 +215,25 @@ def _first(log_density: LogDensity, group: Indices) -> tuple[Indices, Array, Arr
     return own[:-1][panel], edge[:-1][panel], edge[1:][panel]
 
 
-def _tops(log_density: LogDensity, group: Indices) -> tuple[Indices, Array, Array]:
+def _tops(
+    log_density: LogDensity, group: Indices, settings: LineSettings
+) -> tuple[Indices, Array, Array]:
     """The tops of lines: which line (T,), where on it, and how wide."""
-    everywhere = np.broadcast_to(SEEN, (group.size, SEEN.size))
+    places = np.linspace(-settings.reach, settings.reach, settings.places)
+    everywhere = np.broadcast_to(places, (group.size, places.size))
     value = _evaluated(log_density, np.arange(group.size), everywhere)
     beyond = np.full((group.size, 1), -np.inf)
     line, top = _peaks(np.concatenate([beyond, value, beyond], axis=1))
     # two that are near to each other look like one from afar
-    places = SEEN[top - 1][:, None] + (SEEN[1] - SEEN[0]) * BESIDE
+    beside = np.linspace(-settings.beside, settings.beside, settings.beside_places)
+    places = places[top - 1][:, None] + (places[1] - places[0]) * beside
     value = _evaluated(log_density, line, places)
     row, top = _peaks(value)
     line = line[row]
     a, b, c = (places[row, top + i] for i in (-1, 0, 1))
     f_a, f_b, f_c = (value[row, top + i] for i in (-1, 0, 1))
-    for _ in range(CLOSER):
-        x = _vertex(a, b, c, f_a, f_b, f_c)
+    for _ in range(settings.parabolas):
+        x = _vertex(a, b, c, f_a, f_b, f_c, settings.apart)
         f = _evaluated(log_density, line, x[:, None])[:, 0]
         better, right = f > f_b, x > b
         a, f_a = _chosen(a, f_a, [(better & right, b, f_b), (~better & ~right, x, f)])
@@ -215,8 +244,8 @@ def _tops(log_density: LogDensity, group: Indices) -> tuple[Indices, Array, Arra
         width = np.where(bend > 0.0, 1.0 / np.sqrt(bend), c - a)
     highest = np.full(int(group.max(initial=-1)) + 1, -np.inf)
     np.maximum.at(highest, group[line], f_b)
-    high = f_b > highest[group[line]] + DEEPEST
-    return line[high], b[high], np.clip(width[high], 1e-9, 1.0)
+    high = f_b > highest[group[line]] + settings.deepest
+    return line[high], b[high], np.clip(width[high], settings.narrowest, 1.0)
 
 
 def _peaks(value: Array) -> tuple[Indices, Indices]:
@@ -238,19 +267,21 @@ def _bend(a: Array, b: Array, c: Array, f_a: Array, f_b: Array, f_c: Array) -> A
         return np.asarray(2.0 * ((f_b - f_a) / (b - a) - (f_c - f_b) / (c - b)) / (c - a))
 
 
-def _vertex(a: Array, b: Array, c: Array, f_a: Array, f_b: Array, f_c: Array) -> Array:
+def _vertex(
+    a: Array, b: Array, c: Array, f_a: Array, f_b: Array, f_c: Array, apart: float
+) -> Array:
     """The top of the parabola through three points, or the middle of the wider side."""
     middle = np.where(c - b > b - a, 0.5 * (b + c), 0.5 * (a + b))
     bend = _bend(a, b, c, f_a, f_b, f_c)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         slope = (f_b - f_a) / (b - a)
         x = 0.5 * (a + b) + slope / bend
-    near = 1e-3 * (c - a)
+    near = apart * (c - a)
     fine = (bend > 0.0) & (x > a) & (x < c) & (np.abs(x - b) > near)
     return np.where(fine, x, middle)
 
 
-@lru_cache(maxsize=16)
+@lru_cache
 def _at_the_end(points: int) -> tuple[Array, float]:
     """Weights (q,) of the values at the nodes of half a panel, for the polynomial at its upper end.
 
@@ -260,7 +291,7 @@ def _at_the_end(points: int) -> tuple[Array, float]:
     weights = np.array(
         [np.prod((1.0 - np.delete(t, i)) / (x - np.delete(t, i))) for i, x in enumerate(t)]
     )
-    return weights, float(0.25 * (1.0 - t[-1]))
+    return weights, float((1.0 - t[-1]) / 4.0)
 
 
 def in_halves(low: Array, high: Array, points: int) -> Array:

@@ -10,23 +10,39 @@ import numpy as np
 
 from aleator.types import Array, Flags
 
-ARRIVED = 1e-6
-"""A Newton step that gains less than this in log-density is the last."""
-NEAR = 1e-2
-"""... where nodes only have to lie about the mode, within a seventh of its width."""
-STEPS = 30
-FEW_STEPS = 6
-"""... of modes that only have to be near: where alpha is absurd, so are they."""
-LEAST = 0.1
-"""Damping below this is none."""
-STIFF = 1024.0
-"""Damping that is about as strong in all directions."""
-APART = 2.0
-"""Standard deviations between two modes that are not one."""
-LITTLE = -7.0
-"""Logarithm of a mode's share of the first one's mass from where on it is none."""
-FARTHEST = 8.0
-"""Variates beyond this have no mass: no step goes farther."""
+
+@dataclass(frozen=True)
+class ModeSettings:
+    """How the modes of individual laws are sought; chosen by judgement.
+
+    `arrived`: a Newton step that gains less than this in log-density is the last. `near`: the same
+    where nodes only have to lie about the mode, within a seventh of its width. `steps`: most Newton
+    steps of a climb. `near_steps`: the same of modes that only have to be near; where alpha is
+    absurd, so are they. `raised` and `lowered`: factors of the damping after a step without gain
+    and after one with gain. `least_damping`: damping below this is none. `stiff`: damping that is
+    about as strong in all directions. `apart`: standard deviations between two modes that are not
+    one. `least_log_mass`: logarithm of a mode's share of the first one's mass from where on it is
+    none. `farthest`: variates beyond this have no mass, and no step goes farther. `starts`: where
+    modes are sought along each variate, besides about the last one. `informed`: information about a
+    variate, of which the law's part is one, from where on observations tell more than the law.
+    """
+
+    arrived: float = 1e-6
+    near: float = 1e-2
+    steps: int = 30
+    near_steps: int = 6
+    raised: float = 4.0
+    lowered: float = 0.25
+    least_damping: float = 0.1
+    stiff: float = 1024.0
+    apart: float = 2.0
+    least_log_mass: float = -7.0
+    farthest: float = 8.0
+    starts: tuple[float, ...] = (-2.0, -1.0, 1.0, 2.0)
+    informed: float = 2.0
+
+
+MODES = ModeSettings()
 
 
 class Curved(Protocol):
@@ -57,8 +73,9 @@ def modes(
     log_density: Curved,
     start: Array,
     basis: Array | None = None,
-    arrived: float = ARRIVED,
+    arrived: float = MODES.arrived,
     classes: int = 1,
+    settings: ModeSettings = MODES,
 ) -> Modes:
     """Climb from start (B, P, s) by Gauss-Newton steps, all points in one batch.
 
@@ -70,28 +87,28 @@ def modes(
     z = start
     value, gradient, information = log_density(z)
     damping = np.zeros(z.shape[:2])
-    raised, lowered = 4.0, 0.25
-    for _ in range(STEPS if arrived < NEAR else FEW_STEPS):
+    for _ in range(settings.steps if arrived < settings.near else settings.near_steps):
         slope, curvature = _within(gradient, information, basis)
-        step = _damped_step(curvature, slope, damping[..., None, None])
+        step = _damped_step(curvature, slope, damping[..., None, None], settings.stiff)
         gain = 0.5 * np.sum(slope * step, axis=-1)
         open_ = gain > arrived
         if not np.any(open_):
             break
         whole = step if basis is None else (basis @ step[..., None])[..., 0]
-        trial = _reached(z, whole * open_[..., None], basis is None)
+        trial = _reached(z, whole * open_[..., None], basis is None, settings.farthest)
         new_value, new_gradient, new_information = _of_some(log_density, trial, open_, classes)
         better = open_ & (new_value > value)
         z = np.where(better[..., None], trial, z)
         value = np.where(better, new_value, value)
         gradient = np.where(better[..., None], new_gradient, gradient)
         information = np.where(better[..., None, None], new_information, information)
-        harder = np.where(open_, np.maximum(raised * damping, 1.0), damping)
-        damping = np.where(better, lowered * damping * (damping > LEAST), harder)
+        harder = np.where(open_, np.maximum(settings.raised * damping, 1.0), damping)
+        eased = settings.lowered * damping * (damping > settings.least_damping)
+        damping = np.where(better, eased, harder)
     return Modes(z, information, value)
 
 
-def _damped_step(information: Array, slope: Array, damping: Array) -> Array:
+def _damped_step(information: Array, slope: Array, damping: Array, stiff: float) -> Array:
     """Steps (B, P, k) by the information (B, P, k, k) and Levenberg's damping (B, P, 1, 1).
 
     In one direction it makes steps shorter. In several it is added to the information, of which
@@ -99,7 +116,7 @@ def _damped_step(information: Array, slope: Array, damping: Array) -> Array:
     """
     if slope.shape[-1] == 1:
         return np.asarray(slope / (information * (1.0 + damping))[..., 0])
-    added = damping + (damping / STIFF) ** 2 * information
+    added = damping + (damping / stiff) ** 2 * information
     damped = information + added * np.eye(slope.shape[-1])
     return np.asarray(np.linalg.solve(damped, slope[..., None])[..., 0])
 
@@ -126,15 +143,21 @@ def _of_some(
     return found[0], found[1], found[2]
 
 
-def _reached(z: Array, step: Array, everywhere: bool) -> Array:
+def _reached(z: Array, step: Array, everywhere: bool, farthest: float) -> Array:
     """Where a step ends that goes not too far; those of a few directions do not leave these."""
     if everywhere:
-        return np.clip(z + step, -FARTHEST, FARTHEST)
+        return np.clip(z + step, -farthest, farthest)
     length = np.max(np.abs(step), axis=-1, keepdims=True)
-    return np.asarray(z + step * np.minimum(1.0, FARTHEST / np.maximum(length, FARTHEST)))
+    return np.asarray(z + step * np.minimum(1.0, farthest / np.maximum(length, farthest)))
 
 
-def highest(log_density: Curved, start: Array, count: int, arrived: float = ARRIVED) -> Modes:
+def highest(
+    log_density: Curved,
+    start: Array,
+    count: int,
+    arrived: float = MODES.arrived,
+    settings: ModeSettings = MODES,
+) -> Modes:
     """The modes (B, C, M, s) of most mass that climbs from starts (B, C, T, s) end in.
 
     Modes nearer to each other than two of their standard deviations are one, and one of less than
@@ -143,12 +166,12 @@ def highest(log_density: Curved, start: Array, count: int, arrived: float = ARRI
     """
     shape = start.shape[:3]
     flat = start.reshape(shape[0], -1, start.shape[3])
-    found = modes(log_density, flat, arrived=arrived, classes=shape[1])
+    found = modes(log_density, flat, arrived=arrived, classes=shape[1], settings=settings)
     z, value = found.z.reshape(start.shape), found.value.reshape(shape)
     information = found.information.reshape(*start.shape, start.shape[3])
     mass = value - 0.5 * np.linalg.slogdet(information)[1]
     mass = np.where(np.isfinite(mass), mass, -np.inf)
-    least = mass.max(axis=2, keepdims=True) + LITTLE
+    least = mass.max(axis=2, keepdims=True) + settings.least_log_mass
     chosen = np.zeros((*shape[:2], count), dtype=np.intp)
     for m in range(count):
         best = np.argmax(mass, axis=2)[..., None]
@@ -157,7 +180,7 @@ def highest(log_density: Curved, start: Array, count: int, arrived: float = ARRI
         here = np.take_along_axis(z, best[..., None], axis=2)
         about = np.take_along_axis(information, best[..., None, None], axis=2)[:, :, 0]
         away = np.einsum("bcts,bcsr,bctr->bct", z - here, about, z - here)
-        mass = np.where(away < APART**2, -np.inf, mass)
+        mass = np.where(away < settings.apart**2, -np.inf, mass)
     return Modes(
         np.take_along_axis(z, chosen[..., None], axis=2),
         np.take_along_axis(information, chosen[..., None, None], axis=2),
@@ -226,7 +249,7 @@ class AsManyAsNeeded:
     @property
     def arrived(self) -> float:
         """A mode only says where panels begin, or how they lie."""
-        return NEAR
+        return MODES.near
 
     @property
     def holds_parameters(self) -> bool:

@@ -3,61 +3,78 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
 from aleator.likelihood.individual.lines import (
-    ABOUT,
-    DEEPEST,
-    FARTHEST,
+    LINES,
+    LineSettings,
     Pieces,
     in_halves,
     integrated,
     log_sum,
     placed,
 )
-from aleator.likelihood.individual.modes import AsManyAsNeeded, Curved, Modes, Valued, modes
+from aleator.likelihood.individual.modes import (
+    MODES,
+    AsManyAsNeeded,
+    Curved,
+    Modes,
+    Valued,
+    modes,
+)
 from aleator.polynomials import gauss_legendre
 from aleator.types import Array, Flags, Indices
 
-POINTS = 8
-"""Gauss-Legendre nodes of half a panel."""
-FINER = 12
-"""The same of those that tell how exact these are."""
-PANELS = 64
-"""Halves of panels that an experiment takes, about."""
-ROUGHLY = 1e-3
-"""What a step may gain in log-density where a mode is taken as found."""
-SEEN = np.linspace(-5.0, 5.0, 41)
-"""Where the log-density is looked at, to seek modes from its highest points."""
-MODES = 6
-"""Modes that are sought, besides the one that is known."""
-EVERYWHERE = np.linspace(-FARTHEST, FARTHEST, 13)
-"""Edges of the first panels; further ones lie about the modes, in their widths."""
-SAME = 1.0
-"""Distance of two modes in the width of the first, below which they are one."""
-ROUGH_POINTS, ROUGH = 4, 1e-3
-"""Nodes of half a panel, and the share, where statistics of many replicates are wanted."""
-SPLIT = 4
-"""Panels of an experiment that are halved at once."""
-ENOUGH = 1e-6
-"""Share of the integral that halving a panel may change where it is not halved again."""
-ROUNDS = 40
-"""Times that panels are halved; at a jump, twelve digits."""
+
+@dataclass(frozen=True)
+class PanelSettings:
+    """How panels of one variate begin, and the rules beside them; chosen by judgement.
+
+    `finer_points`: Gauss-Legendre nodes of half a panel of those that tell how exact these are.
+    `halves`: halves of panels that an experiment takes, about. `arrived`: what a step may gain in
+    log-density where a mode is taken as found. `reach` and `places`: the log-density is looked at,
+    to seek modes from its highest points, at so many variates that go so far. `modes`: modes that
+    are sought, besides the one that is known; two within the width of the first are one. `edges`:
+    number of edges of the first panels; further ones lie about the modes, in their widths.
+    `rough_points` and `rough_enough`: nodes of half a panel, and the share of the integral, for
+    statistics of many replicates. `split`: panels of an experiment that are halved at once.
+    `rounds`: times that panels are halved; at a jump, twelve digits. `lines`: the settings of
+    lines, of which panels have the ends and the edges about tops.
+    """
+
+    finer_points: int = 12
+    halves: int = 64
+    arrived: float = 1e-3
+    reach: float = 5.0
+    places: int = 41
+    modes: int = 6
+    edges: int = 13
+    rough_points: int = 4
+    rough_enough: float = 1e-3
+    split: int = 4
+    rounds: int = 40
+    lines: LineSettings = LINES
+
+
+PANELS = PanelSettings()
 
 
 @dataclass(frozen=True)
 class Panels(AsManyAsNeeded):
     """Gauss-Legendre nodes in panels of one variate, halved until they are enough.
 
-    `points` in each half of a panel. For an individual law with several modes, a plateau, a front,
-    a kink or a jump. Adaptive quadrature (Gander and Gautschi, 2000): the panel is halved whose
-    integral the halves change most. Cost: some hundred nodes an experiment.
+    `points` in each half of a panel, which is not halved again where that changes `enough` of the
+    integral or less (both by judgement). For an individual law with several modes, a plateau, a
+    front, a kink or a jump. Adaptive quadrature (Gander and Gautschi, 2000): the panel is halved
+    whose integral the halves change most. Cost: some hundred nodes an experiment.
     """
 
-    points: int = POINTS
-    enough: float = ENOUGH
+    points: int = 8
+    enough: float = 1e-6
+    settings: PanelSettings = field(default=PANELS, repr=False)
 
     @property
     def name(self) -> str:
@@ -67,15 +84,17 @@ class Panels(AsManyAsNeeded):
     @property
     def rough(self) -> Panels:
         """A third of the nodes, exact to a thousandth."""
-        return Panels(ROUGH_POINTS, ROUGH)
+        own = self.settings
+        return Panels(own.rough_points, own.rough_enough, own)
 
     def size(self, dimensions: int) -> int:  # noqa: ARG002  one interface for all rules
         """Nodes that an experiment takes, about."""
-        return PANELS * self.points
+        return self.settings.halves * self.points
 
     def finer(self, dimensions: int) -> tuple[Panels, ...]:  # noqa: ARG002
         """The rule that tells how exact this one is; none tells it of that."""
-        return (Panels(FINER),) if self.points < FINER else ()
+        finer = Panels(self.settings.finer_points, settings=self.settings)
+        return (finer,) if self.points < finer.points else ()
 
     def about(
         self,
@@ -90,13 +109,14 @@ class Panels(AsManyAsNeeded):
         is that of g(xi) exp(-xi^2/2).
         """
         of_class = _OfClasses(curved, valued, found.z.shape[1])
-        edges = _first_edges(of_class, found.z.reshape(-1, 1, 1))
+        edges = _first_edges(of_class, found.z.reshape(-1, 1, 1), self.settings)
         tree = _Tree.of(of_class, edges[:, :-1], edges[:, 1:], self)
-        for _ in range(ROUNDS):
+        for _ in range(self.settings.rounds):
             open_ = tree.open_
             if not np.any(open_):
                 break
-            tree = tree.halved(of_class, min(SPLIT, int(open_.sum(axis=1).max())))
+            split = min(self.settings.split, int(open_.sum(axis=1).max()))
+            tree = tree.halved(of_class, split)
         xi, log_weight = tree.nodes()
         experiments = len(found.z)
         return xi.reshape(experiments, -1, 1), log_weight.reshape(experiments, -1)
@@ -206,7 +226,8 @@ class _Tree:
         log_weight = (width[..., None] + t_weight).reshape(experiments, -1)
         share = self.log_f.reshape(experiments, -1) + log_weight
         top = share.max(axis=1, keepdims=True)
-        needed = share > np.where(np.isfinite(top), top, 0.0) + DEEPEST
+        deepest = self.rule.settings.lines.deepest
+        needed = share > np.where(np.isfinite(top), top, 0.0) + deepest
         most = max(1, int(needed.sum(axis=1).max()))
         best = np.sort(np.argsort(-share, axis=1)[:, :most], axis=1)
         xi, log_weight = (np.take_along_axis(part, best, axis=1) for part in (xi, log_weight))
@@ -214,43 +235,46 @@ class _Tree:
         return xi[..., None], log_weight + log_law
 
 
-def _first_edges(of_class: _OfClasses, known: Array) -> Array:
+def _first_edges(of_class: _OfClasses, known: Array, settings: PanelSettings) -> Array:
     """Edges (B, E) of panels over the law, and about each mode in its own width.
 
     Modes are sought from the `known` one (B, 1, 1) and from where the log-density has its tops.
     """
-    experiments = len(known)
-    start = np.concatenate([known, _tops(of_class, experiments)], axis=1)
-    found = modes(of_class.curved, start, arrived=ROUGHLY)
-    at, width, own = _distinct(of_class, found)
-    about = np.where(own[..., None], at[..., None] + width[..., None] * ABOUT, FARTHEST)
-    about = np.clip(about.reshape(experiments, -1), -FARTHEST, FARTHEST)
-    everywhere = np.broadcast_to(EVERYWHERE, (experiments, EVERYWHERE.size))
+    experiments, lines = len(known), settings.lines
+    start = np.concatenate([known, _tops(of_class, experiments, settings)], axis=1)
+    found = modes(of_class.curved, start, arrived=settings.arrived)
+    at, width, own = _distinct(of_class, found, lines.deepest)
+    of_top = np.array(lines.top_edges)
+    about = np.where(own[..., None], at[..., None] + width[..., None] * of_top, lines.farthest)
+    about = np.clip(about.reshape(experiments, -1), -lines.farthest, lines.farthest)
+    edges = np.linspace(-lines.farthest, lines.farthest, settings.edges)
+    everywhere = np.broadcast_to(edges, (experiments, edges.size))
     return np.sort(np.concatenate([everywhere, about], axis=1), axis=1)
 
 
-def _tops(of_class: _OfClasses, experiments: int) -> Array:
-    """The highest points (B, MODES, 1) among neighbors; the very highest where there are fewer."""
-    points = np.broadcast_to(SEEN[:, None], (experiments, SEEN.size, 1))
+def _tops(of_class: _OfClasses, experiments: int, settings: PanelSettings) -> Array:
+    """The highest points (B, M, 1) among neighbors; the very highest where there are fewer."""
+    places = np.linspace(-settings.reach, settings.reach, settings.places)
+    points = np.broadcast_to(places[:, None], (experiments, places.size, 1))
     value = np.nan_to_num(of_class(points), nan=-np.inf)
     beside = np.pad(value, ((0, 0), (1, 1)), constant_values=-np.inf)
     top = (value >= beside[:, :-2]) & (value > beside[:, 2:])
     ranked = np.where(top, value, -np.inf)
-    best = np.argsort(-ranked, axis=1)[:, :MODES]
+    best = np.argsort(-ranked, axis=1)[:, : settings.modes]
     found = np.take_along_axis(ranked, best, axis=1)
-    return SEEN[np.where(np.isfinite(found), best, best[:, :1])][..., None]
+    return places[np.where(np.isfinite(found), best, best[:, :1])][..., None]
 
 
-def _distinct(of_class: _OfClasses, found: Modes) -> tuple[Array, Array, Flags]:
+def _distinct(of_class: _OfClasses, found: Modes, deepest: float) -> tuple[Array, Array, Flags]:
     """Modes (B, P), their widths, and which of them are: the highest first, each once."""
     at, width = found.z[..., 0], 1.0 / np.sqrt(found.information[..., 0, 0])
     value = np.nan_to_num(of_class(found.z), nan=-np.inf)
     order = np.argsort(-value, axis=1)
     at, width, value = (np.take_along_axis(part, order, axis=1) for part in (at, width, value))
-    own = value > value[:, :1] + DEEPEST
+    own = value > value[:, :1] + deepest
     own[:, 0] = True
     for k in range(1, at.shape[1]):
-        near = np.abs(at[:, k : k + 1] - at[:, :k]) < SAME * width[:, :k]
+        near = np.abs(at[:, k : k + 1] - at[:, :k]) < width[:, :k]
         own[:, k] &= ~np.any(near & own[:, :k], axis=1)
     first = np.argsort(~own, axis=1, kind="stable")[:, : int(own.sum(axis=1).max())]
     at, width = (np.take_along_axis(part, first, axis=1) for part in (at, width))
@@ -263,25 +287,36 @@ def _evaluated(log_density: Valued, at: Array) -> Array:
     return np.asarray(np.nan_to_num(value, nan=-np.inf).reshape(at.shape))
 
 
-PLANE_POINTS, PLANE_ENOUGH = 4, 3e-4
-"""Gauss-Legendre nodes of half a panel, and the share that halving it may change."""
-COARSE, MISSED = 3e-3, 0.01
-"""That share where panels begin, and the change of the log-likelihood with more of them from where
-on these are not enough."""
-PLANE_FINER, PLANE_FINER_ENOUGH = 6, 3e-5
-"""The same of those that tell how exact these are."""
-ROUGH_ENOUGH = 1e-2
-"""Where statistics of many replicates are wanted."""
-ALONG = 0.1
-"""... of lines: errors of these must not look like roughness across them."""
-SPREAD = np.array([(a, b) for a in (-1.5, -0.5, 0.5, 1.5) for b in (-1.5, -0.5, 0.5, 1.5)])
-"""Variates (16, 2) all over the law."""
-TOLD = 2.0
-"""Information of a variate, of which the law's part is one, that an outcome has told something."""
-SIZE = 16_000
-"""Nodes of an experiment for which there must be memory while they are sought."""
-LEFT = 1e-9
-"""Share of an integral that is left out with its smallest parts."""
+@dataclass(frozen=True)
+class PlaneSettings:
+    """How fine the panels of two variates are, and where their lines run; chosen by judgement.
+
+    `points`: Gauss-Legendre nodes of half a panel. `enough`: share of the integral that halving a
+    panel may change. `coarse_enough`: that share where panels begin. `missed`: change of the
+    log-likelihood with more panels from where on coarse ones are not enough. `finer_points` and
+    `finer_enough`: nodes and share of those that tell how exact these are. `rough_enough`: the
+    share for statistics of many replicates. `along`: the share of lines over that across them;
+    errors of lines must not look like roughness across them. `spread`: variates along each axis
+    whose pairs lie all over the law. `size`: nodes of an experiment for which there must be memory
+    while they are sought. `left`: share of an integral that is left out with its smallest parts.
+    `lines`: the settings of lines.
+    """
+
+    points: int = 4
+    enough: float = 3e-4
+    coarse_enough: float = 3e-3
+    missed: float = 0.01
+    finer_points: int = 6
+    finer_enough: float = 3e-5
+    rough_enough: float = 1e-2
+    along: float = 0.1
+    spread: tuple[float, ...] = (-1.5, -0.5, 0.5, 1.5)
+    size: int = 16_000
+    left: float = 1e-9
+    lines: LineSettings = LINES
+
+
+PLANES = PlaneSettings()
 
 
 @dataclass(frozen=True)
@@ -300,8 +335,9 @@ class PlanePanels(AsManyAsNeeded):
     1
     """
 
-    points: int = PLANE_POINTS
-    enough: float = PLANE_ENOUGH
+    points: int = PLANES.points
+    enough: float = PLANES.enough
+    settings: PlaneSettings = field(default=PLANES, repr=False)
 
     @property
     def name(self) -> str:
@@ -311,22 +347,25 @@ class PlanePanels(AsManyAsNeeded):
     @property
     def rough(self) -> PlanePanels:
         """The same, exact to a hundredth."""
-        return PlanePanels(PLANE_POINTS, max(self.enough, ROUGH_ENOUGH))
+        enough = max(self.enough, self.settings.rough_enough)
+        return replace(self, points=self.settings.points, enough=enough)
 
     def size(self, dimensions: int) -> int:  # noqa: ARG002  one interface for all rules
         """Nodes that an experiment takes while they are sought, about."""
-        return SIZE
+        return self.settings.size
 
     @classmethod
-    def coarse(cls) -> PlanePanels:
+    def coarse(cls, settings: PlaneSettings = PLANES) -> PlanePanels:
         """Half the nodes, which mostly do."""
-        return cls(enough=COARSE)
+        return cls(settings.points, settings.coarse_enough, settings)
 
     def finer(self, dimensions: int) -> tuple[PlanePanels, ...]:  # noqa: ARG002
         """The rule that tells how exact this one is; none tells it of the finest."""
-        if self.enough > PLANE_ENOUGH:
-            return (PlanePanels(),)
-        return (PlanePanels(PLANE_FINER, PLANE_FINER_ENOUGH),) if self.points < PLANE_FINER else ()
+        own = self.settings
+        if self.enough > own.enough:
+            return (PlanePanels(own.points, own.enough, own),)
+        finer = PlanePanels(own.finer_points, own.finer_enough, own)
+        return (finer,) if self.points < finer.points else ()
 
     def refined(
         self,
@@ -335,8 +374,9 @@ class PlanePanels(AsManyAsNeeded):
         dimensions: int,  # noqa: ARG002
     ) -> PlanePanels | None:
         """Those that are not coarse, where they are needed."""
-        needed = self.enough > PLANE_ENOUGH and abs(sum(gaps)) > max(enough, MISSED)
-        return PlanePanels() if needed else None
+        own = self.settings
+        needed = self.enough > own.enough and abs(sum(gaps)) > max(enough, own.missed)
+        return PlanePanels(own.points, own.enough, own) if needed else None
 
     def about(
         self,
@@ -351,14 +391,18 @@ class PlanePanels(AsManyAsNeeded):
         is that of g(xi) exp(-xi^2/2).
         """
         count, classes = found.z.shape[:2]
-        basis = _turned(curved, found.information[:, :, 0]).reshape(-1, 2, 2)
+        own = self.settings
+        basis = _turned(curved, found.information[:, :, 0], own.spread).reshape(-1, 2, 2)
         plane = _Plane(valued, basis, classes, self)
-        across, totals = integrated(plane.marginal, np.arange(len(basis)), self.points, self.enough)
+        across, totals = integrated(
+            plane.marginal, np.arange(len(basis)), self.points, self.enough, own.lines
+        )
         row, u, log_u, value = across.flat
-        lines = _needed(row, value + log_u - totals[row], len(basis))
+        lines = _needed(row, value + log_u - totals[row], len(basis), own.left)
         row, u, log_u, value = row[lines], u[lines], log_u[lines], value[lines]
         line, v, log_v, value_v = plane.along(row, u)[0].flat
-        nodes = _needed(row[line], value_v + log_v + log_u[line] - totals[row[line]], len(basis))
+        share = value_v + log_v + log_u[line] - totals[row[line]]
+        nodes = _needed(row[line], share, len(basis), own.left)
         line, v, log_v = line[nodes], v[nodes], log_v[nodes]
         xi = plane.turned(row[line], u[line], v)
         log_weight = log_u[line] + log_v - 0.5 * np.sum(xi**2, axis=1) - np.log(2.0 * np.pi)
@@ -390,7 +434,9 @@ class _Plane:
             xi = self.turned(owner, np.repeat(u[line], v.shape[1]), v.ravel())
             return self._values(owner, xi).reshape(v.shape)
 
-        return integrated(log_density, row, self.rule.points, ALONG * self.rule.enough)
+        settings = self.rule.settings
+        enough = settings.along * self.rule.enough
+        return integrated(log_density, row, self.rule.points, enough, settings.lines)
 
     def marginal(self, row: Indices, u: Array) -> Array:
         """The logarithm (T, q) of the integral over v at u (T, q)."""
@@ -405,24 +451,25 @@ class _Plane:
         return np.asarray(self.valued(joint).reshape(-1, most)[row, place])
 
 
-def _turned(curved: Curved, information: Array) -> Array:
+def _turned(curved: Curved, information: Array, spread: Sequence[float]) -> Array:
     """Eigenvectors (B, C, 2, 2), as columns, of information (B, C, 2, 2): the most told last."""
     count, classes = information.shape[:2]
-    points = np.tile(SPREAD, (count, classes, 1))
-    over_law = curved(points)[2].reshape(count, classes, len(SPREAD), 2, 2).mean(axis=2)
-    flat = np.linalg.eigvalsh(information)[..., -1] < TOLD
+    over = np.array(list(product(spread, repeat=2)))
+    points = np.tile(over, (count, classes, 1))
+    over_law = curved(points)[2].reshape(count, classes, len(over), 2, 2).mean(axis=2)
+    flat = np.linalg.eigvalsh(information)[..., -1] < MODES.informed
     chosen = np.where(flat[..., None, None], over_law, information)
     return np.linalg.eigh(chosen)[1]
 
 
-def _needed(row: Indices, share: Array, rows: int) -> Flags:
+def _needed(row: Indices, share: Array, rows: int, left: float) -> Flags:
     """Which parts are needed, by the logarithms (T,) of their shares: not the smallest ones."""
     order = np.lexsort((share, row))
     part = np.exp(np.minimum(share[order], 0.0))
     sums = np.cumsum(part)
     before = np.concatenate([[0.0], np.cumsum(np.bincount(row, np.exp(share), minlength=rows))])
     needed = np.zeros(len(row), dtype=np.bool_)
-    needed[order] = sums - before[row[order]] > LEFT
+    needed[order] = sums - before[row[order]] > left
     return needed
 
 

@@ -14,10 +14,25 @@ from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.surface import chained, outcomes, products, products_with_gradient
 from aleator.types import Array, Flags, Indices
 
-BLOCK = 400_000
-"""Simulated values that are held at once."""
-GROUP = 10
-"""Experiments next to each other that a sample of them takes together."""
+
+@dataclass(frozen=True)
+class PredictorSettings:
+    """How much is simulated at once, and the steps of differences; chosen by judgement.
+
+    `block`: simulated values of a block of experiments. `group`: experiments next to each other
+    that a sample of them takes together. `step`: step of differences over the size of a parameter.
+    `least_step`: the same over the width of its box, where the parameter is near zero. `basis`:
+    numbers of one block of basis functions of surfaces.
+    """
+
+    block: int = 400_000
+    group: int = 10
+    step: float = 1e-6
+    least_step: float = 1e-10
+    basis: int = 4_000_000
+
+
+PREDICTORS = PredictorSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +87,7 @@ class Layout:
     unit: Indices
     column: Indices
     chosen: tuple[slice, ...] = ()
+    settings: PredictorSettings = PREDICTORS
     _blocks: dict[int, tuple[Block, ...]] = field(default_factory=dict, repr=False)
 
     @property
@@ -82,7 +98,7 @@ class Layout:
     def blocks(self, nodes: int) -> tuple[Block, ...]:
         """The experiments in blocks that fit into memory at so many nodes; made once for each."""
         widest = int(np.bincount(self.experiment, minlength=self.count).max())
-        step = min(max(1, BLOCK // (widest * nodes)), self.count)
+        step = min(max(1, self.settings.block // (widest * nodes)), self.count)
         if step not in self._blocks:
             parts = self.chosen or (slice(0, self.count),)
             self._blocks[step] = tuple(
@@ -94,9 +110,9 @@ class Layout:
 
     def sampled(self, size: int) -> Layout:
         """Only about so many of the experiments, in groups that are spread evenly over all."""
-        groups = max(1, size // GROUP)
-        starts = np.linspace(0, self.count - GROUP, groups).astype(int).tolist()
-        chosen = tuple(slice(first, first + GROUP) for first in dict.fromkeys(starts))
+        group = self.settings.group
+        starts = np.linspace(0, self.count - group, max(1, size // group)).astype(int).tolist()
+        chosen = tuple(slice(first, first + group) for first in dict.fromkeys(starts))
         return replace(self, chosen=chosen, _blocks={})
 
     def alone(self, experiment: int) -> Block:
@@ -114,12 +130,6 @@ class Layout:
             slice(first, last), rows, owner, np.searchsorted(owner, np.arange(last - first)),
             units, unit_owner, place, self.column[rows],
         )  # fmt: skip
-
-
-STEP = 1e-6
-"""Step of differences over the size of a parameter."""
-SMALLEST_STEP = 1e-10
-"""The same over the width of its box, where the parameter is near zero."""
 
 
 class Evaluator(Protocol):
@@ -152,6 +162,7 @@ class Direct:
     runner: Evaluator
     moving: Indices
     box: Array
+    settings: PredictorSettings = PREDICTORS
 
     def values(self, block: Block, x: Array) -> Array:
         """One evaluation a unit and node."""
@@ -185,16 +196,12 @@ class Direct:
         gaps = []
         for k, i in enumerate(self.moving):
             own, (low, high) = x[..., i], self.box[i]
-            step = max(STEP * size[i], SMALLEST_STEP * (high - low))
+            step = max(self.settings.step * size[i], self.settings.least_step * (high - low))
             up, down = points[:, 1 + 2 * k, :, i], points[:, 2 + 2 * k, :, i]
             np.minimum(own + step, np.maximum(own, high), out=up)
             np.maximum(own - step, np.minimum(own, low), out=down)
             gaps.append(up - down)
         return points, gaps
-
-
-LARGEST = 4_000_000
-"""Numbers of one block of basis functions that are held at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +215,7 @@ class OnSurfaces:
     surface: Surface
     region: Array
     of: Indices
+    settings: PredictorSettings = PREDICTORS
 
     def values(self, block: Block, x: Array) -> Array:
         """The surfaces at the experiments' points."""
@@ -233,7 +241,7 @@ class OnSurfaces:
         basis = basis.reshape(len(indices), -1, experiments, nodes)
         terms = self._terms[self.of[block.rows]]
         found = np.empty((basis.shape[1], len(terms), nodes))
-        for rows in blocks(len(terms), len(basis) * nodes, LARGEST):
+        for rows in blocks(len(terms), len(basis) * nodes, self.settings.basis):
             own = basis[:, :, block.owner[rows]]
             found[:, rows] = np.einsum("mp,pdmj->dmj", terms[rows], own, optimize=False)
         logarithmic = self.surface.logarithmic[self.of[block.rows]]

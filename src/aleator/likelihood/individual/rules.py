@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
 
@@ -12,8 +12,7 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.likelihood.individual.modes import (
-    ARRIVED,
-    NEAR,
+    MODES,
     AsManyAsNeeded,
     Curved,
     Modes,
@@ -24,13 +23,34 @@ from aleator.likelihood.individual.panels import Panels
 from aleator.polynomials import hermite_recurrence, polished_rule
 from aleator.types import Array, Indices
 
-MOST = 3000
-"""Nodes of an experiment beyond which no more are taken."""
-FINEST = 250
-"""Nodes of a variate beyond which no more are taken: their weights leave the floating numbers."""
-TIE = 1e-6
-"""Information that each variate is given more than the one before: directions that are informed
-alike are else what rounding errors make of them."""
+
+@dataclass(frozen=True)
+class RuleSettings:
+    """How many nodes the rules take, and where they lie; chosen by judgement.
+
+    `most_nodes`: Gauss-Hermite nodes of an experiment beyond which no more are taken. `finest`: the
+    same of a variate, beyond which their weights leave the floating numbers. `tie`: information
+    that each variate is given more than the one before; directions that are informed alike are else
+    what rounding errors make of them. `points`: importance points of an experiment that are tried
+    first, and that serve for statistics of many replicates. `most_points`: those beyond which no
+    more are taken. `wider`: factor by which they lie farther out than the curvature of an
+    individual law says. `ridge_points` and `most_ridge_points`: points along a ridge, as `points`
+    and `most_points`. `least_probability`: distance of the probabilities of points from zero and
+    one, at least.
+    """
+
+    most_nodes: int = 3000
+    finest: int = 250
+    tie: float = 1e-6
+    points: int = 300
+    most_points: int = 5_000
+    wider: float = 1.3
+    ridge_points: int = 64
+    most_ridge_points: int = 4096
+    least_probability: float = 1e-12
+
+
+RULES = RuleSettings()
 
 
 @dataclass(frozen=True)
@@ -47,6 +67,7 @@ class GaussHermite:
 
     first: int
     others: int | None = None
+    settings: RuleSettings = field(default=RULES, repr=False)
 
     @property
     def name(self) -> str:
@@ -61,7 +82,7 @@ class GaussHermite:
     @property
     def arrived(self) -> float:
         """The nodes are as good as the mode is exact."""
-        return ARRIVED
+        return MODES.arrived
 
     @property
     def holds_parameters(self) -> bool:
@@ -76,7 +97,7 @@ class GaussHermite:
     def at_least(self, count: int) -> GaussHermite:
         """The same with so many nodes or more in every coordinate."""
         others = None if self.others is None else max(self.others, count)
-        return GaussHermite(max(self.first, count), others)
+        return replace(self, first=max(self.first, count), others=others)
 
     def coordinate(self, i: int) -> tuple[Array, Array]:
         """Nodes t (q,) of coordinate i, and the logarithms (q,) of their weights, of sum one."""
@@ -122,12 +143,14 @@ class GaussHermite:
         found = self
         for more, gap in pairs:
             if isinstance(more, GaussHermite) and abs(gap) > enough / len(gaps):
-                found = GaussHermite(
-                    max(found.first, more.first),
-                    max(found.others or found.first, more.others or 0),
+                found = replace(
+                    found,
+                    first=max(found.first, more.first),
+                    others=max(found.others or found.first, more.others or 0),
                 )
         most = max(found.first, found.others or 0)
-        fits = found.size(dimensions) <= MOST and most <= FINEST
+        own = self.settings
+        fits = found.size(dimensions) <= own.most_nodes and most <= own.finest
         return found if found != self and fits else None
 
     def told(self, gaps: Sequence[float], dimensions: int) -> float:
@@ -145,7 +168,7 @@ class GaussHermite:
 
         The coordinates w = Q' xi are those of the eigenvectors Q of the information at the mode,
         the least informed first; where several are informed alike, as all but one are by a single
-        observation, `TIE` chooses them, so that they move with alpha. Each has a Gauss-Hermite rule
+        observation, `tie` chooses them, so that they move with alpha. Each has a Gauss-Hermite rule
         in turn, about its conditional mode given those before it and as wide as the information
         there says:
 
@@ -157,7 +180,7 @@ class GaussHermite:
         """
         z, information = found.z[:, :, 0], found.information[:, :, 0]
         s = z.shape[2]
-        basis = np.linalg.eigh(information + TIE * np.diag(np.arange(s)))[1]
+        basis = np.linalg.eigh(information + self.settings.tie * np.diag(np.arange(s)))[1]
         log_weight = np.zeros(z.shape[:2])
         for i in range(s):
             # those of one mode are next to each other
@@ -172,7 +195,7 @@ class GaussHermite:
             log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
             if i < s - 1:
                 whole = np.repeat(rest, t.size, axis=1)[..., 1:]
-                again = modes(curved, z, whole, NEAR, found.z.shape[1])
+                again = modes(curved, z, whole, MODES.near, found.z.shape[1])
                 z, information = again.z, again.information
         return z, log_weight - 0.5 * np.sum(z**2, axis=2)
 
@@ -182,7 +205,7 @@ def _more(nodes: int) -> int:
     return nodes + nodes // 2 + 2
 
 
-@lru_cache(maxsize=32)
+@lru_cache
 def _line(count: int) -> tuple[Array, Array]:
     # weights with all their digits: those far out are multiplied by exp(t^2/2)
     t, weights, _ = polished_rule(*hermite_recurrence(count), 2 * count - 2)
@@ -192,16 +215,6 @@ def _line(count: int) -> tuple[Array, Array]:
 def _spread(values: Array) -> Array:
     """(B, P, q, ...) as (B, P q, ...)."""
     return values.reshape(values.shape[0], -1, *values.shape[3:])
-
-
-WIDER = 1.3
-"""By how much points about an individual law lie farther out than its curvature says."""
-MOST_POINTS = 5_000
-"""Points of an experiment beyond which no more are taken."""
-ROUGH = 300
-"""Points that serve for statistics of many replicates."""
-NEAREST = 1e-12
-"""Probabilities of points stay so far from zero and one."""
 
 
 @dataclass(frozen=True)
@@ -219,8 +232,9 @@ class ImportancePoints:
     60
     """
 
-    count: int = 300
+    count: int = RULES.points
     centers: int = 3
+    settings: RuleSettings = field(default=RULES, repr=False)
 
     @property
     def name(self) -> str:
@@ -230,7 +244,7 @@ class ImportancePoints:
     @property
     def arrived(self) -> float:
         """Points about a mode that is not exact are as good."""
-        return ARRIVED
+        return MODES.arrived
 
     @property
     def holds_parameters(self) -> bool:
@@ -240,7 +254,7 @@ class ImportancePoints:
     @property
     def rough(self) -> ImportancePoints:
         """At most 300 points."""
-        return ImportancePoints(min(self.count, ROUGH), self.centers)
+        return replace(self, count=min(self.count, self.settings.points))
 
     def size(self, dimensions: int) -> int:  # noqa: ARG002  the same for any
         """J, the number of points: as many about each mode."""
@@ -248,14 +262,14 @@ class ImportancePoints:
 
     def finer(self, dimensions: int) -> tuple[ImportancePoints, ...]:  # noqa: ARG002
         """One with twice as many points."""
-        return (ImportancePoints(2 * self.count, self.centers),)
+        return (replace(self, count=2 * self.count),)
 
     def refined(
         self, gaps: Sequence[float], enough: float, dimensions: int
     ) -> ImportancePoints | None:
         """Twice as many points."""
         (more,) = self.finer(dimensions)
-        return more if abs(gaps[0]) > enough and more.count <= MOST_POINTS else None
+        return more if abs(gaps[0]) > enough and more.count <= self.settings.most_points else None
 
     def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
         """What twice as many points change."""
@@ -270,7 +284,7 @@ class ImportancePoints:
     ) -> tuple[Array, Array]:
         """Points xi (B, C J, s) about the M modes of each class, and their log weights."""
         shift = np.arange(first, first + len(found.z))
-        return proposed(found.z, found.information, self.count, shift)
+        return proposed(found.z, found.information, self.count, shift, self.settings.wider)
 
 
 def standard_points(count: int, dimensions: int) -> Array:
@@ -279,7 +293,11 @@ def standard_points(count: int, dimensions: int) -> Array:
 
 
 def proposed(
-    modes: Array, information: Array, count: int, shift: Indices | None = None
+    modes: Array,
+    information: Array,
+    count: int,
+    shift: Indices | None = None,
+    wider: float = RULES.wider,
 ) -> tuple[Array, Array]:
     """Points xi (B, C J, s) about modes (B, C, M, s), half of them of the standard normal law.
 
@@ -292,7 +310,7 @@ def proposed(
     each = _each(count, centers)
     half = each * centers
     t, own = shifted_points(half, s, shift)[:, None], shifted_points(each, s, shift)[:, None]
-    root = WIDER * np.linalg.cholesky(np.linalg.inv(information))
+    root = wider * np.linalg.cholesky(np.linalg.inv(information))
     near = modes[:, :, None] + np.einsum("ncmst,ncjt->ncjms", root, own)
     law = np.broadcast_to(t, (experiments, classes, half, s))
     xi = np.concatenate([law, near.reshape(experiments, classes, half, s)], axis=2)
@@ -301,7 +319,7 @@ def proposed(
     log_near = np.full(log_law.shape, -np.inf)
     for m in range(centers):
         away = xi - modes[:, :, None, m]
-        curved = np.einsum("ncjs,ncst,ncjt->ncj", away, information[:, :, m] / WIDER**2, away)
+        curved = np.einsum("ncjs,ncst,ncjt->ncj", away, information[:, :, m] / wider**2, away)
         log_near = np.logaddexp(log_near, -0.5 * curved - log_det[:, :, m, None])
     log_mixture = np.logaddexp(log_law, log_near - np.log(centers)) - np.log(2.0)
     log_weight = log_law - log_mixture - np.log(2.0 * half)
@@ -329,7 +347,8 @@ def shifted_points(count: int, dimensions: int, shift: Indices | None) -> Array:
         return standard_points(count, dimensions)[None]
     # the lattice of the powers of 1/g, g the root of g^(s+1) = g + 1 (Roberts, 2018)
     g = 2.0
-    for _ in range(40):
+    # a step gains a binary digit at least
+    for _ in range(np.finfo(np.float64).nmant):
         g = (1.0 + g) ** (1.0 / (dimensions + 1.0))
     steps = np.outer(shift, g ** -np.arange(1.0, dimensions + 1.0))
     return _normal((_uniform(count, dimensions) + steps[:, None]) % 1.0)
@@ -337,7 +356,8 @@ def shifted_points(count: int, dimensions: int, shift: Indices | None) -> Array:
 
 def _normal(u: Array) -> Array:
     """Standard normal points of those of the unit cube."""
-    return np.asarray(special.ndtri(np.clip(u, NEAREST, 1.0 - NEAREST)))
+    least = RULES.least_probability
+    return np.asarray(special.ndtri(np.clip(u, least, 1.0 - least)))
 
 
 @dataclass(frozen=True)
@@ -382,12 +402,6 @@ class LawPoints(AsManyAsNeeded):
         return xi, np.full(xi.shape[:2], -np.log(self.count))
 
 
-FEWEST_ON_RIDGE, MOST_ON_RIDGE = 64, 4096
-"""Points of an experiment that are tried first, and beyond which no more are taken."""
-INFORMED = 2.0
-"""Information about a variate from which on the observations tell more of it than its law does."""
-
-
 @dataclass(frozen=True)
 class RidgePoints:
     """Quasi-random points of a normal law that follows the ridge of an individual law.
@@ -406,7 +420,8 @@ class RidgePoints:
     60
     """
 
-    count: int = FEWEST_ON_RIDGE
+    count: int = RULES.ridge_points
+    settings: RuleSettings = field(default=RULES, repr=False)
 
     @property
     def name(self) -> str:
@@ -421,7 +436,7 @@ class RidgePoints:
     @property
     def arrived(self) -> float:
         """They move with the mode."""
-        return ARRIVED
+        return MODES.arrived
 
     @property
     def holds_parameters(self) -> bool:
@@ -431,7 +446,7 @@ class RidgePoints:
     @property
     def rough(self) -> RidgePoints:
         """The fewest."""
-        return RidgePoints(min(self.count, FEWEST_ON_RIDGE))
+        return replace(self, count=min(self.count, self.settings.ridge_points))
 
     def size(self, dimensions: int) -> int:  # noqa: ARG002  the same for any
         """J, the number of points."""
@@ -439,12 +454,13 @@ class RidgePoints:
 
     def finer(self, dimensions: int) -> tuple[RidgePoints, ...]:  # noqa: ARG002
         """One with twice as many points."""
-        return (RidgePoints(2 * self.count),)
+        return (replace(self, count=2 * self.count),)
 
     def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> RidgePoints | None:
         """Twice as many points."""
         (more,) = self.finer(dimensions)
-        return more if abs(gaps[0]) > enough and more.count <= MOST_ON_RIDGE else None
+        fits = more.count <= self.settings.most_ridge_points
+        return more if abs(gaps[0]) > enough and fits else None
 
     def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
         """What twice as many points change."""
@@ -465,13 +481,13 @@ class RidgePoints:
         mode, information = found.z[:, :, 0], found.information[:, :, 0]
         experiments, classes, s = mode.shape
         half = self.count // 2
-        values, basis = np.linalg.eigh(information + TIE * np.diag(np.arange(s)))
-        along = s - max(1, int((values > INFORMED).sum(axis=2).max(initial=1)))
+        values, basis = np.linalg.eigh(information + self.settings.tie * np.diag(np.arange(s)))
+        along = s - max(1, int((values > MODES.informed).sum(axis=2).max(initial=1)))
         t = shifted_points(half, s, np.arange(first, first + experiments))[:, None]
         a = t[..., :along] / np.sqrt(values[:, :, None, :along])
         start = mode[:, :, None] + np.einsum("ncst,ncjt->ncjs", basis[..., :along], a)
         across = np.repeat(basis[..., along:], half, axis=1)
-        ridge = modes(curved, start.reshape(experiments, -1, s), across, NEAR, classes)
+        ridge = modes(curved, start.reshape(experiments, -1, s), across, MODES.near, classes)
         within = np.swapaxes(across, -1, -2) @ ridge.information @ across
         root = np.linalg.cholesky(np.linalg.inv(within))
         b = np.broadcast_to(t[..., along:], (experiments, classes, half, s - along))

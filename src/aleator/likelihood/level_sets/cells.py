@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, product
 
@@ -12,11 +13,20 @@ from numpy.typing import NDArray
 
 from aleator.types import Array, Flags, Indices
 
-STEEP = 0.1
-"""Difference of the slopes at a cell's corners from their mean, over the cell's, up to which an
-outcome is smooth there."""
-HALVINGS = 8
-"""Times that a cell which is not smooth is halved; see `_halved`."""
+
+@dataclass(frozen=True)
+class CellSettings:
+    """Where an outcome is smooth in a cell, and how small cells become; chosen by judgement.
+
+    `steep`: difference of the slopes at a cell's corners from their mean, over the cell's, up to
+    which an outcome is smooth there. `halvings`: times that a cell which is not smooth is halved.
+    """
+
+    steep: float = 0.1
+    halvings: int = 8
+
+
+CELLS = CellSettings()
 GAUSS = 0.5 / np.sqrt(3.0)
 """Distance of two points from the middle of a line, over its length, that integrate cubics."""
 BELOW, ABOVE, NONE = np.array([1, 2, 4], dtype=np.uint8)
@@ -34,6 +44,7 @@ def crossed(
     sides: tuple[Array, ...],
     at: At,
     alike: float,
+    settings: CellSettings = CELLS,
 ) -> tuple[Indices, Array, Array]:
     """Whose sets (H,) go through cells: points on them there x (H, s), and weights (H,).
 
@@ -50,7 +61,7 @@ def crossed(
     of = condition[whose]
     slope = _slopes(eta, of, corners, sides) * np.ptp(x, axis=1, keepdims=True)
     v = eta[of[:, None], corners]
-    slopes, smooth = _smooth(v, _unit(x), slope, alike)
+    slopes, smooth = _smooth(v, _unit(x), slope, alike, settings.steep)
     count = math.prod(size - 1 for size in shape)
     through, bent = whose * count + cell, _hiding(y, condition, eta, sides)
     bent = np.union1d(through[~smooth], bent)
@@ -62,7 +73,7 @@ def crossed(
     first = np.ravel_multi_index(low, shape)
     far = np.array([0, 1, shape[-1], shape[-1] + 1])[: 2 ** len(shape)]
     outcomes = eta[condition[index][:, None], first[:, None] + far].reshape(-1, *[2] * len(shape))
-    parts = _halved(rows[index], y[index], np.stack(ends, axis=-1), outcomes, at, alike)
+    parts = _halved(rows[index], y[index], np.stack(ends, axis=-1), outcomes, at, alike, settings)
     owner, on, weight = (
         np.concatenate(one) for one in zip(_flat(*whole), *(_flat(*p) for p in parts), strict=True)
     )
@@ -93,7 +104,13 @@ def _flat(whose: Indices, on: Array, weight: Array) -> tuple[Indices, Array, Arr
 
 
 def _halved(
-    rows: Indices, y: Array, ends: Array, v: Array, at: At, alike: float
+    rows: Indices,
+    y: Array,
+    ends: Array,
+    v: Array,
+    at: At,
+    alike: float,
+    settings: CellSettings,
 ) -> Iterator[tuple[Indices, Array, Array]]:
     """Experiments (H,) with points (H, C, s) and weights (H, C) of sets in cells (M,).
 
@@ -105,7 +122,7 @@ def _halved(
     triangles = _simplices(*[2] * s)
     place = np.stack(np.unravel_index(triangles, (2,) * s), axis=-1)
     halves = list(product((0, 1), repeat=s))
-    for left in reversed(range(HALVINGS)):
+    for left in reversed(range(settings.halvings)):
         if not rows.size:
             return
         sides = np.stack([ends[0], ends.mean(axis=0), ends[1]])
@@ -131,7 +148,11 @@ def _halved(
         low, width = ends[0, cell], ends[1, cell] - ends[0, cell]
         x = low[:, None] + place[which] * width[:, None]
         steps, smooth = _smooth(
-            corner[on], place[which].astype(float), slope[cell[:, None], triangles[which]], alike
+            corner[on],
+            place[which].astype(float),
+            slope[cell[:, None], triangles[which]],
+            alike,
+            settings.steep,
         )
         rough = np.bincount(cell[~smooth], minlength=len(v)) > 0 if left else np.zeros(len(v), bool)
         done = ~rough[cell]
@@ -251,7 +272,7 @@ def _chord(v: Array, x: Array) -> Array:
     return np.asarray(slope / (a * d - b * c)[:, None], dtype=np.float64)
 
 
-def _smooth(v: Array, x: Array, slope: Array, alike: float) -> tuple[Array, Flags]:
+def _smooth(v: Array, x: Array, slope: Array, alike: float, steep: float) -> tuple[Array, Flags]:
     """Slopes at the corners (H, C, s), and where (H,) the outcome is smooth: no kink, no extreme.
 
     From corners x (H, C, s), outcomes v (H, C) and `slope` (H, C, s). Where it is smooth the
@@ -266,7 +287,7 @@ def _smooth(v: Array, x: Array, slope: Array, alike: float) -> tuple[Array, Flag
     for i, j in combinations(range(v.shape[1]), 2):
         rise = np.sum((slope[:, i] + slope[:, j]) * (x[:, j] - x[:, i]), axis=1)
         off = np.maximum(off, np.abs(v[:, j] - v[:, i] - 0.5 * rise))
-    smooth: Flags = (off < alike * size) & (differ < STEEP * size)
+    smooth: Flags = (off < alike * size) & (differ < steep * size)
     return np.where(smooth[:, None, None], slope, chord[:, None]), smooth
 
 

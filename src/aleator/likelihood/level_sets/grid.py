@@ -7,26 +7,38 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from aleator.likelihood.level_sets.cells import crossed
+from aleator.likelihood.level_sets.cells import CELLS, CellSettings, crossed
 from aleator.surrogates.responses import Divisible
 from aleator.types import Array, Indices
 
-SHARE = 0.09
-"""Share of a grid's cells that each part of a law must have for the grid to serve; see `serves`."""
-NARROW = 1e-3
-"""Share of the width of a law below which a part of it needs no cells: it ends there."""
-LEAST = 1e-3
-"""Share of its changes that an outcome is taken to have along each side, at least."""
-MOST = 250_000
-"""Simulated values of the grid that are looked at together."""
-KEPT = 8_000_000
-"""Simulated values of grids that are kept for other outcomes."""
+
+@dataclass(frozen=True)
+class GridSettings:
+    """When a grid serves a law, and how much of it is in memory; chosen by judgement.
+
+    `share`: share of a grid's cells that each part of a law must have for the grid to serve.
+    `narrow`: share of the width of a law below which a part of it needs no cells: it ends there.
+    `least_change`: share of its changes that an outcome has along each side, at least. `block`:
+    simulated values of the grid that are looked at together. `kept`: simulated values of grids that
+    are kept for other outcomes. `cells`: the settings of cells.
+    """
+
+    share: float = 0.09
+    narrow: float = 1e-3
+    least_change: float = 1e-3
+    block: int = 250_000
+    kept: int = 8_000_000
+    cells: CellSettings = CELLS
+
+
+GRIDS = GridSettings()
 
 
 class Values:
     """Simulated values of the last grids of one response, whatever the outcomes are."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: GridSettings = GRIDS) -> None:
+        self._most = settings.kept
         self._known: list[tuple[tuple[Array, ...], Array]] = []
 
     def of(self, sides: tuple[Array, ...]) -> Array | None:
@@ -39,7 +51,7 @@ class Values:
     def keep(self, sides: tuple[Array, ...], values: Array) -> None:
         """Remember them, as many as may be kept."""
         known = [*self._known, (sides, values)]
-        while known and sum(one.size for _, one in known) > KEPT:
+        while known and sum(one.size for _, one in known) > self._most:
             known = known[1:]
         self._known = known
 
@@ -62,6 +74,7 @@ class Grid:
     x: Array
     alike: float
     values: Values = field(default_factory=Values)
+    settings: GridSettings = GRIDS
 
     def serves(self, marks: Array) -> bool:
         """Whether a law is resolved on this grid, of which `marks` (s, Q) are rising quantiles.
@@ -71,9 +84,9 @@ class Grid:
         for side, own in zip(self.sides, marks, strict=True):
             if own[0] < side[0] or side[-1] < own[-1]:
                 return False
-            wide = np.diff(own) > NARROW * (own[-1] - own[0])
+            wide = np.diff(own) > self.settings.narrow * (own[-1] - own[0])
             cells = np.diff(np.searchsorted(side, own))
-            if np.any(cells[wide] < SHARE * (side.size - 1)):
+            if np.any(cells[wide] < self.settings.share * (side.size - 1)):
                 return False
         return True
 
@@ -86,8 +99,9 @@ class Grid:
         smooth. Cost: the response of each condition at all points.
         """
         points = self._points
+        cells = self.settings.cells
         found = [
-            crossed(rows, y[rows], condition, eta, self.sides, self._at, self.alike)
+            crossed(rows, y[rows], condition, eta, self.sides, self._at, self.alike, cells)
             for rows, condition, eta in self._simulated(points)
         ]
         owner, on, weight = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -109,7 +123,8 @@ class Grid:
             for i in range(len(shape))
         ]
         whole = np.maximum(np.sum(by_side, axis=0), np.finfo(np.float64).tiny)
-        return np.asarray(np.exp(np.mean(np.log(np.maximum(by_side / whole, LEAST)), axis=1)))
+        shares = np.maximum(by_side / whole, self.settings.least_change)
+        return np.asarray(np.exp(np.mean(np.log(shares), axis=1)))
 
     def _at(self, rows: Indices, scattered: Array) -> Array:
         """Outcomes (R,) of experiments `rows`, each at values (R, s) of its own."""
@@ -131,12 +146,12 @@ class Grid:
         So many at a time as fit together.
         """
         count = int(self.condition.max()) + 1
-        block, known = max(1, MOST // len(points)), self.values.of(self.sides)
+        block, known = max(1, self.settings.block // len(points)), self.values.of(self.sides)
         made = list[Array]()
         for first in range(0, count, block):
             own = np.arange(first, min(first + block, count))
             eta = self.response.take(own).evaluate(points) if known is None else known[own]
-            if known is None and count * len(points) <= KEPT:
+            if known is None and count * len(points) <= self.settings.kept:
                 made.append(eta)
             rows = np.flatnonzero((first <= self.condition) & (self.condition < first + block))
             for part in np.array_split(rows, max(1, -(-rows.size // block))):

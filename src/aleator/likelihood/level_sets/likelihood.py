@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,42 +12,55 @@ import numpy as np
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, image_at
 from aleator.likelihood.individual.following import moving
-from aleator.likelihood.level_sets.grid import Grid, Values, in_rows
-from aleator.likelihood.level_sets.lines import traced
+from aleator.likelihood.level_sets.grid import GRIDS, Grid, GridSettings, Values, in_rows
+from aleator.likelihood.level_sets.lines import CROSSINGS, Crossings, traced
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.interface import LogLikelihood
 from aleator.surrogates.responses import Divisible
 from aleator.types import Array, Flags, Indices
 
-MOST, FEWEST = {1: 16384, 2: 96}, {1: 1024, 2: 64}
-"""Cells of a parameter for an answer, by how many scatter, of few experiments and of very many.
 
-A search goes on half as many.
-"""
-ALIKE = 0.002
-"""Error of a slope, over it, up to which a cell of an answer is not halved (`benchmarks folds`);
-twice as much for a search, so that the difference of both tells the error of an answer."""
-VALUES = 8_000_000
-"""Values of the response on all grid points of an answer above which there are fewer cells."""
-REACH = 7.0
-"""Standard normal variates to which the grid of a law goes, even steps apart."""
-MARKS = np.array([-5.0, -3.0, -1.0, 1.0, 3.0, 5.0])
-"""Variates between which a grid must have cells to serve a law."""
-WIDTHS = 6.0
-"""Standard deviations that a region is wide, of laws that fill it."""
-KNOWN = 64
-"""Grids that are remembered."""
-LINES, FEWEST_LINES = 64, 16
-"""Lines of an experiment in more than two parameters for an answer, of few and of very many."""
-STEP = 1e-4
-"""Step of differences of the log-likelihood over the range of a hyperparameter."""
-LAST = 8
-"""Laws whose sets on lines are remembered."""
-LOOKS = 9
-"""Points of a side at which outcomes are looked at before a grid is made."""
-UNEVEN, SLIM = 4.0, 16
-"""Factor by which a grid may have more cells along one side, and fewer along the other; and how
-many cells a side keeps."""
+@dataclass(frozen=True)
+class LevelSettings:
+    """How fine grids and lines are, where they lie, and how many are kept.
+
+    By judgement, but for `alike`, which `benchmarks folds` measures.
+
+    `cells` and `fewest_cells`: cells of a parameter for an answer, of one that scatters and of two,
+    of few experiments and of very many; a search goes on half as many. `lines` and `fewest_lines`:
+    lines of an experiment in more than two parameters. `values`: values of the response on all grid
+    points of an answer, or on all lines, above which there are fewer. `alike`: error of a slope,
+    over it, up to which a cell of an answer is not halved; twice as much for a search, so that the
+    difference of both is the error of an answer. `reach`: standard normal variates to which the
+    grid of a law goes, even steps apart. `marks`: variates between which a grid must have cells to
+    serve a law. `widths`: standard deviations that a region is wide, of laws that fill it.
+    `grids` and `laws`: grids that are kept, and laws whose sets on lines are. `step`: step of
+    differences of the log-likelihood over the range of a hyperparameter. `looks`: points of a side
+    at which outcomes are simulated before a grid is made. `uneven`: factor by which a grid may have
+    more cells along one side, and fewer along the other. `slim`: cells that a side keeps.
+    `grid` and `crossings`: the settings of grids and of lines.
+    """
+
+    cells: tuple[int, int] = (16384, 96)
+    fewest_cells: tuple[int, int] = (1024, 64)
+    lines: int = 64
+    fewest_lines: int = 16
+    values: int = 8_000_000
+    alike: float = 0.002
+    reach: float = 7.0
+    marks: tuple[float, ...] = (-5.0, -3.0, -1.0, 1.0, 3.0, 5.0)
+    widths: float = 6.0
+    grids: int = 64
+    laws: int = 8
+    step: float = 1e-4
+    looks: int = 9
+    uneven: float = 4.0
+    slim: int = 16
+    grid: GridSettings = GRIDS
+    crossings: Crossings = CROSSINGS
+
+
+LEVELS = LevelSettings()
 
 
 def traceable(inputs: Inputs) -> bool:
@@ -57,22 +70,25 @@ def traceable(inputs: Inputs) -> bool:
 
 def on_a_grid(inputs: Inputs) -> bool:
     """Whether sets are found once on a grid: one or two scatter, and only their density moves."""
-    return inputs.scattering in MOST and not moving(inputs)
+    return 1 <= inputs.scattering <= 2 and not moving(inputs)
 
 
-def searched(inputs: Inputs, conditions: int) -> int:
+def searched(inputs: Inputs, conditions: int, settings: LevelSettings = LEVELS) -> int:
     """The same for a search."""
-    answers = cells_of(inputs, conditions)
+    answers = cells_of(inputs, conditions, settings)
     return answers // 2 if on_a_grid(inputs) else answers // 4
 
 
-def cells_of(inputs: Inputs, conditions: int) -> int:
+def cells_of(inputs: Inputs, conditions: int, settings: LevelSettings = LEVELS) -> int:
     """Cells of a parameter for an answer, or lines of an experiment."""
     if not on_a_grid(inputs):
-        return int(np.clip(VALUES // (32 * conditions), FEWEST_LINES, LINES))
+        of_line = settings.crossings.steps + 1 + settings.crossings.halvings
+        affordable = settings.values // (of_line * conditions)
+        return int(np.clip(affordable, settings.fewest_lines, settings.lines))
     scattering = inputs.scattering
-    affordable = int((VALUES / conditions) ** (1.0 / scattering))
-    return min(max(affordable, FEWEST[scattering]), MOST[scattering])
+    affordable = int((settings.values / conditions) ** (1.0 / scattering))
+    fewest, most = (each[scattering - 1] for each in (settings.fewest_cells, settings.cells))
+    return min(max(affordable, fewest), most)
 
 
 class LevelLikelihood:
@@ -94,10 +110,12 @@ class LevelLikelihood:
         outcomes: Array,
         cells: int,
         values: Values | None = None,
+        settings: LevelSettings = LEVELS,
     ) -> None:
         self.inputs, self.response, self.region = inputs, response, region
         self.condition, self.outcomes, self.cells = condition, outcomes, cells
-        self._values = values or Values()
+        self.settings = settings
+        self._values = values or Values(settings.grid)
         self._known: list[tuple[Grid, LevelSets]] = []
         self._last: list[tuple[Array, LevelSets]] = []
 
@@ -119,7 +137,7 @@ class LevelLikelihood:
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood with its score.
 
-        That by a constant, or by a law whose support moves, is a difference over `STEP`.
+        That by a constant, or by a law whose support moves, is a difference.
         """
         found = self.sets(alpha)(alpha)
         if self._on_a_grid or not moving(self.inputs):
@@ -128,7 +146,7 @@ class LevelLikelihood:
         scores = found.scores.copy()
         for k in moving(self.inputs):
             h = self.hyperparameters[k]
-            step = STEP * (h.upper - h.lower)
+            step = self.settings.step * (h.upper - h.lower)
             ends = [np.clip(alpha[k] + by, h.lower, h.upper) for by in (step, -step)]
             moved = np.tile(alpha, (2, 1))
             moved[:, k] = ends
@@ -145,17 +163,19 @@ class LevelLikelihood:
         return self._of_grid(alpha) if self._on_a_grid else self._of_lines(alpha)
 
     def _of_grid(self, alpha: Array) -> LevelSets:
-        marks = self._quantiles(alpha, MARKS)
+        settings = self.settings
+        marks = self._quantiles(alpha, np.array(settings.marks))
         if self._whole.serves(marks):
             return self._everywhere
         for grid, sets in self._known:
             if grid.serves(marks):
                 return sets
-        grid = self._grid(self._quantiles(alpha, np.linspace(-REACH, REACH, self.cells + 1)))
+        theta = np.linspace(-settings.reach, settings.reach, self.cells + 1)
+        grid = self._grid(self._quantiles(alpha, theta))
         sets = self._traced(grid)
         if sets.empty.any():
             sets = sets.filled(self._everywhere)
-        self._known = [*self._known[1 - KNOWN :], (grid, sets)]
+        self._known = [*self._known[1 - settings.grids :], (grid, sets)]
         return sets
 
     def _of_lines(self, alpha: Array) -> LevelSets:
@@ -166,11 +186,14 @@ class LevelLikelihood:
         sets = self._laid(alpha)
         if sets.empty.any():
             sets = sets.filled(self._everywhere)
-        self._last = [*self._last[1 - LAST :], (alpha.copy(), sets)]
+        self._last = [*self._last[1 - self.settings.laws :], (alpha.copy(), sets)]
         return sets
 
     def _laid(self, alpha: Array) -> LevelSets:
-        found = traced(self.inputs, alpha, self.response, self.condition, self.outcomes, self.cells)
+        found = traced(
+            self.inputs, alpha, self.response, self.condition, self.outcomes, self.cells,
+            self.settings.crossings,
+        )  # fmt: skip
         return LevelSets(self.inputs, *in_rows(self.outcomes.size, *found))
 
     def values(self, alphas: Array) -> Array:
@@ -182,7 +205,7 @@ class LevelLikelihood:
         own, condition = np.unique(self.condition[rows], return_inverse=True)
         return LevelLikelihood(
             self.inputs, self.response.take(own), self.region, condition, self.outcomes[rows],
-            self.cells,
+            self.cells, settings=self.settings,
         )  # fmt: skip
 
     def given(self, outcomes: Array) -> LevelLikelihood:
@@ -198,9 +221,9 @@ class LevelLikelihood:
 
     def coarsest(self) -> LevelLikelihood:
         """The same as coarse as serves for many data sets in turn."""
-        few = searched(self.inputs, int(self.condition.max()) + 1)
+        few = searched(self.inputs, int(self.condition.max()) + 1, self.settings)
         if self._on_a_grid:
-            few = min(few, FEWEST[self.inputs.scattering])
+            few = min(few, self.settings.fewest_cells[self.inputs.scattering - 1])
         return self._with(self.outcomes, few)
 
     def fine(self) -> LevelLikelihood:
@@ -217,7 +240,7 @@ class LevelLikelihood:
         """The sets on the first grid, or on lines all over the region."""
         if self._on_a_grid:
             return self._traced(self._whole)
-        return self._laid(self.inputs.filling(self.region, WIDTHS))
+        return self._laid(self.inputs.filling(self.region, self.settings.widths))
 
     @property
     def _on_a_grid(self) -> bool:
@@ -231,13 +254,14 @@ class LevelLikelihood:
 
     @property
     def _answers(self) -> int:
-        return cells_of(self.inputs, int(self.condition.max()) + 1)
+        return cells_of(self.inputs, int(self.condition.max()) + 1, self.settings)
 
     def _with(self, outcomes: Array, cells: int) -> LevelLikelihood:
         """Other outcomes or cells of the same response, whose values on grids are shared."""
         return LevelLikelihood(
-            self.inputs, self.response, self.region, self.condition, outcomes, cells, self._values
-        )
+            self.inputs, self.response, self.region, self.condition, outcomes, cells, self._values,
+            self.settings,
+        )  # fmt: skip
 
     def _quantiles(self, alpha: Array, theta: Array) -> Array:
         """Values (s, Q) of each parameter that scatters at standard normal variates (Q,)."""
@@ -250,23 +274,23 @@ class LevelLikelihood:
         """A grid between sides (s, C + 1); two have their cells where the outcomes change."""
         if len(sides) == 1:
             return self._on(sides)
-        few = np.linspace(0, self.cells, LOOKS).astype(np.intp)
+        few = np.linspace(0, self.cells, self.settings.looks).astype(np.intp)
         changes = self._on(sides[:, few]).changes()
-        return self._on(_shared(sides, float(changes[0] / changes[1])))
+        return self._on(_shared(sides, float(changes[0] / changes[1]), self.settings))
 
     def _on(self, sides: Iterable[Array]) -> Grid:
         each = tuple(np.unique(side) for side in sides)
-        alike = ALIKE * max(1.0, self._answers / self.cells)
+        alike = self.settings.alike * max(1.0, self._answers / self.cells)
         return Grid(
             self.response, self.condition, self.inputs.scattered, each, self.region[:, 0], alike,
-            self._values,
+            self._values, self.settings.grid,
         )  # fmt: skip
 
     def _traced(self, grid: Grid) -> LevelSets:
         return LevelSets(self.inputs, *grid.traced(self.outcomes))
 
 
-def _shared(sides: Array, ratio: float) -> tuple[Array, Array]:
+def _shared(sides: Array, ratio: float, settings: LevelSettings = LEVELS) -> tuple[Array, Array]:
     """Two sides with as many cells together, so that outcomes change alike from cell to cell.
 
     They change `ratio` times as much along the first. A law that is narrow beside the other has
@@ -276,7 +300,7 @@ def _shared(sides: Array, ratio: float) -> tuple[Array, Array]:
     [128, 32]
     """
     cells = sides.shape[1] - 1
-    most = float(np.clip(cells / SLIM, 1.0, UNEVEN))
+    most = float(np.clip(cells / settings.slim, 1.0, settings.uneven))
     factor = float(np.clip(np.sqrt(ratio), 1.0 / most, most))
     counts = round(cells * factor), round(cells / factor)
     known = np.linspace(0.0, 1.0, cells + 1)

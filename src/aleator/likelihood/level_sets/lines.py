@@ -17,12 +17,10 @@ from scipy.stats import qmc
 from aleator.blocks import blocks
 from aleator.laws.inputs import Inputs, parameters_at
 from aleator.likelihood.individual.following import scattered_density
+from aleator.likelihood.individual.rules import RULES
 from aleator.polynomials import gauss_hermite
 from aleator.surrogates.responses import Divisible
 from aleator.types import Array, Flags, Indices
-
-SMALLEST = 1e-12
-"""Least probability of a point of a Sobol' sequence, so that its normal score is finite."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,12 @@ class Crossings:
     A set of which lines are `touching` less than such a share is crossed by nodes of a Gauss rule;
     another one by `bent` times as many lines along each direction, `thick` at least, that count by
     the `power` of the slopes along them.
+
+    By judgement: the plane and the normal law are fitted with the ridges `flat` and `ridge`, the
+    latter to values that weigh by their power `weight`. The first lines are d (d + 3) and `spare`
+    more, of d dimensions across. Every line by the number `of_law` of a bent set lies by the law. A
+    Gauss rule has `nodes` in a dimension, at least and at most. So many outcomes as a `block` has
+    are simulated together.
     """
 
     points: int = 256
@@ -55,29 +59,39 @@ class Crossings:
     touching: float = 1e-3
     bent: int = 4
     thick: float = 0.5
+    flat: float = 1e-6
+    ridge: float = 1e-10
+    weight: float = 0.25
+    spare: int = 16
+    of_law: int = 5
+    nodes: tuple[int, int] = (3, 15)
+    block: int = 400_000
 
 
 CROSSINGS = Crossings()
-LARGEST = 400_000
-"""Outcomes on lines that are looked at together."""
 
 
 def traced(
-    inputs: Inputs, alpha: Array, response: Divisible, condition: Indices, y: Array, lines: int
+    inputs: Inputs,
+    alpha: Array,
+    response: Divisible,
+    condition: Indices,
+    y: Array,
+    lines: int,
+    settings: Crossings = CROSSINGS,
 ) -> tuple[Indices, Array, Array]:
     """Whose sets (H,), points x (H, n) on them and log weights (H,), for laws near alpha (K,).
 
     f_l(y_l | beta) = sum_h w_h p(x_h | beta) for any beta near alpha. Cost: the outcomes of each
     experiment at 25 points of every line.
     """
-    settings, s = CROSSINGS, inputs.scattering
-    law = _scores(settings.points, s, 0)
+    law = _scores(settings.points, inputs.scattering, 0)
     x = parameters_at(inputs, alpha, law[None], slice(0, 1), often=True)[0][0]
     found = []
-    for rows in blocks(y.size, lines * (settings.steps + 1), LARGEST):
+    for rows in blocks(y.size, lines * (settings.steps + 1), settings.block):
         own, where = np.unique(condition[rows], return_inverse=True)
         eta = response.take(own).evaluate(x)[where]
-        block = _Block(inputs, alpha, response, condition[rows], y[rows])
+        block = _Block(inputs, alpha, response, condition[rows], y[rows], settings)
         some = block.crossed(block.laid(law, eta), lines)
         found.append((some[0] + rows.start, *some[1:]))
     owner, on, log_weight = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -93,6 +107,7 @@ class _Block:
     response: Divisible
     condition: Indices
     y: Array
+    settings: Crossings
 
     def laid(self, law: Array, eta: Array) -> tuple[Array, Array]:
         """An orthonormal basis (B, s, s), its first column the direction, and a centre (B, s - 1).
@@ -101,16 +116,15 @@ class _Block:
         the nearest, and the mean of these.
         """
         away = np.nan_to_num(np.abs(eta - self.y[:, None]), nan=np.inf)
-        near = np.argpartition(away, CROSSINGS.nearest, axis=1)[:, : CROSSINGS.nearest]
+        near = np.argpartition(away, self.settings.nearest, axis=1)[:, : self.settings.nearest]
         xi, value = law[near], np.nan_to_num(np.take_along_axis(eta, near, axis=1))
         middle = xi.mean(axis=1)
         off = xi - middle[:, None]
         square = np.einsum("bmi,bmj->bij", off, off)
         size = np.trace(square, axis1=1, axis2=2)[:, None, None]
         rise = np.einsum("bmi,bm->bi", off, value - value.mean(axis=1, keepdims=True))
-        slope = np.linalg.solve(square + 1e-6 * size * np.eye(law.shape[1]), rise[..., None])[
-            ..., 0
-        ]
+        ridge = self.settings.flat * size * np.eye(law.shape[1])
+        slope = np.linalg.solve(square + ridge, rise[..., None])[..., 0]
         length = np.sqrt(np.sum(slope**2, axis=1, keepdims=True))
         first = np.eye(law.shape[1])[0]
         direction = np.where(length > 0.0, slope / np.where(length > 0.0, length, 1.0), first)
@@ -128,26 +142,26 @@ class _Block:
         if not dimensions:
             found = self._roots(basis, centre[:, None])
             return self._weighted(found.owner, found.xi, found.log_alone)
-        u = centre[:, None] + CROSSINGS.wider * _scores(
-            dimensions * (dimensions + 3) + 16, dimensions
-        )
+        settings, wide = self.settings, self.settings.wider
+        first_lines = dimensions * (dimensions + 3) + settings.spare
+        u = centre[:, None] + wide * _scores(first_lines, dimensions)
         first = self._roots(basis, u)
-        mean, factor = _fitted(u, first.of_lines(u, first.log_alone))
-        log_q = _gaussian(u, centre, np.eye(dimensions), CROSSINGS.wider) + np.log(u.shape[1])
+        mean, factor = _fitted(u, first.of_lines(u, first.log_alone), settings)
+        log_q = _gaussian(u, centre, np.eye(dimensions), wide) + np.log(u.shape[1])
         middle, square, left = first.moments(log_q, len(self.y))
         parts = []
-        plain = np.flatnonzero(left < CROSSINGS.touching)
+        plain = np.flatnonzero(left < settings.touching)
         if plain.size:
-            z, log_weight = _nodes(lines, dimensions)
+            z, log_weight = _nodes(lines, dimensions, settings.nodes)
             own = mean[plain][:, None] + np.einsum("bij,lj->bli", factor[plain], z)
             log_q = _gaussian(own, mean[plain], factor[plain]) - log_weight
             found = self._of(plain)._roots(basis[plain], own)
             parts.append((plain, found.weighed(log_q, found.log_alone)))
-        bent = np.flatnonzero(~(left < CROSSINGS.touching))
+        bent = np.flatnonzero(~(left < settings.touching))
         if bent.size:
-            block, many = self._of(bent), lines * CROSSINGS.bent
+            block, many = self._of(bent), lines * settings.bent
             own, score = basis[bent], _scores(many, dimensions)
-            of_law, wide = np.arange(many) % 5 == 4, CROSSINGS.wider
+            of_law = np.arange(many) % settings.of_law == settings.of_law - 1
             at = mean[bent][:, None] + wide * np.einsum("bij,lj->bli", factor[bent], score)
             at = np.where(of_law[:, None], centre[bent][:, None] + wide * score, at)
             share = float(of_law.mean())
@@ -162,7 +176,7 @@ class _Block:
                 turn = own[:, :, np.roll(np.arange(basis.shape[1]), -turned)]
                 about = np.einsum("bi,bik->bk", middle, turn[:, :, 1:])
                 spread = np.einsum("bij,bik,bjl->bkl", square, turn[:, :, 1:], turn[:, :, 1:])
-                wider = np.linalg.cholesky(spread + CROSSINGS.thick**2 * np.eye(dimensions))
+                wider = np.linalg.cholesky(spread + settings.thick**2 * np.eye(dimensions))
                 at = about[:, None] + wide * np.einsum("bij,lj->bli", wider, score)
                 found = block._roots(turn, at)
                 log_q = _gaussian(at, about, wider, wide) + np.log(many)
@@ -183,8 +197,9 @@ class _Block:
 
     def _roots(self, basis: Array, u: Array) -> _Crossed:
         """Where lines u (B, J, s - 1) along the first of the basis (B, s, s) cross."""
-        steps = CROSSINGS.steps if basis.shape[1] > 1 else CROSSINGS.alone
-        t = np.linspace(-CROSSINGS.reach, CROSSINGS.reach, steps + 1)
+        settings = self.settings
+        steps = settings.steps if basis.shape[1] > 1 else settings.alone
+        t = np.linspace(-settings.reach, settings.reach, steps + 1)
         direction = basis[:, :, 0]
         start = np.einsum("bik,bjk->bji", basis[:, :, 1:], u)
         xi = start[:, :, None] + t[:, None] * direction[:, None, None]
@@ -193,7 +208,7 @@ class _Block:
         off = (self._eta(owner, xi.reshape(-1, xi.shape[-1])) - self.y[owner]).reshape(xi.shape[:3])
         of, line, low, high, f_low, f_high = self._brackets(off, t, start, direction)
         first, along = start[of, line], direction[of]
-        for _ in range(CROSSINGS.halvings):
+        for _ in range(settings.halvings):
             middle = _between(low, high, f_low, f_high)
             value = self._eta(of, first + middle[:, None] * along) - self.y[of]
             right = (value > 0.0) == (f_high > 0.0)
@@ -201,7 +216,7 @@ class _Block:
             f_low = np.where(right, 0.5 * f_low, value)
             f_high = np.where(right, value, 0.5 * f_high)
             low, high = np.where(right, low, middle), np.where(right, middle, high)
-        root, by = _between(low, high, f_low, f_high), CROSSINGS.difference
+        root, by = _between(low, high, f_low, f_high), settings.difference
         down, here, up = (
             self._eta(of, first + (root + k * by)[:, None] * along) - self.y[of] for k in (-1, 0, 1)
         )
@@ -219,8 +234,9 @@ class _Block:
         with np.errstate(divide="ignore", invalid="ignore"):
             log_others = np.log(np.abs(np.reshape(others, (len(others), of.size)).T))
         # where the outcome jumps over y it is still off between the points of the difference
-        fine = np.isfinite(log_slope) & (np.abs(here) < CROSSINGS.jump * np.abs(up - down))
-        return _Crossed(of[fine], line[fine], xi[fine], log_slope[fine], log_others[fine])
+        fine = np.isfinite(log_slope) & (np.abs(here) < settings.jump * np.abs(up - down))
+        each = (of[fine], line[fine], xi[fine], log_slope[fine], log_others[fine])
+        return _Crossed(*each, settings.power)
 
     def _brackets(
         self, off: Array, t: Array, start: Array, direction: Array
@@ -240,7 +256,7 @@ class _Block:
         whose, which, middle = np.nonzero(turned)
         if not whose.size:
             return of, line, *ends
-        share = np.linspace(0.0, 1.0, CROSSINGS.closer + 1)
+        share = np.linspace(0.0, 1.0, self.settings.closer + 1)
         fine = t[middle][:, None] + share * (t[middle + 2] - t[middle])[:, None]
         xi = start[whose, which][:, None] + fine[..., None] * direction[whose][:, None]
         owner = np.repeat(whose, share.size)
@@ -289,14 +305,14 @@ def _reflected(direction: Array) -> Array:
     return np.asarray(-sign[:, None, None] * matrix)
 
 
-def _nodes(count: int, dimensions: int) -> tuple[Array, Array]:
+def _nodes(count: int, dimensions: int, limits: tuple[int, int]) -> tuple[Array, Array]:
     """Nodes (J, d) and log weights (J,) of the standard normal law, about so many.
 
     Products of Gauss-Hermite rules up to three dimensions; else points of a Sobol' sequence with
     their opposites, so that mean and covariance are those of the law.
     """
     if dimensions <= 3:
-        each = int(np.clip(round(count ** (1.0 / dimensions)), 3, 15))
+        each = int(np.clip(round(count ** (1.0 / dimensions)), *limits))
         t, weight = gauss_hermite(each)
         grid = np.meshgrid(*[t] * dimensions, indexing="ij")
         weights = np.meshgrid(*[np.log(weight)] * dimensions, indexing="ij")
@@ -307,11 +323,12 @@ def _nodes(count: int, dimensions: int) -> tuple[Array, Array]:
     return z, np.full(len(z), -np.log(len(z)))
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def _scores(count: int, dimensions: int, seed: int = 1) -> Array:
     """Normal scores (count, dimensions) of a scrambled Sobol' sequence, always the same."""
     u = qmc.Sobol(dimensions, rng=seed).random_base2(int(np.ceil(np.log2(count))))[:count]
-    found: Array = special.ndtri(np.clip(u, SMALLEST, 1.0 - SMALLEST))
+    least = RULES.least_probability
+    found: Array = special.ndtri(np.clip(u, least, 1.0 - least))
     found.flags.writeable = False
     return found
 
@@ -328,6 +345,7 @@ class _Crossed:
     xi: Array
     log_slope: Array
     log_others: Array
+    power: int
 
     @cached_property
     def log_part(self) -> Array:
@@ -337,7 +355,7 @@ class _Crossed:
         goes straight through.
         """
         every = np.concatenate([self.log_slope[:, None], self.log_others], axis=1)
-        power = 2.0 * CROSSINGS.power
+        power = 2.0 * self.power
         with np.errstate(invalid="ignore"):
             whole = special.logsumexp(power * every, axis=1)
         return np.asarray(np.nan_to_num(power * self.log_slope - whole, nan=-np.inf))
@@ -395,7 +413,7 @@ def _normal(u: Array) -> Array:
     return np.asarray(-0.5 * np.sum(u**2, axis=-1) - 0.5 * u.shape[-1] * np.log(2.0 * np.pi))
 
 
-def _fitted(u: Array, value: Array) -> tuple[Array, Array]:
+def _fitted(u: Array, value: Array, settings: Crossings) -> tuple[Array, Array]:
     """Means (B, d) and Cholesky factors (B, d, d) of normal laws nearest to values (B, J) at u.
 
     A parabola is fitted to the logarithms by least squares, those near the top counting most. A
@@ -405,7 +423,7 @@ def _fitted(u: Array, value: Array) -> tuple[Array, Array]:
     pairs = np.triu_indices(d)
     top = np.max(value, axis=1, initial=-np.inf, keepdims=True)
     with np.errstate(invalid="ignore"):
-        weight = np.exp(0.25 * (value - np.where(np.isfinite(top), top, 0.0)))
+        weight = np.exp(settings.weight * (value - np.where(np.isfinite(top), top, 0.0)))
     weight = np.where(np.isfinite(value), weight, 0.0)
     terms = np.concatenate(
         [np.ones((*value.shape, 1)), u, u[..., pairs[0]] * u[..., pairs[1]]], axis=2
@@ -413,15 +431,15 @@ def _fitted(u: Array, value: Array) -> tuple[Array, Array]:
     beyond = np.where(np.isfinite(value), value + 0.5 * np.sum(u**2, axis=2), 0.0)
     weighted = terms * weight[..., None]
     square = np.einsum("bjk,bjl->bkl", weighted, weighted)
-    ridge = 1e-10 * (1.0 + np.trace(square, axis1=1, axis2=2))[:, None, None]
+    ridge = settings.ridge * (1.0 + np.trace(square, axis1=1, axis2=2))[:, None, None]
     right = np.einsum("bjk,bj->bk", weighted, weight * beyond)
     found = np.linalg.solve(square + ridge * np.eye(terms.shape[2]), right[..., None])[..., 0]
     bend = np.zeros((count, d, d))
     bend[:, pairs[0], pairs[1]] = found[:, 1 + d :]
     precision = np.eye(d) - bend - bend.transpose(0, 2, 1)
     values, vectors = np.linalg.eigh(precision)
-    values = np.clip(values, CROSSINGS.narrow[0], CROSSINGS.narrow[1])
+    values = np.clip(values, settings.narrow[0], settings.narrow[1])
     slope = np.einsum("bij,bi->bj", vectors, found[:, 1 : 1 + d]) / values
-    mean = np.clip(np.einsum("bij,bj->bi", vectors, slope), -CROSSINGS.reach, CROSSINGS.reach)
+    mean = np.clip(np.einsum("bij,bj->bi", vectors, slope), -settings.reach, settings.reach)
     covariance = np.einsum("bik,bk,bjk->bij", vectors, 1.0 / values, vectors)
     return mean, np.linalg.cholesky(covariance)

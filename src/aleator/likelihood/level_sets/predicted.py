@@ -14,16 +14,27 @@ from aleator.status import Status
 from aleator.surrogates.responses import ResponseFunction
 from aleator.types import Array, Flags, Indices
 
-POINTS, FEWEST, VALUES = 8192, 512, 8_000_000
-"""Points of the law, fewest of very many conditions, and values of all of these together."""
-FEW = {1: 401, 2: 1681}
-"""Points that tell a probability to a thousandth, by scattering parameters; of more FEWEST."""
-REACH = 7.0
-"""Standard normal variates to which a lattice goes."""
+
+@dataclass(frozen=True)
+class PredictionPointSettings:
+    """At how many points of a law outcomes are predicted, and where; chosen by judgement.
+
+    `points`: points of the law. `fewest`: points at least, of very many conditions. `values`:
+    simulated values of all conditions together. `coarse`: points that give a probability to a
+    thousandth, of one and of two variates; of more it is `fewest`. `reach`: standard normal
+    variates to which a lattice goes. `wide`: so many times farther out lies half of the points of
+    more variates than two, for the tails.
+    """
+
+    points: int = 8192
+    fewest: int = 512
+    values: int = 8_000_000
+    coarse: tuple[int, int] = (401, 1681)
+    reach: float = 7.0
+    wide: float = 1.6
 
 
-WIDE = 1.6
-"""So many times farther out lies half of the points of more variates than two, for the tails."""
+PREDICTION_POINTS = PredictionPointSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +148,13 @@ class PointPredictor:
     condition: Indices
     lower: Array
     upper: Array
-    points: int = POINTS
+    points: int = PREDICTION_POINTS.points
+    settings: PredictionPointSettings = PREDICTION_POINTS
 
     def coarse(self) -> PointPredictor:
         """By as few points of the law as serve for many data sets."""
-        return replace(self, points=FEW.get(self.inputs.scattering, FEWEST))
+        own, s = self.settings, self.inputs.scattering
+        return replace(self, points=own.coarse[s - 1] if 1 <= s <= 2 else own.fewest)
 
     def under(self, alpha: Array) -> PredictedOutcomes:
         """Their distributions. Cost: the response at 8192 points of the law, fewer of very many."""
@@ -153,17 +166,18 @@ class PointPredictor:
     @cached_property
     def _points(self) -> tuple[Array, Array]:
         """Variates (P, s) and their weights (P,)."""
-        s = self.inputs.scattering
-        count = min(self.points, max(VALUES // (int(self.condition.max()) + 1), FEWEST))
+        own, s = self.settings, self.inputs.scattering
+        conditions = int(self.condition.max()) + 1
+        count = min(self.points, max(own.values // conditions, own.fewest))
         if not 1 <= s <= 2:
             xi = standard_points(count, s)
-            xi[count // 2 :] *= WIDE
+            xi[count // 2 :] *= own.wide
             square = 0.5 * np.sum(xi**2, axis=1)
-            wider = np.exp(square * (1.0 - WIDE**-2)) / WIDE**s
+            wider = np.exp(square * (1.0 - own.wide**-2)) / own.wide**s
             weights = 1.0 / (0.5 + 0.5 * wider)
             return xi, weights / weights.sum()
         each = round(count ** (1.0 / s)) | 1
-        t = np.linspace(-REACH, REACH, each)
+        t = np.linspace(-own.reach, own.reach, each)
         corners = np.meshgrid(*[t] * s, indexing="ij")
         xi = np.stack([corner.ravel() for corner in corners], axis=1)
         weights = np.exp(-0.5 * np.sum(xi**2, axis=1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from aleator.search.interface import LogLikelihood
 from aleator.status import DEGENERATE_VALUE, Status
 from aleator.types import Array, Flags, Indices
 
-LARGEST = 64_000
-"""Points of the sets that are looked at together."""
-
 
 @dataclass(frozen=True, eq=False)
 class LevelSets:
@@ -25,7 +22,8 @@ class LevelSets:
     Without noise f_l(y_l | alpha) = int p(x | alpha) delta(eta_l(x) - y_l) dx, which by the coarea
     formula (Federer, 1969, 3.2.12) is the integral of p/|grad eta_l| over the set. The set does not
     know alpha: it is found once, and f_l = sum_k w_lk p(x_lk | alpha) is smooth in alpha whatever
-    the simulator does. Cost of a value with its score: 2 K + 1 densities of the law at all points.
+    the simulator does. Cost of a value with its score: 2 K + 1 densities of the law at all points,
+    of which `block` are looked at together (by judgement: a core's cache).
 
     >>> from aleator.laws import Free, Normal
     >>> inputs = Inputs({"a": Normal(Free(-2.0, 2.0), Free(0.1, 2.0))})
@@ -37,6 +35,7 @@ class LevelSets:
     inputs: Inputs
     x: Array
     log_weight: Array
+    block: int = 64_000
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """Log-densities (N,) with scores (N, K); where there is none it is DEGENERATE_VALUE."""
@@ -53,17 +52,17 @@ class LevelSets:
         """Those of some experiments, with as many points as these have."""
         log_weight = self.log_weight[rows]
         most = max(1, int(np.isfinite(log_weight).sum(axis=1).max(initial=0)))
-        return LevelSets(self.inputs, self.x[rows, :most], log_weight[:, :most])
+        return replace(self, x=self.x[rows, :most], log_weight=log_weight[:, :most])
 
     def filled(self, other: LevelSets) -> LevelSets:
         """With the sets of the other where there is none here."""
         count = max(self.x.shape[1], other.x.shape[1])
         own, others = self._wide(count), other._wide(count)
         empty = self.empty
-        return LevelSets(
-            self.inputs,
-            np.where(empty[:, None, None], others.x, own.x),
-            np.where(empty[:, None], others.log_weight, own.log_weight),
+        return replace(
+            self,
+            x=np.where(empty[:, None, None], others.x, own.x),
+            log_weight=np.where(empty[:, None], others.log_weight, own.log_weight),
         )
 
     @property
@@ -75,7 +74,7 @@ class LevelSets:
     @property
     def _blocks(self) -> list[slice]:
         """Experiments whose points fit a core's cache."""
-        return blocks(len(self.x), self.x.shape[1], LARGEST)
+        return blocks(len(self.x), self.x.shape[1], self.block)
 
     def _scored(self, alpha: Array) -> tuple[Array, Array]:
         total, share = mean_of(self._terms(alpha))
@@ -86,7 +85,7 @@ class LevelSets:
         more = count - self.x.shape[1]
         x = np.concatenate([self.x, np.repeat(self.x[:, :1], more, axis=1)], axis=1)
         log_weight = np.pad(self.log_weight, ((0, 0), (0, more)), constant_values=-np.inf)
-        return LevelSets(self.inputs, x, log_weight)
+        return replace(self, x=x, log_weight=log_weight)
 
     def _terms(self, alpha: Array) -> Array:
         return self.log_weight + densities(self.inputs, alpha, self.x)
