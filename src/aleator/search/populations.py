@@ -12,7 +12,7 @@ import numpy as np
 from scipy import optimize
 
 from aleator.errors import AleatorError, InputsError
-from aleator.search.interface import Ascent, Optimum, SearchResult, nowhere_finite
+from aleator.search.interface import OPTIMA, Ascent, Optimum, SearchResult, nowhere_finite
 from aleator.search.multistart import climb, evenly, starting_points
 from aleator.search.objective import (
     SIGHT,
@@ -27,12 +27,11 @@ from aleator.types import Array
 
 @dataclass(frozen=True)
 class EvolutionSettings:
-    """The ends of searches by a population; by judgement."""
+    """The ends of searches by a population, which have arrived where all is one optimum; by
+    judgement."""
 
     polish: int = 100
     """Evaluations with score that the final ascent may take."""
-    arrived: float = 0.01
-    """A population whose log-likelihoods, or whose gain, are below this has arrived."""
     flat: float = 1e-3
     """A run of CMA-ES ends when its log-likelihoods have stayed within this."""
 
@@ -256,7 +255,7 @@ class GeneticAlgorithm(TaskSearch):
             stage = f"generation {len(best)} of {self.generations}, {task.counted.standing}"
             task.progress.update(stage, len(best), self.generations)
             before = best[-1 - self.patience] if len(best) > self.patience else np.inf
-            converged = before - best[-1] < EVOLUTION.arrived
+            converged = before - best[-1] < OPTIMA.same_value
         return finished(task, converged=converged, polish=self.polish)
 
 
@@ -322,7 +321,7 @@ class DifferentialEvolution(TaskSearch):
             # the first population is a generation too
             maxiter=self.generations - 1,
             tol=0.0,
-            atol=EVOLUTION.arrived,
+            atol=OPTIMA.same_value,
             rng=np.random.default_rng(task.seed),
             callback=tell,
             polish=False,

@@ -19,6 +19,7 @@ from aleator.errors import InputsError
 from aleator.simulators import Account, Runner
 from aleator.surrogates.choice import ResponseSurface
 from aleator.surrogates.emulator import Emulator, OwnSurfaces, pairs
+from aleator.surrogates.fit import PLACES, PlacementSettings
 from aleator.surrogates.responses import (
     FEATURES,
     Run,
@@ -61,8 +62,6 @@ class RoundSettings:
     above if these are to be enough: one feature that they miss is met by those of another."""
     confirmed: int = 5
     """Experiments that confirm each other's linear surfaces, at least."""
-    points: int = 512
-    """Points of a region at which errors are judged before there is a law."""
     lost: int = 2
     """Rounds for experiments of which too many runs failed for a surface."""
     first_exact: tuple[int, int] = (5, 10)
@@ -219,7 +218,7 @@ class AdaptiveSurfaces:
         settings: RoundSettings = ROUNDS,
     ) -> None:
         self.choice, self.afforded, self.settings = choice, afforded, settings
-        self.where = None if choice.tolerance else _points_of(box, settings)
+        self.where = None if choice.tolerance else _points_of(box)
         self.scale: Array | None = None
         self.past = np.full((self.settings.patience, experiments), np.inf)
         self.emulator = _first_emulator(run, box, experiments, choice, conditions, settings)
@@ -261,7 +260,7 @@ class AdaptiveSurfaces:
 
     def everywhere(self) -> Array | None:
         """Points of the whole box for `judge` and `sharpen`; None where a tolerance holds there."""
-        return None if self.choice.tolerance else _points_of(self.box, self.settings)
+        return None if self.choice.tolerance else _points_of(self.box)
 
     def move(self, box: Array) -> None:
         """Take the surfaces to another box; the runs inside serve there too."""
@@ -490,7 +489,7 @@ def _first_emulator(
         if conditions is None or not SharedSurface.fits(experiments, n):
             raise _nothing_to_share(conditions, experiments)
         shared = SharedSurface(run, box, conditions)
-        shared.judge(_points_of(box, settings))
+        shared.judge(_points_of(box))
         return shared
     first = first_runs(n, choice, settings)
     if choice.max_runs < first:
@@ -514,9 +513,9 @@ def _nothing_to_share(conditions: Array | None, experiments: int) -> InputsError
     return InputsError(f"{experiments} experiments are too many to share a surface", remedy)
 
 
-def _points_of(box: Array, settings: RoundSettings = ROUNDS) -> Array:
-    """Evenly spread points (512, n) of a box (n, 2)."""
-    u = qmc.Sobol(len(box), rng=0).random_base2(int(np.log2(settings.points)))
+def _points_of(box: Array, settings: PlacementSettings = PLACES) -> Array:
+    """Evenly spread points (J, n) of a box (n, 2), at which errors are judged without a law."""
+    u = qmc.Sobol(len(box), rng=0).random_base2(int(np.log2(settings.everywhere)))
     return np.asarray(box[:, 0] + u * (box[:, 1] - box[:, 0]))
 
 

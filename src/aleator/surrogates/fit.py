@@ -37,8 +37,6 @@ class PlacementSettings:
     candidates: int = 4096
     """The sequence is chosen from so many points, hence no longer. Fixed, or it would not be
     nested."""
-    shortest: int = 64
-    """Points of the sequence that are computed at least."""
     beside_draws: int = 2048
     """Candidates all over the box, beside the draws of a law."""
     everywhere: int = 512
@@ -90,7 +88,7 @@ def spread(count: int, n: int, settings: PlacementSettings = PLACES) -> Array:
     >>> spread(3, 1).round(1).ravel() ** 2
     array([0., 1., 1.])
     """
-    return _greedy(max(settings.shortest, 2 ** int(np.ceil(np.log2(count)))), n, settings)[:count]
+    return _greedy(2 ** int(np.ceil(np.log2(count))), n, settings)[:count]
 
 
 @lru_cache
