@@ -329,15 +329,13 @@ def _beside(values: tuple[float, ...], one: float) -> tuple[float, ...]:
     return values[max(k - 1, 0) : k] + values[k + 1 : k + 2]
 
 
-def weights(
-    prior: SmoothnessPrior, runs: int, settings: SurfaceFitSettings = FITS
-) -> tuple[Indices, Array]:
+def weights(prior: SmoothnessPrior, runs: int) -> tuple[Indices, Array]:
     """Return indices (P, n) and weights w (P,) for a number of runs."""
-    indices, size = ball(prior.scale, prior.norm, settings.terms * runs + settings.more_terms)
+    indices, size = ball(prior.scale, prior.norm, FITS.terms * runs + FITS.more_terms)
     weight = (1.0 + size**2) ** (-0.5 * prior.smoothness)
     free = indices.sum(axis=1) <= (prior.trend > 0.0)
     free[: int(prior.trend * runs)] = True
-    return indices, np.where(free, settings.free * weight, weight)
+    return indices, np.where(free, FITS.free * weight, weight)
 
 
 def _scaled(prior: SmoothnessPrior, z: Array) -> tuple[Indices, Array, Array]:
@@ -512,7 +510,9 @@ def _fall(before: Array, after: Array, settings: SurfaceFitSettings = FITS) -> F
 Piece = tuple[Indices, Indices, Array]
 
 
-def merged(pieces: Iterable[Piece], error: Array) -> tuple[Indices, tuple[Group, ...], Array]:
+def merged(
+    pieces: Iterable[Piece], error: Array, settings: SurfaceFitSettings = FITS
+) -> tuple[Indices, tuple[Group, ...], Array]:
     """Return common indices (P, n), groups over its prefixes, and all coefficients (N, P).
 
     A piece holds experiments (A,), indices (Q, n) and coefficients (Q, A). Terms used by most
@@ -522,7 +522,7 @@ def merged(pieces: Iterable[Piece], error: Array) -> tuple[Indices, tuple[Group,
     place: dict[tuple[int, ...], int] = {}
     thinned: list[Piece] = []
     for members, indices, coefficients in pieces:
-        kept = _thinned(coefficients.T, error[members])
+        kept = _thinned(coefficients.T, error[members], settings)
         used = np.flatnonzero((kept != 0.0).any(axis=0) | ~indices.any(axis=1))
         names = [tuple(nu) for nu in indices[used].tolist()]
         column = np.array([place.setdefault(nu, len(place)) for nu in names])
@@ -533,7 +533,7 @@ def merged(pieces: Iterable[Piece], error: Array) -> tuple[Indices, tuple[Group,
     listed = np.array(list(place), dtype=np.intp).reshape(len(place), -1)
     order = np.lexsort((*listed.T, listed.sum(axis=1), -(terms != 0.0).sum(axis=0)))
     listed, terms = listed[order], terms[:, order]
-    return listed, _groups(terms), terms
+    return listed, _groups(terms, settings), terms
 
 
 def _thinned(coefficients: Array, error: Array, settings: SurfaceFitSettings = FITS) -> Array:

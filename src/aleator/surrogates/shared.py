@@ -71,25 +71,29 @@ class Covariance:
     own: float
     scale: Array
     noise: float
+    settings: ProcessSettings = PROCESS
 
     @classmethod
-    def first(cls, inputs: int, parameters: int, own: float = 0.1) -> Covariance:
+    def first(
+        cls, inputs: int, parameters: int, own: float = 0.1, settings: ProcessSettings = PROCESS
+    ) -> Covariance:
         """Nothing is known: every input counts alike."""
-        mix = PROCESS.first_mix * np.eye(inputs, min(inputs, PROCESS.rank))
-        mix[PROCESS.rank :] = PROCESS.first_mix / np.sqrt(PROCESS.rank)
-        return cls(mix, own, np.ones(parameters), PROCESS.first_noise)
+        mix = settings.first_mix * np.eye(inputs, min(inputs, settings.rank))
+        mix[settings.rank :] = settings.first_mix / np.sqrt(settings.rank)
+        return cls(mix, own, np.ones(parameters), settings.first_noise, settings)
 
     @property
     def vector(self) -> Array:
         """All numbers in one row, those that are positive as logarithms."""
-        rest = np.log([max(self.own, PROCESS.none), *self.scale, self.noise])
+        rest = np.log([max(self.own, self.settings.none), *self.scale, self.noise])
         return np.concatenate([self.mix.ravel(), rest])
 
     def moved(self, vector: Array) -> Covariance:
         """The covariance with the numbers of another row."""
         size = self.mix.size
         own, *scale, noise = np.exp(vector[size:])
-        return Covariance(vector[:size].reshape(self.mix.shape), own, np.array(scale), noise)
+        mix = vector[:size].reshape(self.mix.shape)
+        return Covariance(mix, own, np.array(scale), noise, self.settings)
 
     def likeness(self, u: Array) -> Array:
         """Squared correlations (N, N) of what is common, between inputs u (N, D)."""
@@ -115,6 +119,7 @@ def _loss(
 ) -> tuple[float, Array]:
     """The negative log posterior, without constants, and its gradient by `vector`."""
     mix, own, scale = covariance.mix, covariance.own, covariance.scale
+    settings = covariance.settings
     z = u[:, -len(scale) :]
     mixed, stretched = u @ mix, z * scale
     value, slope = _matern(_squared(mixed, mixed))
@@ -152,19 +157,13 @@ def _inverse(factor: Array) -> Array:
 
 
 @single_threaded
-def learned(
-    start: Covariance,
-    index: Indices,
-    u: Array,
-    y: Array,
-    iterations: int,
-    settings: ProcessSettings = PROCESS,
-) -> Covariance:
+def learned(start: Covariance, index: Indices, u: Array, y: Array, iterations: int) -> Covariance:
     """The covariance of greatest posterior for runs y (M,) of experiments `index` at u (M, D)."""
     n, level, unit = len(start.scale), y.mean(), y.std() or 1.0
+    settings = start.settings
 
     def loss(vector: Array) -> tuple[float, Array]:
-        return _loss(start.moved(vector), index, u, (y - level) / unit, settings)
+        return _loss(start.moved(vector), index, u, (y - level) / unit)
 
     own, noise = (
         (settings.own, settings.noise)
@@ -221,9 +220,8 @@ class ProcessPosterior:
         known = solve_triangular(
             self.factor, self._between(index, u).T, lower=True, check_finite=False
         )
-        prior = (
-            1.0 + self.covariance.own**2 + PROCESS.constant + PROCESS.linear * (u**2).sum(axis=1)
-        )
+        own, settings = self.covariance.own, self.covariance.settings
+        prior = 1.0 + own**2 + settings.constant + settings.linear * (u**2).sum(axis=1)
         left = np.maximum(prior - (known**2).sum(axis=0), 0.0)
         return np.asarray(self.unit * np.sqrt(self.variance * left))
 
@@ -249,7 +247,8 @@ def _between(covariance: Covariance, index: Indices, u: Array, other: Indices, v
     """Covariances (R, M) of runs of two lists, without noise."""
     n = len(covariance.scale)
     out = _matern(_squared(u @ covariance.mix, v @ covariance.mix))[0]
-    out += PROCESS.constant + PROCESS.linear * (u @ v.T)
+    settings = covariance.settings
+    out += settings.constant + settings.linear * (u @ v.T)
     if covariance.own**2 == 0.0:
         return np.asarray(out)
     row, column = np.nonzero(index[:, None] == other)
@@ -302,21 +301,25 @@ class SharedSurface(Emulator):
     few hundred for the polynomials; 108 experiments of 20 runs some ten seconds a round.
     """
 
-    def __init__(self, run: Run, box: Array, conditions: Array) -> None:
+    def __init__(
+        self, run: Run, box: Array, conditions: Array, settings: SharingSettings = SHARING
+    ) -> None:
         experiments, n = len(conditions), len(box)
         super().__init__(run, box, Samples.none(experiments, n))
-        self.conditions = conditions
+        self.conditions, self.settings = conditions, settings
         self.shift = np.random.default_rng(0).random((experiments, n))
         self.covariance = Covariance.first(conditions.shape[1] + n, n)
-        self.where = self.axes.outward(low_discrepancy(SHARING.compared, n, fixed_shift(n)))
-        self._place(np.arange(experiments), first_shared_runs(experiments, n), SHARING.most, None)
-        self.posterior = self._learned(SHARING.steps[0])
+        self.where = self.axes.outward(low_discrepancy(self.settings.compared, n, fixed_shift(n)))
+        self._place(
+            np.arange(experiments), first_shared_runs(experiments, n, settings), settings.most, None
+        )
+        self.posterior = self._learned(self.settings.steps[0])
         self.stale = False
 
     @staticmethod
-    def fits(experiments: int, n: int) -> bool:
+    def fits(experiments: int, n: int, settings: SharingSettings = SHARING) -> bool:
         """Whether one fit takes the first runs and as many again."""
-        return 2 * experiments * first_shared_runs(experiments, n) <= SHARING.most
+        return 2 * experiments * first_shared_runs(experiments, n, settings) <= settings.most
 
     def move(self, box: Array) -> None:
         """Take the surfaces to another box; runs outside still tell of it."""
@@ -328,7 +331,7 @@ class SharedSurface(Emulator):
 
     def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
         """Run experiments `members` (A,) at points of their own, spread as the draws are."""
-        room = max((SHARING.most - int(self.runs.sum())) // len(members), 1)
+        room = max((self.settings.most - int(self.runs.sum())) // len(members), 1)
         more = int(np.ceil(growth * self.runs[members].mean()))
         self._place(members, min(more, room), most, draws)
         self.stale = True
@@ -336,13 +339,15 @@ class SharedSurface(Emulator):
     def judge(self, where: Array | None) -> None:
         """Estimate the errors by what the process leaves possible, times its surprise so far."""
         if self.stale:
-            self.posterior, self.stale = self._learned(SHARING.steps[1]), False
-        factor = SHARING.caution * self._surprise()
-        everywhere = low_discrepancy(SHARING.compared, len(self.box), fixed_shift(len(self.box)))
+            self.posterior, self.stale = self._learned(self.settings.steps[1]), False
+        factor = self.settings.caution * self._surprise()
+        everywhere = low_discrepancy(
+            self.settings.compared, len(self.box), fixed_shift(len(self.box))
+        )
         points = self.axes.outward(everywhere) if where is None else where
-        self.where = points[: SHARING.compared]
-        self.error = factor * self._left(self.axes.inward(points[: SHARING.judged]))
-        self.reach = np.maximum(factor * self._left(everywhere[: SHARING.judged]), self.error)
+        self.where = points[: self.settings.compared]
+        self.error = factor * self._left(self.axes.inward(points[: self.settings.judged]))
+        self.reach = np.maximum(factor * self._left(everywhere[: self.settings.judged]), self.error)
         self.scatter = self._expected().std(axis=1)
         index, _, y = self.samples.listed
         self.level = np.zeros(len(self.conditions))
@@ -377,7 +382,7 @@ class SharedSurface(Emulator):
     def _over_law(self, even: Array, draws: Array) -> Array:
         """Points x (R, n) spread as the draws are, and some over the box."""
         low, high = self.box.T
-        others = np.linspace(low, high, int(SHARING.elsewhere * len(draws)))
+        others = np.linspace(low, high, int(self.settings.elsewhere * len(draws)))
         pool = np.vstack([np.clip(draws, low, high), others])
         return np.column_stack([np.quantile(pool[:, i], even[:, i]) for i in range(len(low))])
 
@@ -385,7 +390,7 @@ class SharedSurface(Emulator):
         """The process given all runs; its covariance is learned on from where it was."""
         index, x, y = self.samples.listed
         u = np.hstack([self.conditions[index], self.axes.inward(x)])
-        some = np.sort(np.random.default_rng(len(u)).permutation(len(u))[: SHARING.learned])
+        some = np.sort(np.random.default_rng(len(u)).permutation(len(u))[: self.settings.learned])
         self.covariance = learned(self.covariance, index[some], u[some], y[some], steps)
         return ProcessPosterior.of(self.covariance, index, u, y)
 
@@ -399,7 +404,7 @@ class SharedSurface(Emulator):
         seen = np.bincount(known.index, minlength=experiments)
         squares = np.bincount(known.index, known.surprise**2, minlength=experiments)
         alike = self.covariance.likeness(np.hstack([self.conditions, np.zeros((experiments, n))]))
-        pooled = (alike @ squares) / np.maximum(alike @ seen, SHARING.least_seen)
+        pooled = (alike @ squares) / np.maximum(alike @ seen, self.settings.least_seen)
         return np.asarray(np.sqrt(np.maximum((1.0 + squares) / (1.0 + seen), pooled)))
 
     def _expected(self) -> Array:
@@ -425,13 +430,17 @@ class SharedSurface(Emulator):
     def _polynomials(self) -> tuple[Indices, Array]:
         """Indices (P, n) and coefficients (P, N): least squares over the box, more where judged."""
         n = len(self.box)
-        indices, size = ball((1.0,) * n, 2.0, SHARING.terms[min(n, len(SHARING.terms)) - 1])
-        even = 0.5 * (low_discrepancy(int(SHARING.points * len(indices)), n, fixed_shift(n)) + 1.0)
+        indices, size = ball(
+            (1.0,) * n, 2.0, self.settings.terms[min(n, len(self.settings.terms)) - 1]
+        )
+        even = 0.5 * (
+            low_discrepancy(int(self.settings.points * len(indices)), n, fixed_shift(n)) + 1.0
+        )
         x = np.vstack([self._over_box(even), self._over_law(even, self.where)])
         z = self.axes.inward(x)
         y = self._mean(z).T - self.posterior.level
         # Keeps what the points do not determine, in the corners of many parameters, from growing.
-        ridge = np.diag(SHARING.ridge * (1.0 + size**2))
+        ridge = np.diag(self.settings.ridge * (1.0 + size**2))
         matrix = np.vstack([products(indices, z).T, ridge])
         fitted = np.linalg.lstsq(matrix, np.vstack([y, np.zeros((len(size), y.shape[1]))]))[0]
         fitted[0] += self.posterior.level
