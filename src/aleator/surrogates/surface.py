@@ -177,9 +177,8 @@ def ball(scale: tuple[float, ...], norm: float, count: int) -> tuple[Indices, Ar
         low, high = high, 2.0 * high
         found = _inside(scale, norm, high, count)
     while found is None or len(found[1]) > 2 * count:
-        if (
-            high - low < SURFACES.alike * high
-        ):  # many indices of the same size: all of them are needed
+        # many indices of the same size: all of them are needed
+        if high - low < SURFACES.alike * high:
             found = _inside(scale, norm, high, sys.maxsize)
             break
         middle = 0.5 * (low + high)
