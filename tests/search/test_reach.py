@@ -4,7 +4,7 @@ import numpy as np
 
 from aleator.laws import Hyperparameter
 from aleator.search.interface import LogLikelihood
-from aleator.search.newton import BELIEVED, ascended
+from aleator.search.newton import ASCENT, ascended
 from aleator.types import Array
 
 
@@ -31,4 +31,4 @@ def test_an_ascent_arrives_by_steps_no_longer_than_they_may_be() -> None:
     objective, limits = Near(), [Hyperparameter("a", -20.0, 20.0, 0.0, free=True)]
     end = ascended(objective, np.zeros(1), limits, np.array([0]), np.eye(1))
     np.testing.assert_allclose(end.alpha, 10.0)
-    assert np.abs(np.diff(objective.asked)).max() <= np.sqrt(2.0 * BELIEVED) + 1e-12
+    assert np.abs(np.diff(objective.asked)).max() <= np.sqrt(2.0 * ASCENT.believed) + 1e-12

@@ -1,6 +1,7 @@
 """Surfaces: three ways to evaluate that agree, derivatives, and the range of the outcome."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from aleator.errors import InputsError
 from aleator.surrogates import ResponseSurface, Surface, build_surface
+from aleator.surrogates.surface import SURFACES
 
 BOX = np.array([[-1.0, 2.0], [0.5, 0.9]])
 COUNT = 7
@@ -71,7 +73,8 @@ def test_blocks_do_not_show(surface: Surface, monkeypatch: pytest.MonkeyPatch) -
     x = some_points(50)
     index = np.arange(50) % COUNT
     whole = (*surface.evaluate_with_gradient(x), surface.evaluate(x), surface.at(index, x))
-    monkeypatch.setattr(sys.modules[Surface.__module__], "BLOCK", 500)
+    module = sys.modules[Surface.__module__]
+    monkeypatch.setattr(module, "SURFACES", replace(SURFACES, block=500))
     parts = (*surface.evaluate_with_gradient(x), surface.evaluate(x), surface.at(index, x))
     for one, two in zip(whole, parts, strict=True):
         assert one == pytest.approx(two, abs=1e-13)

@@ -35,7 +35,7 @@ from aleator.results.printed import Content, number
 from aleator.results.result import Result
 from aleator.results.schema import read_answer
 from aleator.results.units import label
-from aleator.results.values import QUANTILES, in_order
+from aleator.results.values import REPORTED, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.tasks.decide.ground import Ground
@@ -316,7 +316,7 @@ def predict(
         runner.progress = progress
         who = OWN if of is not None and of == value.table.id else of
         if asked.distribution:
-            found = session.predict(table, draws, QUANTILES, progress, who, not no_noise)
+            found = session.predict(table, draws, REPORTED.quantiles, progress, who, not no_noise)
         else:
             ground = session.ground(table, draws.estimate, who, not no_noise)
             found = asked.table(ground, draws, progress)

@@ -12,7 +12,7 @@ from aleator.laws.inputs import Inputs
 from aleator.progress import Progress
 from aleator.simulators import Budget, Runner
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.adaptive import RESERVED, first_runs
+from aleator.surrogates.adaptive import ROUNDS, first_runs
 from aleator.surrogates.responses import moving_parameters
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def spend(
             f"a budget of {budget} for collocation, which takes the runs that it takes",
             "leave the budget out, or choose response surfaces",
         )
-    first = first_runs(moving_parameters(inputs.box).size, propagation) + RESERVED
+    first = first_runs(moving_parameters(inputs.box).size, propagation) + ROUNDS.reserved
     least = first * len(runner.cases)
     known = 0 if runner.cache is None else runner.cache.at_start.runs
     if budget.runs is not None and budget.runs + known < least:
@@ -83,4 +83,4 @@ def affordable(runner: Runner, runs: int) -> int | None:
     if given == runs * runner.units:
         return None
     each = given // runner.units
-    return each if each >= RESERVED else 0
+    return each if each >= ROUNDS.reserved else 0

@@ -38,7 +38,7 @@ from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.results.result import Result
 from aleator.results.values import (
-    QUANTILES,
+    REPORTED,
     DensityDistance,
     Estimate,
     ExperimentReport,
@@ -214,7 +214,7 @@ def experiment_reports(
     Log-densities are those of the `honest` log-likelihood: they sum to the total that is told.
     """
     under = problem.predictor.under(alpha)
-    pit, quantiles = under.cdf(problem.outcomes), under.quantile(np.array(QUANTILES))
+    pit, quantiles = under.cdf(problem.outcomes), under.quantile(np.array(REPORTED.quantiles))
     status = diagnostics.statuses(honest.status, honest.each)
     return tuple(
         ExperimentReport(
@@ -225,7 +225,9 @@ def experiment_reports(
             standard_deviation=float(under.sd[l]),
             skewness=float(under.standardized[l, 3]),
             kurtosis=float(under.standardized[l, 4]),
-            quantiles={str(p): float(q) for p, q in zip(QUANTILES, quantiles[l], strict=True)},
+            quantiles={
+                str(p): float(q) for p, q in zip(REPORTED.quantiles, quantiles[l], strict=True)
+            },
             pit=float(pit[l]),
             status=status[l],
             surface_error=float(surface_error[l]) if np.isfinite(surface_error[l]) else None,

@@ -30,8 +30,7 @@ from aleator.likelihood.individual import (
 )
 from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, Search, SearchResult, WarmStart
-from aleator.search.interface import SAME_VALUE, LogLikelihood, read, written
-from aleator.search.objective import SAME_PLACE
+from aleator.search.interface import OPTIMA, LogLikelihood, read, written
 from aleator.simulators import Runner
 from aleator.simulators.store import keep, kept
 from aleator.status import DEGENERATE_VALUE, Status
@@ -147,7 +146,9 @@ def of_many(
         led = [a for a in found.ascents if _level(a.log_likelihood, of_sample.log_likelihood)]
         ascents += [replace(a, alpha=alpha, log_likelihood=at.total) for a in led]
         known = [o for o in optima if _level(o.log_likelihood, at.total)]
-        if not any(np.linalg.norm(at.scores @ (alpha - o.alpha)) < SAME_PLACE for o in known):
+        if not any(
+            np.linalg.norm(at.scores @ (alpha - o.alpha)) < OPTIMA.same_place for o in known
+        ):
             optima.append(Optimum(alpha, at.total, of_sample.starts))
     optima.sort(key=lambda optimum: -optimum.log_likelihood)
     best = optima[0]
@@ -158,7 +159,7 @@ def of_many(
 
 
 def _level(one: float, other: float) -> bool:
-    return abs(one - other) < SAME_VALUE
+    return abs(one - other) < OPTIMA.same_value
 
 
 # ------------------------------------------------------------------------------------- baselines

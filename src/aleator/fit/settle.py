@@ -25,7 +25,7 @@ from aleator.likelihood.individual import (
 from aleator.likelihood.individual.rules import RULES
 from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, SearchResult
-from aleator.search.interface import RULED_OUT, one_hill
+from aleator.search.interface import OPTIMA, one_hill
 from aleator.search.newton import ascended, outer
 from aleator.types import Array, Indices
 
@@ -421,7 +421,7 @@ def _looked_at(objective: Objective, found: SearchResult) -> list[Optimum]:
 
 
 def _possible(optimum: Optimum, end: Settled) -> bool:
-    return end.value - optimum.log_likelihood < RULED_OUT
+    return end.value - optimum.log_likelihood < OPTIMA.ruled_out
 
 
 def _climbed(likelihood: AnyLikelihood, optimum: Optimum) -> Optimum:

@@ -20,8 +20,8 @@ from aleator.likelihood.individual import IndividualLikelihood, NodeRule
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.search.interface import LogLikelihood
-from aleator.search.newton import ARRIVED, TRIES, Summit, ascended, held
-from aleator.search.objective import FLOOR
+from aleator.search.newton import ASCENT, Summit, ascended, held
+from aleator.search.objective import SIGHT
 from aleator.types import Array
 
 Objective = Callable[[Array], LogLikelihood]
@@ -168,7 +168,7 @@ def stepped(fit: Fit) -> Fit:
     free = np.flatnonzero(~held(here, score, *limits) & np.isfinite(score))
     step = np.zeros(moving.size)
     step[free] = np.linalg.lstsq(fit.inference.information[np.ix_(free, free)], score[free])[0]
-    for half in range(TRIES):
+    for half in range(ASCENT.tries):
         alpha = fit.alpha.copy()
         alpha[moving] = np.clip(here + 0.5**half * step, *limits)
         there = fit.at(alpha)
@@ -177,7 +177,7 @@ def stepped(fit: Fit) -> Fit:
     return fit
 
 
-def climbed(fit: Fit, weights: Array | None = None, arrived: float = ARRIVED) -> Fit:
+def climbed(fit: Fit, weights: Array | None = None, arrived: float = ASCENT.arrived) -> Fit:
     """The fit at the nearest maximum; experiments count `weights` (N,) times, or once each."""
     if not fit.inference.identified.size:
         return fit
@@ -219,12 +219,17 @@ def refitted(fit: Fit, weights: Array | None = None, settings: RefitSettings = R
         start = _best(objective, end.alpha, k, fit.hyperparameters[k], settings.trials)
         other = _climb(fit, objective, start, _outer(fit, objective(start)))
         end = other if other.value > end.value else end
-    return Refit(fit.at(end.alpha), end.value, end.value > FLOOR and end.gain < settings.left)
+    return Refit(fit.at(end.alpha), end.value, end.value > SIGHT.floor and end.gain < settings.left)
 
 
 def _climb(fit: Fit, objective: Objective, alpha: Array, matrix: Array) -> Summit:
     return ascended(
-        objective, alpha, fit.hyperparameters, fit.inference.identified, positive(matrix), ARRIVED
+        objective,
+        alpha,
+        fit.hyperparameters,
+        fit.inference.identified,
+        positive(matrix),
+        ASCENT.arrived,
     )
 
 

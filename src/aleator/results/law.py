@@ -17,9 +17,6 @@ from aleator.laws import Law
 from aleator.laws.inputs import Inputs
 from aleator.types import Array
 
-FAR = 40.0
-"""Normal score that stands for an infinite one: less than 1e-300 lies beyond."""
-
 Points = Mapping[str, ArrayLike] | pd.DataFrame | ArrayLike
 
 
@@ -117,13 +114,14 @@ class JointLaw:
             found *= self._correlated_cdf(points)
         return found.reshape(shape)[()]
 
-    def _correlated_cdf(self, points: Array) -> Array:
+    def _correlated_cdf(self, points: Array, far: float = 40.0) -> Array:
+        """Of those that depend on each other; `far` is the score of infinity, of 1e-300 beyond."""
         tied = list(self.inputs.correlated)
         marginals = [*self.marginals.values()]
         scores = [marginals[i].family.normal_score(marginals[i].values, points[:, i]) for i in tied]
         matrix = self.inputs.correlation_matrix(self.alpha)[np.ix_(tied, tied)]
         copula = stats.multivariate_normal(cov=matrix, allow_singular=True, seed=0)
-        found: Array = np.atleast_1d(copula.cdf(np.clip(np.stack(scores, axis=1), -FAR, FAR)))
+        found: Array = np.atleast_1d(copula.cdf(np.clip(np.stack(scores, axis=1), -far, far)))
         return found
 
     def _points(self, x: Points) -> tuple[Array, tuple[int, ...]]:

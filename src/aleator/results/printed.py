@@ -21,10 +21,32 @@ if TYPE_CHECKING:
 
 NONE = "-"
 
+
+@dataclass(frozen=True)
+class TextSettings:
+    """How numbers and tables are written, all by judgement: no answer depends on it."""
+
+    whole: float = 1e7
+    """A number below this that has more digits than are shown is written whole."""
+    least: float = 1e-4
+    largest: float = 1e6
+    """A value between these is written to the digits of its error, any other with an exponent."""
+    decimals: int = 9
+    """The most decimals of a value with an error."""
+    gap: int = 2
+    """Blanks between two columns of a table."""
+    indent: int = 4
+    """Columns by which what does not fit beside the first cell stands under it."""
+    narrowest: int = 16
+    """A column that folds is no narrower, if its cells are as long: else it stands below."""
+
+
+TEXT = TextSettings()
+
 # ------------------------------------------------------------------------------------ numbers
 
 
-def number(value: float | None, digits: int = 4) -> str:
+def number(value: float | None, digits: int = 4, settings: TextSettings = TEXT) -> str:
     """A number with so many significant digits, "-" for none.
 
     >>> number(0.91234), number(None), number(123456.0), number(1.5e-7)
@@ -32,12 +54,14 @@ def number(value: float | None, digits: int = 4) -> str:
     """
     if value is None:
         return NONE
-    if value and (abs(value) >= 10.0**digits) and abs(value) < 1e7:
+    if value and (abs(value) >= 10.0**digits) and abs(value) < settings.whole:
         return f"{value:.0f}"
     return f"{value:.{digits}g}"
 
 
-def with_error(value: float, error: float | None, *, estimate: bool = False) -> tuple[str, str]:
+def with_error(
+    value: float, error: float | None, *, estimate: bool = False, settings: TextSettings = TEXT
+) -> tuple[str, str]:
     """A value and its standard error, both to the second digit of the error.
 
     An `estimate` keeps two digits of its own where the error is larger than itself.
@@ -45,10 +69,10 @@ def with_error(value: float, error: float | None, *, estimate: bool = False) -> 
     >>> with_error(0.912345, 0.01234), with_error(-9.37012, 0.2149), with_error(2.0, None)
     (('0.912', '0.012'), ('-9.37', '0.21'), ('2', '-'))
     """
-    if error is None or not error > 0 or not 1e-4 < abs(value) + error < 1e6:
-        return number(value), number(error, 2)
+    if error is None or not error > 0 or not settings.least < abs(value) + error < settings.largest:
+        return number(value, settings=settings), number(error, 2, settings)
     scale = min(error, abs(value) or error) if estimate else error
-    decimals = min(max(1 - math.floor(math.log10(scale)), 0), 9)
+    decimals = min(max(1 - math.floor(math.log10(scale)), 0), settings.decimals)
     # Adding zero turns a -0.0 that rounding left into 0.0.
     return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{error:.{decimals}f}"
 
@@ -97,19 +121,19 @@ def count(size: int, what: str) -> str:
     return f"{size:,} {what}{'' if size == 1 else 's'}"
 
 
-def outside(probabilities: Sequence[float]) -> str:
-    """How many independent values lie outside their 95 %, and how many of a right model would.
+def outside(probabilities: Sequence[float], share: float = 0.05) -> str:
+    """How many independent values lie in the outer `share` of their laws, and would if these hold.
 
     By their `probabilities` P(below), of which none is missing; the count is binomial.
 
     >>> outside([0.01, 0.5, 0.99, 0.6])
     '2 of 4 are, and 0 to 1 would be of a right model, in 95 % of all cases.'
     """
-    size, beyond = len(probabilities), sum(abs(p - 0.5) > 0.475 for p in probabilities)
-    fewest, most = binom.ppf([0.025, 0.975], size, 0.05).astype(int)
+    size, beyond = len(probabilities), sum(abs(p - 0.5) > 0.5 - 0.5 * share for p in probabilities)
+    fewest, most = binom.ppf([0.5 * share, 1.0 - 0.5 * share], size, share).astype(int)
     return (
-        f"{beyond} of {size:,} are, and {fewest} to {most} would be of a right model, in 95 % of "
-        "all cases."
+        f"{beyond} of {size:,} are, and {fewest} to {most} would be of a right model, in "
+        f"{percent(1.0 - share)} of all cases."
     )
 
 
@@ -401,13 +425,6 @@ def shown(head: str, table: pd.DataFrame, *sentences: str, amounts: Amounts = AM
 # ------------------------------------------------------------------------- a table as text
 
 
-GAP = 2
-INDENT = 4
-"""Columns by which what does not fit beside the first cell stands under it."""
-NARROWEST = 16
-"""A column that folds is no narrower, if its cells are as long: else it stands below."""
-
-
 def _filled(
     columns: Sequence[Column], rows: Sequence[Sequence[str]]
 ) -> tuple[Sequence[Column], Sequence[Sequence[str]]]:
@@ -417,7 +434,10 @@ def _filled(
 
 
 def laid_out(
-    columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int = 80
+    columns: Sequence[Column],
+    rows: Sequence[Sequence[str]],
+    width: int = 80,
+    settings: TextSettings = TEXT,
 ) -> tuple[list[str], list[str]]:
     """The head and the rows of a table, each as lines of at most `width` letters.
 
@@ -439,23 +459,25 @@ def laid_out(
     folds = columns[-1][1] == "fold" and len(columns) > 1
     fixed = len(columns) - folds
     wide = [max(len(row[k]) for row in every) for k in range(fixed)]
-    rest = sum(wide[1:]) + GAP * (fixed - 1)
-    note = _least([row[-1] for row in every]) if folds else 0
-    if rest + note + GAP + max(INDENT, len(names[0])) > width:
+    rest = sum(wide[1:]) + settings.gap * (fixed - 1)
+    note = _least([row[-1] for row in every], settings) if folds else 0
+    if rest + note + settings.gap + max(settings.indent, len(names[0])) > width:
         note = 0
-    if rest + INDENT > width:
-        return [], [line for row in rows for line in _stacked(names, row, width)]
-    room = width - rest - (note + GAP if note else 0)
+    if rest + settings.indent > width:
+        return [], [line for row in rows for line in _stacked(names, row, width, settings)]
+    room = width - rest - (note + settings.gap if note else 0)
     wide[0] = min(wide[0], room)
-    beside = sum(wide) + GAP * (fixed - 1) + GAP if note else None
-    head = _row(columns, names, wide, beside, width) if any(names) else []
-    return head, [line for row in rows for line in _row(columns, row, wide, beside, width)]
+    beside = sum(wide) + settings.gap * (fixed - 1) + settings.gap if note else None
+    head = _row(columns, names, wide, beside, width, settings) if any(names) else []
+    return head, [
+        line for row in rows for line in _row(columns, row, wide, beside, width, settings)
+    ]
 
 
-def _least(cells: Sequence[str]) -> int:
+def _least(cells: Sequence[str], settings: TextSettings = TEXT) -> int:
     """The least width of a folding column: no less than its longest word."""
     words = [len(word) for cell in cells for word in cell.split()]
-    return max(min(NARROWEST, max(map(len, cells))), *words)
+    return max(min(settings.narrowest, max(map(len, cells))), *words)
 
 
 def _row(
@@ -464,6 +486,7 @@ def _row(
     wide: Sequence[int],
     beside: int | None,
     width: int,
+    settings: TextSettings = TEXT,
 ) -> list[str]:
     """A row whose folding cell begins at the column `beside`, or on a line of its own."""
     fixed = len(wide)
@@ -477,18 +500,22 @@ def _row(
         cell.rjust(size) if side == "right" else cell.ljust(size)
         for cell, size, (_, side) in zip(cells, wide, columns, strict=False)
     ]
-    line = (" " * GAP).join(placed)
+    line = (" " * settings.gap).join(placed)
     if beside is None:
-        return [*lines, line.rstrip(), *_folded(note, INDENT, width)]
+        return [*lines, line.rstrip(), *_folded(note, settings.indent, width)]
     first, *others = _folded(note, beside, width) or [""]
     return [*lines, (line + first[len(line) :]).rstrip(), *others]
 
 
-def _stacked(names: Sequence[str], row: Sequence[str], width: int) -> list[str]:
+def _stacked(
+    names: Sequence[str], row: Sequence[str], width: int, settings: TextSettings = TEXT
+) -> list[str]:
     """A row with a line for each cell."""
     lines = _folded(row[0], 0, width)
     for name, cell in zip(names[1:], row[1:], strict=True):
-        lines += _folded(f"{name}: {cell}" if name else cell, INDENT, width) if cell else []
+        lines += (
+            _folded(f"{name}: {cell}" if name else cell, settings.indent, width) if cell else []
+        )
     return lines
 
 

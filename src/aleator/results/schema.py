@@ -25,7 +25,7 @@ from pydantic_core import PydanticCustomError
 from aleator.errors import AleatorError, key_path
 from aleator.results.result import Result
 from aleator.results.values import (
-    QUANTILES,
+    REPORTED,
     Consistency,
     Estimate,
     ExperimentReport,
@@ -42,8 +42,6 @@ FORMER = (Any, None)
 """A key of files that earlier versions wrote, which nobody reads."""
 NEEDED = ("alpha", "log_likelihood", "experiments")
 """Keys by which an identification is known as one."""
-DIGITS = 19
-"""Of a whole number that was written: one with more is infinite, as it may be for a float."""
 
 
 def fault(key: str, problem: str) -> PydanticCustomError:
@@ -337,7 +335,7 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
             if counts != first or 0 in counts.values():
                 return f"experiments[{k}].components", "are not those of the first one"
     if pictures.predicted and (
-        pictures.predicted.keys() != {str(p) for p in QUANTILES}
+        pictures.predicted.keys() != {str(p) for p in REPORTED.quantiles}
         or any(len(column) != len(seen) for column in pictures.predicted.values())
     ):
         return "pictures.predicted", "has not each quantile of each observation"
@@ -478,8 +476,9 @@ def _read(path: Path, command: str) -> Document:
     return document if isinstance(document, dict) else {}
 
 
-def _whole(digits: str) -> float:
-    return int(digits) if len(digits) <= DIGITS else math.inf
+def _whole(digits: str, most: int = 19) -> float:
+    """A whole number that was written: one with more digits is infinite, as a float may be."""
+    return int(digits) if len(digits) <= most else math.inf
 
 
 def _check(entry: type[DocumentEntry], document: Document, path: str | Path, command: str) -> None:

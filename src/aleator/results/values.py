@@ -19,10 +19,21 @@ from aleator.results import documents
 from aleator.status import Status
 from aleator.types import Array
 
-QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+
+@dataclass(frozen=True)
+class ReportedSettings:
+    """What a result reports and takes back; by judgement."""
+
+    quantiles: tuple[float, ...] = (0.025, 0.25, 0.5, 0.75, 0.975)
+    """Probabilities of the quantiles of predicted outcomes."""
+    level: float = 0.05
+    """The model is inconsistent where the probability of all tests together is below this."""
+    rounding: float = 1e-9
+    """Share of a limit by which a value may lie beyond it, as it may have been written down."""
+
+
+REPORTED = ReportedSettings()
 OUTSIDE = Status.OUTSIDE_SUPPORT.name.lower()
-ROUNDING = 1e-9
-"""Share of a limit by which a value may lie beyond it, as it may have been written down."""
 
 
 class Plain:
@@ -279,10 +290,6 @@ class DensityDistance(Plain):
 # ------------------------------------------------------------------------------------- consistency
 
 
-LEVEL = 0.05
-"""The model is inconsistent where the probability of all tests together is below this."""
-
-
 @dataclass(frozen=True)
 class Statistic(Plain):
     """One test: what it looks at, where, and its probability under the model.
@@ -403,7 +410,7 @@ def in_order(
     values = [alpha[name] for name in names]
     at = np.array([v.estimate if isinstance(v, Estimate) else float(v) for v in values])
     for value, h in zip(at.tolist(), hyperparameters, strict=True):
-        slack = ROUNDING * max(abs(h.lower), abs(h.upper))
+        slack = REPORTED.rounding * max(abs(h.lower), abs(h.upper))
         if not h.lower - slack <= value <= h.upper + slack:
             raise InputsError(
                 f"{h.name} = {value:g} is outside its limits [{h.lower:g}, {h.upper:g}]"

@@ -42,7 +42,7 @@ class CustomSearch(TaskSearch):
 
     >>> from scipy import optimize
     >>> from aleator.laws import Hyperparameter
-    >>> from aleator.search.value import LogLikelihood
+    >>> from aleator.search.interface import LogLikelihood
     >>> def simplex(value, lower, upper, start, rng):
     ...     limits = optimize.Bounds(lower, upper)
     ...     cost = lambda alpha: -value(alpha)
@@ -98,13 +98,14 @@ class CustomSearch(TaskSearch):
         return finished(task, converged=True, polish=self.polish)
 
 
-def _within(end: ArrayLike, coordinates: Coordinates) -> Array:
+def _within(end: ArrayLike, coordinates: Coordinates, share: float = 1e-9) -> Array:
+    """The end as alpha; it may lie beyond a limit by a share of their distance, by rounding."""
     try:
         alpha = np.asarray(end, dtype=np.float64)
     except (TypeError, ValueError):
         alpha = np.full(0, np.nan)
     lower, upper = coordinates.lower, coordinates.upper
-    slack = 1e-9 * (upper - lower)
+    slack = share * (upper - lower)
     if alpha.shape != lower.shape or not np.all(
         (alpha >= lower - slack) & (alpha <= upper + slack)
     ):
@@ -154,7 +155,7 @@ def compare(
     Raises InputsError for no search at all. Cost: that of all searches.
 
     >>> import numpy as np
-    >>> from aleator.search.value import LogLikelihood
+    >>> from aleator.search.interface import LogLikelihood
     >>> from aleator.search import DifferentialEvolution, GradientMultistart
     >>> def parabola(alpha):  # log L = -(alpha - 2)^2, largest at 2
     ...     gap = alpha - 2.0

@@ -127,11 +127,21 @@ def reach_of(objective: Objective, alpha: Array, ahead: Array) -> float:
     return objective.reach(alpha, ahead) if isinstance(objective, Reaching) else 1.0
 
 
-RULED_OUT = 1.92
-"""A log-likelihood so far below the largest belongs to no interval of 95 %: chi2_1(0.95)/2."""
-MOST_RIVALS = 3
-SAME_VALUE = 0.01
-"""Two ends within this log-likelihood of each other may be the same optimum."""
+@dataclass(frozen=True)
+class OptimaSettings:
+    """When two ends are one optimum, and which optima the result names; by judgement."""
+
+    ruled_out: float = 1.92
+    """A log-likelihood so far below the largest belongs to no interval of 95 %: chi2_1(0.95)/2."""
+    rivals: int = 3
+    """The most other optima that a result names."""
+    same_value: float = 0.01
+    """Two ends within this log-likelihood of each other may be the same optimum."""
+    same_place: float = 0.3
+    """... and are, if also within this many standard errors (outer product of scores)."""
+
+
+OPTIMA = OptimaSettings()
 
 
 def one_hill(step: Array, scores: Array, free: Indices) -> bool:
@@ -212,14 +222,18 @@ class SearchResult:
     @property
     def rivals(self) -> list[Array]:
         """The next optima (K,) that a drop of 1.92, that of a 95 % interval, does not rule out."""
-        near = [o for o in self.optima[1:] if self.log_likelihood - o.log_likelihood < RULED_OUT]
-        return [optimum.alpha for optimum in near[:MOST_RIVALS]]
+        near = [
+            o for o in self.optima[1:] if self.log_likelihood - o.log_likelihood < OPTIMA.ruled_out
+        ]
+        return [optimum.alpha for optimum in near[: OPTIMA.rivals]]
 
     @property
     def converged(self) -> bool:
         """Whether a start that ended at the best optimum met its convergence test."""
         best = self.log_likelihood
-        return any(a.converged and best - a.log_likelihood < SAME_VALUE for a in self.ascents)
+        return any(
+            a.converged and best - a.log_likelihood < OPTIMA.same_value for a in self.ascents
+        )
 
     def improved(self, alpha: Array, at: LogLikelihood, free: Indices) -> SearchResult:
         """The result with a better optimum in front, met after the starts had ended.
@@ -237,7 +251,7 @@ class SearchResult:
     def moved(self, alpha: Array, log_likelihood: float) -> SearchResult:
         """The result where the best optimum has moved, as the objective has since the search."""
         best, *others = self.optima
-        led = [self.log_likelihood - a.log_likelihood < SAME_VALUE for a in self.ascents]
+        led = [self.log_likelihood - a.log_likelihood < OPTIMA.same_value for a in self.ascents]
         ascents = tuple(
             replace(ascent, alpha=alpha, log_likelihood=log_likelihood) if same else ascent
             for ascent, same in zip(self.ascents, led, strict=True)
@@ -270,13 +284,22 @@ class Search(Protocol):
         """
 
 
-WIDE = 1e6
-"""Limits farther apart than this many times what is known of the value's size are wide."""
-NOTHING = 1e-30
-"""A value below this share of the distance between its limits says nothing of its size."""
+@dataclass(frozen=True)
+class SpanSettings:
+    """When limits are wide for a value; by judgement."""
+
+    wide: float = 1e6
+    """Limits farther apart than this many times what is known of the value's size are wide."""
+    nothing: float = 1e-30
+    """A value below this share of the distance between its limits says nothing of its size."""
 
 
-def wide_limits(hyperparameters: Sequence[Hyperparameter]) -> tuple[str, ...]:
+SPANS = SpanSettings()
+
+
+def wide_limits(
+    hyperparameters: Sequence[Hyperparameter], settings: SpanSettings = SPANS
+) -> tuple[str, ...]:
     """Names of the free hyperparameters whose limits span six orders of magnitude or more.
 
     Measured against the smallest of limits and start that is not zero; where these are all of one
@@ -288,16 +311,18 @@ def wide_limits(hyperparameters: Sequence[Hyperparameter]) -> tuple[str, ...]:
     >>> wide_limits([far, near])
     ('b.value',)
     """
-    return tuple(h.name for h in hyperparameters if h.free and not h.log and _spans(h) >= WIDE)
+    return tuple(
+        h.name for h in hyperparameters if h.free and not h.log and _spans(h) >= settings.wide
+    )
 
 
-def outsized(width: Array, size: Array) -> NDArray[np.bool_]:
+def outsized(width: Array, size: Array, settings: SpanSettings = SPANS) -> NDArray[np.bool_]:
     """Where limits this far apart (F,) are wide for values of this size (F,).
 
     >>> outsized(np.array([1e9, 1e9, 1e9]), np.array([1.0, 1e8, 0.0])).tolist()
     [True, False, False]
     """
-    return (size > NOTHING * width) & (width > WIDE * size)
+    return (size > settings.nothing * width) & (width > settings.wide * size)
 
 
 def _spans(h: Hyperparameter) -> float:

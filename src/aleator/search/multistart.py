@@ -22,7 +22,7 @@ from aleator.search.interface import (
     outsized,
 )
 from aleator.search.objective import (
-    FLOOR,
+    SIGHT,
     Coordinates,
     CountedObjective,
     Task,
@@ -32,10 +32,52 @@ from aleator.search.objective import (
 )
 from aleator.types import Array, Indices
 
-NEAR = 0.5
-"""Standard errors (outer product of scores) within which no one could tell two optima apart."""
-AGREES = 0.05
-"""... if the log-likelihood between them rises as the slopes at both ends say, to this."""
+
+@dataclass(frozen=True)
+class StartSettings:
+    """Where starts lie; by judgement."""
+
+    margin: float = 0.05
+    """Share of the distance between limits that a start stays away from either."""
+    nearest: float = 0.01
+    """Least distance from a guess, over its size in wide limits, else over their distance."""
+
+
+STARTS = StartSettings()
+
+
+@dataclass(frozen=True)
+class ClimbSettings:
+    """Legs of a climb, their end, and when a climb joins another; by judgement."""
+
+    near: float = 0.5
+    """Standard errors (outer product of scores) within which two optima cannot be told apart."""
+    agrees: float = 0.05
+    """... if the log-likelihood between them rises as the slopes at both ends say, to this."""
+    own_gain: float = 1.0
+    """Log-likelihood that a step of the objective's own way must gain for another one: near a
+    maximum others are faster."""
+    own_steps: int = 10
+    """The most such steps."""
+    flat: float = 1e-4
+    """Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""
+    settled: float = 1e-3
+    """... of the leg's end, above which another leg follows: other starts may join this one."""
+    noise: float = 5.0
+    """Roots of the objective's resolution below which a slope is none."""
+    leg: int = 10
+    """Evaluations of a leg, where the objective knows a way of its own that may be tried again."""
+    little: float = 1e-6
+    """A leg that gains less than this in log-likelihood is the last."""
+    digits: float = 1e-11
+    """Relative gain of the log-likelihood at which a leg ends."""
+    memory: int = 20
+    """Steps from which L-BFGS-B learns the curvature."""
+    finest: float = 1e6
+    """Values are scaled to no less than their own size over this, where their limits are wide."""
+
+
+CLIMBS = ClimbSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +87,7 @@ class Reached:
     alpha: Array
     at: LogLikelihood
     free: Indices
+    settings: ClimbSettings = CLIMBS
 
     def joins(self, alpha: Array, at: LogLikelihood) -> bool:
         """Whether a climb from alpha, with this log-likelihood, would only end here again."""
@@ -53,7 +96,9 @@ class Reached:
         step = self.alpha - alpha
         gain, along = self.at.total - at.total, self._scores @ step[self.free]
         predicted = 0.5 * float((self.at.score + at.score) @ step)
-        return bool(along @ along < NEAR**2 and abs(gain - predicted) < AGREES)
+        return bool(
+            along @ along < self.settings.near**2 and abs(gain - predicted) < self.settings.agrees
+        )
 
     @property
     def _scores(self) -> Array:
@@ -74,34 +119,37 @@ def joined(reached: Sequence[Reached], alpha: Array, at: LogLikelihood) -> Reach
     return next((one for one in reached if one.joins(alpha, at)), None)
 
 
-LEAST = 1.0
-"""Log-likelihood that a step must gain for another one: near a maximum others are faster."""
-STEPS = 10
-
-
 def approached(
-    objective: CountedObjective, coordinates: Coordinates, start: Array, most: int
+    objective: CountedObjective,
+    coordinates: Coordinates,
+    start: Array,
+    most: int,
+    settings: ClimbSettings = CLIMBS,
 ) -> tuple[Array, int]:
     """The best alpha (K,) on the objective's own way from `start`, and how many evaluations.
 
     It is the start itself where no step gains, or none is known (see `Guiding`).
     """
     best, alpha, value = start, start, -np.inf
-    for count in range(min(STEPS, most)):
+    for count in range(min(settings.own_steps, most)):
         found = objective.toward(alpha)
         if found is None:
             return start, 0
         gain = found[0] - value
         if gain > 0.0:
             best, value = alpha, found[0]
-        if gain < LEAST:
+        if gain < settings.own_gain:
             return best, count + 1
         alpha = coordinates.filled(found[1][coordinates.free])
-    return best, max(min(STEPS, most), 0)
+    return best, max(min(settings.own_steps, most), 0)
 
 
 def starting_points(
-    coordinates: Coordinates, guesses: Sequence[Array], count: int, seed: int
+    coordinates: Coordinates,
+    guesses: Sequence[Array],
+    count: int,
+    seed: int,
+    settings: StartSettings = STARTS,
 ) -> Array:
     """The hyperparameters' own start, the guesses, and scrambled Sobol' points: alphas (count, K).
 
@@ -117,12 +165,14 @@ def starting_points(
     missing = count - len(known)
     if missing <= 0:
         return known[:count]
-    # a start on a bound tells the search little: keep a twentieth away
-    spread = 0.05 + 0.9 * evenly(coordinates.free.size, missing, seed)
+    # a start on a bound tells the search little
+    spread = settings.margin + (1.0 - 2.0 * settings.margin) * evenly(
+        coordinates.free.size, missing, seed
+    )
     points = coordinates.to_alpha(spread)
     if guesses:
         centers = given[1:][np.arange(missing) % len(guesses)]
-        free = _around(coordinates, given[1:], centers, points, spread)
+        free = _around(coordinates, given[1:], centers, points, spread, settings)
         points = coordinates.filled(free)
     return np.concatenate([known, points])
 
@@ -138,29 +188,22 @@ def evenly(dimensions: int, count: int, seed: int) -> Array:
 
 
 def _around(
-    coordinates: Coordinates, guesses: Array, centers: Array, points: Array, spread: Array
+    coordinates: Coordinates,
+    guesses: Array,
+    centers: Array,
+    points: Array,
+    spread: Array,
+    settings: StartSettings = STARTS,
 ) -> Array:
     """The points' free entries; those of wide linear limits at any distance from a center."""
     free, middle = points[:, coordinates.free], centers[:, coordinates.free]
     width = coordinates.upper - coordinates.lower
     size = np.max(np.abs(guesses[:, coordinates.free]), axis=0)
     wide = ~coordinates.log & outsized(width, size)
-    nearest = 0.01 * np.where(wide, size, width)
+    nearest = settings.nearest * np.where(wide, size, width)
     share = np.abs(2.0 * spread - 1.0)
     distance = nearest * (width / nearest) ** share * np.sign(spread - 0.5)
     return np.where(wide, middle + distance, free)
-
-
-FLAT = 1e-4
-"""Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""
-SETTLED = 1e-3
-"""... of the leg's end, above which another leg follows: other starts may join this one."""
-NOISE = 5.0
-"""Roots of the objective's resolution below which a slope is none."""
-LEG = 10
-"""Evaluations of a leg, where the objective knows a way of its own that may be tried again."""
-LITTLE = 1e-6
-"""A leg that gains less than this in log-likelihood is the last."""
 
 
 def climb(
@@ -169,6 +212,7 @@ def climb(
     start: Array,
     evaluations: int,
     reached: list[Reached],
+    settings: ClimbSettings = CLIMBS,
 ) -> Ascent:
     """Climb from the alpha `start` (K,) with at most so many evaluations.
 
@@ -178,28 +222,31 @@ def climb(
     `Guiding`), it is tried before every leg. A climb that joins one of those that `reached` an
     optimum ends with it; the end of any other is added to them.
     """
-    alpha, spent = approached(objective, coordinates, start, evaluations - 1)
+    alpha, spent = approached(objective, coordinates, start, evaluations - 1, settings)
     at, count, settled = objective(alpha), spent + 1, False
-    if at.total <= FLOOR:
+    if at.total <= SIGHT.floor:
         return Ascent(start, start, -np.inf, count, converged=False)
     while not settled:
         left = evaluations - count
-        leg = _Leg(objective, coordinates, alpha, at, min(left, LEG) if spent else left, reached)
+        most = min(left, settings.leg) if spent else left
+        leg = _Leg(objective, coordinates, alpha, at, most, reached, settings)
         arrived = leg.run()
         gain, count = leg.best.total - at.total, count + leg.count
         if leg.joined is not None:
             return Ascent(start, leg.joined.alpha, leg.joined.at.total, count, converged=True)
         alpha, at = leg.highest, leg.best
-        little = gain < max(LITTLE, objective.resolution)
-        done = little or _settled(coordinates, alpha, at, objective.resolution)
+        little = gain < max(settings.little, objective.resolution)
+        done = little or _settled(coordinates, alpha, at, objective.resolution, settings)
         settled = done if arrived else leg.count >= left
         if spent and not settled:
-            ahead, spent = approached(objective, coordinates, alpha, evaluations - count - 1)
+            ahead, spent = approached(
+                objective, coordinates, alpha, evaluations - count - 1, settings
+            )
             count += spent
             if ahead is not alpha:
                 alpha, at, count = ahead, objective(ahead), count + 1
     if arrived:
-        reached.append(Reached(alpha, at, coordinates.free))
+        reached.append(Reached(alpha, at, coordinates.free, settings))
     return Ascent(start, alpha, at.total, count, arrived)
 
 
@@ -214,11 +261,12 @@ class _Leg:
         at: LogLikelihood,
         most: int,
         reached: Sequence[Reached],
+        settings: ClimbSettings = CLIMBS,
     ) -> None:
         self._objective, self._coordinates, self._most = objective, coordinates, most
         self._reached, self.joined = reached, joined(reached, start, at)
         self._start, self._at, self._least = start, at, at.total
-        self._scale = _scale(coordinates, at, start)
+        self._scale, self._settings = _scale(coordinates, at, start, settings), settings
         self.highest, self.best, self.count = start, at, 0
 
     def run(self) -> bool:
@@ -234,9 +282,9 @@ class _Leg:
                 method="L-BFGS-B",
                 bounds=list(zip(-unit / self._scale, (1.0 - unit) / self._scale, strict=True)),
                 options={
-                    "ftol": max(1e-11, resolution / max(1.0, abs(self._at.total))),
-                    "gtol": max(FLAT, resolution**0.5),
-                    "maxcor": 20,
+                    "ftol": max(self._settings.digits, resolution / max(1.0, abs(self._at.total))),
+                    "gtol": max(self._settings.flat, resolution**0.5),
+                    "maxcor": self._settings.memory,
                 },
             )
         except _EndedError:
@@ -247,7 +295,7 @@ class _Leg:
         moved = self._coordinates.moved(self._start, v * self._scale)
         alpha = moved if np.any(v) else self._start
         result = self._at if np.array_equal(alpha, self._start) else self._asked(alpha)
-        if result.total <= FLOOR:
+        if result.total <= SIGHT.floor:
             # no number: the line search sees less than all it has met, and comes back
             return 1.0 + self.best.total - 2.0 * self._least, np.zeros_like(v)
         self._least = min(self._least, result.total)
@@ -266,16 +314,24 @@ class _Leg:
         return self._objective(alpha)
 
 
-def _settled(coordinates: Coordinates, alpha: Array, at: LogLikelihood, resolution: float) -> bool:
+def _settled(
+    coordinates: Coordinates,
+    alpha: Array,
+    at: LogLikelihood,
+    resolution: float,
+    settings: ClimbSettings = CLIMBS,
+) -> bool:
     """Whether no direction within the limits has a slope worth another leg."""
-    slope = coordinates.gradient(alpha, at.score) * _scale(coordinates, at, alpha)
+    slope = coordinates.gradient(alpha, at.score) * _scale(coordinates, at, alpha, settings)
     unit = coordinates.to_unit(alpha)
     outward = ((unit <= 0.0) & (slope < 0.0)) | ((unit >= 1.0) & (slope > 0.0))
-    level = max(SETTLED, NOISE * resolution**0.5)
+    level = max(settings.settled, settings.noise * resolution**0.5)
     return bool(np.all((np.abs(slope) < level) | outward))
 
 
-def _scale(coordinates: Coordinates, at: LogLikelihood, alpha: Array) -> Array:
+def _scale(
+    coordinates: Coordinates, at: LogLikelihood, alpha: Array, settings: ClimbSettings = CLIMBS
+) -> Array:
     """Standard errors (F,) in u, by the outer product of the scores at alpha."""
     assert at.scores is not None
     with np.errstate(over="ignore"):
@@ -285,7 +341,7 @@ def _scale(coordinates: Coordinates, at: LogLikelihood, alpha: Array) -> Array:
     size = np.abs(alpha[coordinates.free])
     width = coordinates.upper - coordinates.lower
     wide = ~coordinates.log & outsized(width, size)
-    finest = 1e6 * np.where(wide, width, 1.0) / np.where(wide, size, 1.0)
+    finest = settings.finest * np.where(wide, width, 1.0) / np.where(wide, size, 1.0)
     return np.asarray(1.0 / np.clip(np.sqrt(information), 1.0, finest))
 
 

@@ -12,15 +12,36 @@ from aleator.search.interface import LogLikelihood, Objective, Scored
 from aleator.search.objective import CountedObjective
 from aleator.types import Array, Flags, Indices
 
-ARRIVED = 1e-5
-"""Stop when this close to the maximum, in log-likelihood (0.5 g' H^-1 g)."""
-STEPS = 40
-BELIEVED = 1.0
-"""A gain that is believed however far the step goes; a longer one is as long as is known."""
-TRIES, DOUBTED = 12, 4
-"""Lengths of a step that are tried, and by a matrix that there is another for."""
-MANY = 5
-"""Experiments for each hyperparameter from which on outer products of scores tell a curvature."""
+
+@dataclass(frozen=True)
+class AscentSettings:
+    """Steps of a quasi-Newton ascent, their lengths and their end; by judgement."""
+
+    arrived: float = 1e-5
+    """It ends when this close to the maximum, in log-likelihood (0.5 g' H^-1 g)."""
+    steps: int = 40
+    """The most steps."""
+    believed: float = 1.0
+    """A gain that is believed however far the step goes; a longer one is as long as is known."""
+    tries: int = 12
+    """Lengths of a step that are tried."""
+    doubted: int = 4
+    """... by a matrix that there is another for."""
+    experiments: int = 5
+    """Experiments a hyperparameter from which on outer products of scores tell a curvature."""
+    rise: float = 1e-4
+    """Share of the gain by the slope that a step must bring (Armijo)."""
+    shorter: float = 0.4
+    """Length of the next step that is tried, over that of the last."""
+    damped: float = 0.2
+    """Share of the curvature of the matrix below which a step's own is raised (Powell)."""
+    curvature: float = 1e-6
+    """The least eigenvalue of an information matrix, in units of its diagonal."""
+    smallest: float = 1e-300
+    """The least entry of the diagonal, which a hyperparameter without effect has."""
+
+
+ASCENT = AscentSettings()
 
 
 @dataclass(frozen=True)
@@ -65,9 +86,10 @@ def ascended(
     hyperparameters: Sequence[Hyperparameter],
     moving: Indices,
     information: Array,
-    arrived: float = ARRIVED,
+    arrived: float = ASCENT.arrived,
     *,
     bent: bool = False,
+    settings: AscentSettings = ASCENT,
 ) -> Summit:
     """Climb over the `moving` (F,) hyperparameters until `arrived` is all that is left to gain.
 
@@ -93,10 +115,10 @@ def ascended(
 
     here, gain = at(point), 0.0
     # of few experiments the outer products tell little: then there is no other matrix
-    another = bent and len(here.each) > MANY * moving.size
+    another = bent and len(here.each) > settings.experiments * moving.size
     least = arrived if bent else 0.0
     doubted = another
-    for _ in range(STEPS):
+    for _ in range(settings.steps):
         score = here.score[moving]
         free = ~held(point, score, lower, upper)
         step = _newton_step(matrix, score, free)
@@ -108,10 +130,12 @@ def ascended(
         gain = 0.5 * float(score @ step)
         if gain < arrived:
             break
-        if gain > BELIEVED:
+        if gain > settings.believed:
             step *= counted.reach(whole(point), whole(np.clip(point + step, lower, upper)))
-        tries, rise = DOUBTED if doubted else TRIES, float(score @ step)
-        moved = _line_search(at, point, here.total, rise, step, lower, upper, tries, least)
+        tries, rise = settings.doubted if doubted else settings.tries, float(score @ step)
+        moved = _line_search(
+            at, point, here.total, rise, step, lower, upper, tries, least, settings
+        )
         if moved is None:
             if not doubted:
                 break
@@ -119,17 +143,17 @@ def ascended(
             matrix, doubted = outer(here.scores[:, moving]), False
             continue
         new_point, there = moved
-        matrix = _updated(matrix, new_point - point, score - there.score[moving])
+        matrix = _updated(matrix, new_point - point, score - there.score[moving], settings)
         point, here, doubted = new_point, there, another
     assert here.scores is not None
     return Summit(whole(point), here.total, here.scores, matrix, gain)
 
 
-def positive(matrix: Array) -> Array:
-    """The matrix with its eigenvalues, in units of its diagonal, raised to at least 1e-6."""
-    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
+def positive(matrix: Array, settings: AscentSettings = ASCENT) -> Array:
+    """The matrix with its eigenvalues, in units of its diagonal, raised to a least one."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), settings.smallest))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    raised = (vectors * np.maximum(values, 1e-6)) @ vectors.T
+    raised = (vectors * np.maximum(values, settings.curvature)) @ vectors.T
     return np.asarray(raised * np.outer(scale, scale))
 
 
@@ -170,6 +194,7 @@ def _line_search(
     upper: Array,
     tries: int,
     least: float,
+    settings: AscentSettings = ASCENT,
 ) -> tuple[Array, LogLikelihood] | None:
     """The first of ever shorter steps that gains, but for those that cannot gain `least`.
 
@@ -182,22 +207,22 @@ def _line_search(
         trial = np.clip(point + length * step, lower, upper)
         if not np.array_equal(trial, before):
             found = at(trial)
-            if found.total >= value + 1e-4 * length * gain:
+            if found.total >= value + settings.rise * length * gain:
                 return trial, found
             before = trial
-        length *= 0.4
+        length *= settings.shorter
     return None
 
 
-def _updated(matrix: Array, s: Array, y: Array) -> Array:
+def _updated(matrix: Array, s: Array, y: Array, settings: AscentSettings = ASCENT) -> Array:
     """BFGS update of the information with step s and change y = -(change of the score)."""
     sy, ms = float(s @ y), matrix @ s
     sms = float(s @ ms)
     if sms <= 0.0:
         return matrix
-    if sy < 0.2 * sms:
+    if sy < settings.damped * sms:
         # Powell's damping keeps the matrix positive definite
-        theta = 0.8 * sms / (sms - sy)
+        theta = (1.0 - settings.damped) * sms / (sms - sy)
         y = theta * y + (1.0 - theta) * ms
         sy = float(s @ y)
     return np.asarray(matrix - np.outer(ms, ms) / sms + np.outer(y, y) / sy)

@@ -12,11 +12,12 @@ import numpy as np
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.progress import Progress, Silent
 from aleator.search.interface import (
-    SAME_VALUE,
+    OPTIMA,
     Ascent,
     Guiding,
     LogLikelihood,
     Objective,
+    OptimaSettings,
     Optimum,
     Scored,
     SearchResult,
@@ -28,8 +29,18 @@ from aleator.search.interface import (
 )
 from aleator.types import Array, Indices
 
-KNEE = 1e-3
-"""Share of its upper limit below which a scale that may be zero is seen as its square."""
+
+@dataclass(frozen=True)
+class SightSettings:
+    """How a search sees values and log-likelihoods; by judgement."""
+
+    knee: float = 1e-3
+    """Share of its upper limit below which a scale that may be zero is seen as its square."""
+    floor: float = -1e100
+    """What a search sees where the log-likelihood is not a finite number."""
+
+
+SIGHT = SightSettings()
 
 
 class Coordinates:
@@ -52,7 +63,7 @@ class Coordinates:
         chosen = [hyperparameters[k] for k in self.free]
         self.log = np.array([h.log for h in chosen], dtype=bool)
         self.lower, self.upper = limits_of(chosen)
-        self._knee = np.array([KNEE * h.upper * h.reaches_zero for h in chosen])
+        self._knee = np.array([SIGHT.knee * h.upper * h.reaches_zero for h in chosen])
         self._beside, self._known = _sums(hyperparameters, self.free)
         ends = np.array([(h.beside.lower, h.beside.upper) if h.beside else (h.lower, h.upper)
                          for h in chosen]).reshape(-1, 2)  # fmt: skip
@@ -132,15 +143,11 @@ def _sums(hyperparameters: Sequence[Hyperparameter], free: Indices) -> tuple[Arr
     return (factors, known) if any(hyperparameters[k].beside for k in free) else (None, known)
 
 
-FLOOR = -1e100
-"""What a search sees where the log-likelihood is not a finite number."""
-
-
 class CountedObjective:
     """The objective of one search, the `method`: the best alpha it asked for, and what that took.
 
     Floating-point warnings of the objective are contained, because a search asks for absurd alpha
-    on purpose; a value, or a score, that is not finite counts as FLOOR with a score of zero.
+    on purpose; a value, or a score, that is not finite counts as the floor with a score of zero.
     """
 
     def __init__(self, objective: Objective | Scored, method: str = "") -> None:
@@ -178,9 +185,9 @@ class CountedObjective:
             finite = np.isfinite(result.total) and np.isfinite(np.sum(result.scores**2))
         self.evaluations += 1
         self.scored += 1
-        if not finite or result.total <= FLOOR:
+        if not finite or result.total <= SIGHT.floor:
             each = np.zeros_like(result.each)
-            each[0] = FLOOR
+            each[0] = SIGHT.floor
             return LogLikelihood(each, np.zeros_like(result.scores), result.status)
         self._note(alpha, result.total)
         return result
@@ -190,8 +197,8 @@ class CountedObjective:
         with np.errstate(all="ignore"):
             values = np.asarray(self._objective.values(alphas), dtype=np.float64)
         self.evaluations += len(alphas)
-        values = np.where(np.isfinite(values), values, FLOOR)
-        if values.size and values.max() > FLOOR:
+        values = np.where(np.isfinite(values), values, SIGHT.floor)
+        if values.size and values.max() > SIGHT.floor:
             best = int(np.argmax(values))
             self._note(alphas[best], float(values[best]))
         return values
@@ -216,7 +223,7 @@ class CountedObjective:
         value, ahead = found
         self.evaluations += 1
         if not np.isfinite(value) or not np.all(np.isfinite(ahead)):
-            return FLOOR, alpha
+            return SIGHT.floor, alpha
         self._note(alpha, value)
         return value, ahead
 
@@ -226,14 +233,11 @@ class CountedObjective:
             self._steps.append(Step(self.evaluations, self.seconds, value))
 
 
-SAME_PLACE = 0.3
-"""... and are, if also within this many standard errors (outer product of scores)."""
-
-
 def gathered(
     ascents: Sequence[Ascent],
     objective: CountedObjective,
     hyperparameters: Sequence[Hyperparameter],
+    settings: OptimaSettings = OPTIMA,
 ) -> SearchResult:
     """Distinct optima, best first: ends that differ in value, or in place by standard errors.
 
@@ -249,8 +253,8 @@ def gathered(
     for ascent in arrived:
         for g, (head, information, count) in enumerate(groups):
             step = ascent.alpha - head.alpha
-            near = float(step @ information @ step) < SAME_PLACE**2
-            if head.log_likelihood - ascent.log_likelihood < SAME_VALUE and near:
+            near = float(step @ information @ step) < settings.same_place**2
+            if head.log_likelihood - ascent.log_likelihood < settings.same_value and near:
                 groups[g] = (head, information, count + 1)
                 break
         else:
@@ -262,7 +266,12 @@ def gathered(
     )
 
 
-def reached_once(ascents: Sequence[Ascent], objective: CountedObjective, free: Indices) -> bool:
+def reached_once(
+    ascents: Sequence[Ascent],
+    objective: CountedObjective,
+    free: Indices,
+    settings: OptimaSettings = OPTIMA,
+) -> bool:
     """Whether no two starts came to the best log-likelihood, or to the hill that it is on.
 
     Where the objective is rough, or a climb is cut off, ends on one hill differ in value.
@@ -270,7 +279,7 @@ def reached_once(ascents: Sequence[Ascent], objective: CountedObjective, free: I
     best, *others = sorted(ascents, key=lambda a: -a.log_likelihood)
     if not np.isfinite(best.log_likelihood):
         return False
-    if any(best.log_likelihood - a.log_likelihood < SAME_VALUE for a in others):
+    if any(best.log_likelihood - a.log_likelihood < settings.same_value for a in others):
         return False
     scores = objective(best.alpha).scores
     assert scores is not None
@@ -283,7 +292,7 @@ def only_point(
     """The result where no hyperparameter is free: one evaluation, nothing to search."""
     alpha = coordinates.start
     value = float(objective.values(alpha[None, :])[0])
-    if value <= FLOOR:
+    if value <= SIGHT.floor:
         raise nowhere_finite(hyperparameters, 1)
     ascent = Ascent(alpha, alpha, value, 1, converged=True)
     optima = (Optimum(alpha, value, 1),)

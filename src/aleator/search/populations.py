@@ -12,10 +12,10 @@ import numpy as np
 from scipy import optimize
 
 from aleator.errors import AleatorError, InputsError
-from aleator.search.interface import Ascent, Optimum, SearchResult, nowhere_finite
+from aleator.search.interface import OPTIMA, Ascent, Optimum, SearchResult, nowhere_finite
 from aleator.search.multistart import climb, evenly, starting_points
 from aleator.search.objective import (
-    FLOOR,
+    SIGHT,
     Coordinates,
     CountedObjective,
     Task,
@@ -24,10 +24,19 @@ from aleator.search.objective import (
 )
 from aleator.types import Array
 
-POLISH = 100
-"""Evaluations with score that the final ascent may take."""
-ARRIVED = 0.01
-"""A population whose log-likelihoods, or whose gain, are below this has arrived."""
+
+@dataclass(frozen=True)
+class EvolutionSettings:
+    """The ends of searches by a population, which have arrived where all is one optimum; by
+    judgement."""
+
+    polish: int = 100
+    """Evaluations with score that the final ascent may take."""
+    flat: float = 1e-3
+    """A run of CMA-ES ends when its log-likelihoods have stayed within this."""
+
+
+EVOLUTION = EvolutionSettings()
 
 
 class Cube:
@@ -62,7 +71,7 @@ def finished(task: Task, *, converged: bool, polish: bool) -> SearchResult:
         raise nowhere_finite(task.hyperparameters, counted.evaluations)
     alpha, value = counted.best
     if polish:
-        end = climb(counted, coordinates, alpha, POLISH, [])
+        end = climb(counted, coordinates, alpha, EVOLUTION.polish, [])
         if end.log_likelihood >= value:
             alpha, value, converged = end.alpha, end.log_likelihood, end.converged
     only = Ascent(coordinates.start, alpha, value, counted.evaluations, converged)
@@ -89,8 +98,6 @@ def needs(package: str, search: str) -> None:
         )
 
 
-FLAT = 1e-3
-"""A run ends when its log-likelihoods have stayed within this."""
 ARRIVED_BY = frozenset({"tolfun", "tolfunhist", "tolx"})
 """The reasons to stop, in the words of cma, that mean a maximum."""
 
@@ -145,7 +152,7 @@ class CMAES(TaskSearch):
         coordinates = task.coordinates
         cube, size = Cube(task.counted, coordinates), coordinates.free.size
         strategy = self._strategy(coordinates.to_unit(start), rng)
-        alpha, value, count = start, FLOOR, 0
+        alpha, value, count = start, SIGHT.floor, 0
         while not (reasons := _quietly(strategy.stop)):
             u = np.array(_quietly(strategy.ask))
             cost = cube(u[:, :size])
@@ -157,11 +164,11 @@ class CMAES(TaskSearch):
             text = f"run {before + 1} of {self.runs}, {task.counted.standing}"
             task.progress.update(text, before + min(count / self.evaluations, 1.0), self.runs)
         converged = bool(ARRIVED_BY & set(reasons))
-        if value <= FLOOR:
+        if value <= SIGHT.floor:
             return Ascent(start, start, -np.inf, count, converged=False)
         if not self.polish:
             return Ascent(start, alpha, value, count, converged)
-        end = climb(task.counted, coordinates, alpha, POLISH, [])
+        end = climb(task.counted, coordinates, alpha, EVOLUTION.polish, [])
         return Ascent(start, end.alpha, end.log_likelihood, count + end.evaluations, end.converged)
 
     def _strategy(self, u: Array, rng: np.random.Generator) -> Any:
@@ -172,8 +179,8 @@ class CMAES(TaskSearch):
             "bounds": [0.0, 1.0],
             "randn": lambda *shape: rng.standard_normal(shape),
             "seed": np.nan,
-            "tolfun": FLAT,
-            "tolfunhist": FLAT,
+            "tolfun": EVOLUTION.flat,
+            "tolfunhist": EVOLUTION.flat,
             "maxfevals": self.evaluations,
             "verbose": -9,
         }
@@ -248,7 +255,7 @@ class GeneticAlgorithm(TaskSearch):
             stage = f"generation {len(best)} of {self.generations}, {task.counted.standing}"
             task.progress.update(stage, len(best), self.generations)
             before = best[-1 - self.patience] if len(best) > self.patience else np.inf
-            converged = before - best[-1] < ARRIVED
+            converged = before - best[-1] < OPTIMA.same_value
         return finished(task, converged=converged, polish=self.polish)
 
 
@@ -314,7 +321,7 @@ class DifferentialEvolution(TaskSearch):
             # the first population is a generation too
             maxiter=self.generations - 1,
             tol=0.0,
-            atol=ARRIVED,
+            atol=OPTIMA.same_value,
             rng=np.random.default_rng(task.seed),
             callback=tell,
             polish=False,

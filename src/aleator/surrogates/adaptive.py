@@ -19,7 +19,15 @@ from aleator.errors import InputsError
 from aleator.simulators import Account, Runner
 from aleator.surrogates.choice import ResponseSurface
 from aleator.surrogates.emulator import Emulator, OwnSurfaces, pairs
-from aleator.surrogates.responses import TEXTS, Run, Samples, attempts, features, moving_parameters
+from aleator.surrogates.fit import PLACES, PlacementSettings
+from aleator.surrogates.responses import (
+    FEATURES,
+    Run,
+    Samples,
+    attempts,
+    features,
+    moving_parameters,
+)
 from aleator.surrogates.shared import SharedSurface
 from aleator.surrogates.surface import Axes, Surface
 from aleator.types import Array, Flags, Indices
@@ -27,8 +35,48 @@ from aleator.types import Array, Flags, Indices
 Afforded = Callable[[Flags, Array, Array], Flags]
 """Of the members (N,), with their relative errors (N,) and the runs (N,) of a round: who has it."""
 
-RESERVED = 2
-"""Runs of each unit that a budget keeps for the check of the answer."""
+
+@dataclass(frozen=True)
+class RoundSettings:
+    """Rounds of runs that make surfaces exact; by judgement."""
+
+    reserved: int = 2
+    """Runs of each unit that a budget keeps for the check of the answer."""
+    exact: float = 0.005
+    """The tolerance of surfaces without a law to follow, where none is chosen."""
+    rough: float = 0.05
+    """Estimated error of a surface under the law, over the outcome's scatter, that asks for runs.
+    """
+    shared: float = 2.0
+    """The same of a shared surface, over that: its estimate is more cautious."""
+    growth: float = 0.3
+    """Share by which a round increases the runs of the experiments that need more."""
+    patience: int = 6
+    """Rounds of its own after which an experiment is given up whose error falls by less than a
+    fifth: its runs have then grown fivefold, so that what is left is the simulator's own noise, or
+    a jump."""
+    stall: float = 0.8
+    """Error after these rounds, over that before, above which an experiment is given up."""
+    alike: float = 0.01
+    """The error of the first runs of linear surfaces, over the scatter, that no experiment may be
+    above if these are to be enough: one feature that they miss is met by those of another."""
+    confirmed: int = 5
+    """Experiments that confirm each other's linear surfaces, at least."""
+    lost: int = 2
+    """Rounds for experiments of which too many runs failed for a surface."""
+    first_exact: tuple[int, int] = (5, 10)
+    """First runs for each parameter, and beside these, where surfaces are to be exact all over the
+    box."""
+    first_law: tuple[int, int] = (3, 6)
+    """The same where they will follow a law."""
+    beyond_linear: int = 2
+    """Runs more than the terms of a linear surface, that are enough for one."""
+    slowest: float = 0.5
+    fastest: float = 6.0
+    """Powers of the number of runs by which errors may be taken to fall."""
+
+
+ROUNDS = RoundSettings()
 
 
 def everyone(members: Flags, _relative: Array, _runs: Array) -> Flags:
@@ -36,7 +84,7 @@ def everyone(members: Flags, _relative: Array, _runs: Array) -> Flags:
     return members
 
 
-def within(account: Account, unit: Indices) -> Afforded:
+def within(account: Account, unit: Indices, settings: RoundSettings = ROUNDS) -> Afforded:
     """The roughest, as many as the account has runs for; `unit` (N,) are those that run together.
 
     One run of a unit serves all its surfaces: its price is that of the dearest.
@@ -48,7 +96,7 @@ def within(account: Account, unit: Indices) -> Afforded:
         np.maximum.at(price, of[members], runs[members])
         np.maximum.at(need, of[members], relative[members])
         asked = int(price.sum())
-        given = account.given(asked, RESERVED * units.size)
+        given = account.given(asked, settings.reserved * units.size)
         if given == asked:
             return members
         order = np.argsort(-need, kind="stable")
@@ -59,13 +107,26 @@ def within(account: Account, unit: Indices) -> Afforded:
     return afforded
 
 
-NEAR = 0.1
-"""Distance of two runs, over the widths of the region, to which an outcome is looked at."""
-LARGE = 0.05
-"""Difference of two outcomes, over the range of all of that experiment, that may be a step."""
-CLOSE, WIDE, AS_MUCH = 0.4, 0.8, 1.5
-"""Shares of NEAR within which runs are close, and beyond which they are wide apart; and how many
-times as much a smooth outcome differs over the wider distance, at least."""
+@dataclass(frozen=True)
+class JumpSettings:
+    """When two runs show that an outcome jumps; by judgement."""
+
+    near: float = 0.1
+    """Distance of two runs, over the widths of the region, to which an outcome is looked at."""
+    large: float = 0.05
+    """Difference of two outcomes, over the range of all of that experiment, that may be a step."""
+    close: float = 0.4
+    wide: float = 0.8
+    """Shares of `near` within which runs are close, and beyond which they are wide apart."""
+    ratio: float = 1.5
+    """How many times as much a smooth outcome differs over the wider distance, at least."""
+    bulk: tuple[float, float] = (0.005, 0.995)
+    """Probabilities between which a law is looked at for steps."""
+    runs: int = 150
+    """Runs of its own after which an experiment is given up whose outcome has a step (`steps`)."""
+
+
+JUMPS = JumpSettings()
 
 
 @dataclass(frozen=True)
@@ -78,7 +139,9 @@ class Jump:
     there: Array
 
 
-def steps(samples: Samples, box: Array, members: Indices) -> tuple[Jump, ...]:
+def steps(
+    samples: Samples, box: Array, members: Indices, settings: JumpSettings = JUMPS
+) -> tuple[Jump, ...]:
     """The step of each surface among `members` (A,) that has one, by its runs in the box (n, 2).
 
     Between runs that are close a smooth outcome differs by less than between those wide apart. One
@@ -93,16 +156,21 @@ def steps(samples: Samples, box: Array, members: Indices) -> tuple[Jump, ...]:
     """
     inside = samples.inside(box)
     z = Axes.plain(box).inward(inside.x)
-    pairs = KDTree(z).query_pairs(NEAR, output_type="ndarray")
+    pairs = KDTree(z).query_pairs(settings.near, output_type="ndarray")
     distance = np.linalg.norm(z[pairs[:, 0]] - z[pairs[:, 1]], axis=1)
     order = np.argsort(distance)
     pairs, distance = pairs[order], distance[order]
-    close, wide = pairs[distance < CLOSE * NEAR], pairs[distance > WIDE * NEAR]
-    found = (_step(int(member), inside, close, wide) for member in members)
+    close, wide = (
+        pairs[distance < settings.close * settings.near],
+        pairs[distance > settings.wide * settings.near],
+    )
+    found = (_step(int(member), inside, close, wide, settings) for member in members)
     return tuple(step for step in found if step is not None)
 
 
-def _step(member: int, samples: Samples, close: Indices, wide: Indices) -> Jump | None:
+def _step(
+    member: int, samples: Samples, close: Indices, wide: Indices, settings: JumpSettings = JUMPS
+) -> Jump | None:
     """That of one surface between close points, pairs (P, 2) with the closest first."""
     y = samples.outcome[member]
     known = np.isfinite(y)
@@ -114,8 +182,8 @@ def _step(member: int, samples: Samples, close: Indices, wide: Indices) -> Jump 
         np.maximum.at(most, end, apart)
     size = np.abs(y[close[:, 0]] - y[close[:, 1]])
     beyond = np.maximum(most[close[:, 0]], most[close[:, 1]])
-    large = size > LARGE * np.ptp(y[known])
-    rows = np.flatnonzero(large & (beyond > 0.0) & (beyond < AS_MUCH * size))
+    large = size > settings.large * np.ptp(y[known])
+    rows = np.flatnonzero(large & (beyond > 0.0) & (beyond < settings.ratio * size))
     if not rows.size:
         return None
     low, high = sorted(close[rows[0]], key=lambda i: tuple(samples.x[i]))
@@ -124,30 +192,6 @@ def _step(member: int, samples: Samples, close: Indices, wide: Indices) -> Jump 
 
 Progress = Callable[[int, int, int], None]
 
-EXACT = 0.005
-"""The tolerance of surfaces without a law to follow, where none is chosen."""
-ROUGH = 0.05
-"""Estimated error of a surface under the law, over the outcome's scatter, that asks for runs."""
-SHARED = 2.0
-"""The same of a shared surface, over that: its estimate is more cautious."""
-GROWTH = 0.3
-"""Share by which a round increases the runs of the experiments that need more."""
-PATIENCE = 6
-"""Rounds of its own after which an experiment is given up whose error falls by less than a fifth:
-its runs have then grown fivefold, so that what is left is the simulator's own noise, or a jump."""
-STALL = 0.8
-BULK = [0.005, 0.995]
-"""Probabilities between which a law is looked at for steps."""
-MANY = 150
-"""Runs of its own after which an experiment is given up whose outcome has a step (`steps`)."""
-ALIKE = 0.01
-"""The same of few runs, that no experiment may be above if these are to be enough: one feature that
-so few runs miss is met by those of another experiment."""
-CONFIRMED = 5
-"""Experiments that confirm each other's few runs, at least."""
-POINTS = 512
-"""Points of a region at which errors are judged before there is a law."""
-
 
 class AdaptiveSurfaces:
     """The surfaces of N experiments, their runs, and how well each round of runs did.
@@ -155,9 +199,8 @@ class AdaptiveSurfaces:
     `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `box` (n, 2) is where the
     surfaces are wanted; `conditions` (N, d) are what experiments may share a surface by, or None.
     `where` (J, n) are the points at which the errors were judged last, or None for all of the box.
-    `scale` (N,) takes the place of the
-    scatter where there is one. `past` (PATIENCE, N) are the
-    relative errors before the last rounds of each experiment: one that no longer falls is given up.
+    `scale` (N,) takes the place of the scatter where there is one. `past` (P, N) are the relative
+    errors before the last P rounds of each experiment: one that no longer falls is given up.
     `afforded` tells who has a round of runs where a budget does not suffice for all.
 
     Raises InputsError where `max_runs` is less than the first round, or the user asks for a shared
@@ -172,12 +215,13 @@ class AdaptiveSurfaces:
         choice: ResponseSurface,
         conditions: Array | None = None,
         afforded: Afforded = everyone,
+        settings: RoundSettings = ROUNDS,
     ) -> None:
-        self.choice, self.afforded = choice, afforded
+        self.choice, self.afforded, self.settings = choice, afforded, settings
         self.where = None if choice.tolerance else _points_of(box)
         self.scale: Array | None = None
-        self.past = np.full((PATIENCE, experiments), np.inf)
-        self.emulator = _first_emulator(run, box, experiments, choice, conditions)
+        self.past = np.full((self.settings.patience, experiments), np.inf)
+        self.emulator = _first_emulator(run, box, experiments, choice, conditions, settings)
         self._begin()
         self._complete()
 
@@ -196,12 +240,12 @@ class AdaptiveSurfaces:
         """Estimated error over the scatter that makes a surface one that is exact enough."""
         if self.choice.tolerance:
             return self.choice.tolerance
-        return ROUGH * self.caution
+        return self.settings.rough * self.caution
 
     @property
     def caution(self) -> float:
         """By how much the estimated errors are larger than those of a surface for each."""
-        return SHARED if isinstance(self.emulator, SharedSurface) else 1.0
+        return self.settings.shared if isinstance(self.emulator, SharedSurface) else 1.0
 
     @property
     def good(self) -> Flags:
@@ -247,7 +291,9 @@ class AdaptiveSurfaces:
         members = members & ~self._spent
         for step in self._lasting(members):
             members[step.surface] = False
-        runs = np.full(members.size, self.emulator.round(np.flatnonzero(members), GROWTH))
+        runs = np.full(
+            members.size, self.emulator.round(np.flatnonzero(members), self.settings.growth)
+        )
         return self.afforded(members, self.relative, runs)
 
     def sharpen(self, members: Flags, draws: Array | None) -> None:
@@ -262,7 +308,9 @@ class AdaptiveSurfaces:
         self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
         self.past[-1, members] = self.relative[members]
         for surface, own in draws.items():
-            self.emulator.sharpen(np.array([surface]), own, GROWTH, self.choice.max_runs)
+            self.emulator.sharpen(
+                np.array([surface]), own, self.settings.growth, self.choice.max_runs
+            )
         self._judge_again()
 
     def refine(self, draws: Array | None, level: float, tell: Progress | None = None) -> None:
@@ -282,7 +330,7 @@ class AdaptiveSurfaces:
     def _rough(self, level: float) -> Flags:
         """Whose error is above `level` of its scatter, where more runs may help."""
         lost = np.isinf(self.emulator.error)
-        stalled = self.relative > STALL * self.past[0]
+        stalled = self.relative > self.settings.stall * self.past[0]
         rough = self.emulator.rough(level, self.choice.accuracy)
         return np.asarray(rough & ~lost & ~stalled)
 
@@ -301,7 +349,7 @@ class AdaptiveSurfaces:
 
     def _lasting(self, members: Flags) -> tuple[Jump, ...]:
         """Steps that many runs have left in the surfaces of members (N,)."""
-        return self.steps(np.flatnonzero(members & (self.emulator.runs >= MANY)))
+        return self.steps(np.flatnonzero(members & (self.emulator.runs >= JUMPS.runs)))
 
     def steps(self, members: Indices) -> tuple[Jump, ...]:
         """Where the outcomes of the experiments `members` (A,) have a step, if they do.
@@ -310,7 +358,7 @@ class AdaptiveSurfaces:
         """
         if not members.size:
             return ()
-        law = None if self.where is None else np.quantile(self.where, BULK, axis=0).T
+        law = None if self.where is None else np.quantile(self.where, JUMPS.bulk, axis=0).T
         return steps(self.emulator.samples, self.box if law is None else law, members)
 
     @property
@@ -322,19 +370,21 @@ class AdaptiveSurfaces:
         surfaces = self.emulator
         if isinstance(surfaces, OwnSurfaces) and surfaces.begun < surfaces.first:
             self._judge_again()
-            if surfaces.rough(ALIKE, self.choice.accuracy).any():
+            if surfaces.rough(self.settings.alike, self.choice.accuracy).any():
                 surfaces.begin(surfaces.first)
 
     def _complete(self) -> None:
         """Enough runs for a surface of every experiment, where two rounds suffice for that."""
         self._judge_again()
-        for _ in range(2):
+        for _ in range(self.settings.lost):
             lost = np.isinf(self.emulator.error) & ~self._spent
             if lost.any():
                 self._run(lost, self.everywhere())
 
     def _run(self, members: Flags, draws: Array | None) -> None:
-        self.emulator.sharpen(np.flatnonzero(members), draws, GROWTH, self.choice.max_runs)
+        self.emulator.sharpen(
+            np.flatnonzero(members), draws, self.settings.growth, self.choice.max_runs
+        )
         self._judge_again()
 
     def _judge_again(self) -> None:
@@ -358,6 +408,7 @@ def build_surface(
     experiments: int,
     choice: ResponseSurface | None = None,
     progress: Progress | None = None,
+    settings: RoundSettings = ROUNDS,
 ) -> Surface:
     """Return surfaces of all experiments that are exact all over a box (n, 2), n from 1 to 10.
 
@@ -387,15 +438,15 @@ def build_surface(
     array([[0.25], [1.25]])
     """
     choice = choice or ResponseSurface()
-    choice = replace(choice, tolerance=choice.tolerance or EXACT)
+    choice = replace(choice, tolerance=choice.tolerance or settings.exact)
     if experiments < 1:
         raise InputsError(f"surfaces of {experiments} experiments", "pass at least one experiment")
-    surfaces = AdaptiveSurfaces(run, _checked_box(box), experiments, choice)
+    surfaces = AdaptiveSurfaces(run, _checked_box(box), experiments, choice, settings=settings)
     surfaces.refine(None, surfaces.level, progress)
     return surfaces.surface()
 
 
-def first_runs(n: int, choice: ResponseSurface) -> int:
+def first_runs(n: int, choice: ResponseSurface, settings: RoundSettings = ROUNDS) -> int:
     """Runs of an experiment in n parameters before its error is judged, unless few are enough.
 
     Twice the terms of total degree two up to four parameters where the surfaces are to be exact
@@ -404,10 +455,13 @@ def first_runs(n: int, choice: ResponseSurface) -> int:
     >>> first_runs(2, ResponseSurface()), first_runs(2, ResponseSurface(tolerance=0.01))
     (12, 20)
     """
-    return 5 * n + 10 if choice.tolerance else 3 * n + 6
+    each, more = settings.first_exact if choice.tolerance else settings.first_law
+    return each * n + more
 
 
-def few_runs(n: int, choice: ResponseSurface, experiments: int) -> int:
+def few_runs(
+    n: int, choice: ResponseSurface, experiments: int, settings: RoundSettings = ROUNDS
+) -> int:
     """Runs that are enough where every outcome is linear: two more than such a surface has terms.
 
     With few experiments nothing confirms that.
@@ -417,12 +471,17 @@ def few_runs(n: int, choice: ResponseSurface, experiments: int) -> int:
     >>> few_runs(2, ResponseSurface(), 1)
     12
     """
-    alone = experiments < CONFIRMED or choice.tolerance
-    return first_runs(n, choice) if alone else n + 3
+    alone = experiments < settings.confirmed or choice.tolerance
+    return first_runs(n, choice, settings) if alone else n + 1 + settings.beyond_linear
 
 
 def _first_emulator(
-    run: Run, box: Array, experiments: int, choice: ResponseSurface, conditions: Array | None
+    run: Run,
+    box: Array,
+    experiments: int,
+    choice: ResponseSurface,
+    conditions: Array | None,
+    settings: RoundSettings,
 ) -> Emulator:
     """A shared surface if the user asks for it, else a surface for each."""
     n = len(box)
@@ -432,14 +491,14 @@ def _first_emulator(
         shared = SharedSurface(run, box, conditions)
         shared.judge(_points_of(box))
         return shared
-    first = first_runs(n, choice)
+    first = first_runs(n, choice, settings)
     if choice.max_runs < first:
         raise InputsError(
             f"response surface: max_runs {choice.max_runs} for {n} parameters",
             f"allow at least {first} runs an experiment",
         )
     return OwnSurfaces(
-        run, box, Samples.none(experiments, n), first, few_runs(n, choice, experiments)
+        run, box, Samples.none(experiments, n), first, few_runs(n, choice, experiments, settings)
     )
 
 
@@ -448,15 +507,15 @@ def _nothing_to_share(conditions: Array | None, experiments: int) -> InputsError
     if conditions is None:
         return InputsError(
             "experiments cannot share a surface: no condition that the simulator uses varies, or "
-            f"one is text with more than {TEXTS} values",
+            f"one is text with more than {FEATURES.texts} values",
             remedy,
         )
     return InputsError(f"{experiments} experiments are too many to share a surface", remedy)
 
 
-def _points_of(box: Array) -> Array:
-    """Evenly spread points (512, n) of a box (n, 2)."""
-    u = qmc.Sobol(len(box), rng=0).random_base2(int(np.log2(POINTS)))
+def _points_of(box: Array, settings: PlacementSettings = PLACES) -> Array:
+    """Evenly spread points (J, n) of a box (n, 2), at which errors are judged without a law."""
+    u = qmc.Sobol(len(box), rng=0).random_base2(int(np.log2(settings.everywhere)))
     return np.asarray(box[:, 0] + u * (box[:, 1] - box[:, 0]))
 
 
@@ -471,10 +530,6 @@ def _checked_box(box: Array) -> Array:
                 "pass two finite numbers, the smaller one first",
             )
     return box
-
-
-SLOWEST, FASTEST = 0.5, 6.0
-"""Powers of the number of runs by which errors may be taken to fall."""
 
 
 @dataclass(frozen=True)
@@ -503,7 +558,7 @@ def outlook(surfaces: AdaptiveSurfaces, more: int = 1000) -> Outlook:
     rough = ~surfaces.good & np.isfinite(relative)
     count, level = int(rough.sum()), surfaces.level
     worst = float(relative[rough].max(initial=0.0))
-    power = _power(surfaces.past[-1, rough], relative[rough])
+    power = _power(surfaces.past[-1, rough], relative[rough], surfaces.settings)
     if not count or power is None:
         return Outlook(count, rough.size, worst, level, more, None, None)
 
@@ -516,10 +571,10 @@ def outlook(surfaces: AdaptiveSurfaces, more: int = 1000) -> Outlook:
     return Outlook(count, rough.size, worst, level, more, needed, then)
 
 
-def _power(before: Array, now: Array) -> float | None:
+def _power(before: Array, now: Array, settings: RoundSettings = ROUNDS) -> float | None:
     """By which power of the number of runs the errors fell in the last round; None if unknown."""
     known = np.isfinite(before) & (before > 0.0) & (now > 0.0)
     if not known.any():
         return None
-    powers = np.log(before[known] / now[known]) / np.log1p(GROWTH)
-    return float(np.clip(np.median(powers), SLOWEST, FASTEST))
+    powers = np.log(before[known] / now[known]) / np.log1p(settings.growth)
+    return float(np.clip(np.median(powers), settings.slowest, settings.fastest))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 from aleator.errors import InputsError
-from aleator.surrogates.fit import CANDIDATES
+from aleator.surrogates.fit import PLACES
 
 if TYPE_CHECKING:
     from aleator.moments.quadrature import Cubature
@@ -55,7 +55,11 @@ class ResponseSurface:
                 self.tolerance is None or 0.0 < self.tolerance < 1.0,
                 "choose one in (0, 1), e.g. 0.02",
             ),
-            ("max_runs", 4 <= self.max_runs <= CANDIDATES, f"choose 4 to {CANDIDATES}"),
+            (
+                "max_runs",
+                4 <= self.max_runs <= PLACES.candidates,
+                f"choose 4 to {PLACES.candidates}",
+            ),
             ("accuracy", 0.0 <= self.accuracy < 1.0, "choose one in [0, 1), e.g. 1e-6"),
             (
                 "surfaces",

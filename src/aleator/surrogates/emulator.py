@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from aleator.errors import SimulatorError
 from aleator.surrogates.fit import (
-    TINY,
     Judged,
     Piece,
     SmoothnessPrior,
@@ -35,6 +34,37 @@ from aleator.surrogates.fit import (
 from aleator.surrogates.responses import Run, Samples
 from aleator.surrogates.surface import Axes, Surface, outcomes, products, widened
 from aleator.types import Array, Flags, Indices
+
+
+@dataclass(frozen=True)
+class SurfaceErrorSettings:
+    """How errors of surfaces are estimated and compared; by judgement."""
+
+    rounding: float = 1e-12
+    """Outcomes that differ by less than this part of their size do not depend on the parameters."""
+    least: float = 1e-10
+    """Mean square error that is compared with another, at least."""
+    searched: int = 6
+    """Sets of runs that worked, for which priors are searched; experiments with any other set (runs
+    that fail here and there, differently in each) choose among the priors of these."""
+    gain: float = 0.25
+    """Share of the mean square error that other axes have to leave: what is about as good is left
+    alone."""
+    caution: float = 3.0
+    """Of a first round all over the box the estimate can be three times too small."""
+    doubt: float = 0.5
+    """Later an error that falls by more than half in one round, or seems to, is believed by half
+    only."""
+    hole: float = 0.7
+    """Error over the leave-one-out residual, as a run that is left out leaves a hole."""
+    chance: float = 8.0
+    """Runs by which the estimate is larger: the least of some forty errors is too small by
+    chance."""
+    beyond: float = 3.0
+    """Errors by which an outcome may lie beyond the range of its surface."""
+
+
+ERRORS = SurfaceErrorSettings()
 
 
 class Emulator(ABC):
@@ -136,23 +166,14 @@ class Emulator(ABC):
         # an outcome is out of reach only if it is so beyond the surface's error over all the box
         return replace(
             surface,
-            lower=widened(lower, -3.0 * self.reach, logarithmic),
-            upper=widened(upper, 3.0 * self.reach, logarithmic),
+            lower=widened(lower, -ERRORS.beyond * self.reach, logarithmic),
+            upper=widened(upper, ERRORS.beyond * self.reach, logarithmic),
         )
 
 
 def pairs(members: Indices, count: int) -> tuple[Indices, Indices]:
     """Each of A experiments with each of `count` points: experiments (A count,), points alike."""
     return np.repeat(members, count), np.tile(np.arange(count), len(members))
-
-
-# Outcomes that differ by less than this part of their size do not depend on the parameters.
-ROUNDING = 1e-12
-# Sets of runs that worked, for which priors are searched; experiments with any other set (runs that
-# fail here and there, differently in each) choose among the priors that were found for these.
-SEARCHED = 6
-# Share of the mean square error that other axes have to leave: what is about as good is left alone.
-GAIN = 0.25
 
 
 def patterns(worked: Flags) -> list[tuple[Indices, Indices]]:
@@ -167,7 +188,12 @@ def patterns(worked: Flags) -> list[tuple[Indices, Indices]]:
 
 
 def chosen_axes(
-    axes: Axes, samples: Samples, members: Indices, pool: list[SmoothnessPrior], where: Array | None
+    axes: Axes,
+    samples: Samples,
+    members: Indices,
+    pool: list[SmoothnessPrior],
+    where: Array | None,
+    settings: SurfaceErrorSettings = ERRORS,
 ) -> Axes:
     """Axes in which runs left out are missed by far less, in the middle of the `members` (A,).
 
@@ -176,7 +202,7 @@ def chosen_axes(
     """
     rows, runs = patterns(samples.worked[members])[0]
     y, x = samples.outcome[np.ix_(members[rows], runs)].T, samples.x[runs]
-    least = (ROUNDING * np.abs(y).max(axis=0)) ** 2 + TINY
+    least = (settings.rounding * np.abs(y).max(axis=0)) ** 2 + settings.least
 
     def error(one: Axes) -> Array:
         at = None if where is None else one.inward(where)
@@ -190,11 +216,16 @@ def chosen_axes(
     before = error(axes)
     change = [float(np.median(error(one) - before)) for one in others]
     best = int(np.argmin(change))
-    return others[best] if change[best] < np.log(GAIN) else axes
+    return others[best] if change[best] < np.log(settings.gain) else axes
 
 
 def chosen_priors(
-    z: Array, values: Array, members: Indices, pool: list[SmoothnessPrior], at: Array | None
+    z: Array,
+    values: Array,
+    members: Indices,
+    pool: list[SmoothnessPrior],
+    at: Array | None,
+    settings: SurfaceErrorSettings = ERRORS,
 ) -> tuple[list[tuple[SmoothnessPrior, Indices, Indices]], list[SmoothnessPrior]]:
     """Return (prior, experiments, runs) that go together, and the pool of priors to go on with.
 
@@ -205,19 +236,13 @@ def chosen_priors(
     out = []
     for k, (rows, runs) in enumerate(patterns(np.isfinite(values[members]))):
         y, share = values[np.ix_(members[rows], runs)].T, shares(z[runs], at)
-        if k < SEARCHED:
+        if k < settings.searched:
             priors, best, _, more = search(pool, z[runs], y, share)
             found |= dict.fromkeys(more)
         else:
             priors, best, _, _ = search([*found], z[runs], y, share, sweeps=1)
         out += [(priors[b], members[rows[best == b]], runs) for b in np.unique(best)]
     return out, [*found] or pool
-
-
-# Of a first round all over the box the estimate can be three times too small.
-CAUTION = 3.0
-# Later an error that falls by more than half in one round, or seems to, is believed by half only.
-DOUBT = 0.5
 
 
 class OwnSurfaces(Emulator):
@@ -283,7 +308,7 @@ class OwnSurfaces(Emulator):
         if draws is None:
             missed = self._guess(members, inside, fresh) - self.samples.outcome[members, -count:]
             unseen = _root_mean_square(missed)
-            self.floor[members] = np.fmax(DOUBT * self.estimate[members], unseen)
+            self.floor[members] = np.fmax(ERRORS.doubt * self.estimate[members], unseen)
         self.stale[members] = True
 
     def round(self, members: Indices, growth: float) -> int:
@@ -310,7 +335,7 @@ class OwnSurfaces(Emulator):
             y = values[np.ix_(members, runs)].T
             fit = judged(prior, z[runs], y, at)
             self.level[members] = np.abs(y).max(axis=0)
-            constant = np.ptp(y, axis=0) <= ROUNDING * self.level[members]
+            constant = np.ptp(y, axis=0) <= ERRORS.rounding * self.level[members]
             # where runs fail a surface is an extrapolation: no scatter is above half of the range
             scatter = np.minimum(_scatter(prior, fit, at), 0.5 * np.ptp(y, axis=0))
             self.scatter[members] = np.where(constant, 0.0, scatter)
@@ -318,7 +343,7 @@ class OwnSurfaces(Emulator):
             if where is None:
                 self.estimate[members] = error
                 floor = self.floor[members]
-                error = np.where(np.isinf(floor), CAUTION * error, np.maximum(error, floor))
+                error = np.where(np.isinf(floor), ERRORS.caution * error, np.maximum(error, floor))
             self.error[members] = np.where(constant, 0.0, error)
             self.reach[members] = np.where(constant, 0.0, fit.expected)
             self.rate[members] = fit.rate
@@ -398,14 +423,16 @@ def _constants(members: Indices, outcomes: Array, n: int) -> Piece:
     return members, np.zeros((1, n), dtype=np.intp), mean[None, :]
 
 
-def left_out(fit: Judged, share: Array) -> Array:
+def left_out(fit: Judged, share: Array, settings: SurfaceErrorSettings = ERRORS) -> Array:
     """Return the error (A,) that the leave-one-out residuals tell, weighted by each run's share.
 
     A run left out of well-spread ones leaves a hole twice as wide as any other, so its residual is
-    larger than the error elsewhere: hence 0.7. The least of some forty leave-one-out errors is
-    too small by chance when the runs are few: hence 1 + 8/M.
+    larger than the error elsewhere: hence `hole`. The least of some forty leave-one-out errors is
+    too small by chance when the runs are few: hence 1 + `chance`/M.
     """
-    return np.asarray(np.sqrt(share @ fit.residual**2) * 0.7 * (1.0 + 8.0 / len(share)))
+    return np.asarray(
+        np.sqrt(share @ fit.residual**2) * settings.hole * (1.0 + settings.chance / len(share))
+    )
 
 
 def _root_mean_square(rows: Array) -> Array:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,22 +21,39 @@ from scipy.linalg import solve_triangular
 from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
-from aleator.surrogates.surface import LARGEST, Group, Surface, ball, outcomes, products
+from aleator.surrogates.surface import SURFACES, Group, Surface, ball, outcomes, products
 from aleator.threads import single_threaded
 from aleator.types import Array, Flags, Indices
 
-# Points gather at the faces of the box, as sin(CLUSTER t) / sin(CLUSTER) of evenly spread t does:
-# between even spacing (0), where polynomials oscillate at the faces, and Chebyshev's (pi / 2),
-# which wastes runs there on outcomes with kinks.
-CLUSTER = 0.4 * np.pi
-# The sequence is chosen from so many points, hence no longer. Fixed, or it would not be nested.
-CANDIDATES = 4096
-# Points that tell of all the box.
-EVERYWHERE = 512
-# The least variance, of one, that a point is taken to have before it is run.
-TINY = 1e-10
-# Points that differ by less are the same: rounding between the box and [-1, 1]^n.
-SAME = 1e-9
+
+@dataclass(frozen=True)
+class PlacementSettings:
+    """Where runs are placed; by judgement."""
+
+    cluster: float = 0.4
+    """Points gather at the faces of the box, as sin(c t) / sin(c) of evenly spread t does, with c
+    this times pi: between even spacing (0), where polynomials oscillate at the faces, and
+    Chebyshev's (1/2), which wastes runs there on outcomes with kinks."""
+    candidates: int = 4096
+    """The sequence is chosen from so many points, hence no longer. Fixed, or it would not be
+    nested."""
+    beside_draws: int = 2048
+    """Candidates all over the box, beside the draws of a law."""
+    everywhere: int = 512
+    """Points that tell of all the box."""
+    shares: int = 8192
+    """Points by which parts of the box are measured."""
+    length: float = 6.0
+    """The length of the covariance is the root of n over this, in coordinates of the box."""
+    least: float = 1e-10
+    """The least variance, of one, that a point is taken to have before it is run."""
+    same: float = 1e-9
+    """Points that differ by less are the same: rounding between the box and [-1, 1]^n."""
+    narrowest: float = 1e-6
+    """The least standard deviation of draws, in coordinates of the box."""
+
+
+PLACES = PlacementSettings()
 
 
 def low_discrepancy(count: int, n: int, shift: Array) -> Array:
@@ -54,31 +72,32 @@ def fixed_shift(n: int) -> Array:
     return np.asarray(np.sqrt(np.arange(2.0, 2.0 + n)) % 1.0)
 
 
-def everywhere(n: int) -> Array:
+def everywhere(n: int, settings: PlacementSettings = PLACES) -> Array:
     """Return points (J, n) that tell of all of [-1, 1]^n."""
-    return low_discrepancy(EVERYWHERE, n, fixed_shift(n))
+    return low_discrepancy(settings.everywhere, n, fixed_shift(n))
 
 
-def spread(count: int, n: int) -> Array:
+def spread(count: int, n: int, settings: PlacementSettings = PLACES) -> Array:
     """Return the first `count` points (count, n) in [-1, 1]^n of a nested, well separated sequence.
 
     Greedy choice of the point at which a Gaussian process with a Matern-3/2 covariance knows least
     (P-greedy; De Marchi, Schaback and Wendland 2005), in coordinates that gather at the faces.
-    Every prefix covers the box; at most CANDIDATES points. Cost: 4096 count^2 operations, once.
+    Every prefix covers the box; at most as many points as there are candidates. Cost: 4096 count^2
+    operations, once.
 
     >>> spread(3, 1).round(1).ravel() ** 2
     array([0., 1., 1.])
     """
-    return _greedy(max(64, 2 ** int(np.ceil(np.log2(count)))), n)[:count]
+    return _greedy(2 ** int(np.ceil(np.log2(count))), n, settings)[:count]
 
 
-@lru_cache(maxsize=16)
-def _greedy(count: int, n: int) -> Array:
-    t = low_discrepancy(CANDIDATES, n, fixed_shift(n))
+@lru_cache
+def _greedy(count: int, n: int, settings: PlacementSettings = PLACES) -> Array:
+    t = low_discrepancy(settings.candidates, n, fixed_shift(n))
     # every candidate is equally unknown at first: begin in the middle
     middle = int(np.argmin((t**2).sum(axis=1)))
-    chosen = _least_known(t, np.ones(len(t)), [middle], count)
-    return clustered(t[chosen])
+    chosen = _least_known(t, np.ones(len(t)), [middle], count, settings)
+    return clustered(t[chosen], settings)
 
 
 def asymmetric(z: Array, few: int) -> Array:
@@ -96,7 +115,7 @@ def asymmetric(z: Array, few: int) -> Array:
     return np.asarray(z[order])
 
 
-def evenly(z: Array, count: int) -> Array:
+def evenly(z: Array, count: int, settings: PlacementSettings = PLACES) -> Array:
     """Return `count` more points (count, n) in [-1, 1]^n than z (M, n), evenly spread.
 
     Those of `spread` where z are its first; else its greedy choice goes on from z.
@@ -105,16 +124,16 @@ def evenly(z: Array, count: int) -> Array:
     True
     """
     n = z.shape[1]
-    sequence = spread(len(z) + count, n)
-    if np.allclose(z, sequence[: len(z)], rtol=0.0, atol=SAME):
+    sequence = spread(len(z) + count, n, settings)
+    if np.allclose(z, sequence[: len(z)], rtol=0.0, atol=settings.same):
         return sequence[len(z) :]
-    candidates = low_discrepancy(CANDIDATES, n, fixed_shift(n))
-    t = np.vstack([_even(z), candidates])
-    chosen = _least_known(t, np.ones(len(t)), list(range(len(z))), len(z) + count)
-    return clustered(candidates[chosen[len(z) :] - len(z)])
+    candidates = low_discrepancy(settings.candidates, n, fixed_shift(n))
+    t = np.vstack([_even(z, settings), candidates])
+    chosen = _least_known(t, np.ones(len(t)), list(range(len(z))), len(z) + count, settings)
+    return clustered(candidates[chosen[len(z) :] - len(z)], settings)
 
 
-def continued(z: Array, draws: Array, count: int) -> Array:
+def continued(z: Array, draws: Array, count: int, settings: PlacementSettings = PLACES) -> Array:
     """Return `count` more points (count, n) in [-1, 1]^n than z (M, n), where draws (D, n) lie.
 
     The greedy choice of `spread` goes on from the points that there are, and weighs what is not
@@ -126,17 +145,22 @@ def continued(z: Array, draws: Array, count: int) -> Array:
     """
     n = z.shape[1]
     candidates = np.vstack(
-        [np.clip(draws, -1.0, 1.0), clustered(low_discrepancy(2048, n, fixed_shift(n)))]
+        [
+            np.clip(draws, -1.0, 1.0),
+            clustered(low_discrepancy(settings.beside_draws, n, fixed_shift(n)), settings),
+        ]
     )
-    t = np.vstack([_even(z), _even(candidates)])
-    weight = np.concatenate([np.zeros(len(z)), _kernel_density(draws, candidates)])
-    chosen = _least_known(t, weight, list(range(len(z))), len(z) + count)
+    t = np.vstack([_even(z, settings), _even(candidates, settings)])
+    weight = np.concatenate([np.zeros(len(z)), _kernel_density(draws, candidates, settings)])
+    chosen = _least_known(t, weight, list(range(len(z))), len(z) + count, settings)
     return candidates[chosen[len(z) :] - len(z)]
 
 
-def _least_known(t: Array, weight: Array, first: list[int], count: int) -> Indices:
+def _least_known(
+    t: Array, weight: Array, first: list[int], count: int, settings: PlacementSettings = PLACES
+) -> Indices:
     """Return `count` rows of t (T, n), the `first` and then greedily those of most variance."""
-    length = np.sqrt(t.shape[1] / 6.0)
+    length = np.sqrt(t.shape[1] / settings.length)
     factors = np.zeros((count, len(t)))
     variance = np.ones(len(t))
     chosen = np.empty(count, dtype=np.intp)
@@ -150,52 +174,101 @@ def _least_known(t: Array, weight: Array, first: list[int], count: int) -> Indic
         r = np.sqrt(((t - t[new]) ** 2).sum(axis=1)) / length
         known = factors[:k].T @ factors[:k, new]
         # points that a region's move brings together can be all but equal
-        factors[k] = ((1.0 + r) * np.exp(-r) - known) / np.sqrt(max(variance[new], TINY))
+        factors[k] = ((1.0 + r) * np.exp(-r) - known) / np.sqrt(max(variance[new], settings.least))
         variance = np.maximum(variance - factors[k] ** 2, 0.0)
     return chosen
 
 
-def _kernel_density(draws: Array, points: Array) -> Array:
+def _kernel_density(draws: Array, points: Array, settings: PlacementSettings = PLACES) -> Array:
     """Return the density (P,) of draws (D, n) at points (P, n), up to a factor."""
     count, n = draws.shape
-    scale = np.maximum(draws.std(axis=0), 1e-6)
+    scale = np.maximum(draws.std(axis=0), settings.narrowest)
     width = scale * count ** (-1.0 / (n + 4))
     distance = (((points[:, None] - draws) / width) ** 2).sum(axis=2)
     return np.asarray(np.exp(-0.5 * distance).mean(axis=1))
 
 
-def clustered(t: Array) -> Array:
+def clustered(t: Array, settings: PlacementSettings = PLACES) -> Array:
     """Return evenly spread points of [-1, 1]^n gathered at the faces; `_even` turns that round."""
-    return np.asarray(np.sin(CLUSTER * t) / np.sin(CLUSTER))
+    return np.asarray(np.sin(settings.cluster * np.pi * t) / np.sin(settings.cluster * np.pi))
 
 
-def _even(z: Array) -> Array:
-    return np.asarray(np.arcsin(np.clip(z * np.sin(CLUSTER), -1.0, 1.0)) / CLUSTER)
+def _even(z: Array, settings: PlacementSettings = PLACES) -> Array:
+    return np.asarray(
+        np.arcsin(np.clip(z * np.sin(settings.cluster * np.pi), -1.0, 1.0))
+        / (settings.cluster * np.pi)
+    )
 
 
-def shares(z: Array, where: Array | None = None) -> Array:
+def shares(z: Array, where: Array | None = None, settings: PlacementSettings = PLACES) -> Array:
     """Return the part (M,) of the box [-1, 1]^n, or of points `where`, nearest to each z (M, n)."""
     n = z.shape[1]
-    reference = low_discrepancy(8192, n, fixed_shift(n)) if where is None else where
+    reference = low_discrepancy(settings.shares, n, fixed_shift(n)) if where is None else where
     nearest = cKDTree(z).query(reference)[1]
     return np.bincount(nearest, minlength=len(z)) / len(reference)
 
 
-SMOOTHNESS = (1.5, 2.5, 4.0, 6.0, 9.0)
-TREND = (0.0, 0.25, 0.5)
-NORM = (2.0, 1.0, 0.5)
-NOISE = (0.0, 0.03, 0.3)
-STRETCH = 1.6
-# Terms for each run, and the weight that makes a term of the trend as good as free.
-TERMS = 2
-FREE = 1e6
-# Winners whose neighbors are tried, with few runs and with many (then priors change little).
-KEEP = (5, 2)
-MANY = 200
-SWEEPS = 2
-# Share of the mean square error that is left where logarithms are taken: with runs that change
-# from one scale to the other, round by round, surfaces hardly become exact.
-FALL = 0.01
+@dataclass(frozen=True)
+class SurfaceFitSettings:
+    """How a polynomial is fitted to runs, thinned and searched for its range; by judgement."""
+
+    smoothnesses: tuple[float, ...] = (1.5, 2.5, 4.0, 6.0, 9.0)
+    trends: tuple[float, ...] = (0.0, 0.25, 0.5)
+    norms: tuple[float, ...] = (2.0, 1.0, 0.5)
+    noises: tuple[float, ...] = (0.0, 0.03, 0.3)
+    """Values of a prior that are tried (see `SmoothnessPrior`)."""
+    first: tuple[tuple[float, float, float], ...] = (
+        (2.0, 2.5, 0.0), (2.0, 2.5, 0.5), (2.0, 4.0, 0.0), (2.0, 4.0, 0.5),
+        (1.0, 2.5, 0.0), (1.0, 4.0, 0.5), (0.5, 4.0, 0.5), (0.5, 2.5, 0.0),
+    )  # fmt: skip
+    """Norm, smoothness and trend of the priors to begin with."""
+    stretch: float = 1.6
+    """Factor by which one parameter is stretched."""
+    scales: tuple[float, float] = (0.1, 12.0)
+    """... within these limits."""
+    terms: int = 2
+    """Terms of a polynomial for each run."""
+    more_terms: int = 10
+    """... and beside these."""
+    free: float = 1e6
+    """The weight that makes a term of the trend as good as free."""
+    keep: tuple[int, int] = (5, 2)
+    """Winners whose neighbors are tried, with at most `keep_runs` runs and with more: then priors
+    change little."""
+    keep_runs: int = 200
+    sweeps: int = 2
+    """Rounds of the search for a prior."""
+    fall: float = 0.01
+    """Share of the mean square error that is left where logarithms are taken: with runs that
+    change from one scale to the other, round by round, surfaces hardly become exact."""
+    nearly: float = 1e-3
+    """Share of the variance of a coefficient below which one minus what is known loses digits."""
+    nothing: float = 1e-24
+    """... and below which it is rounding."""
+    negligible: float = 0.1
+    """A term is left out where all that is left out stays under this part of the error: it then
+    adds half a percent to it (root of 1 + 0.1^2)."""
+    rounding: float = 1e-14
+    """The same, over the largest term."""
+    group: float = 16.0
+    """Terms of the smallest group of experiments."""
+    group_growth: float = 1.4
+    """Terms of a group over those of the one before."""
+    groups: int = 40
+    """The most groups."""
+    range_points: int = 2048
+    """Points of the box at which the range of an outcome is sought."""
+    range_block: int = 256
+    """... of which so many are evaluated together."""
+    corners: int = 10
+    """... with the corners of the box in so many parameters."""
+    range_step: float = 0.04
+    """First step of the polish, over the width of the box."""
+    halvings: int = 10
+    """How often that step is halved."""
+
+
+FITS = SurfaceFitSettings()
 # The least error that is compared with another.
 SMALLEST = np.finfo(np.float64).tiny
 
@@ -226,26 +299,27 @@ class SmoothnessPrior(NamedTuple):
         return outcomes(t, np.full(len(t), self.logarithm))
 
 
-def first_priors(n: int) -> list[SmoothnessPrior]:
+def first_priors(n: int, settings: SurfaceFitSettings = FITS) -> list[SmoothnessPrior]:
     """Return the priors to begin with: no preferred parameter."""
     even = (1.0,) * n
-    choices = [(2.0, s, t) for s in (2.5, 4.0) for t in (0.0, 0.5)]
-    choices += [(1.0, 2.5, 0.0), (1.0, 4.0, 0.5), (0.5, 4.0, 0.5), (0.5, 2.5, 0.0)]
-    return [SmoothnessPrior(even, *choice) for choice in choices]
+    return [SmoothnessPrior(even, *choice) for choice in settings.first]
 
 
-def neighbors(prior: SmoothnessPrior) -> list[SmoothnessPrior]:
+def neighbors(prior: SmoothnessPrior, settings: SurfaceFitSettings = FITS) -> list[SmoothnessPrior]:
     """Return the priors one step away: one parameter stretched, or one choice moved."""
     out = []
     for i, one in enumerate(prior.scale):
-        for changed in (one * STRETCH, one / STRETCH):
-            if 0.1 < changed < 12.0:
+        for changed in (one * settings.stretch, one / settings.stretch):
+            if settings.scales[0] < changed < settings.scales[1]:
                 scale = (*prior.scale[:i], float(f"{changed:.6g}"), *prior.scale[i + 1 :])
                 out.append(prior._replace(scale=scale))
-    out += [prior._replace(norm=value) for value in _beside(NORM, prior.norm)]
-    out += [prior._replace(smoothness=value) for value in _beside(SMOOTHNESS, prior.smoothness)]
-    out += [prior._replace(trend=value) for value in _beside(TREND, prior.trend)]
-    out += [prior._replace(noise=value) for value in _beside(NOISE, prior.noise)]
+    out += [prior._replace(norm=value) for value in _beside(settings.norms, prior.norm)]
+    out += [
+        prior._replace(smoothness=value)
+        for value in _beside(settings.smoothnesses, prior.smoothness)
+    ]
+    out += [prior._replace(trend=value) for value in _beside(settings.trends, prior.trend)]
+    out += [prior._replace(noise=value) for value in _beside(settings.noises, prior.noise)]
     return out
 
 
@@ -257,11 +331,11 @@ def _beside(values: tuple[float, ...], one: float) -> tuple[float, ...]:
 
 def weights(prior: SmoothnessPrior, runs: int) -> tuple[Indices, Array]:
     """Return indices (P, n) and weights w (P,) for a number of runs."""
-    indices, size = ball(prior.scale, prior.norm, TERMS * runs + 10)
+    indices, size = ball(prior.scale, prior.norm, FITS.terms * runs + FITS.more_terms)
     weight = (1.0 + size**2) ** (-0.5 * prior.smoothness)
     free = indices.sum(axis=1) <= (prior.trend > 0.0)
     free[: int(prior.trend * runs)] = True
-    return indices, np.where(free, FREE * weight, weight)
+    return indices, np.where(free, FITS.free * weight, weight)
 
 
 def _scaled(prior: SmoothnessPrior, z: Array) -> tuple[Indices, Array, Array]:
@@ -340,19 +414,19 @@ def judged(prior: SmoothnessPrior, z: Array, y: Array, where: Array | None = Non
 
 def missed(y: Array, residual: Array) -> Array:
     """Outcomes (M, A) minus those of polynomials of logarithms that are off by `residual`."""
-    return np.asarray(-y * np.expm1(np.clip(-residual, -LARGEST, LARGEST)))
+    return np.asarray(-y * np.expm1(np.clip(-residual, -SURFACES.largest, SURFACES.largest)))
 
 
-def _over_box(q: Array, weight: Array) -> float:
+def _over_box(q: Array, weight: Array, settings: SurfaceFitSettings = FITS) -> float:
     """Return the mean posterior variance over the box, in units of s^2."""
     unknown = 1.0 - (q[: len(weight)] ** 2).sum(axis=1)
     # 1 - |q|^2 loses all digits where a coefficient is all but known: square the small vector
     # itself there, and take what is left at the level of rounding for nothing.
-    near = np.flatnonzero(unknown < 1e-3)
+    near = np.flatnonzero(unknown < settings.nearly)
     rest = -(q @ q[near].T)
     rest[near, np.arange(len(near))] += 1.0
     unknown[near] = (rest**2).sum(axis=0)
-    unknown[unknown < 1e-24] = 0.0
+    unknown[unknown < settings.nothing] = 0.0
     return float(weight**2 @ np.maximum(unknown, 0.0))
 
 
@@ -375,7 +449,12 @@ class Found(NamedTuple):
 
 @single_threaded
 def search(
-    pool: list[SmoothnessPrior], z: Array, y: Array, share: Array, sweeps: int = SWEEPS
+    pool: list[SmoothnessPrior],
+    z: Array,
+    y: Array,
+    share: Array,
+    sweeps: int = FITS.sweeps,
+    settings: SurfaceFitSettings = FITS,
 ) -> Found:
     """Return priors, the best of them for each experiment (A,), and the pool to go on with.
 
@@ -400,39 +479,40 @@ def search(
         known = sorted(score)
         best = np.argmin([score[prior] for prior in known], axis=0)
         errors = np.array([error[prior] for prior in known])[best, np.arange(best.size)]
-        takes = _fall(errors[positive], errors[count:])
+        takes = _fall(errors[positive], errors[count:], settings)
         chosen = best[:count].copy()
         chosen[positive[takes]] = best[count:][takes]
         left = errors[:count].copy()
         left[positive[takes]] = errors[count:][takes]
         wins = Counter(known[k] for k in chosen)
-        leaders = sorted(wins, key=lambda prior: (-wins[prior], prior))[: KEEP[len(z) > MANY]]
-        trial = [other for prior in leaders for other in neighbors(prior)]
+        leaders = sorted(wins, key=lambda prior: (-wins[prior], prior))[
+            : settings.keep[len(z) > settings.keep_runs]
+        ]
+        trial = [other for prior in leaders for other in neighbors(prior, settings)]
     chosen[positive[takes]] += len(known)
     known += [prior._replace(logarithm=True) for prior in known]
-    pool = list(dict.fromkeys([*leaders, *first_priors(z.shape[1])[:2]]))
+    pool = list(dict.fromkeys([*leaders, *first_priors(z.shape[1], settings)[:2]]))
     return Found(known, chosen, left, pool)
 
 
-def _fall(before: Array, after: Array) -> Flags:
-    """Whether mean square errors (A,) fall to FALL, by the mean of the experiment and the median.
+def _fall(before: Array, after: Array, settings: SurfaceFitSettings = FITS) -> Flags:
+    """Whether mean square errors (A,) fall enough, by the mean of the experiment and the median.
 
     The experiments are alike, and the few runs of one tell little: where neither is good, as with a
     kink, chance would choose.
     """
     change = np.log(np.maximum(after, SMALLEST)) - np.log(np.maximum(before, SMALLEST))
-    return np.asarray(change + (np.median(change) if change.size else 0.0) < 2.0 * np.log(FALL))
+    return np.asarray(
+        change + (np.median(change) if change.size else 0.0) < 2.0 * np.log(settings.fall)
+    )
 
-
-# A term is left out where all that is left out stays under this part of the error: it then adds
-# half a percent to it (root of 1 + 0.1^2).
-NEGLIGIBLE = 0.1
-ROUNDING = 1e-14
 
 Piece = tuple[Indices, Indices, Array]
 
 
-def merged(pieces: Iterable[Piece], error: Array) -> tuple[Indices, tuple[Group, ...], Array]:
+def merged(
+    pieces: Iterable[Piece], error: Array, settings: SurfaceFitSettings = FITS
+) -> tuple[Indices, tuple[Group, ...], Array]:
     """Return common indices (P, n), groups over its prefixes, and all coefficients (N, P).
 
     A piece holds experiments (A,), indices (Q, n) and coefficients (Q, A). Terms used by most
@@ -442,7 +522,7 @@ def merged(pieces: Iterable[Piece], error: Array) -> tuple[Indices, tuple[Group,
     place: dict[tuple[int, ...], int] = {}
     thinned: list[Piece] = []
     for members, indices, coefficients in pieces:
-        kept = _thinned(coefficients.T, error[members])
+        kept = _thinned(coefficients.T, error[members], settings)
         used = np.flatnonzero((kept != 0.0).any(axis=0) | ~indices.any(axis=1))
         names = [tuple(nu) for nu in indices[used].tolist()]
         column = np.array([place.setdefault(nu, len(place)) for nu in names])
@@ -453,13 +533,13 @@ def merged(pieces: Iterable[Piece], error: Array) -> tuple[Indices, tuple[Group,
     listed = np.array(list(place), dtype=np.intp).reshape(len(place), -1)
     order = np.lexsort((*listed.T, listed.sum(axis=1), -(terms != 0.0).sum(axis=0)))
     listed, terms = listed[order], terms[:, order]
-    return listed, _groups(terms), terms
+    return listed, _groups(terms, settings), terms
 
 
-def _thinned(coefficients: Array, error: Array) -> Array:
+def _thinned(coefficients: Array, error: Array, settings: SurfaceFitSettings = FITS) -> Array:
     """Return coefficients (A, Q) with the smallest of each row set to zero."""
     level = np.abs(coefficients).max(axis=1)
-    budget = np.maximum(NEGLIGIBLE * error, ROUNDING * level)
+    budget = np.maximum(settings.negligible * error, settings.rounding * level)
     order = np.argsort(np.abs(coefficients), axis=1)
     dropped = np.cumsum(np.take_along_axis(coefficients, order, axis=1) ** 2, axis=1)
     out = np.array(coefficients)
@@ -469,12 +549,13 @@ def _thinned(coefficients: Array, error: Array) -> Array:
     return out
 
 
-def _groups(terms: Array) -> tuple[Group, ...]:
+def _groups(terms: Array, settings: SurfaceFitSettings = FITS) -> tuple[Group, ...]:
     """Return groups of experiments (rows) that need about the same number of leading terms."""
     count = terms.shape[1]
     needed = count - np.argmax((terms != 0.0)[:, ::-1], axis=1)
     needed[~terms.any(axis=1)] = 1
-    steps = np.unique(np.minimum(np.ceil(16.0 * 1.4 ** np.arange(40)), count)).astype(np.intp)
+    sizes = np.ceil(settings.group * settings.group_growth ** np.arange(settings.groups))
+    steps = np.unique(np.minimum(sizes, count)).astype(np.intp)
     size = steps[np.searchsorted(steps, needed)]
     members = [np.flatnonzero(size == step) for step in steps]
     return tuple(
@@ -484,10 +565,12 @@ def _groups(terms: Array) -> tuple[Group, ...]:
     )
 
 
-def degrees_of(indices: Indices, terms: Array, error: Array) -> Indices:
+def degrees_of(
+    indices: Indices, terms: Array, error: Array, settings: SurfaceFitSettings = FITS
+) -> Indices:
     """Return the degree (N, n) of each parameter beyond which all terms stay below the error."""
     out = np.zeros((len(terms), indices.shape[1]), dtype=np.intp)
-    floor = np.maximum(error, ROUNDING * np.abs(terms).max(axis=1)) ** 2
+    floor = np.maximum(error, settings.rounding * np.abs(terms).max(axis=1)) ** 2
     for i, degree in enumerate(indices.T):
         for d in range(int(degree.max(initial=0))):
             beyond = (terms[:, degree > d] ** 2).sum(axis=1)
@@ -495,41 +578,45 @@ def degrees_of(indices: Indices, terms: Array, error: Array) -> Indices:
     return out
 
 
-def outcome_range(surface: Surface, outcomes: Array) -> tuple[Array, Array]:
+def outcome_range(
+    surface: Surface, outcomes: Array, settings: SurfaceFitSettings = FITS
+) -> tuple[Array, Array]:
     """Return the least and the largest outcome (N,) of each experiment over the box.
 
-    From the runs (N, M), NaN where there is none, a search over 2048 points and the corners of the
-    box, and a polish of the best of them that halves its step ten times.
+    From the runs (N, M), NaN where there is none, a search over points and corners of the box, and
+    a polish of the best of them that halves its step.
     """
     n = len(surface.box)
     low, high = surface.box.T
-    z = low_discrepancy(2048, n, fixed_shift(n))
-    corners = 2.0 * (np.arange(2 ** min(n, 10))[:, None] >> np.arange(n) & 1) - 1.0
+    z = low_discrepancy(settings.range_points, n, fixed_shift(n))
+    corners = 2.0 * (np.arange(2 ** min(n, settings.corners))[:, None] >> np.arange(n) & 1) - 1.0
     x = low + 0.5 * (np.vstack([corners, z]) + 1.0) * (high - low)
     best = [np.fmin.reduce(outcomes, axis=1), -np.fmax.reduce(outcomes, axis=1)]
     start = [np.zeros((len(outcomes), n)), np.zeros((len(outcomes), n))]
     found = [np.full(len(outcomes), np.inf), np.full(len(outcomes), np.inf)]
-    for part in range(0, len(x), 256):
-        y = surface.evaluate(x[part : part + 256])
+    for part in range(0, len(x), settings.range_block):
+        y = surface.evaluate(x[part : part + settings.range_block])
         for side, sign in enumerate((1.0, -1.0)):
             least = (sign * y).argmin(axis=1)
             value = sign * y[np.arange(len(y)), least]
             better = value < found[side]
             found[side][better], start[side][better] = value[better], x[part + least[better]]
     for side, sign in enumerate((1.0, -1.0)):
-        polished = _polished(surface, start[side], found[side], sign)
+        polished = _polished(surface, start[side], found[side], sign, settings)
         best[side] = np.fmin(best[side], polished)
     return best[0], -best[1]
 
 
-def _polished(surface: Surface, x: Array, value: Array, sign: float) -> Array:
+def _polished(
+    surface: Surface, x: Array, value: Array, sign: float, settings: SurfaceFitSettings = FITS
+) -> Array:
     """Return the least sign * outcome (N,) that a compass search from x (N, n) finds."""
     count, n = x.shape
     low, high = surface.box.T
     moves = np.vstack([np.eye(n), -np.eye(n)]) * (high - low)
-    step = 0.04
+    step = settings.range_step
     index = np.repeat(np.arange(count), len(moves))
-    for _ in range(10):
+    for _ in range(settings.halvings):
         trial = np.clip(x[:, None] + step * moves, low, high)
         y = sign * surface.at(index, trial.reshape(-1, n)).reshape(count, -1)
         least = y.argmin(axis=1)

@@ -78,14 +78,22 @@ class Samples:
         return Samples(self.x[kept], self.outcome[:, kept], self.asked[:, kept])
 
 
-# A condition that is positive, and larger at one end by this factor than at the other, is taken as
-# its logarithm.
-DECADE = 10.0
-# Texts of one condition that are told apart; with more there is nothing to learn from.
-TEXTS = 6
+@dataclass(frozen=True)
+class FeatureSettings:
+    """Conditions as inputs of a shared surface; by judgement."""
+
+    decade: float = 10.0
+    """Largest over least value, from which a positive condition is taken as its logarithm."""
+    texts: int = 6
+    """Different texts of one condition; with more there is nothing to learn from."""
 
 
-def features(columns: Mapping[str, NDArray[Any]]) -> Array | None:
+FEATURES = FeatureSettings()
+
+
+def features(
+    columns: Mapping[str, NDArray[Any]], settings: FeatureSettings = FEATURES
+) -> Array | None:
     """Return conditions (N,) by name as inputs (N, d) in [-1, 1], or None where they cannot be.
 
     Numbers are scaled to their range, or their logarithms are. A text is one input for each of its
@@ -100,7 +108,7 @@ def features(columns: Mapping[str, NDArray[Any]]) -> Array | None:
     for column in columns.values():
         if column.dtype == object:
             kinds = sorted({str(cell) for cell in column})
-            if len(kinds) > TEXTS:
+            if len(kinds) > settings.texts:
                 return None
             texts = column.astype(str)
             parts += [np.where(texts == kind, 1.0, -1.0) for kind in kinds if len(kinds) > 1]
@@ -108,12 +116,12 @@ def features(columns: Mapping[str, NDArray[Any]]) -> Array | None:
             numbers = column.astype(np.float64)
             if not np.isfinite(numbers).all():
                 return None
-            parts += [_scaled(numbers)] if np.ptp(numbers) > 0.0 else []
+            parts += [_scaled(numbers, settings)] if np.ptp(numbers) > 0.0 else []
     return np.column_stack(parts) if parts else None
 
 
-def _scaled(numbers: Array) -> Array:
-    if numbers.min() > 0.0 and numbers.max() > DECADE * numbers.min():
+def _scaled(numbers: Array, settings: FeatureSettings = FEATURES) -> Array:
+    if numbers.min() > 0.0 and numbers.max() > settings.decade * numbers.min():
         numbers = np.log(numbers)
     low, high = numbers.min(), numbers.max()
     return np.asarray((2.0 * numbers - low - high) / (high - low))
@@ -178,12 +186,15 @@ class DirectResponse:
     """The simulator itself: every call runs it, gradients by central differences.
 
     `run(index (R,), x (R, n))` runs it, `box` (n, 2) keeps the differences inside.
+    A difference is `difference_step` times the spread of the points, for which a constant has
+    `constant_spread` times the width of its box.
     """
 
     run: Run
     experiments: int
     box: Array
     difference_step: float = 1e-4
+    constant_spread: float = 0.1
 
     def take(self, rows: Indices) -> DirectResponse:
         """The simulator of the experiments `rows`."""
@@ -210,7 +221,7 @@ class DirectResponse:
         # exactly zero for a constant, which np.std of equal numbers is not
         spread = np.where(np.ptp(x, axis=0) > 0.0, np.std(x, axis=0), 0.0)
         width = self.box[:, 1] - self.box[:, 0]
-        step = self.difference_step * np.where(spread > 0.0, spread, 0.1 * width)
+        step = self.difference_step * np.where(spread > 0.0, spread, self.constant_spread * width)
         moved = np.flatnonzero(step > 0.0)
         points, gaps = [x], []
         for i in moved:

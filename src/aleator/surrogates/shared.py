@@ -32,17 +32,35 @@ from aleator.surrogates.surface import Axes, Surface, ball, products
 from aleator.threads import single_threaded
 from aleator.types import Array, Flags, Indices
 
-# Variances of the constant and of the linear terms, over that of the rest: all but free.
-CONSTANT, LINEAR = 30.0, 10.0
-# Precision of the normal prior on the entries of A.
-RIDGE = 0.01
-# More directions than this are not told apart.
-RANK = 8
-OWN = (1e-4, 3.0)
-SCALE = (0.05, 10.0)
-NOISE = (3e-4, 0.3)
-# The part of an experiment that is alone, and has nothing for itself: its square is zero.
-NONE = 1e-200
+
+@dataclass(frozen=True)
+class ProcessSettings:
+    """The covariance of the Gaussian process and the limits of its numbers; by judgement."""
+
+    constant: float = 30.0
+    linear: float = 10.0
+    """Variances of the constant and of the linear terms, over that of the rest: all but free."""
+    ridge: float = 0.01
+    """Precision of the normal prior on the entries of A."""
+    rank: int = 8
+    """More directions than this are not distinguished."""
+    own: tuple[float, float] = (1e-4, 3.0)
+    scale: tuple[float, float] = (0.05, 10.0)
+    noise: tuple[float, float] = (3e-4, 0.3)
+    """Limits of own, of s and of noise."""
+    largest_mix: float = 20.0
+    """The largest entry of A."""
+    first_mix: float = 0.5
+    """Entry of A for each input, before anything is learned."""
+    first_noise: float = 0.01
+    """The noise before anything is learned."""
+    none: float = 1e-200
+    """The part of an experiment that is alone, and has nothing for itself: its square is zero."""
+    failed: float = 1e10
+    """Minus the log-posterior of a covariance that is not positive definite."""
+
+
+PROCESS = ProcessSettings()
 
 
 @dataclass(frozen=True)
@@ -53,25 +71,29 @@ class Covariance:
     own: float
     scale: Array
     noise: float
+    settings: ProcessSettings = PROCESS
 
     @classmethod
-    def first(cls, inputs: int, parameters: int, own: float = 0.1) -> Covariance:
+    def first(
+        cls, inputs: int, parameters: int, own: float = 0.1, settings: ProcessSettings = PROCESS
+    ) -> Covariance:
         """Nothing is known: every input counts alike."""
-        mix = 0.5 * np.eye(inputs, min(inputs, RANK))
-        mix[RANK:] = 0.5 / np.sqrt(RANK)
-        return cls(mix, own, np.ones(parameters), 0.01)
+        mix = settings.first_mix * np.eye(inputs, min(inputs, settings.rank))
+        mix[settings.rank :] = settings.first_mix / np.sqrt(settings.rank)
+        return cls(mix, own, np.ones(parameters), settings.first_noise, settings)
 
     @property
     def vector(self) -> Array:
         """All numbers in one row, those that are positive as logarithms."""
-        rest = np.log([max(self.own, NONE), *self.scale, self.noise])
+        rest = np.log([max(self.own, self.settings.none), *self.scale, self.noise])
         return np.concatenate([self.mix.ravel(), rest])
 
     def moved(self, vector: Array) -> Covariance:
         """The covariance with the numbers of another row."""
         size = self.mix.size
         own, *scale, noise = np.exp(vector[size:])
-        return Covariance(vector[:size].reshape(self.mix.shape), own, np.array(scale), noise)
+        mix = vector[:size].reshape(self.mix.shape)
+        return Covariance(mix, own, np.array(scale), noise, self.settings)
 
     def likeness(self, u: Array) -> Array:
         """Squared correlations (N, N) of what is common, between inputs u (N, D)."""
@@ -92,20 +114,23 @@ def _squared(a: Array, b: Array) -> Array:
     return np.asarray((a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * (a @ b.T))
 
 
-def _loss(covariance: Covariance, index: Indices, u: Array, y: Array) -> tuple[float, Array]:
+def _loss(
+    covariance: Covariance, index: Indices, u: Array, y: Array, settings: ProcessSettings = PROCESS
+) -> tuple[float, Array]:
     """The negative log posterior, without constants, and its gradient by `vector`."""
     mix, own, scale = covariance.mix, covariance.own, covariance.scale
+    settings = covariance.settings
     z = u[:, -len(scale) :]
     mixed, stretched = u @ mix, z * scale
     value, slope = _matern(_squared(mixed, mixed))
     alike = index[:, None] == index
     mine, mine_slope = (alike * part for part in _matern(_squared(stretched, stretched)))
-    matrix = value + own**2 * mine + CONSTANT + LINEAR * (u @ u.T)
+    matrix = value + own**2 * mine + settings.constant + settings.linear * (u @ u.T)
     matrix[np.diag_indices(len(y))] += covariance.noise**2
     try:
         factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
     except LinAlgError:
-        return 1e10, np.zeros(covariance.vector.size)
+        return settings.failed, np.zeros(covariance.vector.size)
     dual = cho_solve((factor, True), y, check_finite=False)
     variance = float(y @ dual) / len(y)
     loss = 0.5 * len(y) * np.log(variance) + np.log(np.diag(factor)).sum()
@@ -114,8 +139,10 @@ def _loss(covariance: Covariance, index: Indices, u: Array, y: Array) -> tuple[f
     by_own = 2.0 * own**2 * float((gap * mine).sum())
     by_scale = 4.0 * own**2 * scale**2 * np.diag(_moved(gap * mine_slope, z, z))
     by_noise = 2.0 * covariance.noise**2 * np.trace(gap)
-    gradient = np.concatenate([(by_mix + RIDGE * mix).ravel(), [by_own, *by_scale, by_noise]])
-    return float(loss + 0.5 * RIDGE * (mix**2).sum()), gradient
+    gradient = np.concatenate(
+        [(by_mix + settings.ridge * mix).ravel(), [by_own, *by_scale, by_noise]]
+    )
+    return float(loss + 0.5 * settings.ridge * (mix**2).sum()), gradient
 
 
 def _moved(gap: Array, a: Array, b: Array) -> Array:
@@ -133,13 +160,20 @@ def _inverse(factor: Array) -> Array:
 def learned(start: Covariance, index: Indices, u: Array, y: Array, iterations: int) -> Covariance:
     """The covariance of greatest posterior for runs y (M,) of experiments `index` at u (M, D)."""
     n, level, unit = len(start.scale), y.mean(), y.std() or 1.0
+    settings = start.settings
 
     def loss(vector: Array) -> tuple[float, Array]:
         return _loss(start.moved(vector), index, u, (y - level) / unit)
 
-    own, noise = (OWN, NOISE) if start.own > NONE else ((NONE, NONE), (NOISE[0], NOISE[0]))
-    positive = [np.log(own), *[np.log(SCALE)] * n, np.log(noise)]
-    bounds = [(-20.0, 20.0)] * start.mix.size + [(low, high) for low, high in positive]
+    own, noise = (
+        (settings.own, settings.noise)
+        if start.own > settings.none
+        else ((settings.none, settings.none), (settings.noise[0], settings.noise[0]))
+    )
+    positive = [np.log(own), *[np.log(settings.scale)] * n, np.log(noise)]
+    bounds = [(-settings.largest_mix, settings.largest_mix)] * start.mix.size + [
+        (low, high) for low, high in positive
+    ]
     found = minimize(
         loss, start.vector, jac=True, method="L-BFGS-B", bounds=bounds,
         options={"maxiter": iterations},
@@ -186,7 +220,8 @@ class ProcessPosterior:
         known = solve_triangular(
             self.factor, self._between(index, u).T, lower=True, check_finite=False
         )
-        prior = 1.0 + self.covariance.own**2 + CONSTANT + LINEAR * (u**2).sum(axis=1)
+        own, settings = self.covariance.own, self.covariance.settings
+        prior = 1.0 + own**2 + settings.constant + settings.linear * (u**2).sum(axis=1)
         left = np.maximum(prior - (known**2).sum(axis=0), 0.0)
         return np.asarray(self.unit * np.sqrt(self.variance * left))
 
@@ -212,7 +247,8 @@ def _between(covariance: Covariance, index: Indices, u: Array, other: Indices, v
     """Covariances (R, M) of runs of two lists, without noise."""
     n = len(covariance.scale)
     out = _matern(_squared(u @ covariance.mix, v @ covariance.mix))[0]
-    out += CONSTANT + LINEAR * (u @ v.T)
+    settings = covariance.settings
+    out += settings.constant + settings.linear * (u @ v.T)
     if covariance.own**2 == 0.0:
         return np.asarray(out)
     row, column = np.nonzero(index[:, None] == other)
@@ -221,25 +257,39 @@ def _between(covariance: Covariance, index: Indices, u: Array, other: Indices, v
     return np.asarray(out)
 
 
-# Runs of all experiments together that the first round has, where the experiments are few.
-FIRST = 800
-# Runs that one fit may have: its cost is their number cubed.
-MOST = 4000
-# Runs from which the covariance is learned, and steps of that: at first, and later.
-LEARNED = 500
-STEPS = (60, 20)
-# Polynomial terms for 1, 2, 3 and more parameters, and points for each term.
-TERMS = (40, 136, 220, 250)
-POINTS = 2.5
-# Weight of the size of the polynomials' terms beside one point.
-TREND_RIDGE = 0.01
-# Points an experiment at which the error is expected, and at which polynomials are compared.
-JUDGED, COMPARED = 16, 64
-# Set on the wet clutch, where the true errors then stay below the estimate in the share that the
-# tests hold.
-CAUTION = 1.5
-# Share of the runs that are spread over the box where those of a law are preferred.
-ELSEWHERE = 0.1
+@dataclass(frozen=True)
+class SharingSettings:
+    """Runs and points of a shared surface: by judgement, but for `caution`."""
+
+    first: int = 800
+    """Runs of all experiments together that the first round has, where there are not more of them.
+    """
+    most: int = 4000
+    """Runs that one fit may have: its cost is their number cubed."""
+    learned: int = 500
+    """Runs from which the covariance is learned."""
+    steps: tuple[int, int] = (60, 20)
+    """Steps of that, at first and later."""
+    terms: tuple[int, ...] = (40, 136, 220, 250)
+    """Polynomial terms for 1, 2, 3 and more parameters."""
+    points: float = 2.5
+    """Points for each term."""
+    ridge: float = 0.01
+    """Weight of the size of the polynomials' terms beside one point."""
+    judged: int = 16
+    """Points an experiment at which the error is expected."""
+    compared: int = 64
+    """Points an experiment at which polynomials are compared."""
+    caution: float = 1.5
+    """Factor of the estimated errors. Set on the wet clutch, where the true errors then stay below
+    the estimate in the share that the tests assert."""
+    elsewhere: float = 0.1
+    """Share of the runs that are spread over the box where those of a law are preferred."""
+    least_seen: float = 1e-9
+    """The least number of runs by which a surprise is divided."""
+
+
+SHARING = SharingSettings()
 
 
 class SharedSurface(Emulator):
@@ -251,21 +301,25 @@ class SharedSurface(Emulator):
     few hundred for the polynomials; 108 experiments of 20 runs some ten seconds a round.
     """
 
-    def __init__(self, run: Run, box: Array, conditions: Array) -> None:
+    def __init__(
+        self, run: Run, box: Array, conditions: Array, settings: SharingSettings = SHARING
+    ) -> None:
         experiments, n = len(conditions), len(box)
         super().__init__(run, box, Samples.none(experiments, n))
-        self.conditions = conditions
+        self.conditions, self.settings = conditions, settings
         self.shift = np.random.default_rng(0).random((experiments, n))
         self.covariance = Covariance.first(conditions.shape[1] + n, n)
-        self.where = self.axes.outward(low_discrepancy(COMPARED, n, fixed_shift(n)))
-        self._place(np.arange(experiments), first_shared_runs(experiments, n), MOST, None)
-        self.posterior = self._learned(STEPS[0])
+        self.where = self.axes.outward(low_discrepancy(self.settings.compared, n, fixed_shift(n)))
+        self._place(
+            np.arange(experiments), first_shared_runs(experiments, n, settings), settings.most, None
+        )
+        self.posterior = self._learned(self.settings.steps[0])
         self.stale = False
 
     @staticmethod
-    def fits(experiments: int, n: int) -> bool:
+    def fits(experiments: int, n: int, settings: SharingSettings = SHARING) -> bool:
         """Whether one fit takes the first runs and as many again."""
-        return 2 * experiments * first_shared_runs(experiments, n) <= MOST
+        return 2 * experiments * first_shared_runs(experiments, n, settings) <= settings.most
 
     def move(self, box: Array) -> None:
         """Take the surfaces to another box; runs outside still tell of it."""
@@ -277,7 +331,7 @@ class SharedSurface(Emulator):
 
     def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
         """Run experiments `members` (A,) at points of their own, spread as the draws are."""
-        room = max((MOST - int(self.runs.sum())) // len(members), 1)
+        room = max((self.settings.most - int(self.runs.sum())) // len(members), 1)
         more = int(np.ceil(growth * self.runs[members].mean()))
         self._place(members, min(more, room), most, draws)
         self.stale = True
@@ -285,13 +339,15 @@ class SharedSurface(Emulator):
     def judge(self, where: Array | None) -> None:
         """Estimate the errors by what the process leaves possible, times its surprise so far."""
         if self.stale:
-            self.posterior, self.stale = self._learned(STEPS[1]), False
-        factor = CAUTION * self._surprise()
-        everywhere = low_discrepancy(COMPARED, len(self.box), fixed_shift(len(self.box)))
+            self.posterior, self.stale = self._learned(self.settings.steps[1]), False
+        factor = self.settings.caution * self._surprise()
+        everywhere = low_discrepancy(
+            self.settings.compared, len(self.box), fixed_shift(len(self.box))
+        )
         points = self.axes.outward(everywhere) if where is None else where
-        self.where = points[:COMPARED]
-        self.error = factor * self._left(self.axes.inward(points[:JUDGED]))
-        self.reach = np.maximum(factor * self._left(everywhere[:JUDGED]), self.error)
+        self.where = points[: self.settings.compared]
+        self.error = factor * self._left(self.axes.inward(points[: self.settings.judged]))
+        self.reach = np.maximum(factor * self._left(everywhere[: self.settings.judged]), self.error)
         self.scatter = self._expected().std(axis=1)
         index, _, y = self.samples.listed
         self.level = np.zeros(len(self.conditions))
@@ -326,7 +382,7 @@ class SharedSurface(Emulator):
     def _over_law(self, even: Array, draws: Array) -> Array:
         """Points x (R, n) spread as the draws are, and some over the box."""
         low, high = self.box.T
-        others = np.linspace(low, high, int(ELSEWHERE * len(draws)))
+        others = np.linspace(low, high, int(self.settings.elsewhere * len(draws)))
         pool = np.vstack([np.clip(draws, low, high), others])
         return np.column_stack([np.quantile(pool[:, i], even[:, i]) for i in range(len(low))])
 
@@ -334,7 +390,7 @@ class SharedSurface(Emulator):
         """The process given all runs; its covariance is learned on from where it was."""
         index, x, y = self.samples.listed
         u = np.hstack([self.conditions[index], self.axes.inward(x)])
-        some = np.sort(np.random.default_rng(len(u)).permutation(len(u))[:LEARNED])
+        some = np.sort(np.random.default_rng(len(u)).permutation(len(u))[: self.settings.learned])
         self.covariance = learned(self.covariance, index[some], u[some], y[some], steps)
         return ProcessPosterior.of(self.covariance, index, u, y)
 
@@ -348,7 +404,7 @@ class SharedSurface(Emulator):
         seen = np.bincount(known.index, minlength=experiments)
         squares = np.bincount(known.index, known.surprise**2, minlength=experiments)
         alike = self.covariance.likeness(np.hstack([self.conditions, np.zeros((experiments, n))]))
-        pooled = (alike @ squares) / np.maximum(alike @ seen, 1e-9)
+        pooled = (alike @ squares) / np.maximum(alike @ seen, self.settings.least_seen)
         return np.asarray(np.sqrt(np.maximum((1.0 + squares) / (1.0 + seen), pooled)))
 
     def _expected(self) -> Array:
@@ -374,23 +430,27 @@ class SharedSurface(Emulator):
     def _polynomials(self) -> tuple[Indices, Array]:
         """Indices (P, n) and coefficients (P, N): least squares over the box, more where judged."""
         n = len(self.box)
-        indices, size = ball((1.0,) * n, 2.0, TERMS[min(n, len(TERMS)) - 1])
-        even = 0.5 * (low_discrepancy(int(POINTS * len(indices)), n, fixed_shift(n)) + 1.0)
+        indices, size = ball(
+            (1.0,) * n, 2.0, self.settings.terms[min(n, len(self.settings.terms)) - 1]
+        )
+        even = 0.5 * (
+            low_discrepancy(int(self.settings.points * len(indices)), n, fixed_shift(n)) + 1.0
+        )
         x = np.vstack([self._over_box(even), self._over_law(even, self.where)])
         z = self.axes.inward(x)
         y = self._mean(z).T - self.posterior.level
         # Keeps what the points do not determine, in the corners of many parameters, from growing.
-        ridge = np.diag(TREND_RIDGE * (1.0 + size**2))
+        ridge = np.diag(self.settings.ridge * (1.0 + size**2))
         matrix = np.vstack([products(indices, z).T, ridge])
         fitted = np.linalg.lstsq(matrix, np.vstack([y, np.zeros((len(size), y.shape[1]))]))[0]
         fitted[0] += self.posterior.level
         return indices, np.asarray(fitted)
 
 
-def first_shared_runs(experiments: int, n: int) -> int:
+def first_shared_runs(experiments: int, n: int, settings: SharingSettings = SHARING) -> int:
     """Runs an experiment to begin with: fewer where many experiments tell of each other.
 
     >>> first_shared_runs(108, 2), first_shared_runs(1000, 2)
     (8, 2)
     """
-    return int(np.clip(FIRST // experiments + 1, 2, 2 * n + 4))
+    return int(np.clip(settings.first // experiments + 1, 2, 2 * n + 4))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -12,8 +13,30 @@ from aleator.errors import InputsError
 from aleator.threads import single_threaded
 from aleator.types import Array, Flags, Indices
 
-RATIO = 2.0
-"""Upper over lower end of a region from which a logarithm is another coordinate than x."""
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """Polynomials of outcomes as numbers: by judgement, but for the limits of the numbers."""
+
+    ratio: float = 2.0
+    """Upper over lower end of a region from which a logarithm is another coordinate than x."""
+    largest: float = 345.0
+    """Size of a logarithm beyond which squares of outcomes are no numbers."""
+    block: int = 4_000_000
+    """Numbers in one block of basis functions: 32 MB."""
+    cached: int = 1024
+    """Sets of indices that are kept."""
+    alike: float = 1e-9
+    """Relative difference of two sizes of an index that is none."""
+    digits: int = 9
+    """Decimals to which sizes are compared, where indices are put in order."""
+    rounding: float = 1e-12
+    """Share by which an index may be larger than the largest."""
+    excess: int = 100
+    """A set is given up that has this many times the indices that were to be."""
+
+
+SURFACES = SurfaceSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +98,7 @@ class Axes:
 def logarithms(box: Array) -> Flags:
     """Which parameters of a region (n, 2) have a logarithm that bends there."""
     low, high = box.T
-    return np.asarray((low > 0.0) & (high > RATIO * low))
+    return np.asarray((low > 0.0) & (high > SURFACES.ratio * low))
 
 
 def legendre(z: Array, degree: int) -> tuple[Array, Array]:
@@ -137,7 +160,7 @@ def products_with_gradient(indices: Indices, z: Array) -> Array:
     return out
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=SURFACES.cached)
 def ball(scale: tuple[float, ...], norm: float, count: int) -> tuple[Indices, Array]:
     """Return the `count` indices (count, n) of smallest size, with their sizes (count,), in order.
 
@@ -154,8 +177,9 @@ def ball(scale: tuple[float, ...], norm: float, count: int) -> tuple[Indices, Ar
         low, high = high, 2.0 * high
         found = _inside(scale, norm, high, count)
     while found is None or len(found[1]) > 2 * count:
-        if high - low < 1e-9 * high:  # many indices of the same size: all of them are needed
-            found = _inside(scale, norm, high, 10**9)
+        # many indices of the same size: all of them are needed
+        if high - low < SURFACES.alike * high:
+            found = _inside(scale, norm, high, sys.maxsize)
             break
         middle = 0.5 * (low + high)
         trial = _inside(scale, norm, middle, count)
@@ -165,7 +189,7 @@ def ball(scale: tuple[float, ...], norm: float, count: int) -> tuple[Indices, Ar
             high, found = middle, trial
     assert found is not None
     indices, size = found
-    order = np.lexsort((*indices.T, np.round(size, 9)))[:count]
+    order = np.lexsort((*indices.T, np.round(size, SURFACES.digits)))[:count]
     return indices[order], size[order]
 
 
@@ -178,16 +202,12 @@ def _inside(
     for one in scale:
         term = (np.arange(int(one * radius) + 2) / one) ** norm
         grid = total[:, None] + term
-        row, degree = np.nonzero(grid <= radius**norm * (1.0 + 1e-12))
+        row, degree = np.nonzero(grid <= radius**norm * (1.0 + SURFACES.rounding))
         indices = np.column_stack([indices[row], degree])
         total = grid[row, degree]
-        if len(total) > 100 * count:
+        if len(total) > SURFACES.excess * count:
             return None
     return indices, total ** (1.0 / norm)
-
-
-LARGEST = 345.0
-"""Size of a logarithm beyond which squares of outcomes are no numbers."""
 
 
 def outcomes(t: Array, logarithmic: Flags) -> Array:
@@ -199,7 +219,7 @@ def outcomes(t: Array, logarithmic: Flags) -> Array:
     if not logarithmic.any():
         return t
     out = np.array(t)
-    out[logarithmic] = np.exp(np.clip(t[logarithmic], -LARGEST, LARGEST))
+    out[logarithmic] = np.exp(np.clip(t[logarithmic], -SURFACES.largest, SURFACES.largest))
     return out
 
 
@@ -213,10 +233,6 @@ def widened(y: Array, by: Array, logarithmic: Flags) -> Array:
     moved = y + by
     moved[logarithmic] = outcomes(by, logarithmic)[logarithmic] * y[logarithmic]
     return moved
-
-
-# Numbers held at once by one block of basis functions: 32 MB.
-BLOCK = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -349,7 +365,7 @@ class Surface:
         return x
 
     def _blocks(self, count: int, parts: int) -> list[slice]:
-        return blocks(count, parts * len(self.indices), BLOCK)
+        return blocks(count, parts * len(self.indices), SURFACES.block)
 
 
 def _sums(groups: tuple[Group, ...], count: int, basis: Array) -> Array:

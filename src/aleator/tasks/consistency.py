@@ -31,7 +31,7 @@ from aleator.inference.consistency.sentences import told
 from aleator.inference.fit import Fit
 from aleator.observations.experiments import Experiments
 from aleator.progress import Progress
-from aleator.results.values import LEVEL, Consistency, Statistic
+from aleator.results.values import REPORTED, Consistency, Statistic
 from aleator.types import Array
 
 FEWEST = 5
@@ -92,13 +92,15 @@ def consistency_of(
         found = _enough(battery, statistics, source, most, progress)
     if found is None:
         return Consistency.untested("too many replicates of the experiments have no statistics")
-    against = sorted((t for t in found.tests if t.corrected < LEVEL), key=lambda t: t.corrected)
+    against = sorted(
+        (t for t in found.tests if t.corrected < REPORTED.level), key=lambda t: t.corrected
+    )
     within = {column.name for column in columns if not column.own} - {RESPONSE, ORDER}
     # of many values, or classes of the outcome, which neither the simulator nor a law takes
     measured = {column.name for column in columns if column.count > COLUMNS.levels}
     measured = (measured | classes_of(columns, table.observations)) - {ORDER, *asked}
     return Consistency(
-        found.together >= LEVEL,
+        found.together >= REPORTED.level,
         found.together,
         found.replicates,
         tuple(told(test, battery.several, within, measured) for test in _causes(against, within)),

@@ -24,7 +24,7 @@ from aleator.progress import Progress
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
 from aleator.results.schema import read_answer
-from aleator.results.values import QUANTILES, in_order
+from aleator.results.values import REPORTED, in_order
 from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.limits import Tolerance, limits
@@ -155,7 +155,7 @@ class Identification(Result):
         of: str | None = None,
         noise: bool = True,
         uncertainty: bool | AlphaDraws = True,
-        quantiles: tuple[float, ...] = QUANTILES,
+        quantiles: tuple[float, ...] = REPORTED.quantiles,
         progress: Progress | None = None,
     ) -> pd.DataFrame:
         """The distribution of the outcome under conditions that need not have been tested.

@@ -26,7 +26,7 @@ from aleator.laws import Law, Mixture
 from aleator.laws.inputs import Inputs
 from aleator.laws.inputs import drawn as of_law
 from aleator.progress import Progress, Silent
-from aleator.results.values import QUANTILES, Estimate
+from aleator.results.values import REPORTED, Estimate
 from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
@@ -501,5 +501,8 @@ def _conditions(fit: Fit, settings: PictureSettings) -> dict[str, list[Any]]:
 
 
 def _predicted(fit: Fit, settings: PictureSettings) -> dict[str, list[float]]:
-    quantiles = fit.likelihood.quantiles(np.array(QUANTILES))
-    return {str(p): drawn(q, settings.places) for p, q in zip(QUANTILES, quantiles.T, strict=True)}
+    quantiles = fit.likelihood.quantiles(np.array(REPORTED.quantiles))
+    return {
+        str(p): drawn(q, settings.places)
+        for p, q in zip(REPORTED.quantiles, quantiles.T, strict=True)
+    }

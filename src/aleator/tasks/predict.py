@@ -19,7 +19,7 @@ from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions
 from aleator.observations.responses import responses_of
 from aleator.progress import Progress
-from aleator.results.values import QUANTILES, Estimate, in_order
+from aleator.results.values import REPORTED, Estimate, in_order
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import AnySimulator, runner_on
@@ -41,7 +41,7 @@ def predict(
     noise: Noise | Mapping[str, Noise] | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,
-    quantiles: tuple[float, ...] = QUANTILES,
+    quantiles: tuple[float, ...] = REPORTED.quantiles,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Mean, standard deviation and quantiles of what would be measured under the law alpha.

@@ -15,7 +15,7 @@ from scipy import special
 from aleator.inference.consistency.battery import SHARES, Battery, Residuals, Subject, residuals_of
 from aleator.inference.fit import Fit, stepped
 from aleator.observations.experiments import Experiments
-from aleator.results.values import LEVEL, Outlier, Statistic
+from aleator.results.values import REPORTED, Outlier, Statistic
 from aleator.types import Array, Flags
 
 
@@ -174,5 +174,5 @@ def outliers_of(
             float(among[i]),
         )
         for i in np.argsort(p, kind="stable")[: settings.named]
-        if among[i] < LEVEL
+        if among[i] < REPORTED.level
     )

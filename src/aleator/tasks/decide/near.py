@@ -16,7 +16,7 @@ from aleator.likelihood.problem import told
 from aleator.progress import Progress
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.surrogates.responses import Samples, Sites, moving_parameters
-from aleator.surrogates.shared import NONE, STEPS, Covariance, ProcessPosterior, learned
+from aleator.surrogates.shared import PROCESS, SHARING, Covariance, ProcessPosterior, learned
 from aleator.tasks.decide.ground import (
     GROUND,
     DrawnParameters,
@@ -113,7 +113,7 @@ class OneSurface:
         self.run = self.sites.run(runner, self.region)
         self.surfaces = AdaptiveSurfaces(self.run, self.region[moving], 1, choice)
         self.further = Samples.none(1, moving.size)
-        self.covariance = Covariance.first(moving.size, moving.size, NONE)
+        self.covariance = Covariance.first(moving.size, moving.size, PROCESS.none)
         self._sharpened(x)
 
     def predictor(self) -> OnSurfaces | Kriged:
@@ -151,7 +151,7 @@ class OneSurface:
     def kriged(self) -> Kriged:
         """As it is, corrected by kriging from now on."""
         if self._kriged is None:
-            self._kriged = self._through_runs(STEPS[0])
+            self._kriged = self._through_runs(SHARING.steps[0])
         return self._kriged
 
     def correct(self, x: Array) -> None:
@@ -160,7 +160,7 @@ class OneSurface:
         self.further = self.further.joined(
             where, _alike(where), np.arange(len(x)), self.run(_alike(where), where)
         )
-        self._kriged = self._through_runs(STEPS[1])
+        self._kriged = self._through_runs(SHARING.steps[1])
 
     def _through_runs(self, steps: int) -> Kriged:
         """Kriging of what the polynomial misses at all runs; its covariance is learned on."""
