@@ -15,7 +15,7 @@ import numpy as np
 from aleator.fit.ledger import Ledger
 from aleator.fit.refine import EXACT, WITH_NOISE, Refined, Refinement
 from aleator.fit.search import in_order
-from aleator.fit.settle import CLOSE, AnyLikelihood, Settled, climbed, settled
+from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, climbed, settled
 from aleator.inference.diagnostics.estimates import LARGEST_EDM
 from aleator.inference.diagnostics.experiments import Rival
 from aleator.inference.information import Inference, infer
@@ -32,31 +32,42 @@ from aleator.search import SearchResult
 from aleator.search.newton import ascend, ascended, outer
 from aleator.types import Array, Flags, Indices
 
-WIDER = 3
-"""Times that surfaces may be made to serve the ends of the intervals."""
-ENOUGH = 1e-3
-"""What may be left to climb, in log-likelihood, by the information at the end."""
-CLIMBS = 3
-"""Times that a profile may meet a better maximum."""
-LOOKS = (-1.0, -0.5, 0.5, 1.0)
-"""Standard errors from an answer at which it is seen whether it is a saddle."""
-HIGHER = 0.01
-"""A log-likelihood there that is higher by so much than at the answer: it is."""
-DETERMINED = 1e-2
-"""Share of the information about each hyperparameter that there is about all directions, at least,
-where it is told by scores, which have errors of their own."""
-DIFFERS = 0.04
-"""A drop of the profile by other nodes that is another one: twice what an end is found to."""
-DEAR = 400
-"""Nodes of an experiment beyond which a profile by them costs minutes."""
-UNKNOWN = 0.2
-"""A drop that more nodes change by so much is not known."""
-ADAPTED = 4
-"""Times that an interval is sought with nodes that were adapted to its ends."""
-NODES = 5
-"""Gauss-Hermite nodes a variate that a second maximum is looked at with."""
-TRIED = 2
-"""Optima of the search that are looked at, besides the best."""
+
+@dataclass(frozen=True)
+class Certainty:
+    """How sure an answer is to be made, by judgement where nothing else is said.
+
+    - `wider`: times that surfaces may be made to serve the ends of the intervals.
+    - `enough`: what may be left to climb, in log-likelihood, by the information at the end.
+    - `climbs`: times that a profile may meet a better maximum.
+    - `looks`: standard errors from an answer at which it is seen whether it is a saddle.
+    - `higher`: a log-likelihood there that is higher by so much than at the answer: it is.
+    - `determined`: share of the information about each hyperparameter that there is about all
+      directions, at least, where it is told by scores, which have errors of their own.
+    - `differs`: a drop of the profile by other nodes that is another one: twice what an end is
+      found to.
+    - `dear`: nodes of an experiment beyond which a profile by them costs minutes.
+    - `unknown`: a drop that more nodes change by so much is not known.
+    - `adapted`: times that an interval is sought with nodes that were adapted to its ends.
+    - `nodes`: gauss-Hermite nodes a variate that a second maximum is looked at with.
+    - `others`: optima of the search that are looked at, besides the best.
+    """
+
+    wider: int = 3
+    enough: float = 1e-3
+    climbs: int = 3
+    looks: tuple[float, ...] = (-1.0, -0.5, 0.5, 1.0)
+    higher: float = 0.01
+    determined: float = 1e-2
+    differs: float = 0.04
+    dear: int = 400
+    unknown: float = 0.2
+    adapted: int = 4
+    nodes: int = 5
+    others: int = 2
+
+
+CERTAINTY = Certainty()
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +94,11 @@ def certain(answer: Refined, ledger: Ledger) -> Certain:
     """How sure an answer is, on surfaces that serve the laws at the ends of its intervals too."""
     question = answer.question
     refinement = Refinement(question, ledger, EXACT if question.exact else WITH_NOISE)
-    for widened in range(WIDER + 1):
+    for widened in range(CERTAINTY.wider + 1):
         with ledger.stage("inference"):
             end, found, inference, profile = inferred(answer.settled, answer.found, answer.possible)
             answer = replace(answer, settled=end, found=found)
-        if answer.surfaces is None or widened == WIDER:
+        if answer.surfaces is None or widened == CERTAINTY.wider:
             break
         spread = refinement.spread(answer, inference, profile.intervals)
         if spread is None:
@@ -105,11 +116,11 @@ def inferred(
 
     `others` (K,) are lower optima, whose hills the profiles may go over.
     """
-    for _ in range(CLIMBS):
+    for _ in range(CERTAINTY.climbs):
         before = end
         end, inference = _informed(end)
         likelihood, alpha = end.likelihood, end.alpha
-        if inference.positive and inference.edm > ENOUGH:
+        if inference.positive and inference.edm > CERTAINTY.enough:
             # with the information itself, which a search on a flat top has not learned
             alpha = ascend(
                 likelihood.followed, alpha, likelihood.hyperparameters, inference.identified,
@@ -145,12 +156,12 @@ def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
         if not isinstance(rule, PlanePanels):
             arrived += [a.alpha for a in found.ascents if a.converged]
         if isinstance(rule, GaussHermite):
-            likelihood = likelihood.by(GaussHermite(min(rule.first, NODES)), end.alpha)
+            likelihood = likelihood.by(GaussHermite(min(rule.first, CERTAINTY.nodes)), end.alpha)
     else:
         arrived += [a.alpha for a in found.ascents if a.converged]
     known, kept = [end.alpha], list[Rival]()
     for optimum in found.optima[1:]:
-        if len(known) > TRIED:
+        if len(known) > CERTAINTY.others:
             break
         if not any(np.array_equal(optimum.alpha, other) for other in arrived):
             continue
@@ -207,7 +218,10 @@ def _informed(end: Settled) -> tuple[Settled, Inference]:
     if inference.positive or not np.all(np.isfinite(inference.information)):
         return end, inference
     told = infer(objective, alpha, hyperparameters, by_scores=True)
-    if not told.positive or np.linalg.eigvalsh(np.linalg.inv(told.correlation))[0] < DETERMINED:
+    if (
+        not told.positive
+        or np.linalg.eigvalsh(np.linalg.inv(told.correlation))[0] < CERTAINTY.determined
+    ):
         return end, inference
     higher = _beside_a_saddle(likelihood, alpha, inference, told)
     if higher is None:
@@ -224,12 +238,12 @@ def _beside_a_saddle(
     errors = told.standard_error[told.free]
     bends = inference.information[np.ix_(inside, inside)] * np.outer(errors, errors)
     steepest = errors * np.linalg.eigh(bends)[1][:, 0]
-    points = np.tile(alpha, (len(LOOKS), 1))
-    points[:, told.free] += np.outer(LOOKS, steepest)
+    points = np.tile(alpha, (len(CERTAINTY.looks), 1))
+    points[:, told.free] += np.outer(CERTAINTY.looks, steepest)
     points = np.clip(points, *limits_of(likelihood.hyperparameters))
     *values, here = likelihood.continued.values(np.vstack([points, alpha]))
     best = int(np.nanargmax(values))
-    return points[best] if values[best] > here + HIGHER else None
+    return points[best] if values[best] > here + CERTAINTY.higher else None
 
 
 def _profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
@@ -247,25 +261,32 @@ def _profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence
         same = end.coarse.rule == likelihood.rule
         few = likelihood if same else likelihood.by(end.coarse.rule, alpha)
         return _by_held(few, alpha, inference, rivals)
-    many = likelihood.nodes.xi.shape[1] > DEAR
+    many = likelihood.nodes.xi.shape[1] > CERTAINTY.dear
     found = profile_intervals(
         end.coarse.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals
     )
     if found.better is not None:
         return found
-    found = _anew(likelihood, alpha, found, UNKNOWN if many else DIFFERS, inference, rivals)
+    found = _anew(
+        likelihood,
+        alpha,
+        found,
+        CERTAINTY.unknown if many else CERTAINTY.differs,
+        inference,
+        rivals,
+    )
     if many:
         return found
     finer = _finer(likelihood, alpha)
     if finer is None or found.better is not None:
         return found
-    if finer.nodes.xi.shape[1] > DEAR:
-        return found.only_known(_off(finer, alpha, found, UNKNOWN))
-    again = _anew(finer, alpha, found, UNKNOWN, inference, rivals)
+    if finer.nodes.xi.shape[1] > CERTAINTY.dear:
+        return found.only_known(_off(finer, alpha, found, CERTAINTY.unknown))
+    again = _anew(finer, alpha, found, CERTAINTY.unknown, inference, rivals)
     finest = _finer(finer, alpha)
     if again is found or again.better is not None or finest is None:
         return again
-    return again.only_known(_off(finest, alpha, again, UNKNOWN))
+    return again.only_known(_off(finest, alpha, again, CERTAINTY.unknown))
 
 
 def _anew(
@@ -350,7 +371,7 @@ def _row_by_held(
     """The interval of one hyperparameter; a better maximum is one if nodes adapted to it say so."""
     hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
     off, about = np.full((alpha.size, 2), np.inf), None
-    for _ in range(ADAPTED):
+    for _ in range(CERTAINTY.adapted):
         found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals, about)
         if found.better is not None:
             if top - _with_own(objective, likelihood, found.better) < -BETTER:
@@ -360,9 +381,9 @@ def _row_by_held(
         for k, side in np.argwhere(found.drops > 0.0):
             drop = top - _with_own(objective, likelihood, found.points[k, side])
             off[k, side] = abs(drop - found.drops[k, side])
-        if np.max(off) < DIFFERS:
+        if np.max(off) < CERTAINTY.differs:
             break
-    return replace(found, better=None).only_known(off > UNKNOWN)
+    return replace(found, better=None).only_known(off > CERTAINTY.unknown)
 
 
 def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Array) -> float:
@@ -371,7 +392,7 @@ def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Arr
     Or with some that were adapted as near to it as that.
     """
     own = objective.nearest(point)
-    if own.distance(point) > CLOSE:
+    if own.distance(point) > SETTLING.close:
         own = likelihood.adapted(point)
         objective.remember(own)
     return own.evaluate(point).total

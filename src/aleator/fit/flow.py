@@ -13,7 +13,7 @@ from aleator.fit.certain import Certain, certain
 from aleator.fit.ledger import Ledger, affordable
 from aleator.fit.question import Question, start_point
 from aleator.fit.refine import EXACT, Refinement, refined
-from aleator.fit.regions import DRAWS, draws, likely_alphas
+from aleator.fit.regions import REGIONS, draws, likely_alphas
 from aleator.inference import diagnostics
 from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
 from aleator.inference.diagnostics import Doubt, doubt
@@ -21,9 +21,6 @@ from aleator.likelihood.individual import Layout, OnSurfaces
 from aleator.likelihood.problem import Problem
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array, Indices
-
-NEAR_OUTCOMES = 16
-"""Draws of likely laws for each one that is taken: those with the nearest outcomes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,11 +119,16 @@ def _nearer(answer: Answer, ledger: Ledger) -> Certain | None:
     return certain(refinement.sharpened(found.refined, near), ledger)
 
 
-def _draws_near(problem: Problem, found: Certain, rows: Indices) -> dict[int, Array]:
-    """Draws (512, moving) for the conditions of some experiments, near their outcomes."""
+def _draws_near(
+    problem: Problem, found: Certain, rows: Indices, times: int = 16
+) -> dict[int, Array]:
+    """Draws (512, moving) for the conditions of some experiments, near their outcomes.
+
+    Of so many `times` as many draws of likely laws those with the nearest outcomes.
+    """
     inputs, region = problem.inputs, problem.region
     likely = likely_alphas(found.settled.alpha, found.inference, problem.hyperparameters)
-    wide = draws(inputs, [*likely], problem.count, EXACT.wide, NEAR_OUTCOMES * DRAWS)
+    wide = draws(inputs, [*likely], problem.count, EXACT.wide, times * REGIONS.draws)
     wide = np.clip(wide, *region.T)[:, moving_parameters(region)]
     surface = problem.surface
     assert surface is not None
@@ -134,6 +136,6 @@ def _draws_near(problem: Problem, found: Certain, rows: Indices) -> dict[int, Ar
     for condition in np.unique(problem.condition[rows]).tolist():
         outcomes = surface.take(np.array([condition])).evaluate(wide)[0]
         measured = problem.outcomes[rows[problem.condition[rows] == condition]]
-        nearest = np.argsort(np.abs(outcomes - measured[:, None]), axis=1)[:, :DRAWS]
+        nearest = np.argsort(np.abs(outcomes - measured[:, None]), axis=1)[:, : REGIONS.draws]
         near[condition] = wide[nearest.ravel()]
     return near

@@ -17,8 +17,7 @@ from aleator.fit import reach
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
 from aleator.fit.question import Question, start_point
 from aleator.fit.regions import (
-    FAR,
-    LIKELY,
+    REGIONS,
     draws,
     first_region,
     hull,
@@ -29,7 +28,7 @@ from aleator.fit.regions import (
     region_of,
 )
 from aleator.fit.search import searched
-from aleator.fit.settle import ROUGHLY, AnyLikelihood, Settled, compared, highest, settled
+from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, compared, highest, settled
 from aleator.fit.way import failing_observations, way_of, way_of_outcomes
 from aleator.inference.information import Inference, infer
 from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
@@ -42,11 +41,6 @@ from aleator.surrogates import AdaptiveSurfaces, surfaces_of
 from aleator.surrogates.adaptive import within
 from aleator.surrogates.responses import Sites, features, moving_parameters
 from aleator.types import Array, Flags
-
-PREDICTED = 0.02
-"""Estimated error of a surface under a law that is known, over the scatter of the outcome."""
-SHRINK = 0.8
-"""A region is narrowed only if that makes it smaller than this share of itself."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +56,8 @@ class Rounds:
     lie `wide` times as far out as the laws say. At the ends of the intervals an error of `ends` is
     admitted, and any after `at_ends` rounds. Up to `others` optima of the first surfaces are
     followed besides the best: those that lie `apart` standard errors. At most `most` rounds are
-    made.
+    made. A region is narrowed to less than the share `shrink` of itself only, and under a law that
+    is known surfaces are exact to `known`.
     """
 
     begin: float
@@ -78,6 +73,8 @@ class Rounds:
     at_ends: int = 3
     others: int = 2
     apart: float = 2.0
+    shrink: float = 0.8
+    known: float = 0.02
     most: int = 24
 
 
@@ -163,7 +160,7 @@ class Refinement:
         ends = [self._finished(self._ended(first))]
         for alpha, surfaces in zip(others, again, strict=True):
             with self.ledger.stage(SEARCH):
-                start = settled(self._likelihood(first), alpha, ROUGHLY)
+                start = settled(self._likelihood(first), alpha, SETTLING.rough)
             known = [end.settled.alpha for end in ends]
             follow = self._refined(replace(first, settled=start, surfaces=surfaces), known)
             if not self._among(follow.settled, _infer(follow.settled), known):
@@ -186,7 +183,7 @@ class Refinement:
         ends = interval_alphas(alpha, inference, intervals, hyperparameters)
         if not ends:
             return None
-        wanted = region_of(inputs, ends, likelihood.count, LIKELY)
+        wanted = region_of(inputs, ends, likelihood.count, REGIONS.likely)
         wider = bool(reaching_out(answer.region, inputs.box, wanted).any())
         region = hull(answer.region, padded(wanted, inputs.box)) if wider else answer.region
         points = np.concatenate([self._draws(likelihood, [one], region) for one in (alpha, *ends)])
@@ -217,7 +214,7 @@ class Refinement:
         found = searched(
             self.question, moved.settled.likelihood, [answer.settled.alpha], self.ledger
         )
-        start = settled(moved.settled.likelihood, found.alpha, ROUGHLY)
+        start = settled(moved.settled.likelihood, found.alpha, SETTLING.rough)
         found = replace(found, once=answer.found.once)
         return self._finished(replace(moved, settled=start, found=found))
 
@@ -243,7 +240,7 @@ class Refinement:
             likelihood, region = self._made(question, surfaces, region, sites)
         found = searched(question, likelihood, [], self.ledger)
         with self.ledger.stage(SEARCH):
-            start = settled(likelihood, found.alpha, ROUGHLY)
+            start = settled(likelihood, found.alpha, SETTLING.rough)
         return Refined(question, start, found, region, reason, surfaces, sites)
 
     def _made(
@@ -285,7 +282,7 @@ class Refinement:
             found = searched(answer.question, likelihood, [before.alpha], self.ledger)
             found = replace(found, once=answer.found.once)
             with self.ledger.stage(SEARCH):
-                again = settled(likelihood, found.alpha, ROUGHLY)
+                again = settled(likelihood, found.alpha, SETTLING.rough)
             if again.value < before.value + WITH_NOISE.change:
                 return replace(answer, found=found)
             answer = replace(answer, settled=again, found=found)
@@ -309,7 +306,7 @@ class Refinement:
             with self.ledger.stage(SURFACE):
                 moved, done = self._sharpened(answer, inference, level)
             with self.ledger.stage(SEARCH):
-                after = settled(moved.settled.likelihood, answer.settled.alpha, ROUGHLY)
+                after = settled(moved.settled.likelihood, answer.settled.alpha, SETTLING.rough)
             calm = self._calm(answer.settled, after, inference)
             answer = replace(moved, settled=after)
             if calm and level <= rounds.last * surfaces.caution:
@@ -411,7 +408,7 @@ def under_law(
     exact under the law as an identification makes them at first.
     """
     inputs, choice = model.inputs, model.surfaces
-    region = padded(region_of(inputs, [alpha], 1, FAR), inputs.box)
+    region = padded(region_of(inputs, [alpha], 1, REGIONS.far), inputs.box)
     if choice is None:
         return forward(runner, model, region, progress)
     surfaces = surfaces_of(runner, region, choice)
@@ -421,7 +418,7 @@ def under_law(
         moving = moving_parameters(region)
         surfaces.judge(np.clip(draws(inputs, [alpha], 1), *region.T)[:, moving])
         wide = np.clip(draws(inputs, [alpha], 1, EXACT.wide), *region.T)[:, moving]
-        surfaces.refine(wide, PREDICTED * surfaces.caution, told(progress))
+        surfaces.refine(wide, EXACT.known * surfaces.caution, told(progress))
     return forward(runner, model, region, progress, surfaces.surface())
 
 
@@ -432,8 +429,8 @@ def _next_region(answer: Refined, likely: Array, *, narrower: bool) -> Array:
     """
     likelihood, alpha, region = answer.settled.likelihood, answer.settled.alpha, answer.region
     inputs = likelihood.inputs
-    certain = region_of(inputs, [alpha], likelihood.count, FAR)
-    possible = region_of(inputs, [*likely], likelihood.count, LIKELY)
+    certain = region_of(inputs, [alpha], likelihood.count, REGIONS.far)
+    possible = region_of(inputs, [*likely], likelihood.count, REGIONS.likely)
     wanted = padded(hull(certain, possible), inputs.box)
     if reaching_out(region, inputs.box, certain).any():
         way = np.diff(region, axis=1) * np.array([-1.0, 1.0])
@@ -441,7 +438,7 @@ def _next_region(answer: Refined, likely: Array, *, narrower: bool) -> Array:
     moving = moving_parameters(region)
     width = np.diff(region, axis=1)[moving, 0]
     share = np.prod(np.diff(wanted, axis=1)[moving, 0] / width)
-    return wanted if narrower and share < SHRINK else region
+    return wanted if narrower and share < EXACT.shrink else region
 
 
 def _noise(likelihood: IndividualLikelihood, alpha: Array, sites: Sites) -> Array:

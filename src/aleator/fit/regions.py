@@ -8,6 +8,7 @@ span, and asks after each search whether another region fits better.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
@@ -19,22 +20,33 @@ from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
 from aleator.types import Array, Flags
 
-ALPHAS = 32
-"""Laws that represent alpha's uncertainty."""
-SPREAD = 1.5
-"""By how much these laws are wider apart than alpha's uncertainty."""
-DRAWS = 512
-"""Draws of the laws of one alpha, or of all that are likely."""
-FAR = 5.2
-"""Standard normal variates beyond which a law has no mass that counts: 1e-7 at either end."""
-LIKELY = 3.1
-"""The same of laws that are only possible: 1e-3."""
-PAD = 0.05
-"""Share of its width by which a region is widened on either side."""
-LEAST = 1e-3
-"""Width of a region over that of the box, at least."""
-SLACK = 0.02
-"""Share of its width by which a region may be too narrow."""
+
+@dataclass(frozen=True)
+class RegionSettings:
+    """Where laws are taken to lie; by judgement.
+
+    - `alphas`: laws that represent alpha's uncertainty.
+    - `spread`: by how much these laws are wider apart than alpha's uncertainty.
+    - `draws`: draws of the laws of one alpha, or of all that are likely.
+    - `far`: standard normal variates beyond which a law has no mass that counts: 1e-7 at either
+      end.
+    - `likely`: the same of laws that are only possible: 1e-3.
+    - `pad`: share of its width by which a region is widened on either side.
+    - `least`: width of a region over that of the box, at least.
+    - `slack`: share of its width by which a region may be too narrow.
+    """
+
+    alphas: int = 32
+    spread: float = 1.5
+    draws: int = 512
+    far: float = 5.2
+    likely: float = 3.1
+    pad: float = 0.05
+    least: float = 1e-3
+    slack: float = 0.02
+
+
+REGIONS = RegionSettings()
 
 
 def draws(
@@ -42,7 +54,7 @@ def draws(
     alphas: Sequence[Array],
     experiments: int,
     wide: float = 1.0,
-    count: int = DRAWS,
+    count: int = REGIONS.draws,
 ) -> Array:
     """Some `count` parameters (D, n) of the experiments' laws, of all alphas alike.
 
@@ -86,7 +98,7 @@ def first_region(
         return inputs.box
     lower = np.array([h.start if h.log else h.lower for h in hyperparameters])
     upper = np.array([h.start if h.log else h.upper for h in hyperparameters])
-    return within(inputs.box, region_of(inputs, [lower, upper], experiments, LIKELY))
+    return within(inputs.box, region_of(inputs, [lower, upper], experiments, REGIONS.likely))
 
 
 def likely_alphas(
@@ -98,14 +110,16 @@ def likely_alphas(
     """
     free = inference.identified
     lower, upper = limits_of(hyperparameters)
-    u = qmc.Sobol(max(free.size, 1), rng=2).random_base2(int(np.log2(ALPHAS)))[:, : free.size]
+    u = qmc.Sobol(max(free.size, 1), rng=2).random_base2(int(np.log2(REGIONS.alphas)))[
+        :, : free.size
+    ]
     width = (upper - lower)[free]
     # a direction that the experiments leave open ends at the limits: information of 4 / width^2
     scaled = inference.information * np.outer(width, width)
     values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     root = vectors / np.sqrt(np.maximum(values, 4.0))
-    out = np.tile(alpha, (ALPHAS, 1))
-    out[:, free] += SPREAD * width * (special.ndtri(np.clip(u, 1e-9, 1.0)) @ root.T)
+    out = np.tile(alpha, (REGIONS.alphas, 1))
+    out[:, free] += REGIONS.spread * width * (special.ndtri(np.clip(u, 1e-9, 1.0)) @ root.T)
     return np.clip(out, lower, upper)
 
 
@@ -134,7 +148,7 @@ def reaching_out(region: Array, box: Array, other: Array) -> Flags:
 
     Not those that do only where the box ends too, or that are known.
     """
-    slack = SLACK * np.diff(region, axis=1)[:, 0]
+    slack = REGIONS.slack * np.diff(region, axis=1)[:, 0]
     low = (other[:, 0] < region[:, 0] - slack) & (region[:, 0] > box[:, 0])
     high = (other[:, 1] > region[:, 1] + slack) & (region[:, 1] < box[:, 1])
     return np.asarray((low | high) & (box[:, 1] > box[:, 0]))
@@ -152,7 +166,7 @@ def padded(region: Array, box: Array) -> Array:
 
     At most by half of the way to the end of the box: an end that no law reaches is not reached.
     """
-    pad = np.maximum(PAD * np.diff(region, axis=1), LEAST * np.diff(box, axis=1))
+    pad = np.maximum(REGIONS.pad * np.diff(region, axis=1), REGIONS.least * np.diff(box, axis=1))
     room = 0.5 * np.abs(box - region)
     return within(box, region + np.minimum(pad, room) * np.array([-1.0, 1.0]))
 

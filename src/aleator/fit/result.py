@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from aleator.fit.flow import Answer
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import varying_conditions
-from aleator.fit.search import HUGE, LeastSquares, LinearGaussian, by_tangent, least_squares
+from aleator.fit.search import GUESSES, LeastSquares, LinearGaussian, by_tangent, least_squares
 from aleator.fit.soundness import Reviewed
 from aleator.inference import diagnostics
 from aleator.inference.calibration import sequential_pit
@@ -336,7 +336,7 @@ def _individuals(
 
 
 def _baselines(fit: LeastSquares, inputs: Inputs) -> dict[str, Any]:
-    if fit.rmse > 1e-3 * HUGE:
+    if fit.rmse > 1e-3 * GUESSES.huge:
         # at every point that was tried some observation has no simulated value
         return {}
     return {

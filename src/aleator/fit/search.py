@@ -37,17 +37,28 @@ from aleator.status import DEGENERATE_VALUE, Status
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array
 
-HUGE = 1e100
-"""A residual whose square is still finite."""
-GROUPED = 20
-"""Groups that a mixture is guessed by, for all starts of a search that has to go on: of five
-components 3 to 4 of 7 lead to the best of two maxima that differ by 0.08."""
-SAME = 1e-2
-"""Relative difference of two optima that are one but for the order of components."""
-FORMAT = 2
-"""To be changed with what a search does, or with how its result is written."""
-PROBES = 3
-"""Alphas at which two likelihoods agree in every digit of every experiment if they are the same."""
+
+@dataclass(frozen=True)
+class GuessSettings:
+    """Where a search begins, and when two searches are the same; by judgement.
+
+    - `huge`: a residual whose square is still finite.
+    - `groups`: groups that a mixture is guessed by, for all starts of a search that has to go on:
+      of five components 3 to 4 of 7 lead to the best of two maxima that differ by 0.08.
+    - `same`: relative difference of two optima that are one but for the order of components.
+    - `format`: to be changed with what a search does, or with how its result is written.
+    - `probes`: alphas at which two likelihoods agree in every digit of every experiment if they are
+      the same.
+    """
+
+    huge: float = 1e100
+    groups: int = 20
+    same: float = 1e-2
+    format: int = 2
+    probes: int = 3
+
+
+GUESSES = GuessSettings()
 
 
 @dataclass(frozen=True)
@@ -193,8 +204,8 @@ def fitted(
         with np.errstate(all="ignore"):
             value, slopes = simulated(placed(u))
             off, jacobian = value - y, slopes[:, moving] * width
-        clipped = (np.clip(np.nan_to_num(part, nan=gap), -HUGE, HUGE)
-                   for part, gap in ((off, HUGE), (jacobian, 0.0)))  # fmt: skip
+        clipped = (np.clip(np.nan_to_num(part, nan=gap), -GUESSES.huge, GUESSES.huge)
+                   for part, gap in ((off, GUESSES.huge), (jacobian, 0.0)))  # fmt: skip
         residual, jacobian = clipped
         return residual, jacobian
 
@@ -316,7 +327,7 @@ def _grouped(
         alone, likelihood.errors, likelihood.predictor, likelihood.layout, GaussHermite(1)
     )
     x = individual_parameters(one.adapted(wide), wide).mode
-    for rng in np.random.default_rng(seed).spawn(GROUPED):
+    for rng in np.random.default_rng(seed).spawn(GUESSES.groups):
         alpha, centers = apart(inputs, inputs.about(fit.x), x, rng)
         residual = np.empty(y.size)
         for block in one.blocks:
@@ -343,7 +354,7 @@ def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
     for optimum in found.optima:
         alpha = in_order(optimum.alpha, inputs)
         for k, known in enumerate(optima):
-            if np.allclose(known.alpha, alpha, rtol=SAME):
+            if np.allclose(known.alpha, alpha, rtol=GUESSES.same):
                 optima[k] = replace(known, starts=known.starts + optimum.starts)
                 break
         else:
@@ -371,9 +382,9 @@ def _kept(
 ) -> SearchResult:
     """What `searched` finds, or has found before in a study whose runner has the same store.
 
-    A likelihood is known again by its values and scores of all experiments at PROBES alphas. A
-    search that is not a dataclass may hold what cannot be seen, and is made again; so is one that
-    makes runs, which are counted: it has no `runner`.
+    A likelihood is known again by its values and scores of all experiments at some alphas. A search
+    that is not a dataclass may hold what cannot be seen, and is made again; so is one that makes
+    runs, which are counted: it has no `runner`.
     """
     if runner is None or runner.cache is None or not is_dataclass(search):
         return searched()
@@ -395,12 +406,12 @@ def _key(
     seed: int,
 ) -> str:
     """Of what a search depends on, a digest."""
-    digest = hashlib.sha256(repr((FORMAT, search, [*hyperparameters], seed)).encode())
+    digest = hashlib.sha256(repr((GUESSES.format, search, [*hyperparameters], seed)).encode())
     start = np.array([h.start for h in hyperparameters])
     for guess in guesses:
         digest.update(np.ascontiguousarray(guess).tobytes())
     with np.errstate(all="ignore"):
-        for alpha in [start, *guesses][:PROBES]:
+        for alpha in [start, *guesses][: GUESSES.probes]:
             found = objective(alpha)
             digest.update(found.each.tobytes())
             digest.update(np.ascontiguousarray(found.scores).tobytes())

@@ -29,51 +29,65 @@ from aleator.search.interface import OPTIMA, one_hill
 from aleator.search.newton import ascended, outer
 from aleator.types import Array, Indices
 
-ROUNDS = 30
-"""Times that nodes are adapted before the answer is taken as it is."""
-ROUGHLY = 0.01
-"""What may be left to gain in log-likelihood where nodes are held from then on."""
-STILL = 1e-5
-"""A gain in log-likelihood with nodes adapted again that is none."""
-CLOSE = 0.1
-"""Distance in law over which nodes that are held as parameters need not be adapted again."""
-ENOUGH = 2e-3
-"""A change of the log-likelihood with more nodes that is none; a hundred-thousandth an experiment
-if that is more, up to one that is reported."""
-HARDLY = 0.02
-"""A change of the log-likelihood with more nodes that does not matter to an interval."""
-LITTLE = 0.1
-"""The same where surfaces are still coarse, and another round of runs follows."""
-SCORING = 3
-"""Gauss-Hermite nodes of a variate from which on scores are those of the likelihood."""
-ON_A_GRID = 4
-"""Variates up to which products of Gauss-Hermite nodes are not too many."""
-SAMPLE = 300
-"""Experiments by which rules of many nodes are tried, and second modes sought."""
-LARGE = 400
-"""Nodes that are many."""
-SLOWLY = 0.7
-"""Share of the last change that the next one is, where more of many nodes hardly help."""
-PLANE_LARGE, PLANE_SLOWLY = 100, 0.25
-"""The same of two variates, where panels do not care how rough an outcome is."""
-SMOOTH = 1e-4
-"""A change with more nodes about one mode that they would not be rid of at a kink."""
-SOME = 150
-"""Nodes about one mode up to which it is seen whether they are rid of it."""
-LOOKED = 40
-"""Experiments on which panels of two variates are tried."""
-TRIED = (600, 1200)
-"""Importance points that tell whether nodes about one mode leave a part out."""
-CERTAIN = 3.0
-"""Errors of these that are more than chance."""
-FEW = 16
-"""Importance points where only the modes are of interest."""
-OTHERS = 3
-"""Optima besides the best that are looked at with the nodes of the answer."""
-HIGHER = 2e-3
-"""A log-likelihood that is higher by so much is that of a better maximum."""
-SAME = 0.3
-"""Standard errors, by the outer product of the scores, within which two maxima are one."""
+
+@dataclass(frozen=True)
+class NodeAccuracy:
+    """When the nodes of an answer are enough, by judgement where nothing else is said.
+
+    - `rounds`: times that nodes are adapted before the answer is taken as it is.
+    - `rough`: what may be left to gain in log-likelihood where nodes are held from then on.
+    - `still`: a gain in log-likelihood with nodes adapted again that is none.
+    - `close`: distance in law over which nodes that are held as parameters need not be adapted
+      again.
+    - `enough`: a change of the log-likelihood with more nodes that is none; a hundred-thousandth an
+      experiment if that is more, up to one that is reported.
+    - `hardly`: a change of the log-likelihood with more nodes that does not matter to an interval.
+    - `little`: the same where surfaces are still coarse, and another round of runs follows.
+    - `scoring`: Gauss-Hermite nodes of a variate from which on scores are those of the likelihood.
+    - `products`: variates up to which products of Gauss-Hermite nodes are not too many.
+    - `sample`: experiments by which rules of many nodes are tried, and second modes sought.
+    - `large`: nodes that are many.
+    - `slow`: share of the last change that the next one is, where more of many nodes hardly help.
+    - `plane_large` and `plane_slow`: the same of two variates, where panels do not care how rough
+      an outcome is.
+    - `smooth`: a change with more nodes about one mode that they would not be rid of at a kink.
+    - `some`: nodes about one mode up to which it is seen whether they are rid of it.
+    - `panels_tried`: experiments on which panels of two variates are tried.
+    - `points_tried`: importance points that tell whether nodes about one mode leave a part out.
+    - `certain`: errors of these that are more than chance.
+    - `mode_points`: importance points where only the modes are of interest.
+    - `others`: optima besides the best that are looked at with the nodes of the answer.
+    - `higher`: a log-likelihood that is higher by so much is that of a better maximum.
+    - `same`: standard errors, by the outer product of the scores, within which two maxima are one.
+    """
+
+    rounds: int = 30
+    rough: float = 0.01
+    still: float = 1e-5
+    close: float = 0.1
+    enough: float = 2e-3
+    hardly: float = 0.02
+    little: float = 0.1
+    scoring: int = 3
+    products: int = 4
+    sample: int = 300
+    large: int = 400
+    slow: float = 0.7
+    plane_large: int = 100
+    plane_slow: float = 0.25
+    smooth: float = 1e-4
+    some: int = 150
+    panels_tried: int = 40
+    points_tried: tuple[int, int] = (600, 1200)
+    certain: float = 3.0
+    mode_points: int = 16
+    others: int = 3
+    higher: float = 2e-3
+    same: float = 0.3
+
+
+SETTLING = NodeAccuracy()
+
 
 AnyLikelihood = IndividualLikelihood | Problem
 """The integral over individual parameters, or the density of exact outcomes."""
@@ -106,12 +120,12 @@ class _End(Settled):
     coarse: IndividualLikelihood
 
 
-def settled(likelihood: AnyLikelihood, alpha: Array, enough: float = ENOUGH) -> Settled:
+def settled(likelihood: AnyLikelihood, alpha: Array, enough: float = SETTLING.enough) -> Settled:
     """The nearest maximum, with as many nodes as are `enough` for it."""
     if isinstance(likelihood, Problem):
-        fine = likelihood.fine() if enough < ROUGHLY else likelihood
+        fine = likelihood.fine() if enough < SETTLING.rough else likelihood
         end, alpha = climbed(fine, alpha)
-        return Settled(end, alpha, fine.gap(alpha) if enough < ROUGHLY else 0.0, None)
+        return Settled(end, alpha, fine.gap(alpha) if enough < SETTLING.rough else 0.0, None)
     return _integral_settled(likelihood, alpha, enough)
 
 
@@ -124,18 +138,18 @@ def _integral_settled(likelihood: IndividualLikelihood, alpha: Array, enough: fl
     importance points are taken, and panels where there is one variate.
     """
     variates = likelihood.inputs.scattering
-    many = variates > ON_A_GRID
+    many = variates > SETTLING.products
     end = _refined(likelihood.ruled(RidgePoints()) if many else _scoring(likelihood), alpha, enough)
     if variates < 2:
         return end
-    most = LITTLE if enough >= ROUGHLY else HARDLY
+    most = SETTLING.little if enough >= SETTLING.rough else SETTLING.hardly
     if variates == 2:
         if _told_by_panels(end, most):
             return end
         return _refined(end.likelihood.ruled(PlanePanels.coarse()), end.alpha, enough)
     if not _misses_modes(end) and (abs(end.gap) < most or _points_tell_less(end)):
         return end
-    none = max(enough, ROUGHLY) if many else enough
+    none = max(enough, SETTLING.rough) if many else enough
     again = _refined(likelihood.ruled(ImportancePoints()), end.alpha, none)
     return again if abs(again.gap) < most or abs(again.gap) < abs(end.gap) else end
 
@@ -147,7 +161,7 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     """
     if not isinstance(likelihood.rule, GaussHermite) or likelihood.inputs.scattering < 2:
         return likelihood
-    return likelihood.ruled(likelihood.rule.at_least(SCORING))
+    return likelihood.ruled(likelihood.rule.at_least(SETTLING.scoring))
 
 
 def _told_by_panels(end: _End, most: float) -> bool:
@@ -160,7 +174,11 @@ def _told_by_panels(end: _End, most: float) -> bool:
     likelihood = end.likelihood
     if _smooth(end) and not several_modes(likelihood, end.alpha):
         return True
-    tried = likelihood.sampled(LOOKED) if likelihood.count > 2 * LOOKED else likelihood
+    tried = (
+        likelihood.sampled(SETTLING.panels_tried)
+        if likelihood.count > 2 * SETTLING.panels_tried
+        else likelihood
+    )
     return abs(_change(tried, PlanePanels.coarse(), end.alpha, large=False)) < most
 
 
@@ -170,10 +188,10 @@ def _smooth(end: _End) -> bool:
     A hundred of them cost a hundredth of what panels do.
     """
     held, gap = end.likelihood, end.gap
-    while abs(gap) >= SMOOTH:
+    while abs(gap) >= SETTLING.smooth:
         rules = held.rule.finer(2)
-        finer = held.rule.refined([np.inf] * len(rules), SMOOTH, 2)
-        if not isinstance(finer, GaussHermite) or finer.size(2) > SOME:
+        finer = held.rule.refined([np.inf] * len(rules), SETTLING.smooth, 2)
+        if not isinstance(finer, GaussHermite) or finer.size(2) > SETTLING.some:
             return False
         held = held.by(finer, end.alpha)
         gap = finer.told(_gaps(held, end.alpha), 2)
@@ -188,10 +206,11 @@ def _misses_modes(end: _End) -> bool:
     tried = _some(likelihood)
     known = tried.evaluate(alpha).each
     coarse, fine = (
-        tried.by(ImportancePoints(count), alpha).evaluate(alpha).each for count in TRIED
+        tried.by(ImportancePoints(count), alpha).evaluate(alpha).each
+        for count in SETTLING.points_tried
     )
     error = float(np.sqrt(np.sum((fine - coarse) ** 2)))
-    return float(np.sum(fine - known)) > HARDLY + CERTAIN * error
+    return float(np.sum(fine - known)) > SETTLING.hardly + SETTLING.certain * error
 
 
 def _points_tell_less(end: _End) -> bool:
@@ -199,20 +218,26 @@ def _points_tell_less(end: _End) -> bool:
 
     That is, if their error falls as that of random points.
     """
-    coarse, fine = (_some(end.likelihood).by(ImportancePoints(n), end.alpha) for n in TRIED)
+    coarse, fine = (
+        _some(end.likelihood).by(ImportancePoints(n), end.alpha) for n in SETTLING.points_tried
+    )
     change = _change_of_points(fine, end.alpha, coarse.evaluate(end.alpha).each)
-    return change * float(np.sqrt(TRIED[0] / RULES.most_points)) > abs(end.gap)
+    return change * float(np.sqrt(SETTLING.points_tried[0] / RULES.most_points)) > abs(end.gap)
 
 
 def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
     """Whether the individual law of an experiment has a second mode that counts; of many, some."""
-    found = _some(likelihood).by(ImportancePoints(FEW, 2), alpha).nodes.modes
+    found = _some(likelihood).by(ImportancePoints(SETTLING.mode_points, 2), alpha).nodes.modes
     return bool(np.any(found[:, :, 1] != found[:, :, 0]))
 
 
 def _some(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     """That of some of many experiments, or of all where they are not many."""
-    return likelihood.sampled(SAMPLE) if likelihood.count > 2 * SAMPLE else likelihood
+    return (
+        likelihood.sampled(SETTLING.sample)
+        if likelihood.count > 2 * SETTLING.sample
+        else likelihood
+    )
 
 
 def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _End:
@@ -225,10 +250,14 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
         gap = held.rule.told(gaps, variates)
         before = tried[-1][0] if tried else np.inf
         tried.append((abs(gap), held))
-        exact = variates == 2 and enough < ROUGHLY
-        large, slowly = (PLANE_LARGE, PLANE_SLOWLY) if exact else (LARGE, SLOWLY)
+        exact = variates == 2 and enough < SETTLING.rough
+        large, slowly = (
+            (SETTLING.plane_large, SETTLING.plane_slow)
+            if exact
+            else (SETTLING.large, SETTLING.slow)
+        )
         slow = held.nodes.xi.shape[1] > large and abs(gap) > slowly * before
-        if held.rule.centers == 1 and slow and abs(gap) > HARDLY:
+        if held.rule.centers == 1 and slow and abs(gap) > SETTLING.hardly:
             # what is not smooth converges slowly about one centre
             return _End(held, alpha, gap, _fewest(tried))
         none = max(enough, min(1e-5 * held.count, NOTED_GAP))
@@ -240,7 +269,7 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
 
 def _fewest(tried: Sequence[tuple[float, IndividualLikelihood]]) -> IndividualLikelihood:
     """Of ever more nodes the first that more hardly change, or change little; else the last."""
-    for most in (HARDLY, LITTLE):
+    for most in (SETTLING.hardly, SETTLING.little):
         for gap, held in tried:
             if gap < most:
                 return held
@@ -254,7 +283,7 @@ def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
     if isinstance(held.rule, ImportancePoints | RidgePoints):
         each = held.evaluate(alpha).each
         return [_change_of_points(held.by(rule, alpha), alpha, each) for rule in rules]
-    return [_change(held, rule, alpha, rule.size(variates) > LARGE) for rule in rules]
+    return [_change(held, rule, alpha, rule.size(variates) > SETTLING.large) for rule in rules]
 
 
 def _change(held: IndividualLikelihood, rule: NodeRule, alpha: Array, large: bool) -> float:
@@ -299,34 +328,34 @@ def integral_climbed(
     """The same: with nodes that follow alpha until it is near, then with nodes held."""
     hyperparameters = likelihood.hyperparameters
     free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
-    held = likelihood if likelihood.distance(alpha) < CLOSE else likelihood.adapted(alpha)
+    held = likelihood if likelihood.distance(alpha) < SETTLING.close else likelihood.adapted(alpha)
     if not free.size:
         return held, alpha
     information = _outer(held(alpha).scores, free, hyperparameters)
     following = held.continued
-    near = ascended(following, alpha, hyperparameters, free, information, ROUGHLY)
+    near = ascended(following, alpha, hyperparameters, free, information, SETTLING.rough)
     alpha, information = near.alpha, near.information
     nearest = following.nearest(alpha)
-    held = nearest if nearest.distance(alpha) < CLOSE else held.adapted(alpha)
+    held = nearest if nearest.distance(alpha) < SETTLING.close else held.adapted(alpha)
     if isinstance(held.rule, RidgePoints):
         # held where a ridge was, points promise much beside it that is not there
         alpha = ascended(held.followed, alpha, hyperparameters, free, information).alpha
         return held.adapted(alpha), alpha
     if held.rule.centers > 1:
         return _climbed_with_points(held, alpha, information, free)
-    for _ in range(ROUNDS):
+    for _ in range(SETTLING.rounds):
         before = held.evaluate(alpha).total
         following.remember(held)
         # variates as a plain function: a search would let the nodes follow
         objective = held.__call__ if held.parameters is None else following
         end = ascended(objective, alpha, hyperparameters, free, information)
-        again, close = held.adapted(end.alpha), held.distance(end.alpha) < CLOSE
+        again, close = held.adapted(end.alpha), held.distance(end.alpha) < SETTLING.close
         gain = again.evaluate(end.alpha).total - before
         if gain < 0.0 and end.value > before:
             # nodes that were held too far from where they were adapted promised what is not there
             break
         held, alpha, information = again, end.alpha, end.information
-        if close or abs(gain) < STILL:
+        if close or abs(gain) < SETTLING.still:
             break
     return held, alpha
 
@@ -335,14 +364,14 @@ def _climbed_with_points(
     held: IndividualLikelihood, alpha: Array, information: Array, free: Indices
 ) -> tuple[IndividualLikelihood, Array]:
     """The maximum with points held, until what is climbed is not there with new ones."""
-    for _ in range(ROUNDS):
+    for _ in range(SETTLING.rounds):
         before = held.evaluate(alpha).total
         end = ascended(held.__call__, alpha, held.hyperparameters, free, information)
         alpha, information = end.alpha, end.information
-        if end.value < before + ROUGHLY:
+        if end.value < before + SETTLING.rough:
             break
         held = held.adapted(alpha)
-        if held.evaluate(alpha).total < before + ROUGHLY:
+        if held.evaluate(alpha).total < before + SETTLING.rough:
             break
     return held, alpha
 
@@ -381,7 +410,7 @@ class Highest:
 def compared(end: Settled, found: SearchResult) -> Highest:
     """An answer as it is, and what the next optima are by its nodes."""
     looked = _looked_at(end.likelihood.continued, found)
-    return Highest.of(end, found, looked, found.optima[1 + OTHERS :])
+    return Highest.of(end, found, looked, found.optima[1 + SETTLING.others :])
 
 
 def highest(end: Settled, found: SearchResult) -> Highest:
@@ -400,7 +429,7 @@ def highest(end: Settled, found: SearchResult) -> Highest:
         climbs.append(_climbed(near or end.likelihood, optimum))
         ascents = tuple(_moved(ascent, optimum, climbs[-1]) for ascent in ascents)
     best = max(climbs, key=lambda one: one.log_likelihood, default=None)
-    if best is not None and best.log_likelihood > end.value + HIGHER:
+    if best is not None and best.log_likelihood > end.value + SETTLING.higher:
         climbs.append(Optimum(end.alpha, end.value, found.optima[0].starts))
         end = max(settled(end.likelihood, best.alpha), end, key=lambda one: one.value)
         found = replace(found, once=_reached(end, ascents) < 2)
@@ -409,14 +438,16 @@ def highest(end: Settled, found: SearchResult) -> Highest:
         if not any(_same(climb.alpha, alpha, end) for alpha in known):
             known.append(climb.alpha)
             looked.append(climb)
-    return Highest.of(end, replace(found, ascents=ascents), looked, found.optima[1 + OTHERS :])
+    return Highest.of(
+        end, replace(found, ascents=ascents), looked, found.optima[1 + SETTLING.others :]
+    )
 
 
 def _looked_at(objective: Objective, found: SearchResult) -> list[Optimum]:
     """The next optima of a search with log-likelihoods by other nodes."""
     return [
         replace(optimum, log_likelihood=objective(optimum.alpha).total)
-        for optimum in found.optima[1 : 1 + OTHERS]
+        for optimum in found.optima[1 : 1 + SETTLING.others]
     ]
 
 
@@ -448,4 +479,4 @@ def _same(alpha: Array, other: Array, end: Settled) -> bool:
     scores = end.likelihood(end.alpha).scores
     assert scores is not None
     step = alpha - other
-    return float(step @ outer(scores) @ step) < SAME**2
+    return float(step @ outer(scores) @ step) < SETTLING.same**2

@@ -18,9 +18,6 @@ from aleator.results.values import Diagnostic
 from aleator.search.interface import LogLikelihood
 from aleator.types import Array, Flags
 
-POINTS = 64
-"""Points of each law at which it is looked at whether runs fail."""
-
 
 @dataclass(frozen=True, eq=False)
 class Reviewed:
@@ -196,16 +193,19 @@ class Reviewed:
         return np.asarray(np.isinf(self._estimated))
 
 
-def failing_share(likelihood: IndividualLikelihood, alpha: Array) -> Array:
-    """The share (N,) of each experiment's law at whose parameters a run of it has no value."""
+def failing_share(likelihood: IndividualLikelihood, alpha: Array, points: int = 64) -> Array:
+    """The share (N,) of each experiment's law at whose parameters a run of it has no value.
+
+    At so many `points` of each law.
+    """
     inputs, found = likelihood.inputs, np.zeros(likelihood.count)
-    points = standard_points(POINTS, inputs.scattering)
-    for block in likelihood.layout.blocks(POINTS):
-        xi = np.tile(points, (len(block), len(inputs.classes), 1))
+    theta = standard_points(points, inputs.scattering)
+    for block in likelihood.layout.blocks(points):
+        xi = np.tile(theta, (len(block), len(inputs.classes), 1))
         with np.errstate(all="ignore"):
             law = inputs.individual(alpha[: inputs.size], xi, block.experiments)
             none = np.isnan(likelihood.predictor.values(block, law.x))
         failed = block.summed(none.astype(float)) > 0.0
-        weights = np.exp(law.log_weight) / len(points)
+        weights = np.exp(law.log_weight) / len(theta)
         found[block.experiments] = np.sum(failed * weights, axis=1)
     return found

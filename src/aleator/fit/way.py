@@ -18,16 +18,28 @@ from aleator.surrogates import ResponseSurface
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array, Flags, Indices
 
-EVALUATIONS = 400
-"""Evaluations of the likelihood that an identification takes, about."""
-NODES = 9
-"""Nodes a variate that an identification comes to, about; of more than three variates fewer."""
-GRIDS = 100, 5000
-"""Grids of level sets in an identification: fewest and most of the studies of `make judges`."""
-LINE = 33
-"""Points of a line on which failures are looked for that lie alone."""
-TRIED = 128
-"""Points at which a run must give no value of an observation for that to be lost."""
+
+@dataclass(frozen=True)
+class WaySettings:
+    """What the runs of a simulator without surfaces are told by, and where failures are looked for.
+
+    - `evaluations`: evaluations of the likelihood that an identification takes, about.
+    - `nodes`: nodes a variate that an identification comes to, about; of more than three variates
+      fewer.
+    - `line`: points of a line on which failures are looked for that lie alone.
+    - `grids`: grids of level sets in an identification, fewest and most of the studies of
+      `make judges`.
+    - `tried`: points at which a run must give no value of an observation for that to be lost.
+    """
+
+    evaluations: int = 400
+    nodes: int = 9
+    line: int = 33
+    tried: int = 128
+    grids: tuple[int, int] = (100, 5000)
+
+
+WAYS = WaySettings()
 
 
 @dataclass(frozen=True)
@@ -86,13 +98,13 @@ def grids_each(inputs: Inputs, conditions: int) -> tuple[int, int]:
     """Runs of each condition that level sets of the simulator itself take, at least and at most."""
     few, s = searched(inputs, conditions), inputs.scattering
     points = few**s if on_a_grid(inputs) else few * (CROSSINGS.steps + 2 * s)
-    return GRIDS[0] * points, GRIDS[1] * points
+    return WAYS.grids[0] * points, WAYS.grids[1] * points
 
 
 def runs_each(inputs: Inputs) -> int:
     """Runs of each unit that an identification without surfaces takes, about."""
     moving = int(moving_parameters(inputs.box).size)
-    return int(NODES ** min(inputs.scattering, 3)) * (2 * moving + 1) * EVALUATIONS
+    return int(WAYS.nodes ** min(inputs.scattering, 3)) * (2 * moving + 1) * WAYS.evaluations
 
 
 def fails_here_and_there(runner: Runner, x: Array, region: Array) -> bool:
@@ -101,15 +113,15 @@ def fails_here_and_there(runner: Runner, x: Array, region: Array) -> bool:
     On lines through x (n,) along each side of a region (n, 2). An integral over such a simulator
     itself is one over holes, of which each set of nodes meets others; a surface goes over them.
     """
-    share = np.linspace(0.02, 0.98, LINE)
+    share = np.linspace(0.02, 0.98, WAYS.line)
     units = np.arange(runner.units)
     for k, (low, high) in enumerate(region):
         if not low < high:
             continue
-        points = np.tile(x, (LINE, 1))
+        points = np.tile(x, (WAYS.line, 1))
         points[:, k] = low + share * (high - low)
-        values = runner.straight(np.repeat(units, LINE), np.tile(points, (units.size, 1)))
-        failed = np.isnan(values).all(axis=1).reshape(units.size, LINE)
+        values = runner.straight(np.repeat(units, WAYS.line), np.tile(points, (units.size, 1)))
+        failed = np.isnan(values).all(axis=1).reshape(units.size, WAYS.line)
         if np.any(failed[:, 1:-1] & ~failed[:, :-2] & ~failed[:, 2:]):
             return True
     return False
@@ -120,7 +132,7 @@ def failing_observations(runner: Runner, region: Array, unit: Indices, column: I
 
     None where that is so of all: the simulator may work in a small part of the region only.
     """
-    u = qmc.Sobol(len(region), rng=3).random_base2(int(np.log2(TRIED)))
+    u = qmc.Sobol(len(region), rng=3).random_base2(int(np.log2(WAYS.tried)))
     lost = np.ones(len(unit), dtype=np.bool_)
     for x in region[:, 0] + u * (region[:, 1] - region[:, 0]):
         left = np.flatnonzero(lost)

@@ -15,7 +15,7 @@ from scipy import special
 from scipy.stats import qmc
 
 from aleator.errors import InputsError
-from aleator.fit.regions import FAR, padded, region_of, within
+from aleator.fit.regions import REGIONS, padded, region_of, within
 from aleator.fit.result import law_curves
 from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
@@ -281,7 +281,7 @@ class LawRegion:
         inputs = fit.inputs
         require_one_law(inputs)
         moving = [*inputs.scattered]
-        mass = padded(region_of(inputs, [fit.alpha], 1, FAR), inputs.box)
+        mass = padded(region_of(inputs, [fit.alpha], 1, REGIONS.far), inputs.box)
         laws = [*inputs.laws.values()]
         bounded = np.array([law.bounded for law in laws])[:, None]
         region = within(fit.likelihood.region, np.where(bounded, fit.likelihood.region, mass))

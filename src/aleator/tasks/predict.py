@@ -10,7 +10,7 @@ import pandas as pd
 
 from aleator.errors import InputsError
 from aleator.fit.question import DEFAULT_PROPAGATION, is_exact, surfaces_alone
-from aleator.fit.regions import FAR, region_of
+from aleator.fit.regions import REGIONS, region_of
 from aleator.fit.way import Way, way_of
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
@@ -97,4 +97,4 @@ def _way(
 ) -> Way:
     middle = np.zeros((experiments, len(inputs.classes), inputs.scattering))
     x = inputs.individual(alpha, middle, slice(0, experiments)).x[0, 0]
-    return way_of(runner, choice, x, region_of(inputs, [alpha], experiments, FAR))
+    return way_of(runner, choice, x, region_of(inputs, [alpha], experiments, REGIONS.far))

@@ -7,7 +7,7 @@ from individual_cases import likelihood_of
 from scipy import stats
 
 from aleator import Experiments, Free, Inputs, Normal
-from aleator.fit.certain import UNKNOWN, inferred
+from aleator.fit.certain import CERTAINTY, inferred
 from aleator.fit.settle import Settled, climbed, settled
 from aleator.inference.fit import Fit
 from aleator.likelihood.individual import GaussHermite, LawPoints, PlanePanels
@@ -179,7 +179,9 @@ def test_at_the_ends_of_intervals_the_exact_likelihood_has_dropped_as_told() -> 
     for k, side in told:
         point, drop = profile.points[k, side], profile.drops[k, side]
         assert point[k] == profile.intervals[k, side]
-        assert top - exact(front, time, y, point).sum() == pytest.approx(drop, abs=UNKNOWN)
+        assert top - exact(front, time, y, point).sum() == pytest.approx(
+            drop, abs=CERTAINTY.unknown
+        )
 
 
 def test_a_saddle_is_left_for_the_maximum_beside_it() -> None:
