@@ -20,7 +20,7 @@ from aleator.inference.diagnostics.estimates import LARGEST_EDM
 from aleator.inference.diagnostics.experiments import Rival
 from aleator.inference.information import Inference, infer
 from aleator.inference.profile import Profile, profile_intervals
-from aleator.inference.profile_end import BETTER, LEFT
+from aleator.inference.profile_end import ENDS
 from aleator.laws.hyperparameter import limits_of
 from aleator.likelihood.individual import (
     Following,
@@ -296,8 +296,8 @@ def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inf
         scores = objective(point).scores
         assert scores is not None
         points[k, side] = ascended(
-            objective, point, likelihood.hyperparameters, moving, outer(scores[:, moving]), LEFT,
-            bent=True,
+            objective, point, likelihood.hyperparameters, moving, outer(scores[:, moving]),
+            ENDS.left, bent=True,
         ).alpha  # fmt: skip
     return replace(found, points=points)
 
@@ -353,7 +353,7 @@ def _row_by_held(
     for _ in range(ADAPTED):
         found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals, about)
         if found.better is not None:
-            if top - _with_own(objective, likelihood, found.better) < -BETTER:
+            if top - _with_own(objective, likelihood, found.better) < -ENDS.better:
                 return found
             continue
         off, about = np.zeros((alpha.size, 2)), found.points
