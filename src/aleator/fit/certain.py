@@ -16,7 +16,7 @@ from aleator.fit.ledger import Ledger
 from aleator.fit.refine import EXACT, WITH_NOISE, Refined, Refinement
 from aleator.fit.search import in_order
 from aleator.fit.settle import CLOSE, AnyLikelihood, Settled, climbed, settled
-from aleator.inference.diagnostics.estimates import LARGEST_EDM
+from aleator.inference.diagnostics.estimates import ESTIMATES
 from aleator.inference.diagnostics.experiments import Rival
 from aleator.inference.information import Inference, infer
 from aleator.inference.profile import Profile, profile_intervals
@@ -182,7 +182,7 @@ def _maximum(
     """What lies lower than `here` (K,) by `drop`, if it is a maximum."""
     about = infer(likelihood.followed, alpha, likelihood.hyperparameters)
     stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
-    if stuck or not about.positive or not about.edm < LARGEST_EDM or not np.isfinite(drop):
+    if stuck or not about.positive or not about.edm < ESTIMATES.edm or not np.isfinite(drop):
         return []
     sizes = np.abs(inference.differences(alpha, here))
     moved = tuple(int(k) for k in np.flatnonzero(np.nan_to_num(sizes) > 1.0))
