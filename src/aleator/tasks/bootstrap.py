@@ -208,14 +208,14 @@ def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
     return exact and all(_near(found.get(key), head[key]) for key in numbers)
 
 
-def _near(found: Any, wanted: Any, relative: float = 1e-5) -> bool:
+def _near(found: Any, wanted: Any, relative: float = 1e-5, absolute: float = 1e-12) -> bool:
     """Whether these are the numbers that are wanted, but for a relative difference."""
     try:
         numbers = np.array(found, dtype=float)
     except (OverflowError, TypeError, ValueError):  # damaged
         return False
     same = numbers.shape == np.shape(wanted)
-    return same and bool(np.allclose(numbers, wanted, rtol=relative, atol=1e-12))
+    return same and bool(np.allclose(numbers, wanted, rtol=relative, atol=absolute))
 
 
 FILE = "bootstrap.jsonl"
@@ -275,7 +275,7 @@ class Bootstrap:
         nothing = np.full(len(self.names), np.nan)
         scatter = alpha.std(axis=0, ddof=1) if enough else nothing
         width = np.diff(self.limits, axis=1)[:, 0]
-        low, high = (np.abs(alpha - end) <= 1e-6 * width for end in self.limits.T)
+        low, high = (np.abs(alpha - end) <= INTERVALS.limit * width for end in self.limits.T)
         columns = {
             "estimate": self.estimate,
             "bias": alpha.mean(axis=0) - self.estimate if enough else nothing,

@@ -29,7 +29,7 @@ from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.limits import Tolerance, limits
 from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
-from aleator.tasks.decide.sample import CHECKS
+from aleator.tasks.decide.sample import SAMPLE
 from aleator.tasks.pictures import pictured
 from aleator.tasks.session import Runners, Session, kept, missing, runners, runners_like
 
@@ -188,7 +188,7 @@ class Identification(Result):
         of: str | None = None,
         noise: bool = True,
         uncertainty: bool | AlphaDraws = True,
-        checks: int = CHECKS,
+        checks: int = SAMPLE.checks,
         progress: Progress | None = None,
     ) -> pd.DataFrame:
         """The probability that an outcome is above, below or between values, rare or not.

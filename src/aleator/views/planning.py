@@ -22,7 +22,7 @@ from aleator.results.printed import (
     percent,
 )
 from aleator.results.units import label
-from aleator.tasks.screen import CONFOUNDED, GOOD
+from aleator.tasks.screen import SCREEN
 
 Document = Mapping[str, Any]
 
@@ -225,7 +225,7 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
                 "linear effect is the straight part of what one standard deviation does, in the "
                 "outcome's unit; what bends, as x^2 about zero, is seen in the shares only. "
                 "Alignment is the cosine between the linear effects of two parameters over the "
-                f"experiments: beyond {CONFOUNDED:g} the experiments hardly tell them apart."
+                f"experiments: beyond {SCREEN.confounded:g} the experiments hardly tell them apart."
             ),
         ]
     rough = ""
@@ -233,8 +233,8 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
         rough = "; the expansions are rough"
         parts.append(
             Sentence(
-                f"more than one in ten misses over {GOOD:.0%} of the variance. Shares smaller than "
-                f"that mean little; allow more runs (--runs {4 * expansion['runs']}).",
+                f"more than one in ten misses over {SCREEN.good:.0%} of the variance. Shares "
+                f"smaller than that mean little; allow more runs (--runs {4 * expansion['runs']}).",
                 "warning", "The expansions are rough",
             )
         )  # fmt: skip
