@@ -56,6 +56,8 @@ class PictureSettings:
     around: int = 73
     """Points of a contour."""
     masses: tuple[float, float] = (0.5, 0.95)
+    contours: tuple[float, float, float] = (0.5, 0.8, 0.95)
+    """Confidence of the curves of the likelihood of two hyperparameters."""
     pairs: int = 6
     side: int = 11
     """Points of a side of the surface."""
