@@ -25,7 +25,7 @@ class CalibrationSettings:
     """How probabilities of observations are computed and counted.
 
     Each experiment has `points` of its parameters, fewer where all would take more than `values`
-    simulated ones; a probability with fewer than `effective` of them, or than the share `few` where
+    simulated ones; a probability with fewer than `effective` of them, or than the share `least` where
     points are few, is not reported. Points lie about `stages` individual laws, from that of no
     observation to that of nearly all; `pytest tests/tasks/test_fit.py` measures what they miss of
     the normal law. A bin of a histogram should have `each` values, of `bins` at least and at most.
@@ -40,7 +40,7 @@ class CalibrationSettings:
     seed: int = 20
     bins: tuple[int, int] = (2, 20)
     each: int = 10
-    few: float = 0.0625
+    least: float = 0.0625
     tiny: float = 1e-300
 
 
@@ -104,7 +104,7 @@ def _of_block(
     known = mean_of(_before(possible, block) + prior[block.owner])[1]
     effective = 1.0 / np.maximum(np.sum(known**2, axis=1), settings.tiny)
     low, high = np.sum(known * below, axis=1), np.sum(known * above, axis=1)
-    enough = effective > min(settings.effective, settings.few * count)
+    enough = effective > min(settings.effective, settings.least * count)
     return np.where(enough, low + share * (high - low), np.nan)
 
 
