@@ -18,16 +18,33 @@ from aleator.types import Array
 class IntervalSettings:
     """What an interval contains, and when an estimate is on a limit; by judgement.
 
-    level: the confidence of all intervals. ends: the probabilities at their two ends.
+    tail: the probability beyond each end of an interval.
     limit: share of a range; an estimate that is closer to a limit is on it.
     singular: least eigenvalue of an information with ones on its diagonal; with less it is not
     positive definite.
     """
 
-    level: float = 0.95
-    ends: tuple[float, float] = (0.025, 0.975)
+    tail: float = 0.025
     limit: float = 1e-6
     singular: float = 1e-12
+
+    @property
+    def level(self) -> float:
+        """The confidence of all intervals.
+
+        >>> IntervalSettings().level
+        0.95
+        """
+        return 1.0 - 2.0 * self.tail
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The probabilities at the two ends.
+
+        >>> IntervalSettings().ends
+        (0.025, 0.975)
+        """
+        return self.tail, 1.0 - self.tail
 
 
 INTERVALS = IntervalSettings()

@@ -47,6 +47,7 @@ class NPMLESettings:
     flattest: float = 1e-6
     """A curvature is at least so large: over the largest of all axes, and over the slope."""
     tiny: float = 1e-300
+    """A length or a curvature below this is zero."""
     farthest: float = 8.0
     """Steps that Newton's may be long."""
     starts: int = 12

@@ -161,7 +161,7 @@ def experiments_figure(document: Document) -> Figure:
             beyond, known = seen.outside, np.isfinite(seen.array(seen.ends[0])) & seen.exact
             axes.set_title(
                 f"Outside the predicted 95 %: {beyond.sum()} of {known.sum()} "
-                f"(expected {2.0 * INTERVALS.ends[0] * known.sum():.3g})"
+                f"(expected {2.0 * INTERVALS.tail * known.sum():.3g})"
             )
             _name(axes, seen)
         legend(figure)
