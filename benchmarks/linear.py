@@ -23,7 +23,7 @@ from scipy import stats
 
 from aleator import By, Free, Inputs, Noise, Normal
 from aleator.inference.fit import Fit
-from aleator.inference.information import LEVEL
+from aleator.inference.information import INTERVALS
 from aleator.progress import Silent
 from aleator.tasks.consistency import consistency_of
 from aleator.types import Array
@@ -38,8 +38,8 @@ LINEAR = (
 """Studies of `shapes` that are lines, with one parameter or two."""
 FOLLOWED = "slopes that hardly scatter"
 SUBJECTS, OLD, TIMES = 27, 11, (-3.0, -1.0, 1.0, 3.0)
-DROP = float(stats.chi2.ppf(LEVEL, 1)) / 2.0
-HALF = float(stats.norm.ppf(0.5 + LEVEL / 2.0))
+DROP = float(stats.chi2.ppf(INTERVALS.level, 1)) / 2.0
+HALF = float(stats.norm.ppf(0.5 + INTERVALS.level / 2.0))
 
 
 @dataclass(frozen=True, eq=False)

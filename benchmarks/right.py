@@ -25,11 +25,11 @@ from aleator import (
     identify,
     posterior,
 )
-from aleator.inference.information import LEVEL
+from aleator.inference.information import INTERVALS
 from benchmarks.kept import Entry, Key, kept
 from benchmarks.shapes import SHAPES, Shape
 
-HALF = float(stats.norm.ppf(0.5 + LEVEL / 2.0))
+HALF = float(stats.norm.ppf(0.5 + INTERVALS.level / 2.0))
 SHAPE = {shape.name: shape for shape in SHAPES}
 SEARCH = GradientMultistart(starts=2)
 """In place of ten: half of the time, and on these studies the same maximum."""

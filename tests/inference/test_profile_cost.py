@@ -8,7 +8,7 @@ import numpy as np
 
 from aleator.inference.information import infer
 from aleator.inference.profile import profile_intervals
-from aleator.inference.profile_end import CLOSE, TARGET
+from aleator.inference.profile_end import ENDS, TARGET
 from aleator.laws import Hyperparameter
 from aleator.search import GradientMultistart
 from aleator.search.interface import LogLikelihood
@@ -78,9 +78,9 @@ def test_the_ends_of_eleven_profiles_are_where_they_belong_and_cost_little() -> 
         for end in ends:
             root = root_at(likelihood, alpha, top, k, float(end))
             if end in (h.lower, h.upper):
-                assert root < TARGET + CLOSE
+                assert root < TARGET + ENDS.close
             else:
-                assert abs(root - TARGET) < 1.2 * CLOSE
+                assert abs(root - TARGET) < 1.2 * ENDS.close
 
 
 def test_an_end_on_its_own_limit_costs_nothing() -> None:

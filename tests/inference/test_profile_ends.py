@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from scipy.special import expit
 from aleator.inference.bracket import Bracket
 from aleator.inference.information import infer
 from aleator.inference.profile import profile_intervals
+from aleator.inference.profile_end import ENDS
 from aleator.laws import Hyperparameter
 from aleator.search.interface import LogLikelihood
 from aleator.types import Array
@@ -222,10 +223,8 @@ def test_known_points_about_the_ends_save_evaluations() -> None:
     assert bent.asked < 0.7 * spent
 
 
-def test_an_end_for_which_evaluations_do_not_suffice_is_not_told(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("aleator.inference.profile_end.EVALUATIONS", 1)
-    found = profile_intervals(Bent(), TOP, BENT, infer(Bent(), TOP, BENT))
+def test_an_end_for_which_evaluations_do_not_suffice_is_not_told() -> None:
+    settings = replace(ENDS, evaluations=1)
+    found = profile_intervals(Bent(), TOP, BENT, infer(Bent(), TOP, BENT), settings=settings)
     assert np.isnan(found.drops[1]).all()
     assert np.isnan(found.intervals[1]).all()

@@ -39,7 +39,7 @@ from aleator.tasks.next_experiment import (
     require_enough_candidates,
     require_free,
 )
-from aleator.tasks.screen import FIRST_RUNS, screen
+from aleator.tasks.screen import SCREEN, screen
 from aleator.views import planning
 from aleator.views.figures import save_check, save_sensitivity
 
@@ -139,8 +139,8 @@ def check(
 @click.option(
     "--runs",
     type=click.IntRange(min=4),
-    help=f"Runs an experiment [default: {FIRST_RUNS} a parameter, and more until the expansions "
-    "are good].",
+    help=f"Runs an experiment [default: {SCREEN.first_runs} a parameter, and more until the "
+    "expansions are good].",
 )
 @click.option(
     "--experiments",

@@ -41,7 +41,7 @@ from aleator.study import Study, load_study
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.limits import Tolerance, limits
 from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
-from aleator.tasks.decide.sample import CHECKS
+from aleator.tasks.decide.sample import SAMPLE
 from aleator.tasks.session import OWN, Session
 from aleator.types import Indices
 from aleator.views import predictions
@@ -212,7 +212,7 @@ def asks(command: Callable[..., Any]) -> Callable[..., Any]:
     @click.option(
         "--checks",
         type=click.IntRange(min=0),
-        default=CHECKS,
+        default=SAMPLE.checks,
         show_default=True,
         metavar="N",
         help="Runs of the simulator for each row that a probability by a surface is held against.",

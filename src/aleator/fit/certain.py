@@ -16,11 +16,11 @@ from aleator.fit.ledger import Ledger
 from aleator.fit.refine import EXACT, WITH_NOISE, Refined, Refinement
 from aleator.fit.search import in_order
 from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, climbed, settled
-from aleator.inference.diagnostics.estimates import LARGEST_EDM
+from aleator.inference.diagnostics.estimates import ESTIMATES
 from aleator.inference.diagnostics.experiments import Rival
 from aleator.inference.information import Inference, infer
 from aleator.inference.profile import Profile, profile_intervals
-from aleator.inference.profile_end import BETTER, LEFT
+from aleator.inference.profile_end import ENDS
 from aleator.laws.hyperparameter import limits_of
 from aleator.likelihood.individual import (
     Following,
@@ -193,7 +193,7 @@ def _maximum(
     """What lies lower than `here` (K,) by `drop`, if it is a maximum."""
     about = infer(likelihood.followed, alpha, likelihood.hyperparameters)
     stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
-    if stuck or not about.positive or not about.edm < LARGEST_EDM or not np.isfinite(drop):
+    if stuck or not about.positive or not about.edm < ESTIMATES.edm or not np.isfinite(drop):
         return []
     sizes = np.abs(inference.differences(alpha, here))
     moved = tuple(int(k) for k in np.flatnonzero(np.nan_to_num(sizes) > 1.0))
@@ -317,8 +317,8 @@ def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inf
         scores = objective(point).scores
         assert scores is not None
         points[k, side] = ascended(
-            objective, point, likelihood.hyperparameters, moving, outer(scores[:, moving]), LEFT,
-            bent=True,
+            objective, point, likelihood.hyperparameters, moving, outer(scores[:, moving]),
+            ENDS.left, bent=True,
         ).alpha  # fmt: skip
     return replace(found, points=points)
 
@@ -374,7 +374,7 @@ def _row_by_held(
     for _ in range(CERTAINTY.adapted):
         found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals, about)
         if found.better is not None:
-            if top - _with_own(objective, likelihood, found.better) < -BETTER:
+            if top - _with_own(objective, likelihood, found.better) < -ENDS.better:
                 return found
             continue
         off, about = np.zeros((alpha.size, 2)), found.points

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.inference.diagnostics.experiments import NOTED_GAP
+from aleator.inference.diagnostics.experiments import EXPERIMENTS
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.likelihood.individual import (
     Following,
@@ -260,7 +260,7 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
         if held.rule.centers == 1 and slow and abs(gap) > SETTLING.hardly:
             # what is not smooth converges slowly about one centre
             return _End(held, alpha, gap, _fewest(tried))
-        none = max(enough, min(1e-5 * held.count, NOTED_GAP))
+        none = max(enough, min(1e-5 * held.count, EXPERIMENTS.noted_gap))
         finer = held.rule.refined(gaps, none, variates)
         if finer is None:
             return _End(held, alpha, gap, _fewest(tried))

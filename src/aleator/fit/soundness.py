@@ -80,7 +80,7 @@ class Reviewed:
         found = [
             *diagnostics.density_refusals(self.at, ids),
             *estimates.search_refusals(inference, likelihood.hyperparameters),
-            *experiments.too_few_nodes(end.gap, experiments.LARGEST_GAP),
+            *experiments.too_few_nodes(end.gap, experiments.EXPERIMENTS.gap),
         ]
         if checked is not None:
             found += surfaces.check_refusals(checked.total, checked.standard_error)
@@ -128,7 +128,9 @@ class Reviewed:
         else:
             notes += self._of_individuals(likelihood)
             if not self._refusals:
-                notes += experiments.too_few_nodes(certain.settled.gap, experiments.NOTED_GAP)
+                notes += experiments.too_few_nodes(
+                    certain.settled.gap, experiments.EXPERIMENTS.noted_gap
+                )
         notes += diagnostics.failure_warnings(
             None if made is None and not isinstance(likelihood, Problem)
             else diagnostics.failure_report(runner)

@@ -10,6 +10,7 @@ from scipy import linalg, optimize, special
 from scipy.stats import qmc
 
 from aleator.errors import InputsError
+from aleator.inference.information import INTERVALS
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.results.values import Estimate, in_order
 from aleator.search.interface import LogLikelihood
@@ -65,8 +66,7 @@ def moments(values: Array, weights: Array) -> tuple[Array, Array, Array, Array]:
         return mean, np.sqrt(variance), third / variance**1.5, fourth / variance**2
 
 
-DRAWS = 256
-END = float(special.ndtri(0.975))
+END = float(special.ndtri(INTERVALS.ends[1]))
 """The standard normal variate at which an interval ends."""
 
 
@@ -74,21 +74,24 @@ END = float(special.ndtri(0.975))
 class DrawSettings:
     """How draws of alpha follow its intervals; by judgement."""
 
-    near: float = 1e-6
-    """Closer to a limit than this share of the range is on the limit."""
+    count: int = 256
+    """Draws of alpha."""
+    wide: float = 1.3
+    """Width of draws that are weighted afterwards, over that of the law of the estimates."""
     steepest: float = 1.5
     """Bend of a scale beyond which an interval is too skew to be followed: one side 19 times the
     other.
     """
     tiny: float = 1e-300
+    """A scale below this is zero."""
+    smallest: float = 1e-9
+    """A bend, or an eigenvalue of the correlations, below this is zero; probabilities stay so far
+    from zero and one."""
     tries: int = 8
     """Draws that are made for one that lies within the limits."""
 
 
 DRAWING = DrawSettings()
-
-WIDE = 1.3
-"""Width of draws that are weighted afterwards."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +176,7 @@ class AlphaDraws:
 
 def alpha_draws(
     known: Estimated,
-    count: int = DRAWS,
+    count: int = DRAWING.count,
     seed: int = 0,
     wide: float = 1.0,
     settings: DrawSettings = DRAWING,
@@ -238,7 +241,7 @@ class _Profiled:
         if not known.free[k]:
             return None
         lower, upper = known.interval[k]
-        margin = DRAWING.near * (high - low)
+        margin = INTERVALS.limit * (high - low)
         if at <= low + margin:
             return cls(at, (upper - at) / END, 0.0, True) if upper > at else None
         if at >= high - margin:
@@ -262,7 +265,7 @@ class _Profiled:
 
 
 def _bent(z: Array | float, bend: float) -> Array:
-    return np.asarray(z if abs(bend) < 1e-9 else np.expm1(bend * np.asarray(z)) / bend)
+    return np.asarray(z if abs(bend) < DRAWING.smallest else np.expm1(bend * np.asarray(z)) / bend)
 
 
 def _bend(reach: float, settings: DrawSettings = DRAWING) -> float:
@@ -287,7 +290,7 @@ def _correlation(known: Estimated, moving: Indices) -> Array:
                 value = known.correlation[place[k], place[l]]
                 found[i, j] = value if np.isfinite(value) else 0.0
     values, vectors = linalg.eigh(found)
-    floored = (vectors * np.maximum(values, 1e-9)) @ vectors.T
+    floored = (vectors * np.maximum(values, DRAWING.smallest)) @ vectors.T
     scale = np.sqrt(np.diag(floored))
     return np.asarray(floored / np.outer(scale, scale))
 
@@ -295,7 +298,7 @@ def _correlation(known: Estimated, moving: Indices) -> Array:
 def _paired(count: int, dimensions: int, seed: int) -> Array:
     """Standard normal points (count, dimensions), each followed by its opposite."""
     half = qmc.Sobol(dimensions, rng=seed).random_base2(int(np.ceil(np.log2(count / 2))))
-    z = special.ndtri(np.clip(half, 1e-9, 1.0 - 1e-9))
+    z = special.ndtri(np.clip(half, DRAWING.smallest, 1.0 - DRAWING.smallest))
     return np.stack([z, -z], axis=1).reshape(-1, dimensions)[:count]
 
 

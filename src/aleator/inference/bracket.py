@@ -6,14 +6,38 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-FARTHEST = 3.0
-"""Times the distance so far that a step outward may reach."""
-NEAR, JUMP = 0.05, 0.5
-"""An enclosure below this share of the distance, over which the root grows by so much, is odd."""
-CLOSED = 1e-3
-"""An enclosure below this share of the distance from the maximum is one point: there is a jump."""
-NOTHING = 1e-300
-"""A value closer to the maximum than this is the maximum."""
+
+@dataclass(frozen=True)
+class BracketSettings:
+    """How the next value is chosen, and when a root jumps; by judgement.
+
+    Distances are those from the maximum, enclosures the distance of the inner and the outer value.
+
+    farthest: times the distance so far that a step outward may reach. nearest: times the distance
+    so far that it reaches at least. outward: the same of a step without the help of a slope.
+    beyond: times the target at which such a step aims, so that it passes it. least: the root is
+    taken to be at least so large there.
+    near, jump: share of the distance and growth of the root; a smaller enclosure over which the
+    root grows by more is odd. closed: share of the distance; a smaller enclosure is one point, and
+    there is a jump. tiny: a value closer to the maximum than this is the maximum.
+    newton: share of the enclosure at either end in which Newton's step is not trusted.
+    margin: share of the enclosure that the next value stays away from either end.
+    """
+
+    farthest: float = 3.0
+    nearest: float = 1.02
+    outward: float = 1.2
+    beyond: float = 1.1
+    least: float = 0.3
+    near: float = 0.05
+    jump: float = 0.5
+    closed: float = 1e-3
+    tiny: float = 1e-300
+    newton: float = 0.02
+    margin: float = 0.05
+
+
+BRACKET = BracketSettings()
 
 
 @dataclass(frozen=True)
@@ -30,6 +54,7 @@ class Bracket:
     inner: tuple[float, float]
     outer: tuple[float, float] = (float("nan"), float("nan"))
     stalled: int = 0
+    settings: BracketSettings = BRACKET
 
     @classmethod
     def around(cls, center: float, limit: float, target: float) -> Bracket:
@@ -40,15 +65,16 @@ class Bracket:
     def closed(self) -> bool:
         """Whether no value is left between the two: the root jumps over its target."""
         gap = abs(self.outer[0] - self.inner[0])
-        return bool(gap <= max(CLOSED * abs(self.outer[0] - self.center), NOTHING))
+        least = self.settings.closed * abs(self.outer[0] - self.center)
+        return bool(gap <= max(least, self.settings.tiny))
 
     @property
     def jumps(self) -> bool:
         """Whether the root seems to jump: its outer value may be that of a lower maximum."""
         gap = abs(self.outer[0] - self.inner[0])
-        near = gap < NEAR * abs(self.outer[0] - self.center)
+        near = gap < self.settings.near * abs(self.outer[0] - self.center)
         grown = self.outer[1] - self.inner[1]
-        return bool(grown < np.inf and (self.closed or (near and grown > JUMP)))
+        return bool(grown < np.inf and (self.closed or (near and grown > self.settings.jump)))
 
     @property
     def without_outer(self) -> Bracket:
@@ -77,18 +103,21 @@ class Bracket:
             return self._outward(newton)
         gap = self.outer[0] - self.inner[0]
         share = (newton - self.inner[0]) / gap if gap else float("nan")
-        if not 0.02 <= share <= 0.98:
+        if not self.settings.newton <= share <= 1.0 - self.settings.newton:
             share = (self.target - self.inner[1]) / (self.outer[1] - self.inner[1])
         if self.stalled > 1 or not np.isfinite(self.outer[1]):
             share = 0.5
-        return float(self.inner[0] + min(max(share, 0.05), 0.95) * gap)
+        margin = self.settings.margin
+        return float(self.inner[0] + min(max(share, margin), 1.0 - margin) * gap)
 
     def _outward(self, newton: float) -> float:
-        reach = self.inner[0] - self.center
-        factor = min(FARTHEST, 1.1 * self.target / max(self.inner[1], 0.3))
-        nearest, farthest = self.center + 1.02 * reach, self.center + FARTHEST * reach
+        reach, chosen = self.inner[0] - self.center, self.settings
+        aim = chosen.beyond * self.target / max(self.inner[1], chosen.least)
+        factor = min(chosen.farthest, aim)
+        nearest = self.center + chosen.nearest * reach
+        farthest = self.center + chosen.farthest * reach
         if not min(nearest, farthest) <= newton <= max(nearest, farthest):
-            newton = self.center + max(factor, 1.2) * reach
+            newton = self.center + max(factor, chosen.outward) * reach
         return self.within(newton)
 
     def within(self, value: float) -> float:

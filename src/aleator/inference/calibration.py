@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binom, kstwo
 
+from aleator.inference.information import INTERVALS
 from aleator.likelihood.individual import IndividualLikelihood
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.individual.predictors import Block
@@ -24,10 +25,11 @@ class CalibrationSettings:
     """How probabilities of observations are computed and counted.
 
     Each experiment has `points` of its parameters, fewer where all would take more than `values`
-    simulated ones; a probability with fewer than `effective` of them, a sixteenth of few, is not
-    told. Points lie about `stages` individual laws, from that of no observation to that of nearly
-    all; `pytest tests/tasks/test_fit.py` measures what they miss of the normal law. A bin of a
-    histogram should have `each` values, of `bins` at least and at most.
+    simulated ones; a probability with fewer than `effective` of them, or than the share `least`
+    where points are few, is not reported. Points lie about `stages` individual laws, from that of
+    no observation to that of nearly all; `pytest tests/tasks/test_fit.py` measures what they miss
+    of the normal law. A bin of a histogram should have `each` values, of `bins` at least and at
+    most. A sum of squares below `tiny` is zero.
     """
 
     points: int = 1024
@@ -38,6 +40,8 @@ class CalibrationSettings:
     seed: int = 20
     bins: tuple[int, int] = (2, 20)
     each: int = 10
+    least: float = 0.0625
+    tiny: float = 1e-300
 
 
 CALIBRATION = CalibrationSettings()
@@ -98,9 +102,9 @@ def _of_block(
     least = settings.impossible
     possible = np.where(np.isnan(terms), least, np.maximum(terms, least))
     known = mean_of(_before(possible, block) + prior[block.owner])[1]
-    effective = 1.0 / np.maximum(np.sum(known**2, axis=1), 1e-300)
+    effective = 1.0 / np.maximum(np.sum(known**2, axis=1), settings.tiny)
     low, high = np.sum(known * below, axis=1), np.sum(known * above, axis=1)
-    enough = effective > min(settings.effective, count / 16)
+    enough = effective > min(settings.effective, settings.least * count)
     return np.where(enough, low + share * (high - low), np.nan)
 
 
@@ -182,7 +186,7 @@ def counted(pit: Array, settings: CalibrationSettings = CALIBRATION) -> Histogra
     """
     bins = int(np.clip(pit.size // settings.each, *settings.bins))
     counts, edges = np.histogram(pit, bins, (0.0, 1.0))
-    low, high = binom.ppf([0.025, 0.975], pit.size, 1.0 / bins)
+    low, high = binom.ppf(INTERVALS.ends, pit.size, 1.0 / bins)
     return Histogram(edges, counts, float(low), float(high), pit.size / bins)
 
 
@@ -194,7 +198,7 @@ def cumulated(pit: Array) -> Cumulated:
     >>> cumulated(np.array([0.25])).difference.tolist()
     [0.0, -0.25, 0.75, 0.0]
     """
-    reach = float(kstwo.ppf(0.95, pit.size))
+    reach = float(kstwo.ppf(INTERVALS.level, pit.size))
     x = np.sort([0.0, reach, 1.0 - reach, 1.0])
     share = np.arange(pit.size + 1) / pit.size
     # from each jump of the share straight down to the next: two points for each probability

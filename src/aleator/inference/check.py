@@ -32,8 +32,23 @@ from aleator.status import Status
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.types import Array, Flags, Indices
 
-SMALLEST = 1e-150
-"""The error of an outcome that does not scatter."""
+
+@dataclass(frozen=True)
+class ExactOutcomeSettings:
+    """How outcomes without noise, and laws that hardly scatter, are checked; by judgement.
+
+    smallest: the error of an outcome that does not scatter, and the least sum of weights.
+    step: share of the scatter; the log-density is differentiated by the outcome over this, or over
+    the error of the line where it is larger.
+    nodes: points of a Gauss-Hermite rule, of no, one and of each of two parameters.
+    """
+
+    smallest: float = 1e-150
+    step: float = 1e-3
+    nodes: tuple[int, int, int] = (1, 5, 3)
+
+
+EXACT_OUTCOMES = ExactOutcomeSettings()
 
 
 @dataclass(frozen=True)
@@ -173,7 +188,7 @@ def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked
     """
     here, (e0, e1) = levels.evaluate(alpha).each, found.line.T
     s0, s1 = found.line_error.T
-    least = np.maximum(s0, 1e-3 * found.scatter)
+    least = np.maximum(s0, EXACT_OUTCOMES.step * found.scatter)
     y = levels.outcomes - e0 / (1.0 + e1)
     there, above, below = (levels.given(y + by * least).evaluate(alpha) for by in (0.0, 1.0, -1.0))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -187,13 +202,13 @@ def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked
 
 def _line(off: Array, away: Array, weights: Array) -> tuple[Array, Array]:
     """Weighted lines (m, 2) through differences `away` (m, P) by `off` (m, P), and their errors."""
-    weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), SMALLEST)
+    weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), EXACT_OUTCOMES.smallest)
     middle, mean = (np.sum(weights * of, axis=1, keepdims=True) for of in (off, away))
     wide = np.sum(weights * (off - middle) ** 2, axis=1)
     safe = np.where(wide > 0.0, wide, np.inf)
     slope = np.sum(weights * (off - middle) * (away - mean), axis=1) / safe
     left = away - mean - slope[:, None] * (off - middle)
-    count = 1.0 / np.maximum(np.sum(weights**2, axis=1), SMALLEST)
+    count = 1.0 / np.maximum(np.sum(weights**2, axis=1), EXACT_OUTCOMES.smallest)
     spread = np.sqrt(np.sum(weights * left**2, axis=1) / np.maximum(count - 1.0, 1.0))
     line = np.stack([mean[:, 0] - slope * middle[:, 0], slope], axis=1)
     error = np.stack([spread * np.sqrt(1.0 + middle[:, 0] ** 2 / safe), spread / np.sqrt(safe)], 1)
@@ -215,7 +230,7 @@ def smoothed(
         return IndividualLikelihood.of(inputs, errors, predictor, layout, GaussHermite(1))
 
     sd = share * scatter_of(with_errors(np.ones(y.size)), alpha)
-    return with_errors(np.where(sd > 0.0, sd, SMALLEST))
+    return with_errors(np.where(sd > 0.0, sd, EXACT_OUTCOMES.smallest))
 
 
 def scatter_of(likelihood: IndividualLikelihood, alpha: Array, points: int = 128) -> Array:
@@ -228,10 +243,10 @@ def scatter_of(likelihood: IndividualLikelihood, alpha: Array, points: int = 128
 
 
 def _rule(variates: int, settings: Check) -> GaussHermite | ImportancePoints:
-    """Points from which those of the check are chosen: 1, 5, or 3 by 3, else about the mode."""
+    """Points from which those of the check are chosen: of a rule, or else about the mode."""
     if variates > 2:
         return ImportancePoints(settings.nodes, 1)
-    return (GaussHermite(1), GaussHermite(5), GaussHermite(3))[variates]
+    return GaussHermite(EXACT_OUTCOMES.nodes[variates])
 
 
 def _lost(block: Block, eta: Array) -> Flags:

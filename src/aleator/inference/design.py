@@ -50,6 +50,12 @@ class DesignSettings:
     most: float = 1e6
     """Repetitions beyond which none are told."""
     seed: int = 5
+    tiny: float = 1e-300
+    """Information below this is zero."""
+    edge: float = 1e-6
+    """Probabilities of drawn estimates stay so far from zero and one."""
+    close: float = 1e-6
+    """Error of a number of repetitions."""
     newton: int = 4
     """Steps that bring a quantile from between two nodes to where it is."""
 
@@ -210,7 +216,7 @@ class DesignPlan:
         nothing = values < self.settings.singular
         if self.directions is not None:
             along = np.einsum("agf,a...fh->a...gh", self._directions, vectors) ** 2
-            share = along / np.maximum(along.sum(axis=-1, keepdims=True), 1e-300)
+            share = along / np.maximum(along.sum(axis=-1, keepdims=True), self.settings.tiny)
             nothing = np.any((share > self.settings.singular) & nothing[..., None, :], axis=-2)
         return np.asarray(np.all(finite & ~np.any(nothing, axis=-1), axis=0))
 
@@ -233,7 +239,7 @@ class DesignPlan:
         """(A, F, F): the information of all experiments together has ones on its diagonal."""
         offered = np.where(np.isfinite(self.offered), self.offered, 0.0)
         whole = np.diagonal(self.present + offered.sum(axis=1), axis1=1, axis2=2)
-        scale = 1.0 / np.sqrt(np.maximum(whole, 1e-300))
+        scale = 1.0 / np.sqrt(np.maximum(whole, self.settings.tiny))
         return np.asarray(scale[:, :, None] * scale[:, None, :])
 
     @cached_property
@@ -301,7 +307,11 @@ def repetitions(
 
     if not np.isfinite(goal) or not beyond(settings.most) < 0.0:
         return None
-    return 0.0 if beyond(0.0) <= 0.0 else float(brentq(beyond, 0.0, settings.most, xtol=1e-6))
+    return (
+        0.0
+        if beyond(0.0) <= 0.0
+        else float(brentq(beyond, 0.0, settings.most, xtol=settings.close))
+    )
 
 
 def _greedy(
@@ -380,7 +390,9 @@ def possible_laws(
     uniform = qmc.Sobol(inference.free.size, rng=settings.seed).random_base2(power)[:count]
     root = np.linalg.cholesky(inference.covariance)
     found = np.tile(alpha, (count, 1))
-    found[:, inference.free] += special.ndtri(np.clip(uniform, 1e-6, 1.0 - 1e-6)) @ root.T
+    found[:, inference.free] += (
+        special.ndtri(np.clip(uniform, settings.edge, 1.0 - settings.edge)) @ root.T
+    )
     return np.asarray(np.clip(found, *limits_of(hyperparameters)))
 
 

@@ -13,9 +13,41 @@ from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
 from aleator.search import Objective
 from aleator.types import Array
 
-LEVEL = 0.95
-BOUND = 1e-6
-"""Closer to a limit than this share of the range is on the limit."""
+
+@dataclass(frozen=True)
+class IntervalSettings:
+    """What an interval contains, and when an estimate is on a limit; by judgement.
+
+    tail: the probability beyond each end of an interval.
+    limit: share of a range; an estimate that is closer to a limit is on it.
+    singular: least eigenvalue of an information with ones on its diagonal; with less it is not
+    positive definite.
+    """
+
+    tail: float = 0.025
+    limit: float = 1e-6
+    singular: float = 1e-12
+
+    @property
+    def level(self) -> float:
+        """The confidence of all intervals.
+
+        >>> IntervalSettings().level
+        0.95
+        """
+        return 1.0 - 2.0 * self.tail
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The probabilities at the two ends.
+
+        >>> IntervalSettings().ends
+        (0.025, 0.975)
+        """
+        return self.tail, 1.0 - self.tail
+
+
+INTERVALS = IntervalSettings()
 
 
 @dataclass(frozen=True)
@@ -26,13 +58,16 @@ class Differences:
     hundredth of a standard error, between 0.003 and 0.03. The information of a standard deviation
     of two units is then within 1e-3 of its closed form (`tests/tasks/test_maxima.py`). No step is
     longer than `share` of the width of the limits: a direction without a bend has no width of its
-    own. At most `tries` steps are tried.
+    own. At most `tries` steps are tried. One step differs from the last by a factor of `farthest`
+    at most, by judgement: far away the drop tells little. An information below `tiny` is zero.
     """
 
     drop: float = 5e-5
     within: float = 10.0
     share: float = 1e-2
     tries: int = 40
+    farthest: float = 1e3
+    tiny: float = 1e-300
 
     def bends(
         self,
@@ -49,19 +84,21 @@ class Differences:
         """
         found = []
         for row, longest in enumerate(self.share * (upper - lower)):
-            step = float(min(longest, (2.0 * self.drop / max(known[row], 1e-300)) ** 0.5))
+            step = float(min(longest, (2.0 * self.drop / max(known[row], self.tiny)) ** 0.5))
             for _ in range(self.tries):
                 ahead, behind = point.copy(), point.copy()
                 ahead[row] = min(point[row] + step, upper[row])
                 behind[row] = max(point[row] - step, lower[row])
                 apart = ahead[row] - behind[row]
                 bend = (scores(behind) - scores(ahead)) / apart
-                off = 0.125 * abs(float(bend[:, row].sum())) * apart**2 / self.drop
+                off = 0.5 * abs(float(bend[:, row].sum())) * (0.5 * apart) ** 2 / self.drop
                 if 1.0 / self.within < off < self.within or (off < 1.0 and step == longest):
                     break
-                # at most a thousandfold: far away the drop tells little
-                factor = float(np.clip(off**-0.5, 1e-3, 1e3)) if off > 0.0 else 1e3
-                step = min(step * factor, longest) if np.isfinite(off) else 1e-3 * step
+                least = 1.0 / self.farthest
+                factor = self.farthest
+                if off > 0.0:
+                    factor = float(np.clip(off**-0.5, least, self.farthest))
+                step = min(step * factor, longest) if np.isfinite(off) else least * step
             found.append(bend)
         return np.array(found) if found else np.zeros((0, 1, 0))
 
@@ -150,7 +187,7 @@ def infer(
     standard_error, sandwich_error = nothing.copy(), nothing.copy()
     standard_error[free] = np.sqrt(np.diag(covariance))
     sandwich_error[free] = np.sqrt(np.diag(sandwich))
-    half = stats.norm.ppf(0.5 + LEVEL / 2.0) * standard_error
+    half = stats.norm.ppf(0.5 + INTERVALS.level / 2.0) * standard_error
     lower, upper = limits_of(hyperparameters)
     return Inference(
         standard_error,
@@ -190,7 +227,7 @@ def observed_information(
 def _side(value: float, h: Hyperparameter) -> str | None:
     if not h.free:
         return None
-    margin = BOUND * (h.upper - h.lower)
+    margin = INTERVALS.limit * (h.upper - h.lower)
     if value <= h.lower + margin:
         return "lower"
     return "upper" if value >= h.upper - margin else None
@@ -202,6 +239,6 @@ def _inverse(information: Array) -> tuple[Array, bool]:
         return information, True
     scale = np.sqrt(np.abs(np.diag(information)))
     scaled = information / np.outer(scale, scale) if np.all(scale > 0.0) else information * np.nan
-    if not np.all(np.isfinite(scaled)) or np.linalg.eigvalsh(scaled)[0] <= 1e-12:
+    if not np.all(np.isfinite(scaled)) or np.linalg.eigvalsh(scaled)[0] <= INTERVALS.singular:
         return np.full_like(information, np.nan), False
     return np.linalg.inv(scaled) / np.outer(scale, scale), True

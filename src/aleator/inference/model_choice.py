@@ -15,7 +15,7 @@ import numpy as np
 from scipy import stats
 
 from aleator.inference.fit import Fit, refitted
-from aleator.inference.information import BOUND, DIFFERENCES
+from aleator.inference.information import DIFFERENCES, INTERVALS
 from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
 from aleator.progress import Progress, Silent
 from aleator.types import Array, Flags, Indices
@@ -250,7 +250,7 @@ class _Local:
         assert found.scores is not None
         scores = found.scores[:, moving]
         lower, upper = limits_of(fit.hyperparameters, moving)
-        margin = BOUND * (upper - lower)
+        margin = INTERVALS.limit * (upper - lower)
         inside = (alpha[moving] > lower + margin) & (alpha[moving] < upper - margin)
         information = informations(fit, scores)
         own = [fit.hyperparameters[k] for k in moving]

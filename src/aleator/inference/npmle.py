@@ -41,6 +41,13 @@ class NPMLESettings:
     crosses: int = 40
     finest: float = 1e-6
     """Step at the end, over the width of the region."""
+    narrower: float = 0.25
+    """Width of a cross over the one before, where the point in its middle is the highest."""
+    flat: float = 1e-3
+    flattest: float = 1e-6
+    """A curvature is at least so large: over the largest of all axes, and over the slope."""
+    tiny: float = 1e-300
+    """A length or a curvature below this is zero."""
     farthest: float = 8.0
     """Steps that Newton's may be long."""
     starts: int = 12
@@ -232,7 +239,7 @@ def uphill(
         points[moving[higher]] = trial[rows, best][higher]
         value[moving[higher]] = values[rows, best][higher]
         near = ~higher | ((best == len(cross)) & (length < width[moving]))
-        width[moving[near]] *= 0.25
+        width[moving[near]] *= settings.narrower
     return points
 
 
@@ -270,12 +277,13 @@ def _top(
         curvature[:, i, j] = curvature[:, j, i] = 0.25 * (pp - pm - mp + mm)
     bent, axes = np.linalg.eigh(np.nan_to_num(curvature))
     along = np.einsum("pij,pi->pj", axes, np.nan_to_num(slope))
-    flat = 1e-3 * np.max(np.abs(bent), axis=1, keepdims=True)
+    flat = settings.flat * np.max(np.abs(bent), axis=1, keepdims=True)
     # a step that is much too long is cut anyhow
-    along /= np.maximum(np.maximum(np.abs(bent), flat), 1e-6 * np.abs(along) + 1e-300)
+    least = settings.flattest * np.abs(along) + settings.tiny
+    along /= np.maximum(np.maximum(np.abs(bent), flat), least)
     step = np.einsum("pij,pj->pi", axes, along)
     length = np.linalg.norm(step, axis=1, keepdims=True)
-    step *= np.minimum(1.0, settings.farthest / np.maximum(length, 1e-300))
+    step *= np.minimum(1.0, settings.farthest / np.maximum(length, settings.tiny))
     return np.asarray(np.clip(points + width[:, None] * step, 0.0, 1.0))
 
 

@@ -39,6 +39,8 @@ class PosteriorSettings:
     shrunk: int = 12
     smaller: float = 0.6
     """Points that tell whether a scale is too wide, and how often it is made how much smaller."""
+    impossible: float = 1e300
+    """Minus the log-density that the search for the mode sees where there is none."""
     mode: int = 50
     """Steps to the mode, at most."""
     target: float = 0.85
@@ -134,7 +136,9 @@ def scaled(
 
     def loss(u: Array) -> tuple[float, Array]:
         found = density(u)
-        return (-found.value, -found.slope) if np.isfinite(found.value) else (1e300, found.slope)
+        if not np.isfinite(found.value):
+            return settings.impossible, found.slope
+        return -found.value, -found.slope
 
     climbed = optimize.minimize(
         loss, start, jac=True, method="BFGS", options={"maxiter": settings.mode}

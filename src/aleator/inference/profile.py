@@ -14,15 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.inference.information import Inference
-from aleator.inference.profile_end import Trace
+from aleator.inference.profile_end import ENDS, EndSettings, Trace
 from aleator.laws import Hyperparameter
 from aleator.search import Objective
 from aleator.search.interface import LogLikelihood, Scored, objective_of, reach_of
 from aleator.search.newton import positive
 from aleator.types import Array, Flags, Indices
-
-LAST = 4
-"""Evaluations that are remembered."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +62,10 @@ class Profile:
 class _Remembering:
     """An objective that knows the last alphas: a guess is judged, and then climbed from."""
 
-    def __init__(self, objective: Objective) -> None:
+    def __init__(self, objective: Objective, size: int = 4) -> None:
+        """`size` is the number of alphas that are kept."""
         self.values = objective.values
+        self._size = size
         self._objective = objective
         self._last: dict[bytes, LogLikelihood] = {}
 
@@ -77,7 +76,7 @@ class _Remembering:
     def __call__(self, alpha: Array) -> LogLikelihood:
         key = alpha.tobytes()
         if key not in self._last:
-            if len(self._last) == LAST:
+            if len(self._last) == self._size:
                 del self._last[next(iter(self._last))]
             self._last[key] = self._objective(alpha)
         return self._last[key]
@@ -91,6 +90,7 @@ def profile_intervals(
     only: Indices | None = None,
     rivals: Sequence[Array] = (),
     about: Array | None = None,
+    settings: EndSettings = ENDS,
 ) -> Profile:
     """The profile-likelihood interval of every free hyperparameter at the maximum alpha (K,).
 
@@ -126,7 +126,7 @@ def profile_intervals(
         follow = -np.linalg.pinv(information, hermitian=True) @ coupling
         trace = Trace(
             climbed, hyperparameters, k, moving, information, follow, maximum.total,
-            maximum.scores, rivals,
+            maximum.scores, rivals, settings,
         )  # fmt: skip
         for side, sign in enumerate((-1.0, 1.0)):
             end = trace.end(alpha, sign, inference, known[k, side])

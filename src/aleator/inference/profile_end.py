@@ -9,41 +9,59 @@ import numpy as np
 from scipy import stats
 
 from aleator.inference.bracket import Bracket
-from aleator.inference.information import LEVEL, Inference
+from aleator.inference.information import INTERVALS, Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search import Objective
 from aleator.search.newton import Summit, ascended, held
 from aleator.search.objective import CountedObjective
 from aleator.types import Array, Indices
 
-TARGET = float(np.sqrt(stats.chi2.ppf(LEVEL, 1)))
+TARGET = float(np.sqrt(stats.chi2.ppf(INTERVALS.level, 1)))
 DROP = 0.5 * TARGET**2
 """How far the profile has dropped at the ends of an interval: 1.92 (Wilks, 1938)."""
-CLOSE = 0.01
-"""An end is found to this share of a standard error: to 0.02 in log-likelihood."""
-CLIMBED = 2e-3
-"""A conditional maximum is found to this in log-likelihood, as far as its curvature is known."""
-LEFT = 0.02
-"""What may be left to climb to a conditional maximum that counts as found."""
-TRIALS, FEW = 40, 8
-"""Conditional maxima of an end, at most; few where the answer is no maximum, and none is told."""
-EVALUATIONS = 250
-"""Evaluations of an end, as many as of five others; where they are spent, it is not known."""
-IMPOSSIBLE = 1e9
-"""A drop from where on the likelihood is nothing."""
-AGAIN = 3
-"""Times that a conditional maximum is climbed to, at most, from where the last climb ended."""
-STEEPER = 2.5
-"""Times the root expected at a value above which a conditional maximum is sought from elsewhere."""
-LOST = 6.0
-"""Standard errors that a guess may lie from what is known; where the likelihood has a kink, the
-parabola leads nowhere."""
-FAR = 2.0
-"""Times the root of an end beyond which a conditional maximum is not built upon."""
-FAIR = 10.0
-"""A guess that is less below the maximum is climbed from, without a look at others."""
-BETTER = 0.01
-"""A conditional maximum this far above the maximum means that the search had missed it."""
+
+
+@dataclass(frozen=True)
+class EndSettings:
+    """How exactly the end of an interval is found; by judgement.
+
+    `tests/inference/test_profile_ends.py` and `test_profile_cost.py` hold the ends and the cost.
+
+    close: standard errors to which an end is found: 0.02 in log-likelihood. climbed: what a
+    conditional maximum is found to in log-likelihood, as far as its curvature is known.
+    left: log-likelihood that may be left to climb to a conditional maximum that counts.
+    trials: conditional maxima of an end, at most. no_maximum: the same where the answer is no
+    maximum, and no end is reported. evaluations: those of an end, as many as of five others; where
+    they are spent, it is not known. again: times that a conditional maximum is climbed to, at
+    most, from where the last climb ended.
+    impossible: a drop of the log-likelihood from where on the likelihood is zero.
+    steeper: times the root expected at a value above which a conditional maximum is sought from
+    elsewhere. distance: standard errors that a guess may lie from what is known; where the
+    likelihood has a kink, the parabola leads nowhere. beyond: times the root of an end beyond
+    which a conditional maximum is not built upon. fair: log-likelihood; a guess that is less below
+    the maximum is climbed from, without a look at others.
+    better: log-likelihood; a conditional maximum so far above the maximum means that the search
+    had missed it. first: share of the distance to the limit at which an end is first sought, where
+    there is no standard error.
+    """
+
+    close: float = 0.01
+    climbed: float = 2e-3
+    left: float = 0.02
+    trials: int = 40
+    no_maximum: int = 8
+    evaluations: int = 250
+    again: int = 3
+    impossible: float = 1e9
+    steeper: float = 2.5
+    distance: float = 6.0
+    beyond: float = 2.0
+    fair: float = 10.0
+    better: float = 0.01
+    first: float = 0.2
+
+
+ENDS = EndSettings()
 
 
 @dataclass(frozen=True)
@@ -74,6 +92,7 @@ class Trace:
     top: float
     scores: Array
     rivals: Sequence[Array] = ()
+    settings: EndSettings = ENDS
 
     def end(self, alpha: Array, sign: float, inference: Inference, about: Array) -> End:
         """Where the profile has dropped by 1.92 on one side, or a better maximum.
@@ -98,27 +117,27 @@ class Trace:
         steep = 1.0 / inference.standard_error[self.k]
         doubted = float("nan")
         nearest = Summit(alpha, self.top, self.scores, self.information, 0.0)
-        for _ in range(TRIALS if inference.positive else FEW):
+        for _ in range(self._trials(inference)):
             guesses = self._best_first(alpha, known.point, inner.point, value, nearest)
-            most = STEEPER * steep * abs(value - alpha[self.k])
+            most = self.settings.steeper * steep * abs(value - alpha[self.k])
             if value == doubted:
                 guesses, information, most = guesses[1:2], self.information, np.inf
             summit = self._summit(guesses, information, most)
-            if value == doubted or abs(_root(self._drop(summit)) - TARGET) < CLOSE:
+            if value == doubted or abs(_root(self._drop(summit)) - TARGET) < self.settings.close:
                 summit = self._above(summit, value)
             drop = self._drop(summit)
-            if abs(_root(drop) - TARGET) < CLOSE or (drop < DROP and value == limit):
+            if abs(_root(drop) - TARGET) < self.settings.close or (drop < DROP and value == limit):
                 summit = self._verified(summit)
                 drop = self._drop(summit)
-            better = summit.value > self.top + BETTER
+            better = summit.value > self.top + self.settings.better
             here, root = End(value, drop, summit.alpha, better), _root(drop)
             if np.isfinite(root):
                 nearest = summit
             if better or (root < TARGET and value == limit):
                 return here
-            if abs(root - TARGET) < CLOSE and summit.gain < LEFT:
+            if abs(root - TARGET) < self.settings.close and summit.gain < self.settings.left:
                 return here
-            if root < FAR * TARGET:
+            if root < self.settings.beyond * TARGET:
                 # what lies far below the maximum tells nothing of the curvature where the end is
                 known, information = here, summit.information
                 steep = root / abs(value - alpha[self.k])
@@ -130,22 +149,25 @@ class Trace:
                 continue
             if bracket.closed:
                 return inner
-            if spent.evaluations > EVALUATIONS:
+            if spent.evaluations > self.settings.evaluations:
                 break
             value = bracket.next(value, root, float(summit.score[self.k]))
         return End(float("nan"), float("nan"), alpha)
 
+    def _trials(self, inference: Inference) -> int:
+        return self.settings.trials if inference.positive else self.settings.no_maximum
+
     def _drop(self, summit: Summit) -> float:
         """How far the profile has dropped at a summit; inf where the likelihood is no number."""
         # what little is left to climb is known well enough to be counted
-        left = summit.gain if summit.gain < LEFT else 0.0
+        left = summit.gain if summit.gain < self.settings.left else 0.0
         drop = self.top - summit.value - left
-        return drop if drop < IMPOSSIBLE else float("inf")
+        return drop if drop < self.settings.impossible else float("inf")
 
     def _summit(self, guesses: Sequence[Array], information: Array, most: float) -> Summit:
         """The conditional maximum; where the root there is larger than `most`, from each guess."""
         best = self._arrived(guesses[0], information)
-        if not _root(self._drop(best)) > most and best.gain < LEFT:
+        if not _root(self._drop(best)) > most and best.gain < self.settings.left:
             return best
         for guess in guesses[1:]:
             again = self._arrived(guess, self.information)
@@ -156,17 +178,17 @@ class Trace:
         """The conditional maximum, or that of the hill of a rival where this is higher."""
         for rival in self.rivals:
             other = self._arrived(self._beside(rival, value), self.information)
-            summit = other if other.value > summit.value + LEFT else summit
+            summit = other if other.value > summit.value + self.settings.left else summit
         return summit
 
     def _arrived(self, guess: Array, information: Array) -> Summit:
         """Climbed from a guess, and anew where a climb ended below the maximum."""
         summit = self._climbed(guess, information)
-        for _ in range(AGAIN - 1):
-            if summit.gain < LEFT or not np.isfinite(summit.value):
+        for _ in range(self.settings.again - 1):
+            if summit.gain < self.settings.left or not np.isfinite(summit.value):
                 break
             before, summit = summit.value, self._climbed(summit.alpha, summit.outer(self.moving))
-            if summit.value - before < LEFT:
+            if summit.value - before < self.settings.left:
                 return replace(summit, gain=0.0)
         return summit
 
@@ -181,10 +203,10 @@ class Trace:
         free = ~held(summit.alpha[self.moving], score, *limits)
         inside = information[np.ix_(free, free)]
         left = 0.5 * float(score[free] @ np.linalg.lstsq(inside, score[free])[0])
-        if left < LEFT:
+        if left < self.settings.left:
             return summit
         again = self._climbed(summit.alpha, information)
-        if again.value - summit.value < LEFT:
+        if again.value - summit.value < self.settings.left:
             return replace(summit, gain=min(summit.gain, again.gain))
         return replace(again, information=summit.information)
 
@@ -195,14 +217,14 @@ class Trace:
             self.hyperparameters,
             self.moving,
             information,
-            CLIMBED,
+            self.settings.climbed,
             bent=True,
         )
 
     def _first(self, bracket: Bracket, sign: float, inference: Inference) -> float:
         reach = TARGET * inference.standard_error[self.k]
         if not np.isfinite(reach):
-            reach = 0.2 * abs(bracket.limit - bracket.center)
+            reach = self.settings.first * abs(bracket.limit - bracket.center)
         return bracket.within(bracket.center + sign * reach)
 
     def _best_first(
@@ -210,7 +232,7 @@ class Trace:
     ) -> list[Array]:
         """Guesses at a value; where the likeliest is no good, the best of all comes first."""
         guesses = self._guesses(alpha, known, inner, value)
-        if self._below(guesses[0]) < FAIR:
+        if self._below(guesses[0]) < self.settings.fair:
             return guesses
         guesses.append(self._tangent(nearest, value))
         best = int(np.argmin([self._below(guess) for guess in guesses]))
@@ -224,7 +246,7 @@ class Trace:
         """Where the conditional maximum may be, the likeliest first; the second beside `inner`."""
         along, beside = self._guess(alpha, known, value), self._beside(inner, value)
         error = np.sqrt(np.diag(np.linalg.pinv(self.information, hermitian=True)))
-        lost = np.any(np.abs(along - known)[self.moving] > LOST * error)
+        lost = np.any(np.abs(along - known)[self.moving] > self.settings.distance * error)
         return [beside if lost else along, beside, self._guess(alpha, alpha, value)]
 
     def _tangent(self, summit: Summit, value: float) -> Array:

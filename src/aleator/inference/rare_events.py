@@ -83,6 +83,30 @@ class CrossEntropy:
     iterations: int = 20
 
 
+@dataclass(frozen=True)
+class RareEventSettings:
+    """How points and levels of rare events are computed; by judgement.
+
+    edge: uniform numbers stay so far from zero and one. tiny: a share below this is zero.
+    stream: the stream of random numbers for the fits, beside that of the points; seeds: numbers
+    between the seeds of two searches, for the points of their rounds.
+    levels: a level of the event is sought to one of so many points. round: what stands for the
+    mean variance in all directions, beside that of the points, where a component has few of them.
+    tail: the least probability of an end of a content interval, and the error of an end.
+    """
+
+    edge: float = 1e-14
+    tiny: float = 1e-300
+    stream: int = 5
+    seeds: int = 1000
+    levels: int = 1000
+    round: float = 0.1
+    tail: float = 1e-6
+
+
+RARE_EVENTS = RareEventSettings()
+
+
 @dataclass(frozen=True, eq=False)
 class ImportanceDensity:
     """Normal densities of d variates: `shares` (M,), means (M, d), Cholesky factors (M, d, d).
@@ -106,7 +130,7 @@ class ImportanceDensity:
 
     def drawn(self, points: Array) -> Array:
         """Points (J, d) by uniform ones (J, d + 1), the last of which chooses the component."""
-        normal = special.ndtri(np.clip(points[:, :-1], 1e-14, 1.0 - 1e-14))
+        normal = special.ndtri(np.clip(points[:, :-1], RARE_EVENTS.edge, 1.0 - RARE_EVENTS.edge))
         last = len(self.shares) - 1
         owner = np.minimum(np.searchsorted(np.cumsum(self.shares), points[:, -1]), last)
         return np.asarray(self.means[owner] + np.einsum("jkl,jl->jk", self.factors[owner], normal))
@@ -119,7 +143,7 @@ class ImportanceDensity:
         ):
             away = linalg.solve_triangular(factor, (u - mean).T, lower=True, check_finite=False)
             parts[k] = (
-                np.log(max(share, 1e-300))
+                np.log(max(share, RARE_EVENTS.tiny))
                 - 0.5 * np.sum(away**2, axis=0)
                 - np.log(np.diag(factor)).sum()
             )
@@ -147,12 +171,13 @@ def importance_density(
     densities (Owen and Zhou, 2000). The law and wider ones keep a share: what lies apart from
     the points of the event that are known is still looked for, and weights are bounded.
     """
-    rng = np.random.default_rng([seed, 5])
+    rng = np.random.default_rng([seed, RARE_EVENTS.stream])
     mixture = ImportanceDensity.of_law(variates, choice.scales)
     used: list[ImportanceDensity] = []
     u, misses, shares = np.empty((0, variates)), None, None
     for round_ in range(choice.rounds):
-        fresh = mixture.drawn(uniform_points(choice.points, variates + 1, 1000 * seed + round_))
+        start = RARE_EVENTS.seeds * seed + round_
+        fresh = mixture.drawn(uniform_points(choice.points, variates + 1, start))
         miss, share = missed(fresh)
         used.append(mixture)
         u = np.concatenate([u, fresh])
@@ -209,7 +234,7 @@ def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Arra
     if not finite.size:
         return None
     low, high = 0, finite.size - 1
-    while high - low > finite.size // 1000 + 1:
+    while high - low > finite.size // RARE_EVENTS.levels + 1:
         middle = (low + high) // 2
         if _effective(within(float(finite[middle]))) >= effective:
             high = middle
@@ -257,7 +282,7 @@ def _fitted(
 def _rounder(spread: Array, count: float) -> Array:
     """A covariance (d, d) of so many points, nearer to one that is alike in all directions."""
     d = len(spread)
-    alike = (d + 1.0) * float(np.trace(spread)) / d + 0.1
+    alike = (d + 1.0) * float(np.trace(spread)) / d + RARE_EVENTS.round
     return np.asarray((count * spread + alike * np.eye(d)) / (count + d + 1.0))
 
 
@@ -319,9 +344,9 @@ def content_interval(
         shares = np.array(inside) / total
         return float(quantiles(shares, draws, np.array([1.0 - confidence]))[0]) - content
 
-    least, most = 1e-6, 0.5 * (1.0 - content)
+    least, most = RARE_EVENTS.tail, 0.5 * (1.0 - content)
     if excess(least) < 0.0:
         return float("nan"), float("nan")
-    t = most if excess(most) >= 0.0 else float(optimize.brentq(excess, least, most, xtol=1e-6))
+    t = most if excess(most) >= 0.0 else float(optimize.brentq(excess, least, most, xtol=least))
     low, high = ends(t)
     return float(low), float(high)

@@ -404,11 +404,11 @@ def _parse(raw: bytes, path: Path) -> dict[str, Any]:
         ) from None
 
 
-def _line(message: str, text: str) -> str:
+def _line(message: str, text: str, most: int = 60) -> str:
     """The line that a message of tomllib speaks of, to be printed after it."""
     _, found, rest = message.partition("at line ")
     number = rest.partition(",")[0]
     lines = text.splitlines()
     if not found or not number.isdigit() or int(number) > len(lines):
         return ""
-    return f": {lines[int(number) - 1].strip()[:60]!r}"
+    return f": {lines[int(number) - 1].strip()[:most]!r}"

@@ -121,15 +121,15 @@ def _told(key: str, problem: str, remedy: str) -> PydanticCustomError:
     return PydanticCustomError(TOLD, "{key}{problem}", context)
 
 
-def in_toml(value: object) -> str:
-    """A value as it is written in TOML, cut to one line.
+def in_toml(value: object, most: int = 60) -> str:
+    """A value as it is written in TOML, cut to so many letters at most.
 
     >>> in_toml(True), in_toml("text"), in_toml([1.0, "a"])
     ('true', '"text"', '[1.0, "a"]')
     """
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     text = text.replace("'", '"')
-    return text if len(text) <= 60 else text[:57] + "..."
+    return text if len(text) <= most else text[: most - 3] + "..."
 
 
 def form(value: Any) -> str:

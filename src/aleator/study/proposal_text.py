@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 from aleator.study.offers import Offer, SimulatorInput
 from aleator.study.proposal import Proposal, Proposed
@@ -12,11 +12,21 @@ from aleator.study.proposal import Proposal, Proposed
 LAST = r"(\S+)\s*\Z"
 """What a program prints last."""
 KNOWN = "the number that is known: one value an experiment hardly tells it from the law"
-SHOWN = 20
-"""Variables of an FMU that are listed."""
-WIDTH = 34
-"""Where the remarks begin."""
 FILL_IN = "FILL IN"
+
+
+@dataclass(frozen=True)
+class ProposalSettings:
+    """How a proposed study is written; by what a reader sees at once.
+
+    variables: those of an FMU that are listed. column: letters before a remark.
+    """
+
+    variables: int = 20
+    column: int = 34
+
+
+WRITTEN = ProposalSettings()
 
 
 def study_text(proposal: Proposal, schema: str | None = None) -> str:
@@ -182,7 +192,7 @@ _SIMULATORS = {
 
 
 def _of_fmu(proposal: Proposal, offer: Offer) -> list[str]:
-    names = ", ".join(each.name for each in offer.returned[:SHOWN])
+    names = ", ".join(each.name for each in offer.returned[: WRITTEN.variables])
     lines = [
         line("outcome", proposal.returned, "its value at the end; also maximum, crossing: "
               "docs/simulators.md")
@@ -247,7 +257,7 @@ def _untouched(proposal: Proposal) -> list[str]:
     """What keeps its value, so that it can be taken as a parameter."""
     if not proposal.untouched:
         return []
-    rest = len(proposal.untouched) - SHOWN
+    rest = len(proposal.untouched) - WRITTEN.variables
     of = "variables of the FMU" if proposal.offer.kind == "fmu" else "arguments"
     lines = [f"# Other {of}, which keep their values unless they get a section:"]
     lines += [
@@ -255,7 +265,7 @@ def _untouched(proposal: Proposal) -> list[str]:
         f"{'' if each.nominal is None else f' = {each.nominal:g}'}"
         f"{f'  {each.description}' if each.description else ''}"
         f"{_variable(proposal.offer, each)}"
-        for each in proposal.untouched[:SHOWN]
+        for each in proposal.untouched[: WRITTEN.variables]
     ]
     return [*lines, *([f"#   and {rest} more"] if rest > 0 else [])]
 
@@ -311,7 +321,11 @@ def fill(key: str, form: str, remark: str) -> str:
 
 def remarked(text: str, remark: str) -> str:
     """A line with its remark beside it, or above where it is long."""
-    return f"{text:<{WIDTH}} # {remark}" if len(text) <= WIDTH else f"# {remark}:\n{text}"
+    return (
+        f"{text:<{WRITTEN.column}} # {remark}"
+        if len(text) <= WRITTEN.column
+        else f"# {remark}:\n{text}"
+    )
 
 
 def key(name: str) -> str:

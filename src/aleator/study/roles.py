@@ -235,13 +235,15 @@ class Roles:
     others: tuple[str, ...]
 
 
-def sheet_of(path: Path) -> Sheet:
+def sheet_of(path: Path, head: int = 10_000) -> Sheet:
     """Read a delimited file by the delimiter that its header has most of, and by its decimals.
+
+    The header is looked for in so many bytes of its `head`.
 
     Raises ExperimentsError as `tables.read` does.
     """
     try:
-        header = path.read_bytes()[:10_000].decode("utf-8", "replace").partition("\n")[0]
+        header = path.read_bytes()[:head].decode("utf-8", "replace").partition("\n")[0]
     except OSError:
         header = ""  # `tables.read` tells it
     delimiter = max(DELIMITERS, key=header.count)

@@ -17,7 +17,7 @@ from scipy import special
 
 from aleator.errors import AleatorError, InputsError, short
 from aleator.inference.fit import Fit, refitted
-from aleator.inference.information import LEVEL
+from aleator.inference.information import INTERVALS
 from aleator.laws.hyperparameter import limits_of
 from aleator.progress import Progress, Silent
 from aleator.results import printed
@@ -29,17 +29,19 @@ from aleator.threads import single_threaded
 from aleator.types import Array
 
 
-def percentile(alpha: Array, level: float = LEVEL) -> Array:
+def percentile(alpha: Array, level: float = INTERVALS.level) -> Array:
     """Intervals (F, 2) between quantiles of replicates (R, F); NaN without any."""
     return quantiles(alpha, np.full((alpha.shape[1], 2), _tails(level)))
 
 
-def basic(estimate: Array, alpha: Array, level: float = LEVEL) -> Array:
+def basic(estimate: Array, alpha: Array, level: float = INTERVALS.level) -> Array:
     """Intervals (F, 2) by the errors, estimate - (quantile - estimate) (Efron 1979)."""
     return np.asarray(2.0 * estimate[:, None] - percentile(alpha, level)[:, ::-1])
 
 
-def bias_corrected(estimate: Array, alpha: Array, influence: Array, level: float = LEVEL) -> Array:
+def bias_corrected(
+    estimate: Array, alpha: Array, influence: Array, level: float = INTERVALS.level
+) -> Array:
     """BCa intervals (F, 2) of replicates (R, F), second-order right (Efron 1987).
 
     The quantiles are those of the levels Phi(z0 + (z0 + z)/(1 - a (z0 + z))), z = Phi^-1 of the
@@ -206,20 +208,20 @@ def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
     return exact and all(_near(found.get(key), head[key]) for key in numbers)
 
 
-def _near(found: Any, wanted: Any, relative: float = 1e-5) -> bool:
+def _near(found: Any, wanted: Any, relative: float = 1e-5, absolute: float = 1e-12) -> bool:
     """Whether these are the numbers that are wanted, but for a relative difference."""
     try:
         numbers = np.array(found, dtype=float)
     except (OverflowError, TypeError, ValueError):  # damaged
         return False
     same = numbers.shape == np.shape(wanted)
-    return same and bool(np.allclose(numbers, wanted, rtol=relative, atol=1e-12))
+    return same and bool(np.allclose(numbers, wanted, rtol=relative, atol=absolute))
 
 
 FILE = "bootstrap.jsonl"
 PARAMETRIC, NONPARAMETRIC = "parametric", "nonparametric"
 ARRIVED, LEFT = "arrived", "not at a maximum"
-INTERVALS = ("percentile", "basic", "bca")
+KINDS = ("percentile", "basic", "bca")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -273,7 +275,7 @@ class Bootstrap:
         nothing = np.full(len(self.names), np.nan)
         scatter = alpha.std(axis=0, ddof=1) if enough else nothing
         width = np.diff(self.limits, axis=1)[:, 0]
-        low, high = (np.abs(alpha - end) <= 1e-6 * width for end in self.limits.T)
+        low, high = (np.abs(alpha - end) <= INTERVALS.limit * width for end in self.limits.T)
         columns = {
             "estimate": self.estimate,
             "bias": alpha.mean(axis=0) - self.estimate if enough else nothing,
@@ -281,7 +283,7 @@ class Bootstrap:
             "standard_error": scatter,
             "at_limit": np.mean(low | high, axis=0) if enough else nothing,
         }
-        for kind in INTERVALS:
+        for kind in KINDS:
             ends = self.intervals(kind).to_numpy()
             columns |= {f"{kind}_lower": ends[:, 0], f"{kind}_upper": ends[:, 1]}
         return pd.DataFrame(columns, index=[*self.names])
@@ -292,8 +294,8 @@ class Bootstrap:
         Cut at the limits. Raises InputsError for another kind.
         """
         alpha = self.alpha
-        if kind not in INTERVALS:
-            raise InputsError(f"intervals '{kind}'", f"choose {', '.join(INTERVALS)}")
+        if kind not in KINDS:
+            raise InputsError(f"intervals '{kind}'", f"choose {', '.join(KINDS)}")
         if kind == "percentile":
             ends = percentile(alpha)
         elif kind == "basic":

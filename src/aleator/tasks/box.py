@@ -40,6 +40,12 @@ class BoxSettings:
     """Share of the limits' width to which the end of a side is found."""
     retreat: float = 0.01
     """Share of the limits' width by which a side stays away from the failures that limit it."""
+    narrowed: float = 0.1
+    """Share of the width of the box by which a side moves inward in one round, at most."""
+    first: int = 8
+    """Experiments that failed last, which are looked at before all others."""
+    again: int = 8
+    """Times as many points, where the first have no valid one."""
     patience: int = 30
     """Rounds in which that share grows by itself once: where one large box is as good as the next,
     the failures between them would take forever to find.
@@ -96,7 +102,7 @@ class _Known:
     def worst_first(self, groups: NDArray[np.intp]) -> list[NDArray[np.intp]]:
         """The experiments in batches: those that failed before, then all others."""
         seen = [l for l in dict.fromkeys(reversed(self.culprit)) if l in set(groups.tolist())]
-        first = np.array(seen[:8], dtype=np.intp)
+        first = np.array(seen[: BOX.first], dtype=np.intp)
         rest = np.setdiff1d(groups, first)
         return [part for part in (first, rest) if part.size]
 
@@ -188,7 +194,7 @@ class _BoxSearch:
         )
         self._look(first)
         if not self.known.valid:
-            self._look(self.sobol.random(8 * self.settings.points))
+            self._look(self.sobol.random(self.settings.again * self.settings.points))
         if not self.known.valid:
             raise self._hopeless()
         quiet = 0
@@ -318,8 +324,8 @@ def _volume(box: Array) -> float:
 
 
 def _retreated(box: Array, retreat: float) -> Array:
-    """The box with every side that a failure set moved inward, by at most a tenth of its width."""
-    step = np.minimum(retreat, 0.1 * np.diff(box, axis=1)[:, 0])
+    """The box with every side that a failure set moved inward."""
+    step = np.minimum(retreat, BOX.narrowed * np.diff(box, axis=1)[:, 0])
     low = np.where(box[:, 0] > 0.0, box[:, 0] + step, 0.0)
     high = np.where(box[:, 1] < 1.0, box[:, 1] - step, 1.0)
     return np.stack([low, high], axis=1)

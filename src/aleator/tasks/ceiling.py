@@ -40,7 +40,8 @@ class CeilingSettings:
     of the other parameters, maps `side` points a side. It is quick for `experiments` at least (any
     law explains fewer), at most so many scattering `parameters`, `nodes` of all observations, and
     so many values of the simulator itself (`direct`) or of `surfaces` a replicate, of which there
-    are `replicates`.
+    are `replicates`. `seed` is that of draws for a curve, `start` that of the points from which the
+    best law is sought.
     """
 
     points: tuple[int, int, int] = (256, 1024, 2048)
@@ -58,6 +59,8 @@ class CeilingSettings:
     direct: int = 100_000
     surfaces: int = 300_000
     replicates: int = 39
+    seed: int = 11
+    start: int = 7
 
 
 CEILING = CeilingSettings()
@@ -201,7 +204,7 @@ def best_of(sought: LawRegion, seed: int) -> NPMLE:
     """The best law of a fit, on points of its region."""
     own = sought.own(np.random.default_rng([seed, 0]))
     points = np.concatenate([sought.cover(0, sought.count), own])
-    return npmle(sought.log_density, points, sought.cover(7, 2 * sought.count))
+    return npmle(sought.log_density, points, sought.cover(sought.settings.start, 2 * sought.count))
 
 
 def best_possible(
@@ -421,7 +424,7 @@ def _draws(sought: LawRegion) -> Array:
     """Points (64, s) of the chosen law; one where nothing else scatters."""
     inputs, alpha = sought.fit.inputs, sought.fit.alpha
     count = sought.settings.across if len(sought.names) > 1 else 1
-    uniform = qmc.Sobol(len(inputs.names), rng=11).random(count)
+    uniform = qmc.Sobol(len(inputs.names), rng=sought.settings.seed).random(count)
     return sought.z(inputs.sample(alpha[: inputs.size], uniform))
 
 

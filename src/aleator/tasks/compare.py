@@ -13,7 +13,7 @@ import pandas as pd
 
 from aleator.errors import ExperimentsError, InputsError, nearest
 from aleator.inference.fit import Fit, refitted
-from aleator.inference.information import BOUND
+from aleator.inference.information import INTERVALS
 from aleator.inference.model_choice import (
     Criteria,
     LeaveOneOut,
@@ -249,7 +249,7 @@ def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
 
 
 def _on_limit(h: Hyperparameter, value: float) -> bool:
-    margin = BOUND * (h.upper - h.lower)
+    margin = INTERVALS.limit * (h.upper - h.lower)
     return value <= h.lower + margin or value >= h.upper - margin
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from itertools import combinations, islice
 
 import numpy as np
@@ -34,25 +35,46 @@ from aleator.progress import Progress
 from aleator.results.values import REPORTED, Consistency, Statistic
 from aleator.types import Array
 
-FEWEST = 5
-"""Observations below which nothing is tested."""
-STAGES = ((40, 0.001, 0.3), (100, 0.01, 0.12), (200, 0.0, 0.0))
-"""So many replicates are enough where p is then below the one or above the other."""
-VALUES, LEAST = 150_000_000, 40
-"""Simulated values of all replicates at most, and replicates at least."""
-MANY, FEW = 3000, 100
-"""Observations above which no more replicates than so few are made."""
-UNKNOWN = 0.02
-"""Share of probabilities that may be missing before more points are taken: the missing are no
-random ones (crack growth had a mean square of 0.59 with 13 % missing, exact 1.00)."""
-LOST = 0.2
-"""Share of probabilities or replicates that may be missing."""
-SHOWN = 3
-"""Discrepancies that are told."""
+
+@dataclass(frozen=True)
+class ConsistencySettings:
+    """When the model is tested and by how many replicates; by judgement.
+
+    observations: observations; with fewer nothing is tested.
+    stages: numbers of replicates, each with two probabilities: so many are enough where p is then
+    below the first or above the second. values: simulated values of all replicates, at most, but
+    for `least` replicates. large: observations; with more there are no more than
+    `large_replicates` replicates.
+    unknown: share of probabilities that may be missing before more points are taken: the missing
+    are no random ones (crack growth had a mean square of 0.59 with 13 % missing, exact 1.00).
+    lost: share of probabilities or replicates that may be missing.
+    discrepancies: those that are reported. stream: the stream of random numbers for replicates.
+    """
+
+    observations: int = 5
+    stages: tuple[tuple[int, float, float], ...] = (
+        (40, 0.001, 0.3), (100, 0.01, 0.12), (200, 0.0, 0.0),
+    )  # fmt: skip
+    values: int = 150_000_000
+    least: int = 40
+    large: int = 3000
+    large_replicates: int = 100
+    unknown: float = 0.02
+    lost: float = 0.2
+    discrepancies: int = 3
+    stream: int = 11
+
+
+CONSISTENCY = ConsistencySettings()
 
 
 def consistency_of(
-    fit: Fit, sound: bool, seed: int, progress: Progress, asked: Collection[str] = ()
+    fit: Fit,
+    sound: bool,
+    seed: int,
+    progress: Progress,
+    asked: Collection[str] = (),
+    settings: ConsistencySettings = CONSISTENCY,
 ) -> Consistency:
     """Whether the experiments look as they do under the fitted model.
 
@@ -66,11 +88,11 @@ def consistency_of(
         return Consistency.untested("the answer was not computed soundly")
     fit = fit.for_replicates()
     table, count = fit.table, len(fit.table.observations)
-    if count < FEWEST:
+    if count < settings.observations:
         return Consistency.untested(f"there are only {count} observations")
-    points = points_of(fit, 1.0 - UNKNOWN)
+    points = points_of(fit, 1.0 - settings.unknown)
     observed = residuals_of(fit, points)
-    if np.mean(observed.known) < 1.0 - LOST:
+    if np.mean(observed.known) < 1.0 - settings.lost:
         return Consistency.untested("too many observations have no predicted probability")
     columns = columns_of(table)
     copies = copies_of(columns, table, asked, observed.normal)
@@ -87,9 +109,11 @@ def consistency_of(
     )
     with np.errstate(all="ignore"):
         statistics = battery.values(observed)
-        source = replicated(fit, battery, points, np.random.default_rng([seed, 11]))
-        most = min(max(LEAST, VALUES // (count * points)), FEW if count > MANY else VALUES)
-        found = _enough(battery, statistics, source, most, progress)
+        source = replicated(fit, battery, points, np.random.default_rng([seed, settings.stream]))
+        most = max(settings.least, settings.values // (count * points))
+        if count > settings.large:
+            most = min(most, settings.large_replicates)
+        found = _enough(battery, statistics, source, most, progress, settings)
     if found is None:
         return Consistency.untested("too many replicates of the experiments have no statistics")
     against = sorted(
@@ -103,7 +127,10 @@ def consistency_of(
         found.together >= REPORTED.level,
         found.together,
         found.replicates,
-        tuple(told(test, battery.several, within, measured) for test in _causes(against, within)),
+        tuple(
+            told(test, battery.several, within, measured)
+            for test in _causes(against, within, settings)
+        ),
         outliers_of(observed, table),
         found.tests,
         relations=battery.relations.told(
@@ -136,18 +163,23 @@ def _scattering(fit: Fit) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]
 
 
 def _enough(
-    battery: Battery, statistics: Array, source: Iterator[Array], most: int, progress: Progress
+    battery: Battery,
+    statistics: Array,
+    source: Iterator[Array],
+    most: int,
+    progress: Progress,
+    settings: ConsistencySettings,
 ) -> Judgement | None:
     replicates: list[Array] = []
     exists, made, found = np.isfinite(statistics), 0, None
-    for stage, low, high in STAGES:
+    for stage, low, high in settings.stages:
         count = min(stage, most)
         for values in islice(source, count - made):
             made += 1
             progress.update(f"replicate {made} of {count}", made, count)
             if np.all(np.isfinite(values[exists])):
                 replicates.append(np.where(exists, values, 0.0))
-        if len(replicates) < (1.0 - LOST) * made:
+        if len(replicates) < (1.0 - settings.lost) * made:
             return None
         found = judged(battery.subjects, np.where(exists, statistics, 0.0), np.array(replicates))
         if count == most or found.together < low or found.together > high:
@@ -155,7 +187,9 @@ def _enough(
     return found
 
 
-def _causes(tests: list[Statistic], within: Collection[str]) -> list[Statistic]:
+def _causes(
+    tests: list[Statistic], within: Collection[str], settings: ConsistencySettings
+) -> list[Statistic]:
     """What is told of the tests that contradict the model, of which each explains others.
 
     The strongest, and what differs between experiments by a column of them, each column once. A
@@ -177,4 +211,4 @@ def _causes(tests: list[Statistic], within: Collection[str]) -> list[Statistic]:
     for test in placed:
         if test.column not in {ORDER, *(t.column for t in told)}:
             told.append(test)
-    return told[:SHOWN]
+    return told[: settings.discrepancies]

@@ -22,11 +22,20 @@ if TYPE_CHECKING:
     from aleator.moments.densities import Density
     from aleator.moments.propagation import Collocation
 
-GROWTH = (1.0, 5.0)
-"""Runs that surfaces came to, over those of their first round, in the examples and in trials of one
-and two parameters: the wet clutch 4.1, an outcome that wiggles against a small noise 4.7."""
-CHECK = 0, 12
-"""Runs of each unit that the check on the simulator takes."""
+
+@dataclass(frozen=True)
+class CostSettings:
+    """How runs are foreseen.
+
+    growth: runs that surfaces came to, over those of their first round, least and most, in the
+    examples and in trials of one and two parameters: the wet clutch 4.1, an outcome that wiggles
+    against a small noise 4.7. The most runs of each unit for the check are those of `Check`.
+    """
+
+    growth: tuple[float, float] = (1.0, 5.0)
+
+
+COST = CostSettings()
 
 
 @dataclass(frozen=True)
@@ -51,6 +60,7 @@ def expected_cost(
     density: Density | None,
     verification: Check,
     plan: LookPlan,
+    settings: CostSettings = COST,
 ) -> Cost | None:
     """How many runs `identify` will make; None where it says nothing beforehand (collocation).
 
@@ -73,9 +83,9 @@ def expected_cost(
     few = few_runs(moving, propagation, plan.count)
     begun = few, first_runs(moving, propagation)
     given = verification.samples
-    check = CHECK if given is None else (0, given)
+    check = (0, verification.most if given is None else given)
     least, most = (
         plan.count * min(int(growth * first), propagation.max_runs) + runs * runner.units
-        for growth, first, runs in zip(GROWTH, begun, check, strict=True)
+        for growth, first, runs in zip(settings.growth, begun, check, strict=True)
     )
     return Cost(least, most, False)

@@ -101,6 +101,8 @@ class LookSettings:
     """Share of failed runs at which there is nothing to look at."""
     sure: float = 3.0
     """Standard deviations of the noise by which a measured value may lie beyond what is reached."""
+    tiny: float = 1e-300
+    """An outcome below this is as large."""
     nothing: float = 1e-6
     """Share of all that an outcome moves below which a parameter has no influence."""
 
@@ -192,7 +194,7 @@ class Look:
     def without_influence(self) -> Flags:
         """(n',) which moving parameters move no outcome."""
         low, high = self.reached.T
-        size = self.settings.nothing * np.maximum(np.abs(high), 1e-300)
+        size = self.settings.nothing * np.maximum(np.abs(high), self.settings.tiny)
         least = np.where(
             high > low, self.settings.nothing * high - self.settings.nothing * low, size
         )

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from aleator.errors import InputsError
 from aleator.fit.question import DEFAULT_PROPAGATION
-from aleator.inference.alpha_draws import DRAWS, WIDE, AlphaDraws, alpha_draws, estimated
+from aleator.inference.alpha_draws import DRAWING, AlphaDraws, alpha_draws, estimated
 from aleator.inference.fit import Fit
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -29,7 +29,7 @@ from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.limits import Tolerance, limits
 from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
-from aleator.tasks.decide.sample import CHECKS
+from aleator.tasks.decide.sample import SAMPLE
 from aleator.tasks.pictures import pictured
 from aleator.tasks.session import Runners, Session, kept, missing, runners, runners_like
 
@@ -130,7 +130,7 @@ class Identification(Result):
         return self.session.log_likelihood(alpha, self.alpha)
 
     def draws(
-        self, count: int = DRAWS, *, seed: int = 0, by_likelihood: bool = False
+        self, count: int = DRAWING.count, *, seed: int = 0, by_likelihood: bool = False
     ) -> AlphaDraws:
         """Values of alpha that the experiments leave plausible, with weights; none leaves limits.
 
@@ -144,7 +144,7 @@ class Identification(Result):
             estimated(self.alpha, self.correlation_names, self.correlation, self._hyperparameters),
             count,
             seed,
-            WIDE if by_likelihood else 1.0,
+            DRAWING.wide if by_likelihood else 1.0,
         )
         return found.reweighted(kept(self.session.fit).objective()) if by_likelihood else found
 
@@ -188,7 +188,7 @@ class Identification(Result):
         of: str | None = None,
         noise: bool = True,
         uncertainty: bool | AlphaDraws = True,
-        checks: int = CHECKS,
+        checks: int = SAMPLE.checks,
         progress: Progress | None = None,
     ) -> pd.DataFrame:
         """The probability that an outcome is above, below or between values, rare or not.

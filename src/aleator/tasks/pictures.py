@@ -15,6 +15,7 @@ from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGri
 
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.fit import Fit
+from aleator.inference.information import INTERVALS
 from aleator.inference.likelihood_shape import (
     Objective,
     around,
@@ -46,9 +47,17 @@ class PictureSettings:
     band_points: int = 101
     few: int = 40
     """Experiments whose laws are averaged where each has its own."""
+    steps: int = 5
+    """Steps between two points of a surface."""
+    band_ends: tuple[float, float] = (0.002, 0.998)
+    """Probabilities of a law between which its density is drawn."""
+    wide: tuple[float, float] = (0.25, 0.75)
+    """Quantiles of the ends of other laws to which it is drawn at least."""
     around: int = 73
     """Points of a contour."""
     masses: tuple[float, float] = (0.5, 0.95)
+    contours: tuple[float, float, float] = (0.5, 0.8, 0.95)
+    """Confidence of the curves of the likelihood of two hyperparameters."""
     pairs: int = 6
     side: int = 11
     """Points of a side of the surface."""
@@ -92,10 +101,6 @@ def _shortest(values: Any, digits: int) -> Any:
     return float(f"{values:.{digits}g}") if np.isfinite(values) else None
 
 
-STEPS = 5
-"""Steps between two points of a surface."""
-
-
 def profile_line(
     at: Array, below: Array, settings: PictureSettings = PICTURES
 ) -> tuple[Array, Array]:
@@ -117,24 +122,20 @@ def profile_line(
     return x, -0.5 * PchipInterpolator(at, root)(x) ** 2
 
 
-def finer(grid: Array) -> Array:
+def finer(grid: Array, settings: PictureSettings = PICTURES) -> Array:
     """A square grid with steps between its points: smooth, or straight where some are unknown.
 
     >>> side = np.arange(4.0)
-    >>> bool(np.allclose(finer(np.add.outer(side, side**2))[::STEPS, 1], side + 1 / STEPS**2))
+    >>> steps = PICTURES.steps
+    >>> bool(np.allclose(finer(np.add.outer(side, side**2))[::steps, 1], side + 1 / steps**2))
     True
     """
     at = np.arange(float(len(grid)))
-    fine = np.linspace(0.0, at[-1], STEPS * (len(grid) - 1) + 1)
+    fine = np.linspace(0.0, at[-1], settings.steps * (len(grid) - 1) + 1)
     if np.all(np.isfinite(grid)):
         return np.asarray(RectBivariateSpline(at, at, grid)(fine, fine))
     between = np.meshgrid(fine, fine, indexing="ij")
     return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
-
-
-BAND_ENDS = np.array([0.002, 0.998])
-"""Probabilities of a law between which its density is drawn."""
-LEVELS = np.array([0.025, 0.975])
 
 
 def law_bands(
@@ -155,8 +156,8 @@ def law_bands(
             continue
         low, high = _ends(law, here[i])
         wide = np.array([_ends(law, own[i]) for own in others])
-        low = min(low, float(np.quantile(wide[:, 0], 0.25)))
-        high = max(high, float(np.quantile(wide[:, 1], 0.75)))
+        low = min(low, float(np.quantile(wide[:, 0], settings.wide[0])))
+        high = max(high, float(np.quantile(wide[:, 1], settings.wide[1])))
         x = np.linspace(low, high, settings.band_points)
         density = _density(law, here[i], x)
         each = np.array([_density(law, own[i], x) for own in others])
@@ -165,7 +166,9 @@ def law_bands(
         found[name] = {"x": drawn(x, settings.places), "density": drawn(density)}
         if not draws.certain:
             with np.errstate(invalid="ignore"):
-                band = quantiles(each.T, np.broadcast_to(draws.weights, each.T.shape), LEVELS)
+                band = quantiles(
+                    each.T, np.broadcast_to(draws.weights, each.T.shape), np.array(INTERVALS.ends)
+                )
             found[name] |= {"lower": drawn(band[:, 0]), "upper": drawn(band[:, 1])}
     return found
 
@@ -212,7 +215,7 @@ def _values(
 
 
 def _ends(law: Law, values: Array) -> tuple[float, float]:
-    ends = np.array([law.quantile(own, BAND_ENDS) for own in values.T])
+    ends = np.array([law.quantile(own, np.array(PICTURES.band_ends)) for own in values.T])
     return float(ends.min()), float(ends.max())
 
 

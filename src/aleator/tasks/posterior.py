@@ -13,6 +13,7 @@ import pandas as pd
 
 from aleator.errors import AleatorError, InputsError
 from aleator.inference.fit import Fit
+from aleator.inference.information import INTERVALS
 from aleator.inference.posterior import (
     POSTERIOR,
     SAMPLER,
@@ -42,6 +43,8 @@ class DrawnReportSettings:
     looked_at: int = 16
     """Draws at which more nodes are tried, and whose laws are held against the region."""
     fewest: int = 10
+    longer: float = 1.3
+    """Times the draws that the effective sample size asks for."""
     shown: float = 0.2
     """Seconds between two words to the progress."""
     most_kept: int = 20_000_000
@@ -164,7 +167,8 @@ class Posterior:
         97.5 %), ``r_hat``, ``ess_bulk``, ``ess_tail``.
         """
         flat = self.draws.reshape(-1, len(self.names))
-        lower, median, upper = np.quantile(flat, [0.025, 0.5, 0.975], axis=0)
+        low, high = INTERVALS.ends
+        lower, median, upper = np.quantile(flat, [low, 0.5, high], axis=0)
         columns = {
             "mean": flat.mean(axis=0), "sd": flat.std(axis=0, ddof=1), "median": median,
             "lower": lower, "upper": upper, "r_hat": self.convergence.r_hat,
@@ -260,7 +264,7 @@ class Posterior:
     def _enough(self) -> int:
         """Draws of each chain that may do, by the effective sample size of these."""
         draws = self.draws.shape[1]
-        factor = max(2.0, 1.3 * POSTERIOR.least_ess / max(self.convergence.least, 1.0))
+        factor = max(2.0, REPORTED.longer * POSTERIOR.least_ess / max(self.convergence.least, 1.0))
         return int(np.ceil(draws * min(factor, 100.0) / 100.0) * 100)
 
 

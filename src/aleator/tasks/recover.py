@@ -16,7 +16,7 @@ from aleator.errors import InputsError
 from aleator.fit.flow import answered
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
-from aleator.inference.information import LEVEL, Inference
+from aleator.inference.information import INTERVALS, Inference
 from aleator.inference.likelihood_at import censored_alike
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, drawn
@@ -199,7 +199,7 @@ class Recovery:
         """Coverage by the estimate and its errors (R, F, 2)."""
         if self.errors is None:
             return {}
-        half = float(stats.norm.ppf(0.5 + 0.5 * LEVEL)) * self.errors
+        half = float(stats.norm.ppf(0.5 + 0.5 * INTERVALS.level)) * self.errors
         held = np.abs(self.alpha - self.truth)[..., None] <= half
         known = np.isfinite(half)
         names = ("by_error", "by_sandwich")

@@ -33,20 +33,22 @@ class ScreenSettings:
     then get degree 8, 6, 3, 2."""
     highest_degree: int = 8
     runs_per_term: int = 2
+    first_runs: int = 10
+    """Runs a parameter that the screening begins with; doubled until the expansions are good."""
+    good: float = 0.01
+    quantile: float = 0.9
+    """Share of the variance that this share of the expansions may miss at most."""
+    confounded: float = 0.96
+    """Alignment above which two parameters are hard to tell apart: their collinearity index
+    1/sqrt(1 - |alignment|) is then above 5, from where on Brun, Reichert and Kuensch (Water Resour.
+    Res. 37 (2001)) see trouble."""
+    rounding: float = 1e-10
+    """Error of an effect by rounding, over the outcome's sd."""
     lost: float = 3.0
     """Errors of an effect below which it has no direction."""
 
 
 SCREEN = ScreenSettings()
-
-FIRST_RUNS = 10
-"""Runs a parameter that the screening begins with; doubled until the expansions are good."""
-GOOD = 0.01
-"""Share of the variance that nine of ten expansions may miss at most."""
-CONFOUNDED = 0.96
-"""Alignment above which two parameters are hard to tell apart: their collinearity index
-1/sqrt(1 - |alignment|) is then above 5, from where on Brun, Reichert and Kuensch (Water Resour.
-Res. 37 (2001)) see trouble."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,7 @@ class Sensitivity:
         """
         size = np.linalg.norm(self.effects, axis=0)
         error = np.linalg.norm(self.expansion.leave_one_out) / np.sqrt(self.runs)
-        rounding = 1e-10 * np.linalg.norm(np.sqrt(self.sobol.variance))
+        rounding = SCREEN.rounding * np.linalg.norm(np.sqrt(self.sobol.variance))
         unit = self.effects / np.where(size > SCREEN.lost * error + rounding, size, np.nan)
         return np.asarray(unit.T @ unit)
 
@@ -138,7 +140,7 @@ class Sensitivity:
                 "alignment": self.alignment[first, second],
             }
         )
-        table["confounded"] = table["alignment"].abs() > CONFOUNDED
+        table["confounded"] = table["alignment"].abs() > SCREEN.confounded
         return table.sort_values("explained", ascending=False, kind="stable", ignore_index=True)
 
     def table(self) -> pd.DataFrame:
@@ -234,8 +236,10 @@ def _expanded(
 ) -> tuple[Expansion, int]:
     """The expansions, from as many runs as given or as are needed."""
     terms = _terms(n, runs, settings)
-    last = runs or max(settings.runs_per_term * len(terms.indices(basis.limits)), FIRST_RUNS * n)
-    count = runs or FIRST_RUNS * n
+    last = runs or max(
+        settings.runs_per_term * len(terms.indices(basis.limits)), settings.first_runs * n
+    )
+    count = runs or settings.first_runs * n
     outcomes = np.zeros((len(chosen), 0))
     while True:
         way = Regression(terms, runs=count, seed=seed)
@@ -252,7 +256,7 @@ def _expanded(
 
 
 def _good(expansion: Expansion) -> bool:
-    return bool(np.quantile(expansion.unexplained, 0.9) <= GOOD)
+    return bool(np.quantile(expansion.unexplained, SCREEN.quantile) <= SCREEN.good)
 
 
 def _terms(n: int, runs: int | None, settings: ScreenSettings) -> TotalDegree:

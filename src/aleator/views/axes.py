@@ -9,6 +9,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,9 +27,53 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH = 9.0
-"""Inches of a figure."""
-DPI = 160
+
+@dataclass(frozen=True)
+class FigureSettings:
+    """How figures look as files; by what the eye sees.
+
+    width: inches of a figure, with so many dots an inch. pads: inches beside and over panels, and
+    between: the share of their width between them. letters: those of a line of the title.
+    left: where the title begins, as a share of the width. title, legend: points of their letters.
+    hairline, thin: points of lines of axes, and of dashes. line, lines: points of a line, and of
+    one of many, over its width on a page. columns, handle, spacing: entries of the legend in a row,
+    the length of their lines and the room between them, in letters. ticks: ticks of a logarithmic
+    ordinate of less than the ratio `decades`, which has too few powers of ten to be read.
+    points: points of a mark over its pixels on a page, and dot: those of a dot whose size is a
+    column. dots: marks from which they become smaller, by the share `smaller` for each
+    doubling, to the share `smallest`. colored: size of a colored mark over that of a black one.
+    bars: bars; more run into each other, and steps then show the same. room: width of a bar at
+    most, what it grows by for each bar, and its width without any: no wall where there are few.
+    """
+
+    width: float = 9.0
+    dots_an_inch: int = 160
+    pads: tuple[float, float] = (0.12, 0.1)
+    between: float = 0.04
+    letters: int = 84
+    left: float = 0.012
+    title: float = 12.5
+    legend: float = 9.0
+    hairline: float = 0.8
+    thin: float = 1.2
+    line: float = 0.7
+    lines: float = 0.6
+    columns: int = 6
+    handle: float = 1.6
+    spacing: float = 1.8
+    ticks: int = 6
+    decades: float = 30.0
+    points: float = 0.55
+    dot: float = 4.2
+    dots: int = 20
+    smaller: float = 0.14
+    smallest: float = 0.3
+    colored: float = 1.25
+    bars: int = 300
+    room: tuple[float, float, float] = (0.72, 0.02, 0.06)
+
+
+FIGURES = FigureSettings()
 BLACK = INK
 # The rest of Okabe and Ito's palette.
 ORANGE, PURPLE, SKY = "#e69f00", "#aa5a8c", "#56b4e9"
@@ -39,7 +84,7 @@ _STYLE = {
     "text.parse_math": False,
     "axes.labelcolor": TEXT,
     "axes.edgecolor": "#a0a0a0",
-    "axes.linewidth": 0.8,
+    "axes.linewidth": FIGURES.hairline,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.titlesize": 10.0,
@@ -51,7 +96,7 @@ _STYLE = {
     "xtick.labelcolor": TEXT,
     "ytick.labelcolor": TEXT,
     "legend.frameon": False,
-    "legend.fontsize": 9.0,
+    "legend.fontsize": FIGURES.legend,
 }
 
 
@@ -75,13 +120,15 @@ def empty_figure(title: str | None, width: float, height: float) -> Figure:
     """A figure of this size in inches with nothing but a title, known to no window."""
     from matplotlib.figure import Figure
 
-    figure = Figure((width, height), DPI, layout="constrained")
+    figure = Figure((width, height), FIGURES.dots_an_inch, layout="constrained")
     engine = figure.get_layout_engine()
     if engine is not None:
-        engine.set(w_pad=0.12, h_pad=0.1, wspace=0.04)  # type: ignore[call-arg]
+        side, over = FIGURES.pads
+        engine.set(w_pad=side, h_pad=over, wspace=FIGURES.between)  # type: ignore[call-arg]
     if title:
-        wrapped = textwrap.fill(title, 84)
-        figure.suptitle(wrapped, x=0.012, ha="left", fontsize=12.5, fontweight="bold")
+        wrapped = textwrap.fill(title, FIGURES.letters)
+        look = {"fontsize": FIGURES.title, "fontweight": "bold"}
+        figure.suptitle(wrapped, x=FIGURES.left, ha="left", **look)
     return figure
 
 
@@ -115,12 +162,6 @@ MARKERS = {
     "circle": "o", "diamond": "D", "triangle": "^", "inverted_triangle": "v", "square": "s",
     "cross": "+", "x": "x", "tick": "|",
 }  # fmt: skip
-POINTS = 0.55
-"""Points of a mark in a figure over pixels of it on a page."""
-MANY = 300
-"""More bars than that run into each other; steps then show the same."""
-DECADES = 30.0
-"""A logarithmic scale of less than that has too few powers of ten to be read."""
 
 
 def draw(chart: Chart, axes: Axes) -> Axes:
@@ -130,7 +171,8 @@ def draw(chart: Chart, axes: Axes) -> Axes:
             _SHAPES[mark.shape](axes, mark)
     for rule in chart.rules:
         line = axes.axhline if rule.across else axes.axvline
-        line(rule.at, color=rule.color, lw=0.8, ls="--" if rule.color == GRAY else "-", zorder=1)
+        dash = "--" if rule.color == GRAY else "-"
+        line(rule.at, color=rule.color, lw=FIGURES.hairline, ls=dash, zorder=1)
     axes.set(xlabel=chart.x.title, ylabel=chart.y.title)
     if chart.y.log:
         logarithmic(axes)
@@ -146,8 +188,8 @@ def legend(figure: Figure) -> None:
     pairs.sort(key=lambda pair: not isinstance(pair[0], tuple))  # bars are under all others
     handles = {text: handle for handle, text in pairs}
     figure.legend(
-        handles.values(), handles.keys(), loc="outside lower left", ncols=6, handlelength=1.6,
-        columnspacing=1.8,
+        handles.values(), handles.keys(), loc="outside lower left", ncols=FIGURES.columns,
+        handlelength=FIGURES.handle, columnspacing=FIGURES.spacing,
     )  # fmt: skip
 
 
@@ -157,8 +199,8 @@ def logarithmic(axes: Axes) -> None:
 
     axes.set_yscale("log")
     low, high = axes.get_ylim()
-    if high < DECADES * low:
-        axes.yaxis.set_major_locator(MaxNLocator(6))
+    if high < FIGURES.decades * low:
+        axes.yaxis.set_major_locator(MaxNLocator(FIGURES.ticks))
         axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
@@ -174,7 +216,7 @@ def _label(mark: Mark) -> Any:
 
 def _line(axes: Axes, mark: Mark) -> None:
     x, y = _of(mark, mark.x), _of(mark, mark.y)
-    axes.plot(x, y, color=mark.color, lw=0.7 * float(mark.width), ls=LINES[mark.dash],
+    axes.plot(x, y, color=mark.color, lw=FIGURES.line * float(mark.width), ls=LINES[mark.dash],
               label=_label(mark), marker="" if x.size > 1 else "_")  # fmt: skip
 
 
@@ -185,7 +227,8 @@ def _lines(axes: Axes, mark: Mark) -> None:
         dash = columns[mark.dash][k] if mark.dash in columns else mark.dash
         word = columns[mark.legend_by][k] if mark.legend_by else mark.legend
         axes.plot(np.array(x, float), np.array(y, float), LINES[dash], color=mark.color,
-                  lw=0.6 * width, label=None if word in words else word or None)  # fmt: skip
+                  lw=FIGURES.lines * width,
+                  label=None if word in words else word or None)  # fmt: skip
         words.add(word)
 
 
@@ -196,13 +239,14 @@ def _band(axes: Axes, mark: Mark) -> None:
 
 def _room(size: int) -> float:
     """Most of the room of an experiment, but not a wall where there are few."""
-    return min(0.72, 0.02 * size + 0.06)
+    most, more, least = FIGURES.room
+    return min(most, more * size + least)
 
 
 def _spans(axes: Axes, mark: Mark) -> None:
     x, low, high = (_of(mark, key) for key in (mark.x, mark.y, mark.high))
     known = np.isfinite(low) & np.isfinite(high)
-    if x.size > MANY:
+    if x.size > FIGURES.bars:
         order = np.argsort(x, kind="stable")
         axes.fill_between(x[order], low[order], high[order], step="mid", color=mark.color, lw=0.0,
                           label=_label(mark))  # fmt: skip
@@ -222,17 +266,18 @@ def _points(axes: Axes, mark: Mark) -> None:
     """Dots of one look are one line of matplotlib, in the legend once."""
     x, y = _of(mark, mark.x), _of(mark, mark.y)
     if mark.marker == "dash":
-        half = 0.5 * _room(x.size) if x.size <= MANY else 0.5
-        axes.hlines(y, x - half, x + half, color=mark.color, lw=1.2, label=_label(mark))
+        half = 0.5 * _room(x.size) if x.size <= FIGURES.bars else 0.5
+        axes.hlines(y, x - half, x + half, color=mark.color, lw=FIGURES.thin, label=_label(mark))
         return
-    size = 1.0 if isinstance(mark.size, str) else mark.size * POINTS
-    if x.size > 20:
-        size *= float(np.clip(1.0 - 0.14 * np.log2(x.size / 20.0), 0.3, 1.0))
+    size = 1.0 if isinstance(mark.size, str) else mark.size * FIGURES.points
+    if x.size > FIGURES.dots:
+        less = FIGURES.smaller * np.log2(x.size / FIGURES.dots)
+        size *= float(np.clip(1.0 - less, FIGURES.smallest, 1.0))
     of_column = mark.marker in mark.series.columns
     for (color, marker), rows in looks(mark).items():
-        own = 4.2 * size if isinstance(mark.size, str) else size
+        own = FIGURES.dot * size if isinstance(mark.size, str) else size
         axes.plot(x[rows], y[rows], color=color, marker=MARKERS[marker], ls="none", zorder=3,
-                  ms=own * (1.25 if color != BLACK else 1.0),
+                  ms=own * (FIGURES.colored if color != BLACK else 1.0),
                   mew=1.0 if marker in ("cross", "x", "tick") else 0.0,
                   label=meaning(color, marker) if of_column else _label(mark))  # fmt: skip
 

@@ -42,6 +42,48 @@ PAIRS = (
 """(light, dark) of each color."""
 
 
+@dataclass(frozen=True)
+class ChartSettings:
+    """Sizes of marks and charts, in pixels of a page; by what the eye sees.
+
+    thin, line, strong: widths of a thin line, of a curve, and of the curve within which lies half
+    of a law. halo: the width of what is under a line of width `over` over a map, so that it is
+    seen; cross: the same under a cross. faint: how dense a color is that others are seen through.
+    dot, large: sizes of a mark and of one that is to be seen first. tick, target, node, failed:
+    those of ticks and crosses, of what the mouse meets, of values at nodes and of failed runs.
+    low, map, series, predicted: heights of charts.
+    cell: size of a cell of a map over the step to the next: no seams. bar: width of a bar over the
+    step to the next. spans: the width of all bars of predictions together, and the least and the
+    largest of one.
+    sd: standard deviations of a normal law beyond which lie 5 %.
+    """
+
+    thin: float = 1.2
+    line: float = 1.6
+    strong: float = 2.2
+    halo: float = 5.0
+    over: float = 2.5
+    cross: float = 6.0
+    faint: float = 0.7
+    dot: float = 6.0
+    large: float = 10.0
+    tick: float = 14.0
+    target: float = 12.0
+    node: float = 5.0
+    failed: float = 9.0
+    low: int = 250
+    map: int = 380
+    series: int = 360
+    predicted: int = 400
+    cell: float = 1.15
+    bar: float = 0.84
+    spans: tuple[float, float, float] = (500.0, 1.5, 12.0)
+    sd: float = 1.96
+
+
+CHARTS = ChartSettings()
+
+
 @dataclass(frozen=True, eq=False)
 class Series:
     """Named columns of numbers and texts, a row each; a cell may be a list, of one curve.

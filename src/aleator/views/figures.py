@@ -7,6 +7,7 @@ not installed.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,15 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aleator.inference.information import INTERVALS
 from aleator.results.printed import AMOUNTS, Amounts, percent
 from aleator.results.units import label, seen_label
 from aleator.types import Array
 from aleator.views.axes import (
     BLACK,
     BLUE,
+    FIGURES,
     GRAY,
     VERMILION,
-    WIDTH,
     draw,
     empty_figure,
     legend,
@@ -48,6 +50,75 @@ if TYPE_CHECKING:
 
 Document = Mapping[str, Any]
 Draw = Callable[[Document], "Figure"]
+
+
+@dataclass(frozen=True)
+class SheetSettings:
+    """Heights, widths and sizes in each figure; by what the eye sees.
+
+    Heights are inches: of all but the panels, then of each row of panels or of each line of bars;
+    of `sensitivity` and `compare` the least height is first.
+
+    nbins: parts of an axis between its ticks. small: points of small letters, and of those in the
+    cells of a matrix. edge: room beside the first and the last experiment. letters: those of all
+    ids that have room beside each other; else they are turned by `turned` degrees; names of columns
+    of a matrix are turned by `steep`. margin: room over and under values with ids at them, and
+    above: points between a value and its id. lines: experiments of which lines are drawn as dark as
+    `dark`; of more they are lighter, to `light`; lines out of reach are at least `out`.
+    largest: part of the largest number to which axes reach.
+    bars, inner: heights of bars of totals, and of bars within them. split: widths of two panels.
+    tick: points of a tick at a value, and its width. beyond: the end of an axis of shares.
+    white: alignment from which letters are white.
+    row: room above the first and under the last model.
+    tallest: the gradient function is cut there: what matters is where it is above zero. nothing: a
+    gradient below it; no experiment has anything there. linear: gradients up to which colors are
+    linear. density: share of the largest density from which an axis shows it, with `pad` of its
+    width beside. curve, ring: points of lines of curves, and of rings around points of the best
+    law, whose areas are the least one and what a probability of one adds. top: the end of an axis
+    of probabilities. bar: the length of a scale of colors over its width.
+    """
+
+    experiments: tuple[float, float] = (1.0, 3.6)
+    parameters: tuple[float, float] = (0.6, 2.6)
+    calibration: float = 3.9
+    series: tuple[float, float] = (0.9, 1.85)
+    check: tuple[float, float] = (0.9, 2.9)
+    sensitivity: tuple[float, float, float] = (3.2, 1.6, 0.34)
+    compare: tuple[float, float, float] = (2.6, 1.5, 0.36)
+    ceiling: float = 5.0
+    nbins: int = 5
+    small: tuple[float, float] = (8.0, 7.5)
+    edge: float = 0.6
+    letters: int = 60
+    turned: int = 20
+    steep: int = 45
+    margin: float = 0.09
+    above: int = 5
+    lines: float = 8.0
+    light: float = 0.15
+    dark: float = 0.9
+    out: float = 0.6
+    largest: float = 8.0
+    bars: float = 0.72
+    inner: float = 0.36
+    split: tuple[float, float] = (1.5, 1.0)
+    tick: tuple[float, float] = (7.0, 0.7)
+    beyond: float = 1.02
+    white: float = 0.6
+    row: tuple[float, float] = (0.6, 0.4)
+    tallest: float = 10.0
+    nothing: float = -0.99
+    linear: float = 0.2
+    density: float = 1e-3
+    pad: float = 0.05
+    curve: float = 1.4
+    ring: float = 1.3
+    areas: tuple[float, float] = (12.0, 300.0)
+    top: float = 1.05
+    bar: int = 40
+
+
+SHEETS = SheetSettings()
 
 
 def save_figures(document: Document, directory: str | Path) -> list[Path]:
@@ -83,14 +154,14 @@ def experiments_figure(document: Document) -> Figure:
     if name is not None:
         return _series(document, all_measured, name)
     with styled():
-        figure = _figure(document, 1.0 + 3.6 * len(all_measured))
+        figure = _figure(document, _high(SHEETS.experiments, len(all_measured)))
         grid = figure.subplots(len(all_measured), 1, squeeze=False).ravel()
         for axes, seen in zip(grid, all_measured, strict=True):
             draw(predicted_chart(seen, seen.series()), axes)
             beyond, known = seen.outside, np.isfinite(seen.array(seen.ends[0])) & seen.exact
             axes.set_title(
                 f"Outside the predicted 95 %: {beyond.sum()} of {known.sum()} "
-                f"(expected {0.05 * known.sum():.3g})"
+                f"(expected {2.0 * INTERVALS.tail * known.sum():.3g})"
             )
             _name(axes, seen)
         legend(figure)
@@ -102,7 +173,7 @@ def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
     names, own = [*law_curves(document)], individuals_of(document)
     with styled():
         rows = max(-(-len(names) // amounts.across), 1)
-        figure = _figure(document, 0.6 + 2.6 * rows)
+        figure = _figure(document, _high(SHEETS.parameters, rows))
         grid = figure.subplots(rows, min(max(len(names), 1), amounts.across), squeeze=False).ravel()
         for axes in grid[len(names) :]:
             axes.set_axis_off()
@@ -113,7 +184,7 @@ def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
             axes.set_yticks([])
             axes.set_ylabel("")
             axes.spines["left"].set_visible(False)
-            axes.locator_params(axis="x", nbins=5)
+            axes.locator_params(axis="x", nbins=SHEETS.nbins)
         legend(figure)
     return figure
 
@@ -132,7 +203,7 @@ def calibration_figure(document: Document) -> Figure:
     """
     pit, _ = probabilities(measured(document))
     with styled():
-        figure = _figure(document, 3.9)
+        figure = _figure(document, SHEETS.calibration)
         grid = figure.subplots(1, 2)
         for axes, make in zip(grid, (histogram_chart, cumulative_chart), strict=True):
             axes.set_xlim(0.0, 1.0)
@@ -157,7 +228,7 @@ def _series(
     across = min(amounts.across, len(ids))
     blocks = -(-len(ids) // across)
     with styled():
-        figure = _figure(document, 0.9 + 1.85 * blocks * responses)
+        figure = _figure(document, _high(SHEETS.series, blocks * responses))
         grid = figure.subplots(
             blocks * responses, across, squeeze=False, sharex=True, sharey=responses == 1
         )
@@ -202,25 +273,31 @@ def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> l
 def _name(axes: Axes, seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> None:
     """The ids of few experiments on the axis; of many, those outside where these are few."""
     ids, place, size = seen.columns["id"], seen.columns["order"], len(seen)
-    axes.set_xlim(0.4, size + 0.6)
+    axes.set_xlim(1.0 - SHEETS.edge, size + SHEETS.edge)
     if size <= amounts.named:
         ordered = [ids[k] for k in np.argsort(place)]
-        long = sum(map(len, ids)) > 60
-        axes.set_xticks(range(1, size + 1), ordered, rotation=20 if long else 0)
+        long = sum(map(len, ids)) > SHEETS.letters
+        axes.set_xticks(range(1, size + 1), ordered, rotation=SHEETS.turned if long else 0)
     elif seen.outside.sum() <= amounts.named:
-        axes.margins(y=0.09)
+        axes.margins(y=SHEETS.margin)
         value, high = seen.array("value"), seen.array(seen.ends[1])
         for k in np.flatnonzero(seen.outside):
             side = 1 if value[k] > high[k] else -1
-            axes.annotate(ids[k], (place[k], value[k]), (0, 5 * side), color=VERMILION,
-                          textcoords="offset points", fontsize=8.0, ha="center",
+            axes.annotate(ids[k], (place[k], value[k]), (0, SHEETS.above * side), color=VERMILION,
+                          textcoords="offset points", fontsize=SHEETS.small[0], ha="center",
                           va="bottom" if side > 0 else "top")  # fmt: skip
+
+
+def _high(inches: Sequence[float], count: int) -> float:
+    """The height of a figure by that of all else and that of each of `count` rows."""
+    other, each = inches
+    return other + each * count
 
 
 def _figure(document: Document, height: float) -> Figure:
     """An empty figure under the title of the study."""
     title = document.get("title")
-    return empty_figure(str(title) if title else None, WIDTH, height)
+    return empty_figure(str(title) if title else None, FIGURES.width, height)
 
 
 def _save(make: Draw, name: str, document: Document, folder: str | Path) -> Path:
@@ -241,7 +318,7 @@ def check_figure(document: Document) -> Figure:
     across = min(len(rows), 3)
     down = -(-len(rows) // across)
     with styled():
-        figure = _figure(document, 0.9 + 2.9 * down * len(responses))
+        figure = _figure(document, _high(SHEETS.check, down * len(responses)))
         grid = figure.subplots(down * len(responses), across, sharey="row", squeeze=False)
         for axes in grid.ravel():
             axes.set_visible(False)
@@ -260,12 +337,14 @@ def _panel(axes: Axes, document: Document, response: str, k: int, row: Document)
     low, high = _drawable(document["measured"][response])
     axes.axhspan(low, high, color="#e8e8e8", lw=0.0, label="measured", zorder=0)
     lost = set(document["out_of_reach"])
-    alpha = float(np.clip(8.0 / max(len(document["observations"]), 1), 0.15, 0.9))
+    alpha = SHEETS.lines / max(len(document["observations"]), 1)
+    alpha = float(np.clip(alpha, SHEETS.light, SHEETS.dark))
     for each in (e for e in document["observations"] if e["response"] == response):
         outside = each["id"] in lost
         axes.plot(
             row["values"], _drawable(each["by_parameter"][k]), "-", lw=1.0, marker=".", ms=3.0,
-            color=VERMILION if outside else BLUE, alpha=max(alpha, 0.6) if outside else alpha,
+            color=VERMILION if outside else BLUE,
+            alpha=max(alpha, SHEETS.out) if outside else alpha,
             label="of an experiment out of reach" if outside else "of an experiment",
             zorder=3 if outside else 2,
         )  # fmt: skip
@@ -276,7 +355,7 @@ def _panel(axes: Axes, document: Document, response: str, k: int, row: Document)
 
 def _drawable(values: ArrayLike) -> Array:
     """Values cut where matplotlib ends: no axis is longer than the largest number."""
-    most = np.finfo(np.float64).max / 8.0
+    most = np.finfo(np.float64).max / SHEETS.largest
     return np.clip(np.asarray(values, dtype=np.float64), -most, most)
 
 
@@ -292,18 +371,23 @@ def sensitivity_figure(document: Document) -> Figure:
     """
     rows = document["parameters"]
     names = [row["parameter"] for row in rows]
+    least, *each = SHEETS.sensitivity
     with styled():
-        figure = _figure(document, max(3.2, 1.6 + 0.34 * len(names)))
-        left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+        figure = _figure(document, max(least, _high(each, len(names))))
+        left, right = figure.subplots(1, 2, width_ratios=SHEETS.split)
         place = np.arange(len(rows))[::-1]
-        left.barh(place, [row["mean_total"] for row in rows], 0.72, color=WIDE, label="mean total")
-        left.barh(place, [row["mean_first"] for row in rows], 0.36, color=BLUE, label="mean alone")
+        for key, thick, color, text in (
+            ("mean_total", SHEETS.bars, WIDE, "mean total"),
+            ("mean_first", SHEETS.inner, BLUE, "mean alone"),
+        ):
+            left.barh(place, [row[key] for row in rows], thick, color=color, label=text)
+        size, thick = SHEETS.tick
         for y, name in zip(place.tolist(), names, strict=True):
             shares = numbers(each["total"][name] for each in document["experiments"])
-            left.plot(shares, np.full(shares.size, y), "|", color=VERMILION, ms=7.0, mew=0.7,
+            left.plot(shares, np.full(shares.size, y), "|", color=VERMILION, ms=size, mew=thick,
                       label="total in each experiment")  # fmt: skip
         left.set_yticks(place, names)
-        left.set(xlim=(0.0, 1.02), xlabel="share of the outcome's variance")
+        left.set(xlim=(0.0, SHEETS.beyond), xlabel="share of the outcome's variance")
         left.set_title("Sobol' indices")
         _alignment(right, names, document["pairs"])
         legend(figure)
@@ -318,7 +402,8 @@ def _alignment(
         i, j = names.index(pair["first"]), names.index(pair["second"])
         matrix[i, j] = matrix[j, i] = numbers([pair["alignment"]])[0]
     axes.imshow(matrix, cmap="RdBu", vmin=-1.0, vmax=1.0)
-    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
+    axes.set_xticks(range(len(names)), names, rotation=SHEETS.steep, ha="right",
+                    rotation_mode="anchor")  # fmt: skip
     axes.set_yticks(range(len(names)), names)
     axes.spines[:].set_visible(False)
     axes.set_title("Alignment: ±1 cannot be told apart")
@@ -326,8 +411,9 @@ def _alignment(
         return
     for (i, j), value in np.ndenumerate(matrix):
         if i != j and np.isfinite(value):
-            color = "white" if abs(value) > 0.6 else "black"
-            axes.text(j, i, f"{value:.2f}", ha="center", va="center", color=color, fontsize=7.5)
+            color = "white" if abs(value) > SHEETS.white else "black"
+            axes.text(j, i, f"{value:.2f}", ha="center", va="center", color=color,
+                      fontsize=SHEETS.small[1])  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------ models
@@ -341,33 +427,30 @@ def compare_figure(document: Document) -> Figure:
     """
     models = document["models"]
     best, places = models[0]["name"], range(len(models) - 1, -1, -1)
+    least, *each = SHEETS.compare
     with styled():
-        figure = empty_figure(None, WIDTH, max(2.6, 1.5 + 0.36 * len(models)))
+        figure = empty_figure(None, FIGURES.width, max(least, _high(each, len(models))))
         left, right = figure.subplots(1, 2, sharey=True)
         for axes in (left, right):
-            axes.axvline(0.0, color=GRAY, lw=0.8)
+            axes.axvline(0.0, color=GRAY, lw=FIGURES.hairline)
         for place, model in zip(places, models, strict=True):
             error = 2.0 * (model["difference_error"] or 0.0)
             color = BLUE if model["sound"] else VERMILION
             left.errorbar(model["difference"], place, xerr=error, fmt="o", color=color, capsize=3.0)
             gaps = [row[model["name"]] - row[best] for row in document["left_out"]]
-            right.plot(gaps, np.full(len(gaps), place), "|", color=BLUE, ms=10.0, mew=0.8)
+            right.plot(gaps, np.full(len(gaps), place), "|", color=BLUE, ms=10.0,
+                       mew=FIGURES.hairline)  # fmt: skip
         left.set_xlabel("predictive log-likelihood minus that of the best")
         left.set_title("Left out, with two standard errors")
         right.set_xlabel("the same of each experiment")
         right.set_title("Each experiment")
         left.set_yticks(places, [model["name"] for model in models])
-        left.set_ylim(-0.6, len(models) - 0.4)
+        under, over = SHEETS.row
+        left.set_ylim(-under, len(models) - over)
     return figure
 
 
 LACKING = "#f6d5c3"
-TALLEST = 10.0
-"""The gradient function is cut there: what matters is where it is above zero."""
-NOTHING = -0.99
-"""A gradient below it: no experiment has anything there."""
-LINEAR = 0.2
-"""Gradients up to which colors are linear."""
 
 
 def ceiling_figure(document: Document) -> Figure:
@@ -379,7 +462,7 @@ def ceiling_figure(document: Document) -> Figure:
     """
     names, flat = [*document["curves"]], document["map"] is not None
     with styled():
-        figure = _figure(document, 5.0)
+        figure = _figure(document, SHEETS.ceiling)
         grid = figure.subplots(2, len(names) + flat, sharex="col", squeeze=False)
         for k, name in enumerate(names):
             _mass(grid[0, k], name, document)
@@ -401,31 +484,33 @@ def _mass(axes: Axes, name: str, document: Document) -> None:
     x, density = numbers(curve["x"]), numbers(curve["density"])
     tall = np.nanmax(density, initial=0.0) or 1.0
     axes.fill_between(x, density / tall, color=WIDE, lw=0.0)
-    axes.plot(x, density / tall, color=BLUE, lw=1.4, label="chosen law (its largest density is 1)")
+    axes.plot(x, density / tall, color=BLUE, lw=SHEETS.curve,
+              label="chosen law (its largest density is 1)")  # fmt: skip
     at = numbers(point[name] for point in document["points"])
     share = numbers(point["probability"] for point in document["points"])
-    axes.vlines(at, 0.0, share, color=BLACK, lw=1.2)
+    axes.vlines(at, 0.0, share, color=BLACK, lw=FIGURES.thin)
     axes.plot(at, share, color=BLACK, marker="o", ms=4.0, mew=0.0, ls="none", clip_on=False,
               label="points of the best law")  # fmt: skip
-    axes.set_ylim(0.0, 1.05)
+    axes.set_ylim(0.0, SHEETS.top)
     axes.set_title(label(document, name))
 
 
 def _gradient(axes: Axes, name: str, document: Document) -> None:
     curve = document["curves"][name]
     x, density, gradient = (numbers(curve[key]) for key in ("x", "density", "gradient"))
-    value = np.minimum(gradient, TALLEST)
-    axes.axhline(0.0, color=GRAY, lw=0.8)
+    value = np.minimum(gradient, SHEETS.tallest)
+    axes.axhline(0.0, color=GRAY, lw=FIGURES.hairline)
     axes.fill_between(x, value, where=value > 0.0, interpolate=True, color=LACKING, lw=0.0,
                       label="the chosen law lacks mass here")  # fmt: skip
-    axes.plot(x, value, color=VERMILION, lw=1.4)
+    axes.plot(x, value, color=VERMILION, lw=SHEETS.curve)
     # from where to where there is density, gain, or a point, with a margin
-    some = (density > 1e-3 * np.nanmax(density, initial=0.0)) | (gradient > NOTHING)
+    some = density > SHEETS.density * np.nanmax(density, initial=0.0)
+    some |= gradient > SHEETS.nothing
     at = np.concatenate([x[some], [point[name] for point in document["points"]]])
-    margin = 0.05 * np.ptp(at)
+    margin = SHEETS.pad * np.ptp(at)
     axes.set_xlim(max(x[0], at.min() - margin), min(x[-1], at.max() + margin))
     axes.set_xlabel(label(document, name))
-    axes.locator_params(axis="x", nbins=5)
+    axes.locator_params(axis="x", nbins=SHEETS.nbins)
 
 
 def _map(figure: Figure, axes: Axes, names: list[str], document: Document) -> None:
@@ -434,16 +519,18 @@ def _map(figure: Figure, axes: Axes, names: list[str], document: Document) -> No
 
     first, second = (numbers(document["map"][key]) for key in ("first", "second"))
     height = np.array([numbers(row) for row in document["map"]["gradient"]])
-    most = float(np.clip(np.nanmax(height, initial=1.0), 1.0, TALLEST))
+    most = float(np.clip(np.nanmax(height, initial=1.0), 1.0, SHEETS.tallest))
     mesh = axes.pcolormesh(
         first, second, np.minimum(height, most), cmap="RdBu_r", shading="nearest", rasterized=True,
-        norm=AsinhNorm(LINEAR, -most, most),
+        norm=AsinhNorm(SHEETS.linear, -most, most),
     )  # fmt: skip
-    bar = figure.colorbar(mesh, ax=axes, ticks=[-1.0, 0.0, 1.0, most], format="{x:.2g}", aspect=40)
+    ticks = [-1.0, 0.0, 1.0, most]
+    bar = figure.colorbar(mesh, ax=axes, ticks=ticks, format="{x:.2g}", aspect=SHEETS.bar)
     bar.outline.set_visible(False)
     share = numbers(point["probability"] for point in document["points"])
     x, y = (numbers(point[name] for point in document["points"]) for name in names)
-    axes.scatter(x, y, 12.0 + 300.0 * share, facecolors="none", edgecolors=BLACK, lw=1.3,
+    least, more = SHEETS.areas
+    axes.scatter(x, y, least + more * share, facecolors="none", edgecolors=BLACK, lw=SHEETS.ring,
                  clip_on=False, zorder=3)  # fmt: skip
     axes.set(xlabel=label(document, names[0]), ylabel=label(document, names[1]))
     axes.set_title("gradient function")

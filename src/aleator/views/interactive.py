@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
@@ -22,12 +23,42 @@ models: Any = bokeh.models
 plotting: Any = bokeh.plotting
 Sources = dict[int, Any]
 
-DECADES = tuple(float(f"{digit}e{power}") for power in range(-12, 13) for digit in (1, 2, 5))
+
+@dataclass(frozen=True)
+class BokehSettings:
+    """How Bokeh draws charts; by what the eye sees.
+
+    powers: the first and the last power of ten that has ticks, at these `digits`; decades: powers
+    of ten that have no room for ticks between them. row: entries of a legend that a narrow screen
+    has room for. Others are pixels.
+    border: half of the last number under the axis. spacing: room between entries of a legend.
+    sample: size of a mark in a legend. picked: width of a line that was picked; ring, disc: width
+    of the line about a mark that was picked, and its size; stroke: the same of a mark of strokes.
+    scale: width of a scale of colors. top: end of a scale on the right over the largest value.
+    """
+
+    powers: tuple[int, int] = (-12, 12)
+    digits: tuple[int, ...] = (1, 2, 5)
+    decades: int = 5
+    row: int = 4
+    border: int = 14
+    spacing: int = 14
+    sample: float = 8.0
+    picked: float = 3.5
+    ring: float = 1.5
+    disc: float = 13.0
+    stroke: tuple[float, float] = (4.0, 22.0)
+    scale: int = 12
+    top: float = 1.15
+
+
+BOKEH = BokehSettings()
+DECADES = tuple(
+    float(f"{digit}e{power}")
+    for power in range(BOKEH.powers[0], BOKEH.powers[1] + 1)
+    for digit in BOKEH.digits
+)
 """Ticks of a logarithmic axis: Bokeh's own are few within a decade."""
-MANY_DECADES = 5
-"""Decades that have no room for ticks within each."""
-IN_A_ROW = 4
-"""Entries of a legend that a narrow screen has room for."""
 PALETTE = "Cividis256"
 TOOLS = "pan,box_zoom,wheel_zoom,reset"
 TEX = re.compile(r'\[(?:\{start:"[^"]+",end:"[^"]+",inline:![01]\},?)+\]')
@@ -85,7 +116,7 @@ def drawn(chart: Chart, sources: Sources) -> Any:
     for mark in chart.marks:
         if mark.marker in mark.series.columns:
             for color, marker in looks(mark):
-                plot.scatter([np.nan], [np.nan], marker=marker, color=color, size=8.0,
+                plot.scatter([np.nan], [np.nan], marker=marker, color=color, size=BOKEH.sample,
                              legend_label=meaning(color, marker))  # fmt: skip
     if plot.legend:
         _legend_below(plot)
@@ -104,7 +135,7 @@ def axes(x: Axis, y: Axis, height: int = 320) -> Any:
         y_axis_type="log" if y.log else "linear", background_fill_color=colors.PAPER,
         border_fill_color=colors.PAPER, outline_line_color=None,
     )  # fmt: skip
-    plot.min_border_right = 14  # half of the last number under the axis
+    plot.min_border_right = BOKEH.border
     plot.toolbar.logo = None
     plot.toolbar.autohide = True
     for axis in plot.axis:
@@ -125,7 +156,7 @@ def fewer_ticks(plot: Any, values: Array) -> None:
     if not known.size:
         return
     low, high = (int(end) for end in np.floor(np.log10([known.min(), known.max()])))
-    if high - low > MANY_DECADES:
+    if high - low > BOKEH.decades:
         step = -(-(high - low) // 10)
         ticks = [10.0**power for power in range(low, high + 2, step)]
         plot.yaxis.ticker = plot.ygrid.ticker = models.FixedTicker(ticks=ticks)
@@ -177,12 +208,12 @@ def _legend_below(plot: Any) -> None:
     legend = plot.legend[0]
     plot.add_layout(legend, "below")
     legend.orientation = "horizontal"
-    legend.ncols = "auto" if len(legend.items) <= IN_A_ROW else 3
+    legend.ncols = "auto" if len(legend.items) <= BOKEH.row else 3
     legend.border_line_color = None
     legend.background_fill_color = None
     legend.label_text_color = colors.TEXT
     legend.label_text_font_size = "12px"
-    legend.padding, legend.margin, legend.spacing = 2, 0, 14
+    legend.padding, legend.margin, legend.spacing = 2, 0, BOKEH.spacing
 
 
 # ------------------------------------------------------------------------------------ shapes
@@ -201,7 +232,7 @@ def _lines(plot: Any, mark: Mark, source: Any) -> None:
         plot.legend[0].items.sort(key=lambda item: item.index)
     if mark.pick:
         found.selection_glyph = found.glyph.clone(
-            line_color=colors.PICKED, line_width=3.5, line_alpha=1.0
+            line_color=colors.PICKED, line_width=BOKEH.picked, line_alpha=1.0
         )
         _answers(plot, found, mark, snap=False)
 
@@ -232,9 +263,11 @@ def _points(plot: Any, mark: Mark, source: Any) -> None:
     if not stroked and mark.alpha < 1.0:
         found.glyph.fill_alpha = mark.alpha
     if mark.pick:
-        ring = {"line_color": colors.INK, "line_width": 1.5, "size": 13.0, "fill_alpha": 1.0}
+        ring = {"line_color": colors.INK, "line_width": BOKEH.ring, "size": BOKEH.disc,
+                "fill_alpha": 1.0}  # fmt: skip
         if stroked:
-            ring = {"line_color": colors.PICKED, "line_width": 4.0, "size": 22.0}
+            width, size = BOKEH.stroke
+            ring = {"line_color": colors.PICKED, "line_width": width, "size": size}
         found.selection_glyph = found.glyph.clone(fill_color=colors.PICKED, **ring)
     if mark.hover:
         _answers(plot, found, mark)
@@ -245,7 +278,7 @@ def _cells(plot: Any, mark: Mark, source: Any) -> None:
     look = {"line_color": None, "fill_color": {"field": "value", "transform": mapper}}
     width, height = mark.step
     found = plot.rect(mark.x, mark.y, width=width, height=height, source=source, **look)
-    bar = models.ColorBar(color_mapper=mapper, background_fill_color=None, width=12,
+    bar = models.ColorBar(color_mapper=mapper, background_fill_color=None, width=BOKEH.scale,
                           major_label_text_color=colors.TEXT)  # fmt: skip
     plot.add_layout(bar, "right")
     plot.add_tools(models.HoverTool(renderers=[found], tooltips=_tooltips(mark)))
@@ -301,7 +334,7 @@ def _tooltips(mark: Mark) -> list[tuple[str, str]]:
 def _right(plot: Any, mark: Mark, axis: Axis | None) -> None:
     """A scale of its own on the right for a mark that stands on zero."""
     plot.y_range.renderers = list(plot.renderers)  # else the mark stretches the scale on the left
-    top = 1.15 * float(np.max(_values(Mark("line", mark.series, y=mark.high))))
+    top = BOKEH.top * float(np.max(_values(Mark("line", mark.series, y=mark.high))))
     plot.extra_y_ranges = {"right": models.Range1d(0.0, top)}
     scale = models.LinearAxis(y_range_name="right", axis_label=axis.title if axis else "")
     _style(scale)

@@ -11,19 +11,17 @@ from scipy import stats
 
 from aleator.inference.profile_end import DROP
 from aleator.results.units import label, transforms
-from aleator.tasks.pictures import finer, profile_line
+from aleator.tasks.pictures import PICTURES, finer, profile_line
 from aleator.types import Array
 from aleator.views import chart
-from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, numbers
+from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, numbers
 from aleator.views.outcome_charts import Individuals
 
 Document = Mapping[str, Any]
-LEVELS = tuple(float(stats.chi2.ppf(share, 2)) / 2.0 for share in (0.5, 0.8, 0.95))
+LEVELS = tuple(float(stats.chi2.ppf(share, 2)) / 2.0 for share in PICTURES.contours)
 """How far the log-likelihood has dropped at the ends of 50, 80 and 95 % of two together."""
 DASHES = {"first": "dotted", "middle": "dashed", "last": "solid"}
 """How lines of rows of a series are drawn, by their place in it."""
-WIDER = 1.15
-"""Size of a cell of a map over the step to the next: no seams."""
 
 # ------------------------------------------------------------------------------------ the law
 
@@ -51,7 +49,7 @@ def law_chart(
     if own is not None and name in own.parameters:
         mean = f"mean_{name}"
         marks.append(Mark("points", own.series, mean, "foot", color=chart.INK, marker="tick",
-                          size=14.0, width=1.2, pick=True, legend="experiments",
+                          size=CHARTS.tick, width=CHARTS.thin, pick=True, legend="experiments",
                           hover=[("experiment", "{id}"), (head, f"{{{mean}}}")]))  # fmt: skip
         caption += " Ticks are the means of single experiments."
     masses = [point for point in (best or {}).get("points", ()) if name in point]
@@ -81,7 +79,7 @@ def joint_chart(document: Document, pair: Document, own: Individuals | None) -> 
             "mass": [f"{100 * float(share):g} %" for share, _, _ in rows],
             "x": [numbers(x).tolist() for _, x, _ in rows],
             "y": [numbers(y).tolist() for _, _, y in rows],
-            "width": [2.2 if share == "0.5" else 1.2 for share, _, _ in rows],
+            "width": [CHARTS.strong if share == "0.5" else CHARTS.thin for share, _, _ in rows],
         },
     )
     marks = [Mark("lines", source, width="width")]
@@ -121,7 +119,7 @@ def profile_chart(document: Document, name: str) -> Chart:
         ],
         {"at": name, "below": "log-likelihood minus its maximum"},
         [GuideLine(-DROP), *(GuideLine(end, across=False) for end in ends), *best],
-        height=250, own=source,
+        height=CHARTS.low, own=source,
     )  # fmt: skip
 
 
@@ -149,11 +147,12 @@ def surface_chart(document: Document) -> Chart | None:
         Axis(label(document, first)), Axis(label(document, second)),
         [
             Mark("contour", source, grid=(finer(x), finer(y), finer(below)), levels=LEVELS),
-            Mark("points", cross, color=chart.INK, marker="cross", size=14.0, width=2.0),
-            Mark("points", source, alpha=0.0, size=12.0, pick=True,
+            Mark("points", cross, color=chart.INK, marker="cross", size=CHARTS.tick, width=2.0),
+            Mark("points", source, alpha=0.0, size=CHARTS.target, pick=True,
                  hover=[(first, "{x}"), (second, "{y}"), ("below", "{below}")]),
         ],
-        {"x": first, "y": second, "below": "log-likelihood minus its maximum"}, height=380,
+        {"x": first, "y": second, "below": "log-likelihood minus its maximum"},
+        height=CHARTS.map,
     )  # fmt: skip
 
 
@@ -202,7 +201,7 @@ def response_chart(document: Document, name: str, response: str, number: int = 0
         )
         hover = [("experiment", "{id}"), (name, "{x}"), (response, "{y}"),
                  ("measured", "{measured}")]  # fmt: skip
-        mark = Mark("points", source, size=5.0, pick=True, hover=hover)
+        mark = Mark("points", source, size=CHARTS.node, pick=True, hover=hover)
         caption = (
             "What the simulator returned at the nodes of the law, for some experiments. The other "
             "parameters differ from mark to mark."
@@ -247,10 +246,11 @@ def _map(
     level = {"id": [here] * len(levels[here]["x"]), **levels[here]}
     line = Series(f"level-{response}{row}", level, levels)
     marks = [
-        Mark("cells", source, step=(WIDER * float(x[1] - x[0]), WIDER * float(y[1] - y[0])),
+        Mark("cells", source,
+             step=(CHARTS.cell * float(x[1] - x[0]), CHARTS.cell * float(y[1] - y[0])),
              hover=[(first, "{x}"), (second, "{y}"), (response, "{value}")]),
-        Mark("lines", line, color=chart.PAPER, width=5.0),
-        Mark("lines", line, color=chart.INK, width=2.5),
+        Mark("lines", line, color=chart.PAPER, width=CHARTS.halo),
+        Mark("lines", line, color=chart.INK, width=CHARTS.over),
     ]  # fmt: skip
     caption = (
         f"Color: {label(document, response)} of the experiment that is marked, if it is one of "
@@ -259,8 +259,17 @@ def _map(
     if points := (document.get("failures") or {}).get("points"):
         failed = Series(f"failed-{response}{row}", points)
         marks += [
-            Mark("points", failed, first, second, color=color, marker="x", size=9.0, width=width)
-            for color, width in ((chart.PAPER, 6.0), (chart.VERMILION, 2.5))
+            Mark(
+                "points",
+                failed,
+                first,
+                second,
+                color=color,
+                marker="x",
+                size=CHARTS.failed,
+                width=width,
+            )
+            for color, width in ((chart.PAPER, CHARTS.cross), (chart.VERMILION, CHARTS.over))
         ]
         caption += " Crosses: failed runs of all experiments."
     return Chart(

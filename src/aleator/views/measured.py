@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 from aleator.results.printed import AMOUNTS, Amounts
 from aleator.results.units import label, seen_label
 from aleator.types import Array
-from aleator.views.chart import GRAY, GREEN, INK, VERMILION, Series, evenly, numbers
+from aleator.views.chart import CHARTS, GRAY, GREEN, INK, VERMILION, Series, evenly, numbers
 
 Bools = NDArray[np.bool_]
 Document = Mapping[str, Any]
 QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
 SHAPES = {"at least": "triangle", "at most": "inverted_triangle", "between": "square"}
 """Marks of values of which only bounds are known, by their kind."""
-NORMAL = 1.96
-"""Standard deviations of a normal law beyond which lie 5 %."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +109,7 @@ class MeasuredValues:
                 SHAPES.get(kind, "diamond" if out else "circle")
                 for kind, out in zip(self.columns["kind"], outside, strict=True)
             ],
-            "size": np.where(outside | ~exact, 10.0, 6.0).tolist(),
+            "size": np.where(outside | ~exact, CHARTS.large, CHARTS.dot).tolist(),
         }
         return Series(f"measured-{number}", {**self.columns, **marks})
 
@@ -188,8 +186,8 @@ def _observed(
                 "high": shown(high).tolist(),
                 "kind": [_kind(*ends) for ends in zip(low, high, strict=True)],
                 "own": shown(middle).tolist(),
-                "own_low": shown(middle - NORMAL * scale).tolist(),
-                "own_high": shown(middle + NORMAL * scale).tolist(),
+                "own_low": shown(middle - CHARTS.sd * scale).tolist(),
+                "own_high": shown(middle + CHARTS.sd * scale).tolist(),
                 "pit": [e.get("pit") for e in own],
             }
             if len(rough) == len(seen):

@@ -215,9 +215,9 @@ def _p(test: Document) -> str:
     return f"p = {number(test['p_value'], 2)}"
 
 
-def _values(document: Document) -> TextTable:
+def _values(document: Document, least: float = 1e-4) -> TextTable:
     value, test = document["log_likelihood"], document["bootstrap"]
-    error, gap = f"no law has {number(max(value['error'], 1e-4), 1)} more", ""
+    error, gap = f"no law has {number(max(value['error'], least), 1)} more", ""
     if not document["covered"]:
         error = "at least: points cannot cover so many parameters, and there may be a better law"
     if test is not None:

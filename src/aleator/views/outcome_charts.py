@@ -13,8 +13,8 @@ from aleator.results.printed import AMOUNTS, Amounts, outside, percent
 from aleator.results.units import label
 from aleator.types import Array
 from aleator.views import chart
-from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, evenly, numbers
-from aleator.views.measured import NORMAL, SHAPES, AxisChoice, MeasuredValues, conditions_of
+from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, evenly, numbers
+from aleator.views.measured import SHAPES, AxisChoice, MeasuredValues, conditions_of
 
 Document = Mapping[str, Any]
 IN_A_SERIES = (
@@ -30,7 +30,8 @@ def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
 
     `source` has the rows that are drawn, which may be fewer than those of `seen`.
     """
-    thick = float(np.clip(500.0 / max(len(seen), 1), 1.5, 12.0))
+    whole, least, most = CHARTS.spans
+    thick = float(np.clip(whole / max(len(seen), 1), least, most))
     low, high = seen.ends
     spans = [(low, high, chart.WIDE, "95 %")]
     spans += [("q0.25", "q0.75", chart.NARROW, "50 %")] if seen.by_law else []
@@ -53,7 +54,7 @@ def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
                  hover=hover(seen), pick=True),
         ],
         columns | {f"{one.key}_shown": one.title for one in seen.choices if one.name},
-        height=400, switched=True, wide=True,
+        height=CHARTS.predicted, switched=True, wide=True,
     )  # fmt: skip
 
 
@@ -113,7 +114,7 @@ def histogram_chart(pit: Array) -> Chart:
             Mark("band", Series("range", level), y="low", high="high", color=chart.BAND,
                  legend="95 % of uniform samples"),
             Mark("bars", source, "middle", "count", color=chart.NARROW,
-                 width=float(0.84 * bins.edges[1])),
+                 width=float(CHARTS.bar * bins.edges[1])),
         ],
         {"left": "from", "right": "to", "count": "count"}, [GuideLine(bins.expected)], foot=True,
         own=source,
@@ -154,7 +155,7 @@ def curve_and_band(pit: Array) -> tuple[Mark, Mark]:
     return (
         Mark("band", Series("band", around), y="low", high="high", color=chart.BAND,
              legend="95 % of uniform samples"),
-        Mark("line", line, width=1.6),
+        Mark("line", line, width=CHARTS.line),
     )  # fmt: skip
 
 
@@ -181,9 +182,9 @@ def series_charts(
         f"series-{number}", f"All series of {seen.response}",
         f"A line for each experiment; click one to see it beside.{few}",
         Axis(choice.title), Axis(seen.label, seen.log),
-        [Mark("lines", Series(f"series-{number}", every), color=chart.LINE, width=1.2, alpha=0.7,
-              hover=[("experiment", "{id}")], pick=True)],
-        {"id": "id", "x": choice.title, "y": seen.response}, height=360,
+        [Mark("lines", Series(f"series-{number}", every), color=chart.LINE,
+              width=CHARTS.thin, alpha=CHARTS.faint, hover=[("experiment", "{id}")], pick=True)],
+        {"id": "id", "x": choice.title, "y": seen.response}, height=CHARTS.series,
     )  # fmt: skip
     yield single_series_chart(seen, choice, number, lines, _least_probable(lines))
 
@@ -203,14 +204,14 @@ def single_series_chart(
         Axis(choice.title), Axis(seen.label, seen.log),
         [
             *(by_law if "q0.025" in line else ()),
-            Mark("band", source, y="own_low", high="own_high", color=chart.WIDE, alpha=0.7,
-                 legend="errors, 95 %"),
+            Mark("band", source, y="own_low", high="own_high", color=chart.WIDE,
+                 alpha=CHARTS.faint, legend="errors, 95 %"),
             Mark("line", source, y="own", width=2.0, legend="its own"),
             Mark("points", source, y="value", color=chart.INK, marker="shape",
                  hover=hover(seen)[:4], pick=True),
         ],
         columns | {"q0.025": "law 0.025", "q0.5": "law 0.5", "q0.975": "law 0.975"},
-        height=360, marked=one,
+        height=CHARTS.series, marked=one,
     )  # fmt: skip
 
 
@@ -268,7 +269,7 @@ def individuals_of(document: Document, amounts: Amounts = AMOUNTS) -> Individual
     columns["foot"] = [0.0] * len(kept)
     for name in names:
         mean = numbers([entries[k]["mean"][name] for k in kept])
-        reach = NORMAL * numbers([entries[k]["sd"][name] for k in kept])
+        reach = CHARTS.sd * numbers([entries[k]["sd"][name] for k in kept])
         columns |= {f"mean_{name}": mean.tolist(), f"low_{name}": (mean - reach).tolist(),
                     f"high_{name}": (mean + reach).tolist()}  # fmt: skip
     columns["order"] = [k + 1 for k in kept]

@@ -22,19 +22,19 @@ from aleator.views.chart import PAIRS, Chart
 from aleator.views.identification import identification
 from aleator.views.measured import AxisChoice
 
-TALL = 900
-"""Pixels of the frame in a notebook."""
-
 
 @dataclass(frozen=True)
 class HtmlReport:
     """The text of a page that needs no network; a notebook shows it in a frame.
+
+    `height` is that of the frame in pixels.
 
     >>> HtmlReport("<p>Found</p>")
     Report of 12 characters: save it, or show it in a notebook
     """
 
     text: str
+    height: int = 900
 
     def __repr__(self) -> str:
         return f"Report of {len(self.text):,} characters: save it, or show it in a notebook"
@@ -48,7 +48,7 @@ class HtmlReport:
         """A frame of its own, so that the notebook's styles and scripts are not touched."""
         return (
             f'<iframe srcdoc="{escape(self.text)}" title="Report" '
-            f'style="width:100%;height:{TALL}px;border:1px solid #ccc"></iframe>'
+            f'style="width:100%;height:{self.height}px;border:1px solid #ccc"></iframe>'
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import timedelta
 from typing import Any
 
 from aleator.results.printed import (
@@ -22,7 +23,8 @@ from aleator.results.printed import (
     percent,
 )
 from aleator.results.units import label
-from aleator.tasks.screen import CONFOUNDED, GOOD
+from aleator.tasks.first_look import LOOK
+from aleator.tasks.screen import SCREEN
 
 Document = Mapping[str, Any]
 
@@ -69,8 +71,9 @@ def duration(hours: float) -> str:
     >>> duration(0.0001), duration(0.2), duration(5.0), duration(100.0)
     ('less than a second', '12 minutes', '5 hours', '4.2 days')
     """
-    seconds = 3600.0 * hours
-    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+    seconds = timedelta(hours=1).total_seconds() * hours
+    for unit in ("days", "hours", "minutes"):
+        size = timedelta(**{unit: 1}).total_seconds()
         if seconds >= 2.0 * size:
             return f"{seconds / size:.2g} {unit}"
     return f"{seconds:.0f} seconds" if seconds >= 1.0 else "less than a second"
@@ -117,7 +120,7 @@ def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
 
     def share(row: Document) -> float:
         widths = {name: ends[1] - ends[0] for name, ends in document["measured"].items()}
-        return max(float(m / max(widths[name], 1e-300)) for name, m in row["moves"].items())
+        return max(float(m / max(widths[name], LOOK.tiny)) for name, m in row["moves"].items())
 
     strongest = max(document["parameters"], key=share)["name"]
     return (
@@ -225,7 +228,7 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
                 "linear effect is the straight part of what one standard deviation does, in the "
                 "outcome's unit; what bends, as x^2 about zero, is seen in the shares only. "
                 "Alignment is the cosine between the linear effects of two parameters over the "
-                f"experiments: beyond {CONFOUNDED:g} the experiments hardly tell them apart."
+                f"experiments: beyond {SCREEN.confounded:g} the experiments hardly tell them apart."
             ),
         ]
     rough = ""
@@ -233,8 +236,8 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
         rough = "; the expansions are rough"
         parts.append(
             Sentence(
-                f"more than one in ten misses over {GOOD:.0%} of the variance. Shares smaller than "
-                f"that mean little; allow more runs (--runs {4 * expansion['runs']}).",
+                f"more than one in ten misses over {SCREEN.good:.0%} of the variance. Shares "
+                f"smaller than that mean little; allow more runs (--runs {4 * expansion['runs']}).",
                 "warning", "The expansions are rough",
             )
         )  # fmt: skip

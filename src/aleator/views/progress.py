@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from datetime import timedelta
 from html import escape
 from importlib import import_module
@@ -13,16 +14,28 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
 from rich.text import Text
 
-PLAIN_INTERVAL = 5.0
-"""Seconds until the first plain line about a stage that takes long."""
-EVERY = 0.25
-"""Seconds between two changes of the line: a notebook keeps each in its file while it runs."""
+
+@dataclass(frozen=True)
+class ProgressSettings:
+    """How often progress is shown; by judgement.
+
+    first: seconds until the first plain line about a stage that takes long. every: seconds between
+    two changes of the moving line: a notebook keeps each in its file while it runs.
+    bar: letters of the bar.
+    """
+
+    first: float = 5.0
+    every: float = 0.25
+    bar: int = 16
+
+
+PROGRESS = ProgressSettings()
 
 
 class Lines:
     """Progress as plain lines: one for each stage, and more, ever rarer, of a long stage."""
 
-    def __init__(self, console: Console, interval: float = PLAIN_INTERVAL) -> None:
+    def __init__(self, console: Console, interval: float = PROGRESS.first) -> None:
         self._console = console
         self._interval = interval
         self._stage = ""
@@ -72,7 +85,7 @@ class Bars:
         self._progress = Progress(
             SpinnerColumn(finished_text="-"),
             TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=16),
+            BarColumn(bar_width=PROGRESS.bar),
             TextColumn("{task.fields[text]}", markup=False),
             _Elapsed(),
             console=console,
@@ -139,7 +152,7 @@ class ProgressLine:
         """Say something of the stage, at most four times a second."""
         if self._handle is None:
             self._lines.update(text, done, total)
-        elif time.monotonic() - self._last >= EVERY:
+        elif time.monotonic() - self._last >= PROGRESS.every:
             share = f" {done / total:.0%}" if done is not None and total else ""
             self._show(f"{share}  {text}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -21,12 +22,20 @@ from aleator.results.printed import (
 from aleator.simulators.records import Holding, StoredRun
 from aleator.views.terminal import terminal
 
-MINUTES = 16
-"""Letters of a moment to the minute."""
-SHORT = 8
-"""Letters of a fingerprint that are shown, and suffice to name it."""
+
+@dataclass(frozen=True)
+class RunListSettings:
+    """How runs are listed; by judgement.
+
+    moment: letters of a time to the minute. fingerprint: letters of a fingerprint that are shown,
+    and suffice to name it.
+    """
+
+    moment: int = 16
+    fingerprint: int = 8
 
 
+LISTED = RunListSettings()
 HOLDINGS = heads("simulator", "fingerprint", ">runs", ">failed", ">seconds", "last run", "~")
 RUNS = heads(">run", "when", ">outcome", "~of")
 
@@ -38,11 +47,11 @@ def holdings(found: Sequence[Holding], current: str | None, store: str) -> Rende
     rows = [
         (
             f"{held.simulator.name} {held.simulator.version}".strip(),
-            held.simulator.fingerprint[:SHORT],
+            held.simulator.fingerprint[: LISTED.fingerprint],
             f"{held.runs:,}",
             f"{held.failures:,}",
             number(held.seconds, 3),
-            "-" if held.last is None else moment(held.last)[:MINUTES],
+            "-" if held.last is None else moment(held.last)[: LISTED.moment],
             "this study's" if held.simulator.fingerprint == current else "",
         )
         for held in found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from aleator.inference.information import LEVEL
+from aleator.inference.information import INTERVALS
 from aleator.results.printed import (
     NONE,
     THRESHOLDS,
@@ -156,7 +156,10 @@ def _unexplained(row: Document, replicates: int, thresholds: Thresholds = THRESH
     notes = []
     if row["bias_error"] and abs(row["bias"]) > thresholds.chance * row["bias_error"]:
         notes.append(f"biased by {row['bias'] / row['scatter']:+.1f} scatter")
-    lowest = LEVEL - thresholds.chance * (LEVEL * (1.0 - LEVEL) / replicates) ** 0.5
+    lowest = (
+        INTERVALS.level
+        - thresholds.chance * (INTERVALS.level * (1.0 - INTERVALS.level) / replicates) ** 0.5
+    )
     if row["coverage"] is not None and row["coverage"] < lowest:
         notes.append("intervals too short")
     return ", ".join(notes)

@@ -55,11 +55,31 @@ class BatterySettings:
     """
     heavy: float = 4.0
     """The weight of heavy tails among the tests of shape: nothing else sees all of them."""
+    squares: float = 1e-12
+    """A mean square of an experiment below this is as large."""
     repeated: float = 0.7
     """A column is no sign of repeated subjects where it has more distinct values a row."""
 
 
 BATTERY = BatterySettings()
+
+
+@dataclass(frozen=True)
+class AlarmShares:
+    """Share of each group of tests in the false alarms, chosen by `python -m benchmarks findings`.
+
+    The groups are the shape of all residuals, their outcomes, their scatter, all together, and the
+    individual parameters.
+    """
+
+    shape: float = 0.32
+    outcomes: float = 0.30
+    scatter: float = 0.28
+    together: float = 0.06
+    individual: float = 0.1
+
+
+ALARMS = AlarmShares()
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,8 +348,11 @@ def _length(rows: Array, settings: BatterySettings = BATTERY) -> Array:
 
 
 SHAPE, OUTCOMES, SCATTER, TOGETHER = "shape", "outcomes", "scatter", "together"
-SHARES = {SHAPE: 0.32, OUTCOMES: 0.30, SCATTER: 0.28, TOGETHER: 0.06, INDIVIDUAL: 0.1}
-"""Share of each group of tests in the false alarms, chosen by `python -m benchmarks findings`."""
+SHARES = {
+    SHAPE: ALARMS.shape, OUTCOMES: ALARMS.outcomes, SCATTER: ALARMS.scatter,
+    TOGETHER: ALARMS.together, INDIVIDUAL: ALARMS.individual,
+}  # fmt: skip
+"""Share of each group of tests, by its name, in the false alarms."""
 SAME = "the same conditions"
 SHAPES = ("level", "scale", "skewness", "heavy tails", "light tails", "outlier")
 """The kinds of tests that are about all residuals, or all scores, together."""
@@ -507,7 +530,9 @@ class Battery:
         """How unequal experiments scatter (after Bartlett, 1937)."""
         count = np.bincount(self.experiment)
         square = np.bincount(self.experiment, level**2)[count > 1] / count[count > 1]
-        return -float(np.average(np.log(np.maximum(square, 1e-12)), weights=count[count > 1]))
+        return -float(
+            np.average(np.log(np.maximum(square, BATTERY.squares)), weights=count[count > 1])
+        )
 
 
 def is_scale(name: str) -> bool:

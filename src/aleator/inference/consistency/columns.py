@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -41,6 +42,8 @@ class ColumnSettings:
     """
     levels: int = 6
     """A column of so many values at most is looked at value by value."""
+    tiny: float = 1e-300
+    """A sum of squares below this is zero."""
     fewest: int = 3
     """Observations of a level that are looked at by themselves."""
 
@@ -204,7 +207,7 @@ def _keys(column: Column) -> tuple[bytes, ...]:
     return (b"text" + order[column.group].tobytes(),)
 
 
-RARE = -float(np.log(2520.0))
+RARE = -math.log(math.factorial(COLUMNS.distinct) / 2)
 """The logarithm of that probability."""
 
 
@@ -372,7 +375,7 @@ def _computed(
             continue
         design = np.stack([np.ones(y.size), *form[2:]], axis=1)
         c, y_left = form[:2] - (design @ np.linalg.lstsq(design, form[:2].T)[0]).T
-        slope = c @ y_left / max(y_left @ y_left, 1e-300)
+        slope = c @ y_left / max(y_left @ y_left, settings.tiny)
         if np.sum((c - slope * y_left) ** 2) < settings.rounded * (c @ c):
             return True
     return False

@@ -31,6 +31,12 @@ class JudgementSettings:
     """The skewness of B replicates is taken B/(B + this) times."""
     many: int = 200
     """Experiments from which one step to the maximum of a replicate does."""
+    farthest: float = 1.01
+    """A replicate is at most sqrt(B - this) standard deviations away: sqrt(B - 1) is the most that
+    one of B values can be.
+    """
+    certain: float = 1e-15
+    """Probabilities stay so far from one."""
     named: int = 5
     """Outliers that are named."""
 
@@ -62,7 +68,8 @@ def probabilities(
     skewness = np.where(skewed, third, 0.0) * count / (count + settings.shrunk)
     z = _normal((observed - mean) / scale, skewness, settings) / np.sqrt(1.0 + 1.0 / count)
     own = _normal((replicates - mean) / scale, skewness, settings)
-    r = np.clip(own / np.sqrt(1.0 - 1.0 / count), -np.sqrt(count - 1.01), np.sqrt(count - 1.01))
+    most = np.sqrt(count - settings.farthest)
+    r = np.clip(own / np.sqrt(1.0 - 1.0 / count), -most, most)
     left_out = r * np.sqrt((count - 2.0) / (count - 1.0 - r**2))
     p = np.where(flat, 1.0, _tail(z, count - 1.0, one_sided))
     return p, np.where(flat, 1.0, _tail(left_out, count - 2.0, one_sided)), np.where(flat, 0.0, z)
@@ -82,7 +89,7 @@ def effective(smallest: Array) -> float:
 
 def corrected(p: Array, tests: float) -> Array:
     """The probability that the smallest of so many is as small."""
-    return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(p, 1.0 - 1e-15))))
+    return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(p, 1.0 - JUDGEMENT.certain))))
 
 
 def _normal(z: Array, skewness: Array, settings: JudgementSettings) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -16,17 +17,42 @@ from aleator.results.values import Diagnostic
 from aleator.search import SearchResult, wide_limits
 from aleator.types import Array
 
-LARGEST_EDM = 5e-3
-"""Distance to the maximum, in log-likelihood, that still counts as arrived: 0.1 standard errors."""
-FEW_EXPERIMENTS = 5
-"""Experiments for each free hyperparameter below which intervals of a normal law hold the truth in
-less than 93 % of all cases: 92 % at four, 91 % at three, by the laws of Student and Helmert."""
+
+@dataclass(frozen=True)
+class EstimateSettings:
+    """When estimates are not at a maximum, too many, or hardly determined; by judgement.
+
+    edm: distance to the maximum, in log-likelihood, that still counts as arrived: 0.1 standard
+    errors. experiments: experiments for each free hyperparameter; with fewer, intervals of a normal
+    law contain the truth in less than 93 % of all cases: 92 % at four, 91 % at three, by the laws
+    of Student and Helmert.
+    weak: curvature of a direction over that of each hyperparameter alone; with less it is weak.
+    part: share of a direction from which a hyperparameter is named.
+    correlation: that of two estimates from which advice on it is a warning.
+    distance: the mean of a condition over its standard deviation from which it is far from zero.
+    proportional: relative deviation of the ratio of two effects from a condition that counts as
+    none, at most the share `spread` of the relative spread of the condition.
+    """
+
+    edm: float = 5e-3
+    experiments: int = 5
+    weak: float = 0.02
+    part: float = 0.3
+    correlation: float = 0.95
+    distance: float = 3.0
+    proportional: float = 0.01
+    spread: float = 0.2
 
 
-def count_warnings(experiments: int, inference: Inference) -> list[Diagnostic]:
+ESTIMATES = EstimateSettings()
+
+
+def count_warnings(
+    experiments: int, inference: Inference, settings: EstimateSettings = ESTIMATES
+) -> list[Diagnostic]:
     """Whether normal theory can be trusted at this number of experiments."""
     free = inference.identified.size
-    if experiments >= FEW_EXPERIMENTS * free:
+    if experiments >= settings.experiments * free:
         return []
     return [
         Diagnostic(
@@ -36,13 +62,15 @@ def count_warnings(experiments: int, inference: Inference) -> list[Diagnostic]:
             "and estimated standard deviations tend to be too small, by about the ratio of "
             "hyperparameters to experiments",
             "take the intervals, not the standard errors; fix some, or add experiments "
-            f"({2 * FEW_EXPERIMENTS} for each is a start)",
+            f"({2 * settings.experiments} for each is a start)",
         )
     ]
 
 
 def search_refusals(
-    inference: Inference, hyperparameters: Sequence[Hyperparameter]
+    inference: Inference,
+    hyperparameters: Sequence[Hyperparameter],
+    settings: EstimateSettings = ESTIMATES,
 ) -> list[Diagnostic]:
     """Whether the answer is a maximum, and the search arrived there."""
     warnings = []
@@ -58,7 +86,7 @@ def search_refusals(
                 f"fix a hyperparameter, or search from more starts{also}",
             )
         )
-    elif not inference.edm < LARGEST_EDM:
+    elif not inference.edm < settings.edm:
         warnings.append(
             Diagnostic(
                 "search",
@@ -130,13 +158,13 @@ def _on_limit(h: Hyperparameter, side: str) -> Diagnostic:
     )
 
 
-FLAT = 0.02
-"""A curvature below this share of that of each hyperparameter alone marks a weak direction."""
 REMEDY = "fix a hyperparameter, or measure under more varied conditions"
 
 
 def weak_directions(
-    inference: Inference, hyperparameters: Sequence[Hyperparameter]
+    inference: Inference,
+    hyperparameters: Sequence[Hyperparameter],
+    settings: EstimateSettings = ESTIMATES,
 ) -> list[Diagnostic]:
     """What the experiments hardly determine: pairs, groups, and directions without any effect.
 
@@ -144,22 +172,24 @@ def weak_directions(
     deviation is uncertain its interval says.
     """
     named = _correlated if inference.positive else _flat
-    return [*named(inference, [hyperparameters[k] for k in inference.free])]
+    return [*named(inference, [hyperparameters[k] for k in inference.free], settings)]
 
 
-def _weakest(correlation: Array) -> Array:
+def _weakest(correlation: Array, settings: EstimateSettings) -> Array:
     """Of these correlations the eigenvectors, as rows, of eigenvalues near zero."""
     values, vectors = np.linalg.eigh(correlation)
-    return np.asarray(vectors.T[values <= FLAT])
+    return np.asarray(vectors.T[values <= settings.weak])
 
 
-def _correlated(inference: Inference, free: Sequence[Hyperparameter]) -> Iterator[Diagnostic]:
+def _correlated(
+    inference: Inference, free: Sequence[Hyperparameter], settings: EstimateSettings
+) -> Iterator[Diagnostic]:
     if inference.free.size < 2:
         return
     names = [h.name for h in free]
-    for vector in _weakest(inference.correlation):
+    for vector in _weakest(inference.correlation, settings):
         # the small eigenvalue is well determined; what moves along its large parts is not apart
-        parts = _large(vector)
+        parts = _large(vector, settings)
         which = [names[i] for i in parts]
         yield _weak(
             f"{', '.join(which)} can hardly be told apart: if they change together, the "
@@ -182,7 +212,9 @@ def _remedy(which: Sequence[Hyperparameter]) -> str:
     )
 
 
-def _flat(inference: Inference, free: Sequence[Hyperparameter]) -> Iterator[Diagnostic]:
+def _flat(
+    inference: Inference, free: Sequence[Hyperparameter], settings: EstimateSettings
+) -> Iterator[Diagnostic]:
     """Directions along which the log-likelihood is flat: there is no covariance."""
     names = [h.name for h in free]
     inside = np.isin(inference.identified, inference.free)
@@ -198,8 +230,8 @@ def _flat(inference: Inference, free: Sequence[Hyperparameter]) -> Iterator[Diag
     values, vectors = np.linalg.eigh(
         information[np.ix_(acts, acts)] / np.outer(scale[acts], scale[acts])
     )
-    for vector in vectors.T[np.abs(values) < FLAT]:
-        parts = _large(vector)
+    for vector in vectors.T[np.abs(values) < settings.weak]:
+        parts = _large(vector, settings)
         which = [known[i] for i in parts]
         yield _weak(
             f"{', '.join(which)} can change together without effect, along "
@@ -212,8 +244,8 @@ def _weak(message: str, *names: str, remedy: str = REMEDY) -> Diagnostic:
     return Diagnostic("identifiability", message, remedy, names)
 
 
-def _large(vector: Array) -> list[int]:
-    return [int(i) for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
+def _large(vector: Array, settings: EstimateSettings) -> list[int]:
+    return [int(i) for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > settings.part]
 
 
 def _combination(vector: Array, parts: Sequence[int], names: Sequence[str]) -> str:
@@ -222,20 +254,13 @@ def _combination(vector: Array, parts: Sequence[int], names: Sequence[str]) -> s
     )
 
 
-CLOSE = 0.95
-"""Correlation of two estimates from where on the advice is worth a warning."""
-FAR = 3.0
-"""Mean of a condition over its standard deviation from where on it lies far from zero."""
-PROPORTIONAL = 0.01
-"""Relative deviation of the ratio of two effects from a condition that still counts as one."""
-
-
 def centering_advice(
     slope: Array,
     inputs: Inputs,
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
     conditions: pd.DataFrame,
+    settings: EstimateSettings = ESTIMATES,
 ) -> list[Diagnostic]:
     """Advice for pairs of parameters of which one acts as the other times a condition.
 
@@ -249,23 +274,25 @@ def centering_advice(
     far = {
         str(name): column.to_numpy()
         for name, column in conditions.items()
-        if pd.api.types.is_float_dtype(column) and _far(column.to_numpy())
+        if pd.api.types.is_float_dtype(column) and _far(column.to_numpy(), settings)
     }
     found = []
-    for i, j in _close(inputs, hyperparameters, inference):
+    for i, j in _close(inputs, hyperparameters, inference, settings):
         for a, b in ((i, j), (j, i)):
             for name, values in far.items():
-                if _times(slope[:, b], slope[:, a], values):
+                if _times(slope[:, b], slope[:, a], values, settings):
                     found.append(_advice(inputs.names[a], inputs.names[b], name, values))
     return found
 
 
-def _far(values: Array) -> bool:
+def _far(values: Array, settings: EstimateSettings) -> bool:
     spread = float(values.std())
-    return bool(np.all(np.isfinite(values)) and 0.0 < FAR * spread < abs(values.mean()))
+    return bool(
+        np.all(np.isfinite(values)) and 0.0 < settings.distance * spread < abs(values.mean())
+    )
 
 
-def _times(effect: Array, other: Array, condition: Array) -> bool:
+def _times(effect: Array, other: Array, condition: Array, settings: EstimateSettings) -> bool:
     """Whether one effect is the other times the condition and a constant, over all experiments."""
     wanted = other * condition
     size = float(wanted @ wanted)
@@ -274,12 +301,15 @@ def _times(effect: Array, other: Array, condition: Array) -> bool:
     off = effect - (effect @ wanted) / size * wanted
     # as close as to the other alone would be no sign of the condition
     spread = float(condition.std() / abs(condition.mean()))
-    closeness = min(PROPORTIONAL, 0.2 * spread)
+    closeness = min(settings.proportional, settings.spread * spread)
     return bool(np.linalg.norm(off) < closeness * np.linalg.norm(effect))
 
 
 def _close(
-    inputs: Inputs, hyperparameters: Sequence[Hyperparameter], inference: Inference
+    inputs: Inputs,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    settings: EstimateSettings,
 ) -> Iterator[tuple[int, int]]:
     """Pairs of parameters whose means or values are free, and hardly told apart."""
     where = {
@@ -291,7 +321,7 @@ def _close(
     rows = [row for row, k in enumerate(inference.free) if int(k) in where]
     for p, q in combinations(rows, 2):
         i, j = where[int(inference.free[p])], where[int(inference.free[q])]
-        if not inference.positive or abs(inference.correlation[p, q]) > CLOSE:
+        if not inference.positive or abs(inference.correlation[p, q]) > settings.correlation:
             yield i, j
 
 

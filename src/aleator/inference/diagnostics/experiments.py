@@ -20,19 +20,43 @@ from aleator.status import Status
 from aleator.types import Array, Flags, Indices
 
 
+@dataclass(frozen=True)
+class ExperimentSettings:
+    """When something is said of single experiments, and how much of it; by judgement.
+
+    gap: change of the log-likelihood with more nodes from which an answer is refused, and
+    noted_gap that from which it is reported.
+    equal: maxima whose log-likelihoods differ by less are as high as each other.
+    failing: share of a law at which runs fail, from which it is reported. censored: share of the
+    values of which only bounds are known, from which it is reported.
+    ids: experiments that a message names. points: failed runs of which a result says where.
+    """
+
+    gap: float = 0.1
+    noted_gap: float = 0.01
+    equal: float = 0.1
+    failing: float = 0.02
+    censored: float = 0.5
+    ids: int = 8
+    points: int = 300
+
+
+EXPERIMENTS = ExperimentSettings()
+
+
 def chosen(which: NDArray[np.intp], ids: Sequence[str]) -> tuple[str, ...]:
     """The ids of the experiments `which`."""
     return tuple(ids[l] for l in which)
 
 
-def named(which: NDArray[np.intp], ids: Sequence[str]) -> str:
-    """The experiments `which`, by their ids, at most eight.
+def named(which: NDArray[np.intp], ids: Sequence[str], most: int = EXPERIMENTS.ids) -> str:
+    """The experiments `which`, by their ids, so many of them at most.
 
     >>> named(np.array([0, 2]), ["a", "b", "c"])
     'experiments a, c'
     """
-    shown = ", ".join(ids[l] for l in which[:8])
-    more = f" and {which.size - 8} more" if which.size > 8 else ""
+    shown = ", ".join(ids[l] for l in which[:most])
+    more = f" and {which.size - most} more" if which.size > most else ""
     return f"experiment{'s' if which.size > 1 else ''} {shown}{more}"
 
 
@@ -55,18 +79,6 @@ def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnost
                 Diagnostic("density", f"{named(bad, ids)}: {what}", remedy, chosen(bad, ids))
             )
     return warnings
-
-
-LARGEST_GAP = 0.1
-"""Change of the log-likelihood with more nodes from where on an answer is refused."""
-NOTED_GAP = 0.01
-"""... from where on it is told."""
-EQUAL = 0.1
-"""Maxima whose log-likelihoods differ by less are as high as each other."""
-NOTED_FAILING = 0.02
-"""Share of a law at which runs fail that is told."""
-MOSTLY = 0.5
-"""Share of values of which only bounds are known that is told."""
 
 
 def held_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diagnostic]:
@@ -121,7 +133,8 @@ def rival_warnings(
     rivals = [
         rival
         for rival in rivals
-        if rival.drop < EQUAL or any(not _within(rival.alpha[k], intervals[k]) for k in rival.moved)
+        if rival.drop < EXPERIMENTS.equal
+        or any(not _within(rival.alpha[k], intervals[k]) for k in rival.moved)
     ]
     if not rivals:
         return []
@@ -131,7 +144,7 @@ def rival_warnings(
         for k in best.moved
     )
     lower = f"has a log-likelihood lower by {best.drop:.3g}"
-    height = lower if best.drop > EQUAL else "is as high"
+    height = lower if best.drop > EXPERIMENTS.equal else "is as high"
     more = f" (and {len(rivals) - 1} more)" if len(rivals) > 1 else ""
     return [
         Diagnostic(
@@ -196,7 +209,7 @@ def _lost(seen: Observations, left: Observations, ids: Sequence[str]) -> list[Di
 
 
 def _failing(failing: Array, ids: Sequence[str]) -> list[Diagnostic]:
-    which = np.flatnonzero(failing > NOTED_FAILING)
+    which = np.flatnonzero(failing > EXPERIMENTS.failing)
     if not which.size:
         return []
     return [
@@ -213,7 +226,7 @@ def _failing(failing: Array, ids: Sequence[str]) -> list[Diagnostic]:
 
 def _censored(left: Observations) -> list[Diagnostic]:
     share = float(np.mean(left.censored)) if len(left) else 0.0
-    if share <= MOSTLY:
+    if share <= EXPERIMENTS.censored:
         return []
     return [
         Diagnostic(
@@ -331,10 +344,6 @@ def level_warnings(changed: Array) -> list[Diagnostic]:
     ]
 
 
-MOST = 300
-"""Failed runs of which the result tells where they were."""
-
-
 def failure_report(runner: Runner) -> FailureReport | None:
     """What a runner's failures have in common; None without any.
 
@@ -365,7 +374,7 @@ def _in_order(case: Indices, x: Array) -> Indices:
 
 def _points(parameters: Sequence[str], x: Array) -> dict[str, tuple[float, ...]]:
     """Columns of some of the points x (F, n), evenly chosen."""
-    chosen = np.unique(np.linspace(0, len(x) - 1, MOST).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(x) - 1, EXPERIMENTS.points).round().astype(int))
     return {name: tuple(x[chosen, k].tolist()) for k, name in enumerate(parameters)}
 
 

@@ -24,14 +24,32 @@ from aleator.surrogates.adaptive import Outlook, outlook
 from aleator.surrogates.responses import moving_parameters
 from aleator.types import Array, Flags, Indices
 
-LARGEST_SURFACE_ERROR = 0.1
-"""Error of a surface under the identified law, over the outcome's sd, worth a warning."""
-USELESS = 0.5
-"""The same, at which an answer is not sound."""
-WRONG, WORSE, SHARE = 0.03, 4.0, 0.03
-"""So are surfaces with an error above the first, so many times the estimated one, in such a share
-of the experiments. Right ones were at most 3.3 times as rough as estimated, and most a fifth.
-"""
+
+@dataclass(frozen=True)
+class SurfaceReviewSettings:
+    """When surfaces are too rough for an answer; by judgement but where a measurement is named.
+
+    Errors are those of a surface under the identified law, over the sd of the outcome.
+
+    error: one that is worth a warning. useless: one with which an answer is not sound.
+    wrong, worse, share: nor is it where errors are above `wrong` and `worse` times the estimated
+    ones in such a share of the experiments. Right surfaces were at most 3.3 times as rough as
+    estimated, and most a fifth.
+    change: of the log-likelihood by the simulator, beyond `errors` standard errors of it, with
+    which an answer is refused. ids: experiments that are named with their outcomes.
+    """
+
+    error: float = 0.1
+    useless: float = 0.5
+    wrong: float = 0.03
+    worse: float = 4.0
+    share: float = 0.03
+    change: float = 0.5
+    errors: float = 3.0
+    ids: int = 5
+
+
+SURFACES = SurfaceReviewSettings()
 
 
 def surface_report(problem: Problem) -> dict[str, Any] | None:
@@ -71,16 +89,16 @@ def worse_than_estimated(
     """
     relative = checked.relative
     with np.errstate(invalid="ignore"):
-        worse = (relative > WRONG) & (checked.typical > WORSE * estimated)
+        worse = (relative > SURFACES.wrong) & (checked.typical > SURFACES.worse * estimated)
     rows = np.flatnonzero(worse)
-    if rows.size < max(2, SHARE * worse.size):
+    if rows.size < max(2, SURFACES.share * worse.size):
         return []
     return [
         Diagnostic(
             "response surface",
             f"{named(rows, ids)}: the response surface misses the simulator by more than "
-            f"{WORSE:.0f} times its estimated error, and by up to {relative[rows].max():.1%} "
-            "of the outcome's scatter under the identified law",
+            f"{SURFACES.worse:.0f} times its estimated error, and by up to "
+            f"{relative[rows].max():.1%} of the outcome's scatter under the identified law",
             "see whether the simulator answers the same for equal parameters; choose a tolerance, "
             "such as 0.005, for surfaces that are exact on all of their region",
             chosen(rows, ids),
@@ -102,15 +120,15 @@ def useless(
             relative = (surface.error / surface.scatter)[problem.condition]
         else:
             return []
-        useless = np.flatnonzero(relative > USELESS)
+        useless = np.flatnonzero(relative > SURFACES.useless)
     if not useless.size:
         return []
     return [
         Diagnostic(
             "response surface",
             f"{named(useless, ids)}: the response surface misses the simulator by more than "
-            f"{USELESS:.0%} of the outcome's scatter under the identified law, so that the "
-            "estimates cannot be trusted",
+            f"{SURFACES.useless:.0%} of the outcome's scatter under the identified law, so that "
+            "the estimates cannot be trusted",
             "choose a tolerance, such as 0.005, for surfaces that are exact on all of their region "
             'whatever the answer; take transform = "log" where the outcome spans decades; or '
             "narrow the box",
@@ -128,13 +146,13 @@ def surface_warnings(
     unexact = _unexact if problem.model.follows else _unconverged
     warnings = unexact(problem, problem.surface, ids)
     with np.errstate(invalid="ignore"):
-        rough = np.flatnonzero(surface_error > LARGEST_SURFACE_ERROR)
+        rough = np.flatnonzero(surface_error > SURFACES.error)
     if rough.size:
         warnings.append(
             Diagnostic(
                 "response surface",
                 f"{named(rough, ids)}: the error of the response surface is above "
-                f"{LARGEST_SURFACE_ERROR:.0%} of the outcome's standard deviation under the "
+                f"{SURFACES.error:.0%} of the outcome's standard deviation under the "
                 "identified law",
                 "lower the tolerance of the surface, or narrow the box around the law",
                 chosen(rough, ids),
@@ -145,7 +163,7 @@ def surface_warnings(
 
 def _unexact(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Diagnostic]:
     """Surfaces that are rough under the law: more runs did not help, or did not move the answer."""
-    rough = surface.error > LARGEST_SURFACE_ERROR * surface.scatter
+    rough = surface.error > SURFACES.error * surface.scatter
     rows = np.flatnonzero((rough & ~surface.converged)[problem.condition])
     if not rows.size:
         return []
@@ -153,7 +171,7 @@ def _unexact(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Dia
         Diagnostic(
             "response surface",
             f"{named(rows, ids)}: the estimated error of the response surface is above "
-            f"{LARGEST_SURFACE_ERROR:.0%} of the outcome's scatter under the law; more runs "
+            f"{SURFACES.error:.0%} of the outcome's scatter under the law; more runs "
             "stopped making it smaller, or stopped changing the estimates",
             "see what the verification says of these experiments; choose a tolerance, such as "
             "0.005, or allow more runs (max_runs)",
@@ -191,15 +209,9 @@ def _unconverged(problem: Problem, surface: Surface, ids: Sequence[str]) -> list
     return warnings
 
 
-LARGEST_CHANGE = 0.5
-"""Change of the log-likelihood by the simulator, beyond its error, that refuses an answer."""
-LARGEST_MOVE = 0.25
-"""Standard errors by which an estimate may be off before a reader must know."""
-
-
 def check_refusals(change: float, error: float) -> list[Diagnostic]:
     """Whether the simulator itself gives another log-likelihood than its surfaces."""
-    if not abs(change) > LARGEST_CHANGE + 3.0 * error:
+    if not abs(change) > SURFACES.change + SURFACES.errors * error:
         return []
     return [
         Diagnostic(
@@ -230,7 +242,7 @@ def density_notes(
         return []
     steps = found.in_standard_errors
     names = [problem.model.hyperparameters[k].name for k in free]
-    rows = np.flatnonzero(np.abs(steps) > LARGEST_MOVE)
+    rows = np.flatnonzero(np.abs(steps) > ACCURACY.move)
     if not rows.size:
         return []
     rows = rows[np.argsort(-np.abs(steps[rows]))]
@@ -391,12 +403,12 @@ def out_of_reach(
     outside: Indices, y: Array, reach: tuple[Array, Array], ids: Sequence[str]
 ) -> ExperimentsError:
     """What names the experiments `outside`, of outcomes y (N,), and the ends (N,) of the reach."""
-    low, high = reach
+    (low, high), most = reach, SURFACES.ids
     named = "; ".join(
         f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
-        for l in outside[:5]
+        for l in outside[:most]
     )
-    more = f"; and {outside.size - 5} more" if outside.size > 5 else ""
+    more = f"; and {outside.size - most} more" if outside.size > most else ""
     return ExperimentsError(
         f"{outside.size} outcome(s) lie outside the range that the simulator reaches, "
         f"so that no law explains them: {named}{more}",

@@ -86,6 +86,8 @@ class GroundSettings:
     """Standard normal variates that surfaces reach to, for every alpha."""
     level: float = 0.02
     """Estimated error of a surface over the scatter of its outcome."""
+    edge: float = 1e-12
+    """Uniform numbers stay so far from zero and one."""
     pad: float = 0.05
     """Share of its width by which a region is widened on either side."""
     least: float = 1e-3
@@ -232,7 +234,7 @@ def normal_points(count: int, dimensions: int, seed: int) -> Array:
     """Scrambled Sobol' points (count, dimensions) of the standard normal law."""
     power = int(np.ceil(np.log2(count)))
     uniform = qmc.Sobol(dimensions, rng=seed).random_base2(power)[:count]
-    return np.asarray(special.ndtri(np.clip(uniform, 1e-12, 1.0 - 1e-12)))
+    return np.asarray(special.ndtri(np.clip(uniform, GROUND.edge, 1.0 - GROUND.edge)))
 
 
 def parameters(ground: Ground, alphas: Array, experiment: int, points: Points) -> DrawnParameters:

@@ -24,6 +24,8 @@ class ToleranceSettings:
 
     far: float = 0.02
     """Share beyond a design value below which it has points of its own."""
+    middle: tuple[float, float] = (0.16, 0.84)
+    """Probabilities between whose quantiles the scatter is taken: two sd of a normal law."""
     rounds: int = 4
     still: float = 0.01
     """A change of a design value over the scatter that is none."""
@@ -122,7 +124,7 @@ def _once(
     y, found = near.outcomes(draws.alpha, points)
     weights = _completed(y, found.weights, probability)
     value, _ = quantile_bound(y, weights, draws.weights, probability, confidence)
-    middle = quantiles(y[0], found.weights[0], np.array([0.16, 0.84]))
+    middle = quantiles(y[0], found.weights[0], np.array(LIMITS.middle))
     return value, 0.5 * float(middle[1] - middle[0])
 
 

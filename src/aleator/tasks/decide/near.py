@@ -31,9 +31,22 @@ from aleator.tasks.decide.ground import (
 )
 from aleator.types import Array, Indices
 
-REACH = 6.5
-"""Standard normal variates that a surface of a rare event reaches to: 4e-11 lie beyond."""
 ZERO = np.zeros(1, dtype=np.intp)
+
+
+@dataclass(frozen=True)
+class NearSettings:
+    """How far a surface of a rare event reaches; by judgement.
+
+    reach: standard normal variates; 4e-11 of the law lie beyond. seed: that of the points by which
+    a surface is placed.
+    """
+
+    reach: float = 6.5
+    seed: int = 5
+
+
+NEAR = NearSettings()
 
 
 @dataclass(frozen=True)
@@ -270,8 +283,8 @@ class Near:
     def wide(self, alphas: Array, far: float, count: int) -> Array:
         """Parameters (D, n) that are `far` times as far out as the laws say, and the farthest."""
         s = self.ground.inputs.scattering
-        axes = REACH * np.concatenate([np.eye(s), -np.eye(s)])
-        xi = np.concatenate([far * normal_points(count, max(s, 1), 5)[:, :s], axes])
+        axes = NEAR.reach * np.concatenate([np.eye(s), -np.eye(s)])
+        xi = np.concatenate([far * normal_points(count, max(s, 1), NEAR.seed)[:, :s], axes])
         points = Points(xi, np.zeros(len(xi)), np.ones(len(xi)))
         return parameters(self.ground, alphas, self.experiment, points).x.reshape(
             -1, len(self.ground.inputs.names)

@@ -15,6 +15,7 @@ import pandas as pd
 
 from aleator.inference.alpha_draws import AlphaDraws, moments, quantiles
 from aleator.inference.extrapolation import Beyond, compared
+from aleator.inference.information import INTERVALS
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import invert
 from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor, individual_points
@@ -43,6 +44,8 @@ class PredictionSettings:
 
     law_points: int = 4096
     """Points that stand for the law of an experiment."""
+    edge: float = 1e-12
+    """Probabilities stay so far from zero and one."""
     step: float = 1e-4
     """Step in scales of the difference that a density is taken by."""
     lost: float = 1e-3
@@ -182,7 +185,7 @@ class _Endless:
         finite = 1.0 - self.below - self.above
         with np.errstate(all="ignore"):
             among = (probabilities - self.below[:, None]) / finite[:, None]
-        return np.clip(np.nan_to_num(among, nan=0.5), 1e-12, 1.0 - 1e-12)
+        return np.clip(np.nan_to_num(among, nan=0.5), PREDICTION.edge, 1.0 - PREDICTION.edge)
 
     def quantiles(self, probabilities: Array, finite: Array) -> Array:
         """Those (m, P) of all values, given those of the finite ones."""
@@ -246,10 +249,6 @@ def _inverted(
     lost = ~np.isfinite(low) | ~np.isfinite(high)
     low, high = np.where(lost, 0.0, low), np.where(lost, 1.0, high)
     return np.where(lost, np.nan, invert(cdf, pdf, probabilities, low, high))
-
-
-LEVEL = np.array([0.025, 0.975])
-"""Ends of the interval of each quantile."""
 
 
 def widened(
@@ -317,7 +316,9 @@ class _PointValues:
         own = self.quantiles[1]
         finite = np.isfinite(self.each).all(axis=0) & np.isfinite(own) & np.isfinite(at)
         shift = np.where(finite, at, 0.0) - np.where(finite, own, 0.0)
-        return np.asarray(quantiles(self.each.T, self.weights, LEVEL) + shift[:, None])
+        return np.asarray(
+            quantiles(self.each.T, self.weights, np.array(INTERVALS.ends)) + shift[:, None]
+        )
 
 
 def _moved(at: Array, mixed: Array, own: Array) -> Array:

@@ -11,6 +11,7 @@ from scipy import stats
 
 from aleator.errors import InputsError, nearest
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
+from aleator.inference.information import INTERVALS
 from aleator.inference.rare_events import CrossEntropy, Event
 from aleator.observations.responses import Transform
 from aleator.progress import Progress
@@ -18,7 +19,6 @@ from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Exploration, Near
 from aleator.tasks.decide.prediction import PREDICTION, heads, in_rows, tails
 from aleator.tasks.decide.sample import (
-    CHECKS,
     SAMPLE,
     Correction,
     Sample,
@@ -107,12 +107,15 @@ class ProbabilitySettings:
 
     content: float = 0.95
     batches: int = 16
+    tiny: float = 1e-300
+    """What is added to each weight: their sum is never zero."""
 
 
 PROBABILITY = ProbabilitySettings()
 
-LEVEL = np.array([0.025, 0.975])
-STUDENT = float(stats.t.ppf(LEVEL[1], SAMPLE.replicates - 1) / stats.norm.ppf(LEVEL[1]))
+STUDENT = float(
+    stats.t.ppf(INTERVALS.ends[1], SAMPLE.replicates - 1) / stats.norm.ppf(INTERVALS.ends[1])
+)
 """What the standard error of few replicates is longer by, so that twice it holds 95 %."""
 
 
@@ -142,7 +145,7 @@ def probabilities(
     ground: Ground,
     draws: AlphaDraws,
     events: dict[int, Event],
-    checks: int = CHECKS,
+    checks: int = SAMPLE.checks,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """A row for each response that has an event (by its number) and each row of the conditions."""
@@ -167,7 +170,7 @@ def probability(
     near: Near,
     draws: AlphaDraws,
     event: Event,
-    checks: int = CHECKS,
+    checks: int = SAMPLE.checks,
     progress: Progress | None = None,
     choice: Exploration | None = None,
 ) -> Probability:
@@ -299,7 +302,7 @@ class _Told:
         batch = (np.arange(len(self.weights)) // 2) % PROBABILITY.batches
         own = self.each[1:].mean(axis=1)
         means = [
-            np.average(own[batch == b], weights=self.weights[batch == b] + 1e-300)
+            np.average(own[batch == b], weights=self.weights[batch == b] + PROBABILITY.tiny)
             for b in range(PROBABILITY.batches)
         ]
         return float(
@@ -339,7 +342,7 @@ def interval_about(
     Tails of 2.5 % each; of a law so skew that the mean lies in one of them, the interval ends at
     the mean, and what that tail keeps beyond it is taken from the other. It holds 95 % either way.
     """
-    low, high = quantiles(values, weights, LEVEL)
+    low, high = quantiles(values, weights, np.array(INTERVALS.ends))
     if mean > high:
         below = float(np.sum(weights, where=values <= mean))
         low = quantiles(values, weights, np.array([below - settings.content]))[0]

@@ -22,7 +22,7 @@ from aleator.inference.rare_events import (
     uniform_points,
 )
 from aleator.tasks.decide.ground import GROUND, DrawnParameters, Points, normal_points
-from aleator.tasks.decide.near import REACH, Exploration, Near, some_of
+from aleator.tasks.decide.near import NEAR, Exploration, Near, some_of
 from aleator.types import Array, Flags
 
 
@@ -46,6 +46,12 @@ class SampleSettings:
     """Rounds of the search for the point of an event that is nearest to the middle of the law."""
     doubted: float = 0.7
     """Share of the runs that are near the ends of the event; the others are anywhere in it."""
+    checks: int = 20
+    """Runs near the ends of the event that correct a surface."""
+    tiny: float = 1e-300
+    """A probability below this is as large."""
+    usual: int = 16
+    """The outcome's scatter is by one in so many points of the pool."""
     seed: int = 11
     pool: int = 4096
     """Points by which the probability of an unseen region, and of a surface's mistakes, is
@@ -259,9 +265,6 @@ def distance_of(
     return float(np.linalg.norm(best))
 
 
-CHECKS = 20
-
-
 @dataclass(frozen=True, eq=False)
 class Explored:
     """Fresh runs x (R, n), and whether each contradicts a surface.
@@ -341,9 +344,11 @@ def explored(
     """
     assert near.surface is not None
     d = variates(near)
-    farthest = stats.chi.isf(max(choice.beyond * probability, 1e-300), d)
-    u, _ = _all_over(choice.runs, d, min(farthest, REACH), settings.seed + seed, settings)
-    _, weights = _all_over(settings.pool, d, min(farthest, REACH), settings.seed + seed, settings)
+    farthest = stats.chi.isf(max(choice.beyond * probability, settings.tiny), d)
+    u, _ = _all_over(choice.runs, d, min(farthest, NEAR.reach), settings.seed + seed, settings)
+    _, weights = _all_over(
+        settings.pool, d, min(farthest, NEAR.reach), settings.seed + seed, settings
+    )
     unseen = unseen_by(weights, choice.runs, settings=settings)
     rng = np.random.default_rng([settings.seed, seed])
     laws, share = chosen_laws(draws)
@@ -354,7 +359,7 @@ def explored(
     x, y, sd = found.x[law, place], y[law, place], sd[law, place]
     run = near.at_runs(laws[law], x, found.score[place])
     usual = near.outcomes(
-        laws, points_at(near, normal_points(settings.pool // 16, d, settings.seed))
+        laws, points_at(near, normal_points(settings.pool // settings.usual, d, settings.seed))
     )[0]
     scale = np.nan_to_num(event.distance(y)) + float(np.nanstd(usual))
     sure = stats.norm.isf(0.5 * settings.missed / choice.runs)
