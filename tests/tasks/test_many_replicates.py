@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from aleator import Check, Free, Inputs, Normal, identify
-from aleator.tasks import consistency
+from aleator.tasks.consistency import CONSISTENCY
 
 LOADS = np.repeat(np.linspace(1.0, 3.0, 31), 100)
 
@@ -52,4 +52,4 @@ def test_each_experiment_is_drawn_at_a_point_of_its_own(found) -> None:
 
 def test_a_right_model_of_very_many_is_consistent_by_few_replicates(found) -> None:
     assert found.consistent
-    assert found.consistency.replicates <= consistency.FEW
+    assert found.consistency.replicates <= CONSISTENCY.large_replicates
