@@ -78,7 +78,9 @@ class Rounds:
     most: int = 24
 
 
-WITH_NOISE = Rounds(begin=0.1, first=0.2, last=0.0125, together=16, change=0.01, each=1e-4)
+WITH_NOISE = Rounds(
+    begin=0.1, first=0.2, last=0.0125, together=16, change=0.01, each=1e-4, shrink=0.6
+)
 EXACT = Rounds(begin=np.inf, first=0.05, last=0.025, together=1, change=0.2, each=1e-3)
 
 
@@ -333,7 +335,7 @@ class Refinement:
         surfaces.judge(self._draws(likelihood, [alpha], region))
         if not (answer.spread or self.question.runner.account.refused):
             narrower = bool(np.any(surfaces.relative > level))
-            region = _next_region(answer, likely, narrower=narrower)
+            region = _next_region(answer, likely, self.rounds.shrink if narrower else 0.0)
         if region is not answer.region:
             surfaces.move(region[moving_parameters(region)])
             surfaces.judge(self._draws(likelihood, [alpha], region))
@@ -422,10 +424,10 @@ def under_law(
     return forward(runner, model, region, progress, surfaces.surface())
 
 
-def _next_region(answer: Refined, likely: Array, *, narrower: bool) -> Array:
+def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
     """One that holds the laws of all that alpha may be, if that is better than the present one.
 
-    A narrower one only where surfaces would be better there.
+    A narrower one only if it is smaller than the share `shrink` of the present one.
     """
     likelihood, alpha, region = answer.settled.likelihood, answer.settled.alpha, answer.region
     inputs = likelihood.inputs
@@ -438,7 +440,7 @@ def _next_region(answer: Refined, likely: Array, *, narrower: bool) -> Array:
     moving = moving_parameters(region)
     width = np.diff(region, axis=1)[moving, 0]
     share = np.prod(np.diff(wanted, axis=1)[moving, 0] / width)
-    return wanted if narrower and share < EXACT.shrink else region
+    return wanted if share < shrink else region
 
 
 def _noise(likelihood: IndividualLikelihood, alpha: Array, sites: Sites) -> Array:

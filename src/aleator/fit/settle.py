@@ -144,7 +144,7 @@ def _integral_settled(likelihood: IndividualLikelihood, alpha: Array, enough: fl
         return end
     most = SETTLING.little if enough >= SETTLING.rough else SETTLING.hardly
     if variates == 2:
-        if _told_by_panels(end, most):
+        if _told_by_panels(end, most, enough):
             return end
         return _refined(end.likelihood.ruled(PlanePanels.coarse()), end.alpha, enough)
     if not _misses_modes(end) and (abs(end.gap) < most or _points_tell_less(end)):
@@ -164,10 +164,10 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     return likelihood.ruled(likelihood.rule.at_least(SETTLING.scoring))
 
 
-def _told_by_panels(end: _End, most: float) -> bool:
+def _told_by_panels(end: _End, most: float, enough: float) -> bool:
     """Whether nodes about one mode of two variates tell what panels do, who leave nothing out.
 
-    They do where the two differ by less than `most`.
+    They do where more of them change less than `most`, and panels less than what is `enough`.
     """
     if abs(end.gap) > most:
         return False
@@ -179,7 +179,7 @@ def _told_by_panels(end: _End, most: float) -> bool:
         if likelihood.count > 2 * SETTLING.panels_tried
         else likelihood
     )
-    return abs(_change(tried, PlanePanels.coarse(), end.alpha, large=False)) < most
+    return abs(_change(tried, PlanePanels.coarse(), end.alpha, large=False)) < enough
 
 
 def _smooth(end: _End) -> bool:
