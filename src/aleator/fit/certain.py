@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.fit.ledger import Ledger
-from aleator.fit.refine import EXACT, WITH_NOISE, Refined, Refinement
+from aleator.fit.refine import WITH_NOISE, Refined, Refinement
 from aleator.fit.search import in_order
 from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, climbed, settled
 from aleator.inference.diagnostics.estimates import ESTIMATES
@@ -49,7 +49,7 @@ class Certainty:
     - `dear`: nodes of an experiment beyond which a profile by them costs minutes.
     - `unknown`: a drop that more nodes change by so much is not known.
     - `adapted`: times that an interval is sought with nodes that were adapted to its ends.
-    - `nodes`: gauss-Hermite nodes a variate that a second maximum is looked at with.
+    - `nodes`: Gauss-Hermite nodes a variate that a second maximum is looked at with.
     - `others`: optima of the search that are looked at, besides the best.
     """
 
@@ -92,8 +92,7 @@ class Certain:
 
 def certain(answer: Refined, ledger: Ledger) -> Certain:
     """How sure an answer is, on surfaces that serve the laws at the ends of its intervals too."""
-    question = answer.question
-    refinement = Refinement(question, ledger, EXACT if question.exact else WITH_NOISE)
+    refinement = Refinement(answer.question, ledger)
     for widened in range(CERTAINTY.wider + 1):
         with ledger.stage("inference"):
             end, found, inference, profile = inferred(answer.settled, answer.found, answer.possible)
@@ -151,25 +150,22 @@ def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
     end, found = answer.settled, answer.found
     likelihood = end.likelihood
     arrived = list(answer.possible)
-    if isinstance(likelihood, IndividualLikelihood):
-        rule = likelihood.rule
-        if not isinstance(rule, PlanePanels):
-            arrived += [a.alpha for a in found.ascents if a.converged]
-        if isinstance(rule, GaussHermite):
-            likelihood = likelihood.by(GaussHermite(min(rule.first, CERTAINTY.nodes)), end.alpha)
-    else:
+    rule = likelihood.rule if isinstance(likelihood, IndividualLikelihood) else None
+    if not isinstance(rule, PlanePanels):
         arrived += [a.alpha for a in found.ascents if a.converged]
+    if isinstance(likelihood, IndividualLikelihood) and isinstance(rule, GaussHermite):
+        likelihood = likelihood.by(GaussHermite(min(rule.first, CERTAINTY.nodes)), end.alpha)
     known, kept = [end.alpha], list[Rival]()
     for optimum in found.optima[1:]:
         if len(known) > CERTAINTY.others:
             break
         if not any(np.array_equal(optimum.alpha, other) for other in arrived):
             continue
-        if _among(optimum.alpha, known, inference):
+        if inference.among(optimum.alpha, known, WITH_NOISE.apart):
             continue
         held, alpha = climbed(likelihood, optimum.alpha)
         alpha = in_order(alpha, end.likelihood.inputs)
-        if _among(alpha, known, inference):
+        if inference.among(alpha, known, WITH_NOISE.apart):
             continue
         known.append(alpha)
         value = end.likelihood.adapted(alpha).evaluate(alpha).total
@@ -181,7 +177,7 @@ def _followed_rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]
     """Those of maxima that were followed to their own ends which are maxima indeed."""
     end, kept = answer.settled, list[Rival]()
     for other in answer.others:
-        if not _among(other.alpha, [end.alpha], inference):
+        if not inference.among(other.alpha, [end.alpha], WITH_NOISE.apart):
             drop = end.value - other.value
             kept += _maximum(other.likelihood, other.alpha, drop, end.alpha, inference)
     return tuple(sorted(kept, key=lambda rival: rival.drop))
@@ -198,11 +194,6 @@ def _maximum(
     sizes = np.abs(inference.differences(alpha, here))
     moved = tuple(int(k) for k in np.flatnonzero(np.nan_to_num(sizes) > 1.0))
     return [Rival(alpha, here, drop, moved)]
-
-
-def _among(alpha: Array, known: Sequence[Array], inference: Inference) -> bool:
-    """Whether no hyperparameter differs by two standard errors, as far as they are known."""
-    return any(inference.apart(alpha, other) < WITH_NOISE.apart for other in known)
 
 
 def _informed(end: Settled) -> tuple[Settled, Inference]:

@@ -114,7 +114,7 @@ def _nearer(answer: Answer, ledger: Ledger) -> Certain | None:
     rows = np.flatnonzero(doubtful & surfaces.granted(members)[likelihood.condition])
     if not rows.size:
         return None
-    refinement = Refinement(found.refined.question, ledger, EXACT)
+    refinement = Refinement(found.refined.question, ledger)
     near = _draws_near(likelihood, found, rows)
     return certain(refinement.sharpened(found.refined, near), ledger)
 

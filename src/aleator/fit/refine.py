@@ -36,6 +36,7 @@ from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Forward, forward, told
 from aleator.progress import Progress
 from aleator.search import SearchResult
+from aleator.search.interface import OPTIMA
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
 from aleator.surrogates.adaptive import within
@@ -121,8 +122,7 @@ def refined(question: Question, ledger: Ledger) -> Refined:
         direct = way.direct
     if direct:
         return _on_simulator(question, region, way.reason, ledger)
-    rounds = EXACT if question.exact else WITH_NOISE
-    return Refinement(question, ledger, rounds).answer(region, way.reason)
+    return Refinement(question, ledger).answer(region, way.reason)
 
 
 def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger) -> Refined:
@@ -148,7 +148,11 @@ class Refinement:
 
     question: Question
     ledger: Ledger
-    rounds: Rounds
+
+    @property
+    def rounds(self) -> Rounds:
+        """When surfaces are exact enough for this question."""
+        return EXACT if self.question.exact else WITH_NOISE
 
     def answer(self, region: Array, reason: str) -> Refined:
         """The answer that further runs do not move.
@@ -165,7 +169,8 @@ class Refinement:
                 start = settled(self._likelihood(first), alpha, SETTLING.rough)
             known = [end.settled.alpha for end in ends]
             follow = self._refined(replace(first, settled=start, surfaces=surfaces), known)
-            if not self._among(follow.settled, _infer(follow.settled), known):
+            end = follow.settled
+            if not _infer(end).among(end.alpha, known, self.rounds.apart):
                 ends.append(self._finished(self._ended(follow)))
         best, *lower = sorted(ends, key=lambda end: -end.settled.value)
         return replace(best, others=tuple(end.settled for end in lower))
@@ -195,9 +200,10 @@ class Refinement:
             before = surfaces.total_runs
             for _ in range(self.rounds.at_ends):
                 surfaces.judge(points)
-                rough = surfaces.wanting(self.rounds.ends)
+                rough = surfaces.wanting(self.rounds.ends * surfaces.caution)
                 surfaces.judge(self._draws(likelihood, [alpha], region))
-                members = self._together(answer, rough | surfaces.wanting(self.rounds.first))
+                here = surfaces.wanting(self.rounds.first * surfaces.caution)
+                members = self._together(answer, rough | here)
                 if not members.any():
                     break
                 surfaces.sharpen(members, points)
@@ -285,7 +291,7 @@ class Refinement:
             found = replace(found, once=answer.found.once)
             with self.ledger.stage(SEARCH):
                 again = settled(likelihood, found.alpha, SETTLING.rough)
-            if again.value < before.value + WITH_NOISE.change:
+            if again.value < before.value + OPTIMA.same_value:
                 return replace(answer, found=found)
             answer = replace(answer, settled=again, found=found)
 
@@ -303,7 +309,7 @@ class Refinement:
         level, calm = rounds.first * surfaces.caution, False
         for _ in range(rounds.most):
             inference = _infer(answer.settled)
-            if self._among(answer.settled, inference, known):
+            if inference.among(answer.settled.alpha, known, rounds.apart):
                 break
             with self.ledger.stage(SURFACE):
                 moved, done = self._sharpened(answer, inference, level)
@@ -381,16 +387,10 @@ class Refinement:
                 len(known) <= self.rounds.others
                 and np.all((limits[:, 0] < alpha) & (alpha < limits[:, 1]))
                 and found.log_likelihood - optimum.log_likelihood < size
-                and not any(self._near(alpha, other, inference) for other in known)
+                and not inference.among(alpha, known, self.rounds.apart)
             ):
                 known.append(alpha)
         return known[1:]
-
-    def _among(self, answer: Settled, inference: Inference, known: Sequence[Array]) -> bool:
-        return any(self._near(answer.alpha, alpha, inference) for alpha in known)
-
-    def _near(self, alpha: Array, other: Array, inference: Inference) -> bool:
-        return inference.apart(alpha, other) < self.rounds.apart
 
     def _calm(self, before: Settled, after: Settled, inference: Inference) -> bool:
         """Whether neither alpha nor the log-likelihood has moved."""
@@ -406,8 +406,8 @@ def under_law(
 ) -> Forward:
     """The forward problem for a law alpha (K,) that is known: no search moves it.
 
-    With a tolerance the surfaces are exact all over the region of the law. Without one they are as
-    exact under the law as an identification makes them at first.
+    With a tolerance the surfaces are exact all over the region of the law, without one under the
+    law (see `Rounds`).
     """
     inputs, choice = model.inputs, model.surfaces
     region = padded(region_of(inputs, [alpha], 1, REGIONS.far), inputs.box)

@@ -147,6 +147,10 @@ class Inference:
         """The largest difference of two alphas in standard errors, as far as they are known."""
         return float(np.nanmax(np.abs(self.differences(alpha, other)), initial=0.0))
 
+    def among(self, alpha: Array, others: Sequence[Array], apart: float) -> bool:
+        """Whether alpha lies less than so many standard errors `apart` from one of the others."""
+        return any(self.apart(alpha, other) < apart for other in others)
+
 
 def infer(
     objective: Objective,

@@ -53,8 +53,27 @@ class RuleSettings:
 RULES = RuleSettings()
 
 
+class AboutOneMode:
+    """What rules share whose nodes lie about the one mode of each experiment."""
+
+    @property
+    def centers(self) -> int:
+        """The modes of an experiment that the nodes lie about."""
+        return 1
+
+    @property
+    def arrived(self) -> float:
+        """The nodes are as good as the mode is exact."""
+        return MODES.arrived
+
+    @property
+    def holds_parameters(self) -> bool:
+        """No: nodes about a mode are where an outcome is smooth."""
+        return False
+
+
 @dataclass(frozen=True)
-class GaussHermite:
+class GaussHermite(AboutOneMode):
     """Gauss-Hermite nodes in each of s coordinates: `first` in the first, `others` in the others.
 
     Exact where the integrand is the normal density it is adapted to, times a polynomial of degree
@@ -73,21 +92,6 @@ class GaussHermite:
     def name(self) -> str:
         """Name for reports."""
         return "Gauss-Hermite"
-
-    @property
-    def centers(self) -> int:
-        """The modes of an experiment that the nodes lie about."""
-        return 1
-
-    @property
-    def arrived(self) -> float:
-        """The nodes are as good as the mode is exact."""
-        return MODES.arrived
-
-    @property
-    def holds_parameters(self) -> bool:
-        """No: nodes about a mode are where an outcome is smooth."""
-        return False
 
     @property
     def rough(self) -> GaussHermite:
@@ -403,7 +407,7 @@ class LawPoints(AsManyAsNeeded):
 
 
 @dataclass(frozen=True)
-class RidgePoints:
+class RidgePoints(AboutOneMode):
     """Quasi-random points of a normal law that follows the ridge of an individual law.
 
     A few observations inform k directions b of the s variates, and of the others a they tell next
@@ -427,21 +431,6 @@ class RidgePoints:
     def name(self) -> str:
         """Name for reports."""
         return "importance points along a ridge"
-
-    @property
-    def centers(self) -> int:
-        """The modes of an experiment that the points lie about."""
-        return 1
-
-    @property
-    def arrived(self) -> float:
-        """They move with the mode."""
-        return MODES.arrived
-
-    @property
-    def holds_parameters(self) -> bool:
-        """No: they lie where an outcome is smooth."""
-        return False
 
     @property
     def rough(self) -> RidgePoints:
