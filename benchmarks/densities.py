@@ -21,9 +21,9 @@ from rich.console import Console
 from rich.table import Table
 from scipy import integrate, optimize, stats
 
+from aleator.core.types import Array
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.moments import Moments
-from aleator.types import Array
 from benchmarks.row import Row
 
 HONEST = 1e-6

@@ -29,10 +29,10 @@ from aleator import (
     identify,
 )
 from aleator.cli.running import identified
-from aleator.progress import Silent
+from aleator.core.progress import Silent
+from aleator.core.types import Array
 from aleator.simulators import Budget
 from aleator.study import load_study
-from aleator.types import Array
 from benchmarks.identifications import CHECK, CLUTCH
 
 COUNT, NOISE = 40, 0.1

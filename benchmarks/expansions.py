@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.laws import Uniform
 from aleator.moments.expansion import Basis, ExpansionDesign, TotalDegree, sobol_indices
 from aleator.moments.projection import Regression
-from aleator.types import Array
 from benchmarks.row import Row
 
 EXPERIMENTS = 50

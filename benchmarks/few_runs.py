@@ -21,6 +21,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from aleator.core.types import Array
 from aleator.errors import AleatorError
 from aleator.fit.search import by_tangent
 from aleator.inference.check import Check
@@ -37,7 +38,6 @@ from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.identify import identify
-from aleator.types import Array
 from benchmarks.identifications import CLUTCH
 
 FIGURE = Path("out") / "few_runs.png"

@@ -35,12 +35,12 @@ from aleator import (
     StudentError,
     identify,
 )
+from aleator.core.progress import Silent
+from aleator.core.types import Array
 from aleator.inference.fit import Fit
 from aleator.laws.hyperparameter import Hyperparameter
-from aleator.progress import Silent
 from aleator.results.values import Consistency
 from aleator.tasks.consistency import consistency_of
-from aleator.types import Array
 from benchmarks.kept import Entry, kept
 from benchmarks.mixed import Mixed, Plan
 

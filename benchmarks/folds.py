@@ -34,7 +34,7 @@ from aleator import (
     TruncatedNormal,
     identify,
 )
-from aleator.types import Array
+from aleator.core.types import Array
 
 Points = tuple[Array, Array]
 """Points x (K, s) of a level set, and their weights (K,)."""

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
+from aleator.core.types import Array, Flags
 from aleator.study import Study
-from aleator.types import Array, Flags
 
 WISHED = 0.3
 """Share of steps to be taken."""

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from aleator import Inputs, Noise, TruncatedNormal, identify
-from aleator.types import Array
+from aleator.core.types import Array
 
 NOISE = 0.1
 STAGES = 3

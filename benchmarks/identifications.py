@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from aleator.cli.running import identified
-from aleator.progress import Silent
+from aleator.core.progress import Silent
 from aleator.study import Study, load_study
 from aleator.tasks.identification import Identification
 from benchmarks.row import Row, seconds_row

@@ -18,12 +18,12 @@ import pandas as pd
 
 from aleator import Experiments, Free, Identification, Inputs, LogNormal, Noise, Normal, identify
 from aleator.cli.running import identified
+from aleator.core.progress import Silent
+from aleator.core.types import Array
 from aleator.likelihood.individual import Direct, GaussHermite, IndividualLikelihood, Layout
 from aleator.observations.errors import MeasurementErrors
-from aleator.progress import Silent
 from aleator.simulators import as_runner
 from aleator.study import load_study
-from aleator.types import Array
 from benchmarks.gibbs import effective, posterior
 from benchmarks.row import Row, seconds_row
 

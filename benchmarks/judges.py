@@ -22,7 +22,7 @@ import pandas as pd
 from rich.console import Console
 
 from aleator import identify, load
-from aleator.types import Array
+from aleator.core.types import Array
 from benchmarks.kept import Entry, kept
 from benchmarks.random_studies import RANDOM_STUDIES, RandomStudy
 from benchmarks.reference import Reference, Resolution

@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.likelihood.problem import Problem, prepare
 from aleator.moments.likelihood import Likelihood
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.search import GradientMultistart
 from aleator.study import load_study
 from aleator.surrogates import ResponseSurface
-from aleator.types import Array
 from benchmarks.identifications import CLUTCH
 from benchmarks.row import Row, ms, seconds_row
 

@@ -18,6 +18,7 @@ from rich.console import Console
 from scipy import special, stats
 
 from aleator import Inputs, Normal
+from aleator.core.types import Array
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.rare_events import Event
 from aleator.observations.experiments import Conditions
@@ -26,7 +27,6 @@ from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Near
 from aleator.tasks.decide.probability import Probability, probability
-from aleator.types import Array
 
 Shape = Callable[[Array, Array], Array]
 END = 8.6

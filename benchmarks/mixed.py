@@ -15,11 +15,11 @@ import pandas as pd
 from scipy import special
 
 from aleator import Experiments, Free, Inputs, Normal
+from aleator.core.types import Array, Indices
 from aleator.inference.information import Inference, infer
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.search.interface import LogLikelihood
 from aleator.search.newton import ascended
-from aleator.types import Array, Indices
 
 ARRIVED = 1e-9
 

@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 
+from aleator.core.types import Array, Indices
 from aleator.moments.exact_moments import ExactQuadrature, Galerkin, prepare
-from aleator.types import Array, Indices
 from benchmarks.row import Row, ms
 from reproduction.index_sets import LARGE, PAPER_SECONDS, hermite
 from reproduction.push_fork import nonzero_set, raw_moment, raw_moments

@@ -22,7 +22,7 @@ from rich.table import Table
 from scipy import optimize, stats
 
 from aleator import Check, Free, GradientMultistart, Inputs, Noise, Normal, identify
-from aleator.types import Array
+from aleator.core.types import Array
 from benchmarks.kept import Entry, kept
 
 MEAN, SD, NOISE = 1.0, 0.2, 0.05

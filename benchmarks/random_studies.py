@@ -27,7 +27,7 @@ from aleator import (
     TruncatedNormal,
     Uniform,
 )
-from aleator.types import Array
+from aleator.core.types import Array
 
 Simulator = Callable[..., Array]
 Conditions = Callable[[np.random.Generator, int], dict[str, Array]]

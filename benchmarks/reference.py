@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from aleator.types import Array, Indices
+from aleator.core.types import Array, Indices
 from benchmarks.random_studies import RandomStudy
 
 REACH = 8.5

@@ -23,7 +23,7 @@ from aleator import (
     StudentError,
     TruncatedNormal,
 )
-from aleator.types import Array
+from aleator.core.types import Array
 
 
 @dataclass(frozen=True)

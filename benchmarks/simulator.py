@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.study import load_study
-from aleator.types import Array
 from benchmarks.identifications import CLUTCH
 from benchmarks.likelihood import median_seconds
 from benchmarks.row import Row

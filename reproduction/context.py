@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.progress import Progress, Silent
 from aleator.moments.densities import Gaussian
 from aleator.moments.maximum_entropy import MaximumEntropy
-from aleator.progress import Progress, Silent
 from aleator.tasks.identification import Identification
 from reproduction.clutch.laws import (
     PAPER_ENTROPY,

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from aleator.core.types import Indices
 from aleator.moments.exact_moments import ExactQuadrature, Galerkin, prepare
 from aleator.moments.expansion import Basis, TotalDegree
-from aleator.types import Indices
 from aleator.views.axes import BLUE, GREEN, ORANGE, VERMILION
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context

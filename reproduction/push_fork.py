@@ -15,9 +15,9 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.types import Array
 from aleator.moments.expansion import Basis, highest
 from aleator.moments.moments import Moments
-from aleator.types import Array
 
 Integers = NDArray[np.int64]
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aleator.core.progress import Progress
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem, prepare
 from aleator.moments.maximum_entropy import MaximumEntropy
-from aleator.progress import Progress
 from aleator.search import (
     CMAES,
     DifferentialEvolution,

@@ -28,10 +28,10 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
+from aleator.core.status import Status
+from aleator.core.types import Array
 from aleator.laws.law import invert
 from aleator.moments.moments import Moments
-from aleator.status import Status
-from aleator.types import Array
 
 NARROWEST = 1e-2  # a normal narrower than this part of the outcome's sd is a spike, no density
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from problems import from_raw
 
+from aleator.core.polynomials import hermite_recurrence
+from aleator.core.types import Array
 from aleator.laws import Beta, Gamma, Law, Normal, Uniform
 from aleator.moments.exact_moments import ExactQuadrature, Galerkin
 from aleator.moments.expansion import Basis
-from aleator.polynomials import hermite_recurrence
-from aleator.types import Array
 
 Recurrence = tuple[Array, Array]
 

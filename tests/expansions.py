@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.laws import (
     Constant,
     Law,
@@ -23,7 +24,6 @@ from aleator.moments.expansion import (
     induced,
 )
 from aleator.moments.projection import Projection, Regression
-from aleator.types import Array
 
 
 def basis_of(*laws: tuple[Law, tuple[float, ...]]) -> Basis:

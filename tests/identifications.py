@@ -11,9 +11,9 @@ from problems import Problem
 from scipy import optimize
 
 from aleator import Check, GradientMultistart, Identification, MaximumEntropy, identify
+from aleator.core.types import Array
 from aleator.moments.densities import Density
 from aleator.study import load_study
-from aleator.types import Array
 
 unjudged = partial(identify, consistency=False, best_law=False)
 """The same without the second verdict and the best possible law, which cost most of a small study:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.laws import Hyperparameter
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array
 
 
 def result(value: float, gradient: Array) -> LogLikelihood:

@@ -12,10 +12,10 @@ import pandas as pd
 from scipy import special
 
 from aleator import Experiments, Free, Inputs, Normal
-from aleator.progress import Silent
+from aleator.core.progress import Silent
+from aleator.core.types import Array
 from aleator.results.values import Consistency
 from aleator.tasks.consistency import consistency_of
-from aleator.types import Array
 
 NAMES = ("a.mean", "a.sd", "noise.sd")
 

@@ -18,6 +18,7 @@ from scipy import stats
 from scipy.special import log_ndtr
 
 from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal
+from aleator.core.types import Array
 from aleator.laws import Hyperparameter
 from aleator.moments.densities import Density
 from aleator.moments.likelihood import Likelihood, Predictive
@@ -30,7 +31,6 @@ from aleator.moments.propagation import (
 )
 from aleator.moments.quadrature import TensorGauss
 from aleator.surrogates.responses import ResponseFunction
-from aleator.types import Array
 
 INFINITE = float("inf")
 

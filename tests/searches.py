@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from scipy import optimize
 
+from aleator.core.types import Array
 from aleator.search import (
     CMAES,
     CustomSearch,
@@ -12,7 +13,6 @@ from aleator.search import (
     GeneticAlgorithm,
     GradientMultistart,
 )
-from aleator.types import Array
 
 
 def simplex(value, lower, upper, start, rng) -> Array:  # noqa: ARG001

@@ -16,7 +16,7 @@ from aleator import (
     Noise,
     Normal,
 )
-from aleator.types import Array
+from aleator.core.types import Array
 
 NOISE = 0.5
 CANDIDATES = np.array([0.5, 1.0, 2.0, 5.0, 20.0])

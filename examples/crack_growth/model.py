@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aleator.types import Array
+from aleator.core.types import Array
 
 
 def relative_length(megacycles: Array, rate: Array, exponent: Array) -> Array:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aleator.types import Array
+from aleator.core.types import Array
 
 
 def kilocycles(ratio: Array, v: Array, b0: Array, b1: Array) -> Array:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from aleator.types import Array
+from aleator.core.types import Array
 
 FOLDER = Path(__file__).parent
 PROCESSES = pd.read_csv(FOLDER / "kriging.csv", index_col="experiment")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aleator.core.status import Status
 from aleator.moments.moments import weighted_moments
 from aleator.moments.quadrature import TensorGauss
-from aleator.status import Status
 from aleator.views.axes import BLUE, GRAY, VERMILION
 from reproduction.canvas import DASHES, PALE, explain
 from reproduction.clutch.reference import (

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array
 from aleator.moments.densities import Density, FittedDensity
 from aleator.moments.moments import Moments
-from aleator.progress import Progress
 from aleator.surrogates import ResponseSurface, Surface
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import identify
-from aleator.types import Array
 from examples.wet_clutch.model import shifting_time
 from reproduction.clutch.reference import (
     DENSITIES,

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aleator.core.types import Array
 from aleator.fit.search import fitted
 from aleator.surrogates.responses import DirectResponse
-from aleator.types import Array
 from aleator.views.axes import BLUE, VERMILION
 from reproduction.canvas import LIGHT, explain
 from reproduction.clutch.response import grid

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from aleator.types import Array
+from aleator.core.types import Array
 from aleator.views.axes import VERMILION
 from reproduction.clutch.study import GIVEN, PARAMETERS, SHOWN, ClutchStudy
 from reproduction.context import Context

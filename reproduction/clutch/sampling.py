@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from aleator.core.progress import Progress
 from aleator.moments.densities import Gaussian
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.quadrature import (
@@ -21,7 +22,6 @@ from aleator.moments.quadrature import (
     SobolPoints,
     TensorGauss,
 )
-from aleator.progress import Progress
 from aleator.surrogates.responses import DirectResponse, ResponseFunction
 from reproduction.clutch.laws import EXPANSION, SAMPLED, Judged
 from reproduction.clutch.reference import NODES, SAMPLES

@@ -14,10 +14,10 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from aleator.core.types import Array, Indices
 from aleator.laws import Free, TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Experiments
-from aleator.types import Array, Indices
 from examples.wet_clutch.bench import BOX, measure
 from examples.wet_clutch.course import trajectories
 from examples.wet_clutch.model import shifting_time

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.polynomials import gauss_hermite
+from aleator.core.polynomials import gauss_hermite
 from aleator.views.axes import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from reproduction.canvas import explain
 from reproduction.context import Context

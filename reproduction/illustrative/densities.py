@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from aleator.core.status import Status
 from aleator.moments.densities import Density, Gaussian
 from aleator.moments.distances import earth_movers_distance
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.moments import Moments, weighted_moments
-from aleator.status import Status
 from aleator.views.axes import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from reproduction.canvas import DASHES, PALE, explain
 from reproduction.context import Context

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aleator.polynomials import evaluate
-from aleator.types import Array
+from aleator.core.polynomials import evaluate
+from aleator.core.types import Array
 from aleator.views.axes import BLUE, ORANGE, VERMILION
 from reproduction.canvas import explain, powers_of_ten
 from reproduction.context import Context

@@ -15,13 +15,13 @@ from typing import Literal, cast
 import numpy as np
 from scipy.special import ndtr
 
+from aleator.core.polynomials import evaluate
+from aleator.core.types import Array
 from aleator.laws import TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.moments.densities import FittedDensity
 from aleator.moments.moments import Moments, weighted_moments
 from aleator.moments.projection import expansion_map
-from aleator.polynomials import evaluate
-from aleator.types import Array
 
 Polynomials = Literal["own", "hermite"]
 

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr
 
+from aleator.core.types import Array
 from aleator.moments.distances import earth_movers_distance
 from aleator.moments.maximum_entropy import MaximumEntropy
-from aleator.types import Array
 from aleator.views.axes import BLACK, BLUE, VERMILION
 from reproduction.canvas import LIGHT
 from reproduction.context import Context

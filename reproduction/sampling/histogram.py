@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from aleator.core.status import Status
+from aleator.core.types import Array, Flags
 from aleator.errors import InputsError
 from aleator.moments.densities import Codes, by_experiment, probabilities
 from aleator.moments.moments import NodeOutcomes
-from aleator.status import Status
-from aleator.types import Array, Flags
 
 _BISECTIONS = 60
 

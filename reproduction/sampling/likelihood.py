@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
 from aleator.moments.densities import Density, FittedDensity
 from aleator.moments.moments import NodeOutcomes
 from aleator.moments.quadrature import Cubature, MonteCarloPoints, SobolPoints
 from aleator.surrogates.responses import ResponseFunction
-from aleator.types import Array
 from reproduction.sampling.histogram import FittedHistogram, HistogramSpline
 
 Choice = Density | HistogramSpline

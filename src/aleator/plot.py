@@ -14,11 +14,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from aleator.core.types import Array
 from aleator.errors import AleatorError, nearest
 from aleator.results.result import Result
 from aleator.tasks.identification import Identification
 from aleator.tasks.pictures import pictured
-from aleator.types import Array
 from aleator.views import law_charts, outcome_charts
 from aleator.views.axes import draw, empty_figure, styled
 from aleator.views.chart import Chart

@@ -9,8 +9,8 @@ from identifications import assert_maximum, errors_of, estimates, of_study
 from scipy import optimize, stats
 
 from aleator import Check, identify
+from aleator.core.types import Array
 from aleator.study import load_study
-from aleator.types import Array
 
 STUDY = Path(__file__).parents[2] / "examples" / "crack_growth"
 

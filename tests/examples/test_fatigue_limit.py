@@ -11,8 +11,8 @@ from identifications import estimates, maximum, of_study
 from scipy import stats
 
 from aleator import Check, Identification
+from aleator.core.types import Array
 from aleator.study import load_study
-from aleator.types import Array
 
 STUDY = Path(__file__).parents[2] / "examples" / "fatigue_limit"
 TABLE = pd.read_csv(STUDY / "experiments.csv")

@@ -10,9 +10,9 @@ from scipy import stats
 from scipy.stats import qmc
 
 from aleator import Check, ceiling
+from aleator.core.types import Array
 from aleator.inference.npmle import npmle
 from aleator.study import load_study
-from aleator.types import Array
 
 STUDY = Path(__file__).parents[2] / "examples" / "fission_gas"
 BOX = ((0.1, 40.0), (1e-4, 1.0))

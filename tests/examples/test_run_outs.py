@@ -11,7 +11,7 @@ from identifications import assert_maximum, errors_of, estimates, of_study
 from scipy import stats
 
 from aleator import Check, Identification
-from aleator.types import Array
+from aleator.core.types import Array
 
 STUDY = Path(__file__).parents[2] / "examples" / "run_outs"
 TABLE = pd.read_csv(STUDY / "experiments.csv")

@@ -12,8 +12,8 @@ import pytest
 from scipy import integrate, optimize, stats
 
 from aleator import GradientMultistart, identify
+from aleator.core.types import Array
 from aleator.study import load_study
-from aleator.types import Array
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -11,9 +11,9 @@ import pytest
 from scipy import stats
 
 from aleator import Free
+from aleator.core.status import DEGENERATE_VALUE, Status
 from aleator.errors import InputsError
 from aleator.moments.moments import Moments
-from aleator.status import DEGENERATE_VALUE, Status
 
 PLUGINS = Path(__file__).parent / "plugins"
 SCALE = 1.3

@@ -21,9 +21,9 @@ from aleator import (
     Normal,
     ResponseSurface,
 )
+from aleator.core.types import Array
 from aleator.laws import Law
 from aleator.moments.densities import Density
-from aleator.types import Array
 
 TEMPERATURE = np.linspace(300.0, 350.0, 40)
 LENGTH = 2.0 + 0.05 * TEMPERATURE + 0.3 * np.random.default_rng(0).standard_normal(40)

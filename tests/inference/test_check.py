@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from aleator import Free, Inputs, Noise, Normal
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
 from aleator.inference.diagnostics.surfaces import check_refusals, worse_than_estimated
@@ -19,7 +20,6 @@ from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner, as_runner
 from aleator.surrogates.responses import DirectResponse
-from aleator.types import Array, Indices
 
 COUNT, ALPHA = 100, np.array([1.0, 0.3, 0.5, 0.2])
 LAW = Inputs(

@@ -7,8 +7,8 @@ from itertools import combinations, combinations_with_replacement
 import numpy as np
 import pytest
 
+from aleator.core.types import Array
 from aleator.inference.design import DesignPlan, chosen, repetitions
-from aleator.types import Array
 
 
 def lines(x: Array) -> Array:

@@ -16,9 +16,9 @@ from aleator import (
     Identification,
     ResponseSurface,
 )
+from aleator.core.status import Status
 from aleator.errors import SimulatorError
 from aleator.results.values import Diagnostic
-from aleator.status import Status
 
 
 def told(found: Identification, about: str) -> list[Diagnostic]:

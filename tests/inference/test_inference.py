@@ -10,12 +10,12 @@ from problems import BINDING, REGRESSION, SAMPLE, Problem, raw_normal
 from scipy import optimize, stats
 
 from aleator import Constant, Free, Gaussian, GradientMultistart, Inputs, Normal
+from aleator.core.types import Array
 from aleator.inference.diagnostics.estimates import weak_directions
 from aleator.inference.information import Inference, infer, observed_information
 from aleator.inference.profile import profile_intervals
 from aleator.moments.likelihood import Likelihood
 from aleator.search import SearchResult
-from aleator.types import Array
 
 DROP = 0.5 * stats.chi2.ppf(0.95, 1)
 

@@ -11,6 +11,8 @@ import pytest
 from scipy import optimize, stats
 from scipy.stats import qmc
 
+from aleator.core.progress import Silent
+from aleator.core.types import Array
 from aleator.inference.information import infer
 from aleator.inference.npmle import (
     NPMLE,
@@ -25,9 +27,7 @@ from aleator.inference.npmle import (
     uphill,
 )
 from aleator.laws.hyperparameter import Hyperparameter
-from aleator.progress import Silent
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array
 
 CASES = [(30, 12, 0.5), (108, 400, 0.3), (60, 400, 0.02), (400, 200, 1.0)]
 

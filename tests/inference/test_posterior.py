@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
+from aleator.core.types import Array
 from aleator.errors import AleatorError
 from aleator.inference.posterior import POSTERIOR, Chains, RealLine, convergence, sampled, scaled
 from aleator.laws import Free, Gamma, Hyperparameter, Normal, resolve
 from aleator.laws.law import Law
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array
 
 Y = np.random.default_rng(8).normal(1.0, 2.0, 12)
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.inference.information import infer
 from aleator.inference.profile import profile_intervals
 from aleator.inference.profile_end import ENDS, TARGET
 from aleator.laws import Hyperparameter
 from aleator.search import GradientMultistart
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array
 
 
 @dataclass

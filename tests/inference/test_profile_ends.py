@@ -10,13 +10,13 @@ import pytest
 from scipy import stats
 from scipy.special import expit
 
+from aleator.core.types import Array
 from aleator.inference.bracket import Bracket
 from aleator.inference.information import infer
 from aleator.inference.profile import profile_intervals
 from aleator.inference.profile_end import ENDS
 from aleator.laws import Hyperparameter
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array
 
 DROP = 0.5 * stats.chi2.ppf(0.95, 1)
 

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import Beta, Gamma, LogNormal, Uniform
 from aleator.laws.correlation import Correlation, between
 from aleator.moments.quadrature import Smolyak, SobolPoints, TensorGauss
-from aleator.types import Array
 
 LETTERS = "abcdefghij"
 

@@ -12,11 +12,11 @@ import pandas as pd
 import pytest
 
 from aleator import By, Constant, Free, LogNormal, Normal, TruncatedNormal
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import Law
 from aleator.laws.covariates import DesignMatrix
 from aleator.laws.inputs import Inputs
-from aleator.types import Array
 
 TABLE = pd.DataFrame(
     {

@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from aleator import Inputs
+from aleator.core.types import Array
 from aleator.laws import (
     Beta,
     Constant,
@@ -25,7 +26,6 @@ from aleator.laws import (
     resolve,
 )
 from aleator.laws.inputs import Individual, parameters_at
-from aleator.types import Array
 
 SD = Free(0.05, 0.5)
 

@@ -8,10 +8,10 @@ from problems import from_raw, raw_normal, raw_truncated
 from scipy import special
 
 from aleator import Constant, Free, Inputs, Normal, TensorGauss, TruncatedNormal
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.moments.moments import weighted_moments
 from aleator.moments.projection import expansion_map
-from aleator.types import Array
 
 BOX = (-1.0, 1.0)
 ALPHA = np.array([0.4, 0.3, -2.0, 0.8, 0.5])

@@ -10,10 +10,10 @@ import pytest
 from problems import from_raw, raw_truncated
 
 from aleator import Constant, Free, Noise, Normal, TruncatedNormal
+from aleator.core.polynomials import evaluate
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import Law
-from aleator.polynomials import evaluate
-from aleator.types import Array
 
 INF = math.inf
 

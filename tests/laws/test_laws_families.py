@@ -12,10 +12,10 @@ import pytest
 from scipy import special, stats
 
 from aleator import Beta, Constant, Free, Gamma, LogNormal, Normal, TruncatedNormal, Uniform
+from aleator.core.polynomials import evaluate
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import Law
-from aleator.polynomials import evaluate
-from aleator.types import Array
 
 THETA = np.linspace(-6.0, 6.0, 25)
 

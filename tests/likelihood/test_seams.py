@@ -9,10 +9,10 @@ import pytest
 from scipy import stats
 
 from aleator import Free, Inputs, LogNormal, Normal
+from aleator.core.types import Array, Indices
 from aleator.likelihood.individual import Direct, GaussHermite, IndividualLikelihood, Layout
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.observations.errors import Terms
-from aleator.types import Array, Indices
 
 COUNT, EACH = 6, 5
 EXPERIMENT = np.repeat(np.arange(COUNT), EACH)

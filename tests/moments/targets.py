@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy import stats
 
+from aleator.core.types import Array
 from aleator.moments.moments import Moments
-from aleator.types import Array
 
 _X, _W = np.polynomial.legendre.leggauss(500)
 

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from moments.targets import mixed
 from pydantic_core import PydanticCustomError
 
+from aleator.core.status import DEGENERATE_VALUE, Status
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.moments.densities import DensityPartials, Gaussian
 from aleator.moments.entropy_solver import SETTINGS
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.moments import Moments, weighted_moments, weighted_moments_with_gradient
-from aleator.status import DEGENERATE_VALUE, Status
 from aleator.study.sections import DENSITIES
-from aleator.types import Array
 
 INF = np.array([np.inf])
 

@@ -11,6 +11,7 @@ from problems import GROWTH, SQUARE, Problem
 from scipy import optimize, stats
 
 from aleator import Inputs, Normal, ResponseSurface
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws.inputs import law_region
 from aleator.likelihood.level_sets.predicted import PointPredictor
@@ -26,7 +27,6 @@ from aleator.moments.propagation import ExpandedPropagation
 from aleator.observations.experiments import Experiments
 from aleator.results.values import DensityDistance
 from aleator.simulators import Runner, as_simulator
-from aleator.types import Array
 
 
 def normal(mean: float, sd: float) -> FittedGaussian:

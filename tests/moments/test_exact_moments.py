@@ -24,11 +24,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from problems import from_raw
 
+from aleator.core.polynomials import polished_rule
+from aleator.core.types import Indices
 from aleator.errors import InputsError
 from aleator.moments.exact_moments import ExactQuadrature, Galerkin, cheapest, prepare
 from aleator.moments.expansion import Basis, constant
-from aleator.polynomials import polished_rule
-from aleator.types import Indices
 
 # ------------------------------------------------------------------------------ truths
 

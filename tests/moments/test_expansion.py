@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import (
     Beta,
@@ -42,7 +43,6 @@ from aleator.moments.projection import (
     Regression,
     nested_fits,
 )
-from aleator.types import Array
 
 
 def rows(indices: np.ndarray) -> set[tuple[int, ...]]:

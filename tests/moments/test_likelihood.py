@@ -20,13 +20,13 @@ from problems import (
 )
 
 from aleator import Gaussian, MaximumEntropy
+from aleator.core.status import Status
+from aleator.core.types import Array
 from aleator.moments.densities import Density
 from aleator.moments.entropy_solver import SETTINGS
 from aleator.moments.likelihood import Continued, Likelihood
 from aleator.search.interface import LogLikelihood
-from aleator.status import Status
 from aleator.surrogates.responses import DirectResponse
-from aleator.types import Array
 
 DENSITIES = [Gaussian(), *(MaximumEntropy(order) for order in (2, 3, 4, 5, 6))]
 

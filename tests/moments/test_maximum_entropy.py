@@ -13,14 +13,14 @@ from scipy import stats
 from scipy.integrate import quad, quad_vec
 from scipy.linalg import eigh
 
+from aleator.core.status import Status
+from aleator.core.types import Array
 from aleator.moments.densities import FittedDensity, Gaussian
 from aleator.moments.entropy_solver import predicted
 from aleator.moments.legendre import legendre_in_powers, reach_of
 from aleator.moments.likelihood import Continued
 from aleator.moments.maximum_entropy import FittedMaximumEntropy, MaximumEntropy
 from aleator.moments.moments import Moments
-from aleator.status import Status
-from aleator.types import Array
 
 
 @pytest.mark.parametrize("order", range(2, 9))

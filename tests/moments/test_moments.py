@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from problems import PROBLEMS, Exact, Problem, raw_normal, title
 
+from aleator.core.polynomials import gauss_hermite
+from aleator.core.types import Array
 from aleator.moments.moments import weighted_moments, weighted_moments_with_gradient
 from aleator.moments.quadrature import TensorGauss
-from aleator.polynomials import gauss_hermite
-from aleator.types import Array
 
 
 def at_nodes(problem: Problem, nodes: int) -> tuple[Array, Array]:

@@ -21,6 +21,7 @@ from problems import (
 )
 
 from aleator import Collocation, Free, Inputs, Normal, ResponseSurface
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.moments.expansion import TotalDegree
 from aleator.moments.moments import Moments
@@ -33,7 +34,6 @@ from aleator.moments.propagation import (
 from aleator.moments.quadrature import SobolPoints, TensorGauss
 from aleator.surrogates import build_surface
 from aleator.surrogates.responses import DirectResponse
-from aleator.types import Array
 
 NAMES = ("mean", "sd", "standardized")
 

@@ -13,6 +13,7 @@ from problems import raw_normal, raw_truncated
 from scipy import special
 
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.moments.quadrature import (
     Cubature,
@@ -24,7 +25,6 @@ from aleator.moments.quadrature import (
     axes,
     combined,
 )
-from aleator.types import Array
 
 BOX = (-1.0, 1.0)
 ALPHA = np.array([0.4, 0.3, -2.0, 0.8, 0.5, 0.1, 0.7])

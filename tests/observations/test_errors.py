@@ -6,13 +6,13 @@ import pandas as pd
 import pytest
 from scipy import integrate, stats
 
+from aleator.core.types import Array
 from aleator.errors import ExperimentsError, InputsError
 from aleator.laws import Free
 from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.model import NormalError, Observed, StudentError
 from aleator.observations.responses import Observations, Response
-from aleator.types import Array
 
 ENDS = [
     (0.7, 0.7), (-np.inf, 0.4), (0.3, np.inf), (0.2, 1.1), (2.0, 2.4), (-3.1, -1.0),

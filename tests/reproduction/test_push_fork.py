@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from aleator.core.types import Indices
 from aleator.laws import Gamma, Law, Normal, Uniform
 from aleator.moments.exact_moments import prepare
 from aleator.moments.expansion import Basis, TotalDegree
-from aleator.types import Indices
 from reproduction.push_fork import (
     count,
     exponents,

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from problems import BINDING, GROWTH, PRODUCT, REGRESSION, SAMPLE, Exact, Problem
 from scipy import integrate, stats
 
+from aleator.core.status import Status
+from aleator.core.types import Array
 from aleator.moments.densities import Gaussian
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.moments import NodeOutcomes
@@ -21,8 +23,6 @@ from aleator.moments.quadrature import (
     SobolPoints,
     TensorGauss,
 )
-from aleator.status import Status
-from aleator.types import Array
 from reproduction.sampling.histogram import HistogramSpline
 from reproduction.sampling.likelihood import (
     Choice,

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy import stats
 
+from aleator.core.status import Status
 from aleator.moments.moments import Moments
-from aleator.status import Status
 from reproduction.two_normals import TwoNormals, mixture_moments, two_normals
 
 

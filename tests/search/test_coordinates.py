@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 
 from aleator import By, Free, GradientMultistart, Normal
+from aleator.core.types import Array
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.search.interface import LogLikelihood
 from aleator.search.objective import Coordinates
-from aleator.types import Array
 
 TABLE = pd.DataFrame({"kelvin": 300.0 + np.array([-10.0, -6.0, -1.0, 2.0, 5.0, 8.0])})
 REGRESSED = Inputs({"k": Normal(By("1 + kelvin", 2.0, 12.0), Free(0.0, 4.0))}).resolved(TABLE)

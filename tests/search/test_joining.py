@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from landscapes import CENTERS, Recorded, box, hills
 
+from aleator.core.types import Array
 from aleator.laws import Hyperparameter
 from aleator.search import GradientMultistart
 from aleator.search.interface import LogLikelihood
 from aleator.search.multistart import Reached
-from aleator.types import Array
 
 SAMPLE = np.array([[-0.4, 0.1], [0.9, -1.2], [0.3, 0.8], [-0.6, 0.2], [0.1, -0.3]])
 """Observations of experiments, whose mean is the maximum."""

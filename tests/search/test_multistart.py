@@ -12,13 +12,13 @@ from problems import BINDING, GROWTH, REGRESSION, SAMPLE, SQUARE, Problem
 from scipy import optimize, stats
 
 from aleator import Free, Gaussian, GradientMultistart, Inputs, MaximumEntropy, Normal
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.moments.likelihood import Continued
 from aleator.search import ascend
 from aleator.search.interface import LogLikelihood, Optimum, SearchResult
 from aleator.search.objective import Coordinates
-from aleator.types import Array
 
 
 class Counted:

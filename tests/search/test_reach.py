@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.laws import Hyperparameter
 from aleator.search.interface import LogLikelihood
 from aleator.search.newton import ASCENT, ascended
-from aleator.types import Array
 
 
 class Near:

@@ -9,6 +9,7 @@ import pytest
 from landscapes import Heard, Recorded, box, hills, ridge, waves
 from searches import ALL, GENETIC, PLAIN, POPULATIONS, each
 
+from aleator.core.types import Array
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -18,7 +19,6 @@ from aleator.search import (
     objective_of,
 )
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array
 
 # ------------------------------------------------------------------------------ what it costs
 

@@ -10,6 +10,7 @@ import pytest
 from landscapes import box, ridge
 from searches import DIFFERENTIAL
 
+from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError
 from aleator.search import (
     CMAES,
@@ -18,7 +19,6 @@ from aleator.search import (
     GeneticAlgorithm,
     compare,
 )
-from aleator.types import Array
 
 # ------------------------------------------------------------------------------ extras
 

@@ -10,6 +10,7 @@ from landscapes import CENTERS, Recorded, box, hills, result, ridge, waves
 from scipy import optimize
 from searches import ALL, DIFFERENTIAL, GENETIC, PLAIN, POPULATIONS, each
 
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.search import (
@@ -17,7 +18,6 @@ from aleator.search import (
     GradientMultistart,
 )
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array
 
 # ------------------------------------------------------------------------------ the maximum
 

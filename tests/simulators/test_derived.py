@@ -13,12 +13,12 @@ import pandas as pd
 import pytest
 
 from aleator import Experiments, Runner, derived
+from aleator.core.types import Array
 from aleator.errors import AleatorError, SimulatorError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Simulator
 from aleator.simulators.command import CommandSimulator
 from aleator.simulators.protocol import Columns
-from aleator.types import Array
 
 TABLE = Conditions(("1", "2"), pd.DataFrame({"load": [6.0, 8.0], "h": [3.0, 2.0]}))
 E = {"e": "a + b*(h - 1)"}

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from aleator.core.types import Array, Indices
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface, Surface, build_surface
 from aleator.surrogates.surface import Axes
-from aleator.types import Array, Indices
 
 BOX = np.array([[0.05, 8.0], [-1.0, 1.0]])
 WIDE = np.array([[0.05, 8.0], [0.2, 20.0]])

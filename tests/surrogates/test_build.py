@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from aleator.core.types import Array
 from aleator.errors import InputsError, SimulatorError
 from aleator.surrogates import ResponseSurface, Surface, build_surface
-from aleator.types import Array
 
 Function = Callable[[NDArray[np.intp], Array], Array]
 

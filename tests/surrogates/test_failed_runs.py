@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from aleator.core.types import Array, Indices
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.surrogates.fit import first_priors, fitted, search, shares, spread
 from aleator.surrogates.surface import products
-from aleator.types import Array, Indices
 
 BOX = np.tile([0.0, 1.0], (2, 1))
 CHOICE = ResponseSurface(tolerance=0.02)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from aleator.core.types import Array, Indices
 from aleator.errors import SimulatorError
 from aleator.surrogates.emulator import OwnSurfaces
 from aleator.surrogates.fit import SmoothnessPrior, continued, judged, shares, spread, weights
 from aleator.surrogates.responses import Run, Samples
 from aleator.surrogates.surface import products
-from aleator.types import Array, Indices
 
 BOX = np.tile([0.0, 1.0], (2, 1))
 

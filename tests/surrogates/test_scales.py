@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from aleator.core.types import Array, Indices
 from aleator.laws import Free, Normal
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import LevelLikelihood
@@ -12,7 +13,6 @@ from aleator.surrogates.emulator import OwnSurfaces
 from aleator.surrogates.fit import SmoothnessPrior, fitted, judged, spread, weights
 from aleator.surrogates.responses import Confined, Samples
 from aleator.surrogates.surface import products
-from aleator.types import Array, Indices
 
 BOX = np.array([[-1.0, 2.0], [0.5, 0.9]])
 PRIOR = SmoothnessPrior((1.0, 1.6), 2.0, 2.5, 0.25, logarithm=True)

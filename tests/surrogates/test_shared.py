@@ -5,11 +5,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import approx_fprime
 
+from aleator.core.types import Array, Indices
 from aleator.errors import SimulatorError
 from aleator.surrogates import Surface
 from aleator.surrogates.responses import Run, features
 from aleator.surrogates.shared import Covariance, ProcessPosterior, SharedSurface, _loss, learned
-from aleator.types import Array, Indices
 
 RNG = np.random.default_rng(3)
 CONDITIONS = RNG.uniform(-1.0, 1.0, (30, 2))

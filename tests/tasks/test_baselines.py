@@ -15,8 +15,8 @@ from aleator import (
     GradientMultistart,
     Inputs,
 )
+from aleator.core.types import Array
 from aleator.fit.search import LinearGaussian, fitted, linear_gaussian
-from aleator.types import Array
 
 LINE = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 40))
 

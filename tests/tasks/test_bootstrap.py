@@ -22,8 +22,8 @@ from aleator import (
     Normal,
     bootstrap,
 )
+from aleator.core.progress import Silent
 from aleator.inference.model_choice import leave_one_out
-from aleator.progress import Silent
 from aleator.tasks.bootstrap import (
     ARRIVED,
     FILE,

@@ -26,9 +26,9 @@ from aleator import (
     TruncatedNormal,
     ceiling,
 )
+from aleator.core.progress import Silent
 from aleator.errors import AleatorError
 from aleator.laws.law import Law
-from aleator.progress import Silent
 from aleator.tasks.ceiling import Ceiling, CeilingSettings, best_possible
 from aleator.tasks.identification import load
 from aleator.views.identification import render

@@ -25,9 +25,9 @@ from aleator import (
     Normal,
     predict,
 )
+from aleator.core.types import Array
 from aleator.errors import StudyError
 from aleator.study import load_study
-from aleator.types import Array
 from aleator.views.identification import render
 
 COEFFICIENTS = "abc"

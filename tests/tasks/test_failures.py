@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from identifications import unjudged
 
 from aleator import cli
+from aleator.core.types import Array
 from aleator.errors import SimulatorError
 from aleator.fit.way import fails_here_and_there
 from aleator.inference.check import Check
@@ -22,7 +23,6 @@ from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import identify
-from aleator.types import Array
 
 Z = np.linspace(1.0, 2.0, 40)
 X = 1.5 + 0.2 * np.random.default_rng(3).standard_normal(40)

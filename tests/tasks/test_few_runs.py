@@ -6,9 +6,9 @@ import pytest
 from identifications import unjudged
 
 from aleator import Budget, Experiments, Free, GradientMultistart, Inputs, Noise, Normal
+from aleator.core.types import Array, Indices
 from aleator.laws import TruncatedNormal
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
-from aleator.types import Array, Indices
 
 N = 20
 LAW = {"a": TruncatedNormal(box=(-3.0, 4.0)), "b": TruncatedNormal(box=(-2.0, 3.0))}

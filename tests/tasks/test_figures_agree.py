@@ -25,10 +25,10 @@ from aleator import (
     Normal,
     plot,
 )
+from aleator.core.types import Array
 from aleator.results.answer import answer
 from aleator.results.printed import fragment
 from aleator.tasks.pictures import pictured, profile_line
-from aleator.types import Array
 from aleator.views import figures as identification
 from aleator.views.identification import render
 

@@ -7,7 +7,7 @@ from identifications import unjudged
 from scipy import optimize, stats
 
 from aleator import Free, Inputs, Noise, TruncatedNormal
-from aleator.types import Array
+from aleator.core.types import Array
 
 BOX = (0.5, 2.0)
 GRID = np.linspace(*BOX, 15_001)

@@ -25,11 +25,11 @@ from aleator import (
     ScipyLaw,
     Uniform,
 )
+from aleator.core.types import Array
 from aleator.fit.question import start_point
 from aleator.fit.search import linear_gaussian
 from aleator.laws import Law
 from aleator.search import GradientMultistart
-from aleator.types import Array
 
 COUNT, NOISE = 60, 0.5
 Z = np.linspace(0.5, 1.5, COUNT)

@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 
 from aleator import Budget, Free, Identification, Inputs, Noise, Normal, Store, identify
+from aleator.core.progress import Silent
 from aleator.observations.experiments import Experiments
-from aleator.progress import Silent
 from aleator.search import GradientMultistart, SearchResult
 from aleator.simulators import Runner
 from aleator.simulators.function import FunctionSimulator

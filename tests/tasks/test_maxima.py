@@ -16,10 +16,10 @@ from scipy import stats
 from aleator import Constant, Experiments, Free, GradientMultistart, Identification, Inputs
 
 from aleator import Mixture, Noise, Normal, ResponseSurface  # isort: skip
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.search.interface import LogLikelihood
 from aleator.tasks.identification import load
-from aleator.types import Array
 from aleator.views.identification import render
 
 pytestmark = pytest.mark.usefixtures("unreported")

@@ -12,7 +12,7 @@ from identifications import unjudged
 from scipy import optimize, stats
 
 from aleator import Budget, Free, Identification, Inputs, Normal
-from aleator.types import Array
+from aleator.core.types import Array
 
 LAW = Inputs({"a": Normal(Free(0.5, 1.5), Free(0.02, 1.0))})
 FIRST = 0.6

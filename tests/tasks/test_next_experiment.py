@@ -23,9 +23,9 @@ from aleator import (
     load,
     next_experiments,
 )
+from aleator.core.progress import Silent
 from aleator.inference.design import expected_scores
 from aleator.observations.experiments import Conditions
-from aleator.progress import Silent
 
 
 def test_expected_information_is_that_of_the_closed_form() -> None:

@@ -21,8 +21,8 @@ from aleator import (
     ResponseSurface,
     predict,
 )
+from aleator.core.polynomials import gauss_hermite
 from aleator.errors import InputsError
-from aleator.polynomials import gauss_hermite
 
 # Millions of revolutions to failure of 23 ball bearings: Lieblein and Zelen, J. Res. Nat. Bur.
 # Stand. 57 (1956) 273, as in the package surpyval (load_bearing_failures).

@@ -18,7 +18,7 @@ from aleator import (
     LogNormal,
     Noise,
 )
-from aleator.polynomials import gauss_hermite
+from aleator.core.polynomials import gauss_hermite
 
 
 def identified(problem: Problem, y: np.ndarray, **more: object) -> Identification:

@@ -18,9 +18,9 @@ from scipy import stats
 import aleator
 from aleator import Check, Free, Identification, Inputs, Noise, Normal, Posterior, posterior
 from aleator.cli import main
+from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, installing
 from aleator.laws import Constant, Law
-from aleator.types import Array
 
 SD, NOISE, COUNT = 0.4, 0.3, 12
 MEASURED = np.random.default_rng(3).normal(2.0, np.hypot(SD, NOISE), COUNT)

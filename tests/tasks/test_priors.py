@@ -17,8 +17,8 @@ from aleator import (
     Noise,
     Normal,
 )
+from aleator.core.types import Array
 from aleator.laws import By, Law
-from aleator.types import Array
 
 COUNT, SD, NOISE = 25, 0.4, 0.3
 MEASURED = np.random.default_rng(3).normal(2.0, np.hypot(SD, NOISE), COUNT)

@@ -14,12 +14,12 @@ from aleator import (
     ResponseSurface,
     TruncatedNormal,
 )
+from aleator.core.types import Array
 from aleator.fit.regions import likely_alphas
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.simulators import FunctionSimulator, Runner, Store
 from aleator.tasks.identification import Identification
-from aleator.types import Array
 
 Z = np.linspace(0.5, 2.0, 20)
 RANDOM = np.random.default_rng(5)

@@ -6,8 +6,8 @@ import pytest
 from identifications import unjudged
 
 from aleator import Experiments, Free, Inputs, LogNormal, ResponseSurface
+from aleator.core.types import Array
 from aleator.fit.regions import padded
-from aleator.types import Array
 
 COUNT = 60
 

@@ -7,7 +7,7 @@ from identifications import unjudged
 from scipy import optimize, stats
 
 from aleator import Budget, Free, Inputs, TruncatedNormal
-from aleator.types import Array
+from aleator.core.types import Array
 
 NARROW = 0.005
 """Standard deviation of what is added to the outcome, a fortieth of the other law's."""

@@ -6,7 +6,7 @@ import pytest
 from scipy import optimize, stats
 
 from aleator import Censoring, Check, Constant, Experiments, Free, Inputs, Noise, identify
-from aleator.types import Array
+from aleator.core.types import Array
 
 
 def life(log_life: Array) -> Array:

@@ -19,7 +19,7 @@ from aleator import (
     Normal,
     identify,
 )
-from aleator.types import Array
+from aleator.core.types import Array
 
 # low-cycle fatigue of a nickel-base superalloy (Nelson, 1984): stress, thousands of cycles, and
 # whether the specimen broke

@@ -7,7 +7,7 @@ from identifications import unjudged
 from scipy import special, stats
 
 from aleator import Experiments, Free, Inputs, LogNormal, Noise, Normal, ResponseSurface
-from aleator.types import Array
+from aleator.core.types import Array
 
 Z = np.linspace(-8.0, 8.0, 4001)
 TIME = np.tile([0.5, 1.2, 2.5], 40)

@@ -30,9 +30,9 @@ from aleator.cli.running import (
     shown,
     whole_number,
 )
+from aleator.core.progress import Progress
 from aleator.errors import AleatorError, nearest, short
 from aleator.inference.posterior import SAMPLER, installed
-from aleator.progress import Progress
 from aleator.results import documents
 from aleator.simulators import Runner
 from aleator.study import Study, load_study

@@ -25,11 +25,12 @@ from aleator.cli.running import (
     shown,
     units_in,
 )
+from aleator.core.progress import Progress
+from aleator.core.types import Indices
 from aleator.errors import AleatorError, short
 from aleator.inference.alpha_draws import AlphaDraws, alpha_draws, estimated
 from aleator.inference.extrapolation import compared
 from aleator.observations.experiments import Conditions
-from aleator.progress import Progress
 from aleator.results import documents
 from aleator.results.printed import Content, number
 from aleator.results.result import Result
@@ -43,7 +44,6 @@ from aleator.tasks.decide.limits import Tolerance, limits
 from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
 from aleator.tasks.decide.sample import SAMPLE
 from aleator.tasks.session import OWN, Session
-from aleator.types import Indices
 from aleator.views import predictions
 
 

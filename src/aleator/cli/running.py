@@ -18,10 +18,10 @@ import click
 import numpy as np
 from rich.console import Console
 
+from aleator.core.progress import Progress, Silent
 from aleator.errors import AleatorError, installing, short
 from aleator.fit.question import start_point
 from aleator.observations.experiments import Conditions
-from aleator.progress import Progress, Silent
 from aleator.results import documents
 from aleator.results.printed import Content
 from aleator.results.units import seen_label

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.fit.ledger import Ledger
 from aleator.fit.refine import WITH_NOISE, Refined, Refinement
 from aleator.fit.search import in_order
@@ -30,7 +31,6 @@ from aleator.likelihood.individual import (
 )
 from aleator.search import SearchResult
 from aleator.search.newton import ascend, ascended, outer
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

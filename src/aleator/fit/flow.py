@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.core.types import Array, Indices
 from aleator.fit.certain import Certain, certain
 from aleator.fit.ledger import Ledger, affordable
 from aleator.fit.question import Question, start_point
@@ -20,7 +21,6 @@ from aleator.inference.diagnostics import Doubt, doubt
 from aleator.likelihood.individual import Layout, OnSurfaces
 from aleator.likelihood.problem import Problem
 from aleator.surrogates.responses import moving_parameters
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)

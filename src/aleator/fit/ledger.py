@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from aleator.core.progress import Progress
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
-from aleator.progress import Progress
 from aleator.simulators import Budget, Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import ROUNDS, first_runs

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
@@ -25,7 +26,6 @@ from aleator.observations.responses import Observations
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

@@ -12,17 +12,17 @@ import numpy as np
 from scipy import optimize
 from scipy.stats import qmc
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Indices
 from aleator.fit.question import Question
 from aleator.fit.regions import hull, within
 from aleator.inference import diagnostics
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs, law_region
 from aleator.likelihood.problem import Problem, prepare
-from aleator.progress import Progress
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.surrogates.responses import Run, attempts, by_calls, moving_parameters, straight
 from aleator.surrogates.surface import Axes, logarithms
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

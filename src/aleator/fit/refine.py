@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Flags
 from aleator.fit import reach
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
 from aleator.fit.question import Question, start_point
@@ -34,14 +36,12 @@ from aleator.inference.information import Inference, infer
 from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Forward, forward, told
-from aleator.progress import Progress
 from aleator.search import SearchResult
 from aleator.search.interface import OPTIMA
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
 from aleator.surrogates.adaptive import within
 from aleator.surrogates.responses import Sites, features, moving_parameters
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)

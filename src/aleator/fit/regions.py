@@ -14,11 +14,11 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
+from aleator.core.types import Array, Flags
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)

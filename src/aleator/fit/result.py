@@ -14,6 +14,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from aleator.core.status import Status
+from aleator.core.types import Array
 from aleator.fit.flow import Answer
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import varying_conditions
@@ -49,8 +51,6 @@ from aleator.results.values import (
 )
 from aleator.search import SearchResult
 from aleator.search.interface import LogLikelihood
-from aleator.status import Status
-from aleator.types import Array
 
 DIRECT = "direct"
 """How an answer calls its propagation where the simulator itself was integrated over."""

@@ -14,6 +14,8 @@ from functools import partial
 import numpy as np
 from scipy import optimize
 
+from aleator.core.status import DEGENERATE_VALUE, Status
+from aleator.core.types import Array
 from aleator.fit.ledger import SEARCH, Ledger
 from aleator.fit.question import Question, start_point
 from aleator.fit.settle import AnyLikelihood, climbed
@@ -33,9 +35,7 @@ from aleator.search import Ascent, Objective, Optimum, Search, SearchResult, War
 from aleator.search.interface import OPTIMA, LogLikelihood, read, written
 from aleator.simulators import Runner
 from aleator.simulators.store import keep, kept
-from aleator.status import DEGENERATE_VALUE, Status
 from aleator.surrogates.responses import moving_parameters
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.types import Array, Indices
 from aleator.inference.diagnostics.experiments import EXPERIMENTS
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.likelihood.individual import (
@@ -27,7 +28,6 @@ from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, SearchResult
 from aleator.search.interface import OPTIMA, one_hill
 from aleator.search.newton import ascended, outer
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

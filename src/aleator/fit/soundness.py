@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from aleator.core.types import Array, Flags
 from aleator.fit.flow import Answer
 from aleator.inference import diagnostics
 from aleator.inference.diagnostics import estimates, experiments, surfaces
@@ -16,7 +17,6 @@ from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.results.values import Diagnostic
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True, eq=False)

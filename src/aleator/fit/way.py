@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.fit.question import start_point
 from aleator.laws.inputs import Inputs
@@ -16,7 +17,6 @@ from aleator.likelihood.model import Model
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.responses import moving_parameters
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ import numpy as np
 from scipy import linalg, optimize, special
 from scipy.stats import qmc
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.inference.information import INTERVALS
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.results.values import Estimate, in_order
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array, Flags, Indices
 
 
 def quantiles(values: Array, weights: Array, probabilities: Array) -> Array:

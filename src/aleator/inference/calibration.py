@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binom, kstwo
 
+from aleator.core.types import Array
 from aleator.inference.information import INTERVALS
 from aleator.likelihood.individual import IndividualLikelihood
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.individual.rules import proposed
 from aleator.observations.responses import Observations
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.status import Status
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
@@ -28,9 +30,7 @@ from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.observations.errors import MeasurementErrors, Noise, ResponseErrors
 from aleator.simulators import Runner
-from aleator.status import Status
 from aleator.surrogates import AdaptiveSurfaces
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,13 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.stats import qmc
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Flags, Indices
 from aleator.inference.fit import Fit
 from aleator.inference.information import Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.observations.responses import ends_of
 from aleator.observations.responses import limits_of_test as limits_of_tests
-from aleator.progress import Progress
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

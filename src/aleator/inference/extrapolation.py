@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import optimize
 
-from aleator.types import Array
+from aleator.core.types import Array
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.inference.information import Inference
 from aleator.inference.likelihood_at import IndividualsAt, LikelihoodAt, OutcomesAt
 from aleator.laws.hyperparameter import LIMITS, Hyperparameter, limits_of
@@ -22,7 +23,6 @@ from aleator.observations.experiments import Experiments
 from aleator.search.interface import LogLikelihood
 from aleator.search.newton import ASCENT, Summit, ascended, held
 from aleator.search.objective import SIGHT
-from aleator.types import Array
 
 Objective = Callable[[Array], LogLikelihood]
 

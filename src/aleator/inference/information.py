@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from aleator.core.types import Array
 from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
 from aleator.search import Objective
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 from scipy import special
 
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.inference.alpha_draws import quantiles
 from aleator.inference.calibration import sequential_pit
@@ -39,7 +40,6 @@ from aleator.observations.responses import Observations
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import Runner
 from aleator.surrogates.responses import DirectResponse, OutcomeDistribution
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.core.types import Array, Indices
 from aleator.inference.information import Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search.interface import LogLikelihood
 from aleator.search.newton import ascended, positive
-from aleator.types import Array, Indices
 
 Objective = Callable[[Array], LogLikelihood]
 

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 from scipy import stats
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array, Flags, Indices
 from aleator.inference.fit import Fit, refitted
 from aleator.inference.information import DIFFERENCES, INTERVALS
 from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
-from aleator.progress import Progress, Silent
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ import numpy as np
 from scipy import linalg, optimize, sparse
 from scipy.spatial import cKDTree
 
+from aleator.core.progress import Progress
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Indices
 from aleator.inference.fit import Fit, climbed, stepped
-from aleator.progress import Progress
-from aleator.threads import single_threaded
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

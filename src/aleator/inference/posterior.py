@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from scipy import optimize, special
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import AleatorError, installing
 from aleator.inference.information import DIFFERENCES
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

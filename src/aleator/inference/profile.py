@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.inference.information import Inference
 from aleator.inference.profile_end import ENDS, EndSettings, Trace
 from aleator.laws import Hyperparameter
 from aleator.search import Objective
 from aleator.search.interface import LogLikelihood, Scored, objective_of, reach_of
 from aleator.search.newton import positive
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

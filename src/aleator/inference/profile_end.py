@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from aleator.core.types import Array, Indices
 from aleator.inference.bracket import Bracket
 from aleator.inference.information import INTERVALS, Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search import Objective
 from aleator.search.newton import Summit, ascended, held
 from aleator.search.objective import CountedObjective
-from aleator.types import Array, Indices
 
 TARGET = float(np.sqrt(stats.chi2.ppf(INTERVALS.level, 1)))
 DROP = 0.5 * TARGET**2

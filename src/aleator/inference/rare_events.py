@@ -13,8 +13,8 @@ import numpy as np
 from scipy import linalg, optimize, special
 from scipy.stats import qmc
 
+from aleator.core.types import Array, Flags
 from aleator.inference.alpha_draws import quantiles
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from itertools import combinations
 import numpy as np
 from scipy import linalg
 
+from aleator.core.types import Array
 from aleator.errors import InputsError, nearest
 from aleator.laws.hyperparameter import OPEN, Hyperparameter, Specification, resolve
-from aleator.types import Array
 
 Pair = tuple[str, str]
 

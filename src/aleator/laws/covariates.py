@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pandas as pd
 
-from aleator.arithmetic import FUNCTIONS, NoArithmeticError, in_short, require_arithmetic, tree
+from aleator.core.arithmetic import FUNCTIONS, NoArithmeticError, in_short, require_arithmetic, tree
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError, nearest
 from aleator.laws.hyperparameter import Beside, By, Hyperparameter, Specification, resolve, within
-from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from formulaic import ModelMatrix

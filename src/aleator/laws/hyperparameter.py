@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import special
 
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
-from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.laws.law import Law

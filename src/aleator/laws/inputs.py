@@ -11,6 +11,8 @@ from itertools import product
 import numpy as np
 from scipy import special
 
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError, require_filled
 from aleator.laws.correlation import Correlation, Pair, between
 from aleator.laws.covariates import CovariateModel, Table, variables
@@ -18,8 +20,6 @@ from aleator.laws.hyperparameter import Hyperparameter, Specification
 from aleator.laws.law import NUMERICS, Law, Standard, Tabulated
 from aleator.laws.marginals import Normal
 from aleator.laws.mixture import Mixture
-from aleator.threads import single_threaded
-from aleator.types import Array, Indices
 
 STANDARD_NORMAL: Law = Normal(0.0, 1.0)
 """The law of the variate that a correlated parameter is made of."""

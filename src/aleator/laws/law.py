@@ -11,9 +11,9 @@ from typing import Protocol
 import numpy as np
 from scipy import special
 
+from aleator.core.polynomials import gauss_hermite, hermite_recurrence
+from aleator.core.types import Array
 from aleator.laws.hyperparameter import Hyperparameter, Specification, filled, location_and_scale
-from aleator.polynomials import gauss_hermite, hermite_recurrence
-from aleator.types import Array
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Law(Protocol):
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
         """The first coefficients a (count,), b (count,) of the law's orthonormal polynomials.
 
-        They belong to the variable t of `Rule`; see `aleator.polynomials`. A constant
+        They belong to the variable t of `Rule`; see `aleator.core.polynomials`. A constant
         has one pair, whatever the count.
         """
         ...

@@ -10,6 +10,15 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy import special
 
+from aleator.core.polynomials import (
+    gauss_legendre,
+    gauss_with_gradient,
+    jacobi_recurrence,
+    laguerre_recurrence,
+    legendre_recurrence,
+    recurrence_with_gradient,
+)
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import (
     OPEN,
@@ -36,15 +45,6 @@ from aleator.laws.law import (
     slope,
     to_score,
 )
-from aleator.polynomials import (
-    gauss_legendre,
-    gauss_with_gradient,
-    jacobi_recurrence,
-    laguerre_recurrence,
-    legendre_recurrence,
-    recurrence_with_gradient,
-)
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

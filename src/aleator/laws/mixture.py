@@ -13,6 +13,8 @@ import numpy as np
 from scipy import optimize, special
 from scipy.optimize import elementwise
 
+from aleator.core.polynomials import gauss_legendre
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import (
     OPEN,
@@ -36,8 +38,6 @@ from aleator.laws.law import (
     to_score,
 )
 from aleator.laws.marginals import Constant, Normal
-from aleator.polynomials import gauss_legendre
-from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.laws.inputs import Inputs

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import (
     Hyperparameter,
@@ -26,7 +27,6 @@ from aleator.laws.law import (
     slope,
     to_score,
 )
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
+from aleator.core.polynomials import gauss, gauss_legendre, stieltjes
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import LIMITS, OPEN, Hyperparameter, Specification, filled, resolve
 from aleator.laws.law import MeanSd, Rule, Standard, ThroughNormal, normal_log_density
-from aleator.polynomials import gauss, gauss_legendre, stieltjes
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

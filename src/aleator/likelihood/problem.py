@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import LevelLikelihood, searched, traceable
 from aleator.likelihood.level_sets.predicted import PointPredictor as PointPredictor
 from aleator.likelihood.model import Model
-from aleator.progress import Progress
 from aleator.search import Objective
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import NoOutcome, Runner
@@ -29,7 +30,6 @@ from aleator.surrogates.responses import (
     moving_parameters,
     straight,
 )
-from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

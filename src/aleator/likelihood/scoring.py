@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aleator.types import Array
+from aleator.core.types import Array
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
+from aleator.core.status import DEGENERATE_VALUE, Status
+from aleator.core.types import Array, Flags
 from aleator.errors import InputsError
 from aleator.laws.law import invert
 from aleator.moments.moments import Moments
-from aleator.status import DEGENERATE_VALUE, Status
-from aleator.types import Array, Flags
 
 Codes = NDArray[np.int64]
 

@@ -9,10 +9,10 @@ from typing import Protocol, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.moments.densities import FittedDensity
 from aleator.moments.moments import NodeOutcomes
-from aleator.types import Array
 
 LawOfOutcome: TypeAlias = FittedDensity | NodeOutcomes | ArrayLike
 """A fitted density, weighted nodes, or a sample (R,) or (N, R)."""

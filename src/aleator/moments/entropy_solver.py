@@ -13,7 +13,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.status import Status
+from aleator.core.types import Array, Flags
 from aleator.moments.densities import Codes
 from aleator.moments.legendre import (
     LegendreRule,
@@ -27,8 +29,6 @@ from aleator.moments.legendre import (
     substitute,
     support_of,
 )
-from aleator.status import Status
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.moments.expansion import Basis, constant, highest
 from aleator.moments.moments import Moments
-from aleator.threads import single_threaded
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

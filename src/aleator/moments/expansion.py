@@ -16,10 +16,10 @@ from typing import Protocol, Self
 import numpy as np
 from scipy.stats import qmc
 
+from aleator.core.polynomials import evaluate, polished_rule, symmetric
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws import Inputs, Law, Normal, Rule
-from aleator.polynomials import evaluate, polished_rule, symmetric
-from aleator.types import Array, Indices
 
 
 class IndexSet(Protocol):

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from aleator.types import Array, Flags
+from aleator.core.types import Array, Flags
 
 
 def legendre(t: Array, degree: int, derivative: int = 0) -> Array:

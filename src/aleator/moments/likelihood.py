@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aleator.core.status import Status
+from aleator.core.types import Array, Indices
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import log_prior
 from aleator.moments.densities import Density, FittedMomentDensity, Gaussian
@@ -21,9 +23,7 @@ from aleator.moments.moments import Moments, joined
 from aleator.moments.propagation import Propagation, QuadraturePropagation, finer
 from aleator.results.values import DensityDistance
 from aleator.search.interface import LogLikelihood
-from aleator.status import Status
 from aleator.surrogates.responses import Divisible, OutcomeDistribution
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.status import Status
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Flags
 from aleator.errors import InputsError
 from aleator.laws.law import invert
 from aleator.moments.densities import (
@@ -24,9 +27,6 @@ from aleator.moments.densities import (
 from aleator.moments.entropy_solver import SETTINGS, Solution, density_at, solve
 from aleator.moments.legendre import legendre
 from aleator.moments.moments import Moments
-from aleator.status import Status
-from aleator.threads import single_threaded
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.blocks import blocks
-from aleator.threads import single_threaded
-from aleator.types import Array
+from aleator.core.blocks import blocks
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
+from aleator.core.polynomials import tensor
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws import Inputs
 from aleator.moments.expansion import (
@@ -22,9 +25,6 @@ from aleator.moments.expansion import (
     checked,
     induced,
 )
-from aleator.polynomials import tensor
-from aleator.threads import single_threaded
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

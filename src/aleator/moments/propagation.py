@@ -15,6 +15,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws import Inputs
 from aleator.moments.exact_moments import ExpansionMoments, prepare
@@ -24,7 +25,6 @@ from aleator.moments.projection import Projection, Regression, expansion_map
 from aleator.moments.quadrature import Cubature, CubatureNodes, SobolPoints, TensorGauss
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.responses import Divisible, ResponseFunction
-from aleator.types import Array, Indices
 
 Fit = Projection | Regression
 

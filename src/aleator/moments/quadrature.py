@@ -26,12 +26,12 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
+from aleator.core.polynomials import tensor
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws import Inputs, Rule
 from aleator.laws.inputs import zeros
-from aleator.polynomials import tensor
-from aleator.threads import single_threaded
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

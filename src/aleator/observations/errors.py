@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError, InputsError, nearest, require_filled
 from aleator.laws import Hyperparameter, Specification, resolve
 from aleator.observations.model import (
@@ -22,7 +23,6 @@ from aleator.observations.model import (
     observed,
 )
 from aleator.observations.responses import Observations, require_responses
-from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError, nearest
 from aleator.observations import tables
 from aleator.observations.outcomes import Censored, OutcomeColumns
 from aleator.observations.responses import Observations, Response, Transform, common_transform
 from aleator.observations.tables import Table, real_numbers
-from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     import pandas as pd

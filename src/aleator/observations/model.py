@@ -10,10 +10,10 @@ from typing import NamedTuple, Protocol, TypeGuard
 import numpy as np
 from scipy import special
 
+from aleator.core.types import Array, Flags
 from aleator.errors import InputsError
 from aleator.laws import Free, Hyperparameter, Specification, resolve
 from aleator.laws.law import difference
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError, nearest
 from aleator.observations.responses import Observations, Response, require_responses, responses_of
 from aleator.observations.tables import UNMEASURED, Table
-from aleator.types import Array, Flags, Indices
 
 Words = str | int | Sequence[str | int]
 """A word of a column, or several; a whole number is the word that it is written as."""

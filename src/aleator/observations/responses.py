@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError, nearest
-from aleator.types import Array, Flags, Indices
 
 
 class Transform(StrEnum):

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.types import Array
 from aleator.errors import ExperimentsError, nearest
-from aleator.types import Array
 
 if TYPE_CHECKING:
     import pandas as pd

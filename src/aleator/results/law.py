@@ -12,10 +12,10 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy import special, stats
 
+from aleator.core.types import Array
 from aleator.errors import InputsError, nearest
 from aleator.laws import Law
 from aleator.laws.inputs import Inputs
-from aleator.types import Array
 
 Points = Mapping[str, ArrayLike] | pd.DataFrame | ArrayLike
 

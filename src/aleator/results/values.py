@@ -13,11 +13,11 @@ from typing import get_type_hints as hints_of
 import numpy as np
 import pandas as pd
 
+from aleator.core.status import Status
+from aleator.core.types import Array
 from aleator.errors import InputsError, nearest
 from aleator.laws import Hyperparameter
 from aleator.results import documents
-from aleator.status import Status
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

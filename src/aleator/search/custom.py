@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.search.interface import Objective, Scored, Search, SearchResult, Step
 from aleator.search.objective import Coordinates, CountedObjective, Task, TaskSearch
 from aleator.search.populations import finished
-from aleator.types import Array
 
 Value = Callable[[ArrayLike], float]
 Optimizer = Callable[[Value, Array, Array, Array, np.random.Generator], ArrayLike]

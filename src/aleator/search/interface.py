@@ -10,10 +10,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws.hyperparameter import Hyperparameter, has_prior, log_prior, prior_score
-from aleator.progress import Progress
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,10 @@ import numpy as np
 from scipy import optimize
 from scipy.stats import qmc
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-from aleator.progress import Progress
 from aleator.search.interface import (
     Ascent,
     LogLikelihood,
@@ -30,7 +31,6 @@ from aleator.search.objective import (
     gathered,
     reached_once,
 )
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

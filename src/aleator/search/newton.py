@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search.interface import LogLikelihood, Objective, Scored
 from aleator.search.objective import CountedObjective
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

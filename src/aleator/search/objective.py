@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array, Indices
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.progress import Progress, Silent
 from aleator.search.interface import (
     OPTIMA,
     Ascent,
@@ -27,7 +28,6 @@ from aleator.search.interface import (
     one_hill,
     reach_of,
 )
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

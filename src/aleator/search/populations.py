@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
+from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError
 from aleator.search.interface import OPTIMA, Ascent, Optimum, SearchResult, nowhere_finite
 from aleator.search.multistart import climb, evenly, starting_points
@@ -22,7 +23,6 @@ from aleator.search.objective import (
     TaskSearch,
     gathered,
 )
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

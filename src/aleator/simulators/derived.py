@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.arithmetic import (
+from aleator.core.arithmetic import (
     BINARY,
     UNARY,
     NoArithmeticError,

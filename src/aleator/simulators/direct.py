@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.types import Array, Indices
 from aleator.errors import AleatorError, SurroundingsError
 from aleator.observations.tables import real_numbers
 from aleator.simulators.dispatch import Batch, make
@@ -17,7 +18,6 @@ from aleator.simulators.function import FunctionSimulator
 from aleator.simulators.protocol import BLOCKS, RunStopped
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.units import Bound
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from aleator.core.types import Flags
 from aleator.errors import AleatorError, SimulatorError, SurroundingsError
 from aleator.simulators.protocol import (
     Columns,
@@ -29,7 +30,6 @@ from aleator.simulators.protocol import (
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.surroundings import cause
 from aleator.simulators.units import Bound, Form, is_named
-from aleator.types import Flags
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array
 from aleator.errors import StoreError
-from aleator.progress import Progress
 from aleator.simulators.dispatch import (
     BATCHING,
     Batching,
@@ -24,7 +25,6 @@ from aleator.simulators.dispatch import (
 from aleator.simulators.runs import NOT_FINITE, Failure, Memory, Runs, row_bytes
 from aleator.simulators.store import MOVE_ASIDE, Case, Identity, Store
 from aleator.simulators.units import Bound, Units
-from aleator.types import Array
 
 
 class RunProgress:

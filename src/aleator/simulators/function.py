@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.errors import SimulatorError, nearest
 from aleator.observations.tables import real_numbers
 from aleator.simulators.protocol import (
@@ -28,7 +29,6 @@ from aleator.simulators.protocol import (
     require_file,
 )
 from aleator.simulators.surroundings import checked_limit, limited
-from aleator.types import Array
 
 _loaded: dict[str, str] = {}
 """Digests of modules as this process loaded them for simulators that came from another one."""

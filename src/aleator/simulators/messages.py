@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from aleator.core.types import Array, Flags
 from aleator.errors import SimulatorError, short
 from aleator.simulators.execution import RunCache
 from aleator.simulators.protocol import NoOutcome, Simulator, with_log
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.units import Cases, Units
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True, eq=False)

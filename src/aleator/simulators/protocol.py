@@ -12,8 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.types import Array, Indices
 from aleator.errors import SimulatorError, nearest
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array, Indices
 from aleator.errors import SimulatorError
-from aleator.progress import Progress, Silent
 from aleator.simulators.direct import DirectRuns
 from aleator.simulators.dispatch import BATCHING, Batching
 from aleator.simulators.execution import Execution, RunCache, RunProgress
@@ -26,7 +27,6 @@ from aleator.simulators.runs import REPEATABILITY, Repeats, Runs, differing
 from aleator.simulators.store import Store
 from aleator.simulators.surroundings import end_reported, ending
 from aleator.simulators.units import Bound, Cases, Form, Units
-from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments

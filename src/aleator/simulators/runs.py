@@ -10,8 +10,8 @@ from typing import Self
 
 import numpy as np
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.simulators.protocol import RunFailed, describe, readable
-from aleator.types import Array, Flags, Indices
 
 NOT_FINITE = "NotFinite"
 """The kind of a failure where the simulator returned a number that cannot be used."""

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import SimulatorError, nearest
 from aleator.observations.responses import Response, Transform
 from aleator.observations.tables import real_numbers
 from aleator.simulators.protocol import Columns, Simulator
-from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.errors import ExperimentsError
 from aleator.observations import tables
 from aleator.observations.experiments import DEFAULT_ID
 from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 from scipy.spatial import KDTree
 from scipy.stats import qmc
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.simulators import Account, Runner
 from aleator.surrogates.choice import ResponseSurface
@@ -30,7 +31,6 @@ from aleator.surrogates.responses import (
 )
 from aleator.surrogates.shared import SharedSurface
 from aleator.surrogates.surface import Axes, Surface
-from aleator.types import Array, Flags, Indices
 
 Afforded = Callable[[Flags, Array, Array], Flags]
 """Of the members (N,), with their relative errors (N,) and the runs (N,) of a round: who has it."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import SimulatorError
 from aleator.surrogates.fit import (
     Judged,
@@ -33,7 +34,6 @@ from aleator.surrogates.fit import (
 )
 from aleator.surrogates.responses import Run, Samples
 from aleator.surrogates.surface import Axes, Surface, outcomes, products, widened
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

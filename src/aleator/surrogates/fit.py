@@ -21,9 +21,9 @@ from scipy.linalg import solve_triangular
 from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Flags, Indices
 from aleator.surrogates.surface import SURFACES, Group, Surface, ball, outcomes, products
-from aleator.threads import single_threaded
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

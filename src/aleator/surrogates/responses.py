@@ -10,9 +10,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.simulators import Runner
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True, eq=False)

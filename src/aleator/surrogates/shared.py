@@ -25,12 +25,12 @@ from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Flags, Indices
 from aleator.surrogates.emulator import Emulator, pairs
 from aleator.surrogates.fit import clustered, fixed_shift, low_discrepancy
 from aleator.surrogates.responses import Run, Samples
 from aleator.surrogates.surface import Axes, Surface, ball, products
-from aleator.threads import single_threaded
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
-from aleator.threads import single_threaded
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -15,18 +15,18 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, short
 from aleator.inference.fit import Fit, refitted
 from aleator.inference.information import INTERVALS
 from aleator.laws.hyperparameter import limits_of
-from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.results.documents import make_folder
 from aleator.simulators.pool import packed
 from aleator.tasks.identification import Identification
 from aleator.tasks.parallel import in_processes
-from aleator.threads import single_threaded
-from aleator.types import Array
 
 
 def percentile(alpha: Array, level: float = INTERVALS.level) -> Array:

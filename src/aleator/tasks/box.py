@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array, Flags
 from aleator.errors import SimulatorError
 from aleator.laws.inputs import Inputs
-from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)

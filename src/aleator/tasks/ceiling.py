@@ -14,6 +14,8 @@ import pandas as pd
 from scipy import special
 from scipy.stats import qmc
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.fit.regions import REGIONS, padded, region_of, within
 from aleator.fit.result import law_curves
@@ -22,11 +24,9 @@ from aleator.inference.likelihood_at import IndividualsAt
 from aleator.inference.npmle import NPMLE, GapTest, gradient, judged, mixed, npmle
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import OnSurfaces
-from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.results.printed import number
 from aleator.tasks.identification import Identification
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

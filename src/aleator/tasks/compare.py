@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array
 from aleator.errors import ExperimentsError, InputsError, nearest
 from aleator.inference.fit import Fit, refitted
 from aleator.inference.information import INTERVALS
@@ -25,11 +27,9 @@ from aleator.laws import Hyperparameter, Law, Mixture
 from aleator.laws.hyperparameter import has_prior, limits_of
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Transform
-from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.tasks.ceiling import gap_of
 from aleator.tasks.identification import Identification
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from itertools import combinations, islice
 
 import numpy as np
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array
 from aleator.inference.consistency.battery import (
     RELATED,
     SAME,
@@ -31,9 +33,7 @@ from aleator.inference.consistency.judged import Judgement, judged, outliers_of,
 from aleator.inference.consistency.sentences import told
 from aleator.inference.fit import Fit
 from aleator.observations.experiments import Experiments
-from aleator.progress import Progress
 from aleator.results.values import REPORTED, Consistency, Statistic
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

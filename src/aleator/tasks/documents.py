@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aleator.core.types import Array
 from aleator.tasks.box import FeasibleBox
 from aleator.tasks.ceiling import Ceiling
 from aleator.tasks.expected_cost import Cost
 from aleator.tasks.first_look import Look
 from aleator.tasks.recover import Recovery
 from aleator.tasks.screen import Sensitivity
-from aleator.types import Array
 
 
 def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]:

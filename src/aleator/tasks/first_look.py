@@ -8,15 +8,15 @@ from itertools import product
 
 import numpy as np
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import SimulatorError
 from aleator.fit.regions import first_region
 from aleator.laws.inputs import Inputs
 from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments, covariates
-from aleator.progress import Progress, Silent
 from aleator.simulators import Runner
 from aleator.surrogates.responses import moving_parameters
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from aleator.core.progress import Progress
 from aleator.errors import InputsError
 from aleator.fit.question import DEFAULT_PROPAGATION
 from aleator.inference.alpha_draws import DRAWING, AlphaDraws, alpha_draws, estimated
@@ -20,7 +21,6 @@ from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions, Experiments
-from aleator.progress import Progress
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
 from aleator.results.schema import read_answer

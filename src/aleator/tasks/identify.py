@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from aleator.core.progress import Progress, Silent
 from aleator.errors import InputsError
 from aleator.fit.flow import Answer, identified
 from aleator.fit.ledger import Ledger, spend
@@ -20,7 +21,6 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
 from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
-from aleator.progress import Progress, Silent
 from aleator.results.units import checked_units
 from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner

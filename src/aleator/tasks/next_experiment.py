@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError, nearest
 from aleator.inference.design import (
     ChosenSet,
@@ -24,13 +26,11 @@ from aleator.inference.design import (
 from aleator.inference.fit import Fit
 from aleator.laws import Hyperparameter
 from aleator.observations.experiments import Conditions, Experiments, unmeasured
-from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.results.printed import number
 from aleator.results.values import Estimate
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
-from aleator.types import Array, Indices
 
 ALL = "all"
 """All hyperparameters together."""

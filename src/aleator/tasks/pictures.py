@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from scipy import stats
 from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGridInterpolator
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array, Indices
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.fit import Fit
 from aleator.inference.information import INTERVALS
@@ -26,9 +28,7 @@ from aleator.inference.likelihood_shape import (
 from aleator.laws import Law, Mixture
 from aleator.laws.inputs import Inputs
 from aleator.laws.inputs import drawn as of_law
-from aleator.progress import Progress, Silent
 from aleator.results.values import REPORTED, Estimate
-from aleator.types import Array, Indices
 
 if TYPE_CHECKING:
     from aleator.tasks.identification import Identification

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError
 from aleator.inference.fit import Fit
 from aleator.inference.information import INTERVALS
@@ -27,10 +29,8 @@ from aleator.inference.posterior import (
 )
 from aleator.laws import mixture as classes
 from aleator.laws.inputs import drawn
-from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.tasks.identification import Identification
-from aleator.types import Array
 
 if TYPE_CHECKING:
     from xarray import DataTree

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.fit.question import DEFAULT_PROPAGATION, is_exact, surfaces_alone
 from aleator.fit.regions import REGIONS, region_of
@@ -18,13 +20,11 @@ from aleator.likelihood.model import Model
 from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions
 from aleator.observations.responses import responses_of
-from aleator.progress import Progress
 from aleator.results.values import REPORTED, Estimate, in_order
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import AnySimulator, runner_on
 from aleator.tasks.session import Session
-from aleator.types import Array
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

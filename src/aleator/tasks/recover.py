@@ -12,6 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.fit.flow import answered
 from aleator.fit.ledger import Ledger
@@ -23,7 +25,6 @@ from aleator.laws.inputs import Inputs, drawn
 from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.responses import Observations, responses_of
-from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.search import Search
 from aleator.simulators import Runner, Simulator
@@ -33,7 +34,6 @@ from aleator.simulators.store import Store
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
 from aleator.tasks.parallel import in_processes
-from aleator.types import Array
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

@@ -10,18 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from aleator.core.progress import Progress, Silent
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError, nearest
 from aleator.laws import Law, Uniform
 from aleator.laws.inputs import Inputs
 from aleator.moments.expansion import Basis, Expansion, SobolIndices, TotalDegree, sobol_indices
 from aleator.moments.projection import Regression
 from aleator.observations.experiments import Conditions
-from aleator.progress import Progress, Silent
 from aleator.results import printed
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
 from aleator.tasks.first_look import SingleValues, of_values, one_each
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from aleator.core.progress import Progress
+from aleator.core.status import Status
+from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, nearest
 from aleator.fit.question import DEFAULT_PROPAGATION, varying_conditions
 from aleator.fit.refine import under_law
@@ -24,16 +27,13 @@ from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors, Noise, noise_hyperparameters
 from aleator.observations.experiments import Conditions, Experiments, covariates, unmeasured
 from aleator.observations.responses import Response, Transform, with_limits_of_test
-from aleator.progress import Progress
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner, Simulator, as_runner
-from aleator.status import Status
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.ground import Ground, MeasuredExperiments, about, direct
 from aleator.tasks.decide.prediction import Draws, tabled, tails
-from aleator.types import Array
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.errors import AleatorError, short
-from aleator.types import Array
 from aleator.views.chart import BLUE as BLUE
 from aleator.views.chart import GRAY as GRAY
 from aleator.views.chart import GREEN as GREEN

@@ -12,8 +12,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.results.printed import PAGE, Depth
-from aleator.types import Array
 
 # Okabe and Ito's palette, told apart in every form of color blindness, and grays; each for light
 # and for dark. The page changes one for the other, so that all are distinct.

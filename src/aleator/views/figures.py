@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aleator.core.types import Array
 from aleator.inference.information import INTERVALS
 from aleator.results.printed import AMOUNTS, Amounts, percent
 from aleator.results.units import label, seen_label
-from aleator.types import Array
 from aleator.views.axes import (
     BLACK,
     BLUE,

@@ -14,7 +14,7 @@ import bokeh.plotting
 import numpy as np
 from bokeh.document import Document
 
-from aleator.types import Array
+from aleator.core.types import Array
 from aleator.views import chart as colors
 from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, looks, meaning
 

@@ -9,10 +9,10 @@ import contourpy
 import numpy as np
 from scipy import stats
 
+from aleator.core.types import Array
 from aleator.inference.profile_end import DROP
 from aleator.results.units import label, transforms
 from aleator.tasks.pictures import PICTURES, finer, profile_line
-from aleator.types import Array
 from aleator.views import chart
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, numbers
 from aleator.views.outcome_charts import Individuals

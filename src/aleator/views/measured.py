@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.types import Array
 from aleator.results.printed import AMOUNTS, Amounts
 from aleator.results.units import label, seen_label
-from aleator.types import Array
 from aleator.views.chart import CHARTS, GRAY, GREEN, INK, VERMILION, Series, evenly, numbers
 
 Bools = NDArray[np.bool_]

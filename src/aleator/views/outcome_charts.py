@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.inference.calibration import counted, cumulated
 from aleator.results.printed import AMOUNTS, Amounts, outside, percent
 from aleator.results.units import label
-from aleator.types import Array
 from aleator.views import chart
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, evenly, numbers
 from aleator.views.measured import SHAPES, AxisChoice, MeasuredValues, conditions_of

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from aleator.core.types import Array
 from aleator.moments.densities import StandardizedDensity
-from aleator.types import Array
 
 SCALE = math.sqrt(3.0) / math.pi
 """The scale of the logistic law whose standard deviation is one."""

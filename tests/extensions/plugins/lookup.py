@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.types import Array
 from aleator.errors import SimulatorError
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

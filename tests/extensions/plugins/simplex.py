@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy import optimize
 
+from aleator.core.types import Array
 from aleator.search import CustomSearch
-from aleator.types import Array
 
 
 def nelder_mead(tolerance: float = 1e-6, restarts: int = 1) -> CustomSearch:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.observations.model import Observed
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.laws import Hyperparameter, QuantileLaw, Specification, resolve
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

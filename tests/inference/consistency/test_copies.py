@@ -15,8 +15,8 @@ from aleator import (
     Normal,
     identify,
 )
+from aleator.core.types import Array
 from aleator.inference.consistency.columns import columns_of, copies_of
-from aleator.types import Array
 
 RNG = np.random.default_rng(8)
 

@@ -3,8 +3,8 @@ import pytest
 from normal_levels import judged
 from scipy import stats
 
+from aleator.core.types import Array
 from aleator.results.values import Consistency, Statistic
-from aleator.types import Array
 
 N = 108
 LOAD = np.tile([0.0, 1.0, 2.0], 36)

@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.inference.consistency.columns import COLUMNS, ORDER, Column
 from aleator.inference.fit import Fit
 from aleator.results.values import Relation, Statistic
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy import special, stats
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations, Transform
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

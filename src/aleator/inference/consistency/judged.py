@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from aleator.core.types import Array, Flags
 from aleator.inference.consistency.battery import SHARES, Battery, Residuals, Subject, residuals_of
 from aleator.inference.fit import Fit, stepped
 from aleator.observations.experiments import Experiments
 from aleator.results.values import REPORTED, Outlier, Statistic
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)

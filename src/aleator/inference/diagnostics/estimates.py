@@ -9,13 +9,13 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
+from aleator.core.types import Array
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.results.values import Diagnostic
 from aleator.search import SearchResult, wide_limits
-from aleator.types import Array
 
 
 @dataclass(frozen=True)

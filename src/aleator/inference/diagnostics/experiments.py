@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.status import Status
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
@@ -16,8 +18,6 @@ from aleator.observations.responses import Observations
 from aleator.results.values import Diagnostic, FailureReport
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import NoOutcome, Runner, working_box
-from aleator.status import Status
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

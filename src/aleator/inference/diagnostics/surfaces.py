@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from aleator.core.status import Status
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError
 from aleator.inference.check import Checked
 from aleator.inference.diagnostics.experiments import chosen, named
@@ -18,11 +20,9 @@ from aleator.likelihood.scoring import scoring_step
 from aleator.results.values import Diagnostic
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import Account
-from aleator.status import Status
 from aleator.surrogates import AdaptiveSurfaces, Surface
 from aleator.surrogates.adaptive import Outlook, outlook
 from aleator.surrogates.responses import moving_parameters
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws.hyperparameter import log_prior
 from aleator.likelihood.individual.predictors import Block
 from aleator.search.interface import LogLikelihood
-from aleator.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from aleator.laws.inputs import Inputs

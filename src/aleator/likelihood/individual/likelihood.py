@@ -8,6 +8,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.status import Status
+from aleator.core.types import Array
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
 from aleator.likelihood.individual.following import Following, Parameters, holds, scattered_density
@@ -24,8 +26,6 @@ from aleator.likelihood.individual.predictors import Block, Layout, OnSurfaces, 
 from aleator.likelihood.individual.rules import GaussHermite, Nodes, joined
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.interface import LogLikelihood
-from aleator.status import Status
-from aleator.types import Array
 
 
 @dataclass(frozen=True, eq=False)

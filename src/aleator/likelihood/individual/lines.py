@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from aleator.polynomials import gauss_legendre
-from aleator.types import Array, Flags, Indices
+from aleator.core.polynomials import gauss_legendre
+from aleator.core.types import Array, Flags, Indices
 
 LogDensity = Callable[[Indices, Array], Array]
 """log f (T, q) at places (T, q) of the lines (T,)."""

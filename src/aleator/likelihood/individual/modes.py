@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from aleator.types import Array, Flags
+from aleator.core.types import Array, Flags
 
 
 @dataclass(frozen=True)

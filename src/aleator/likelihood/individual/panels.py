@@ -8,6 +8,8 @@ from itertools import product
 
 import numpy as np
 
+from aleator.core.polynomials import gauss_legendre
+from aleator.core.types import Array, Flags, Indices
 from aleator.likelihood.individual.lines import (
     LINES,
     LineSettings,
@@ -25,8 +27,6 @@ from aleator.likelihood.individual.modes import (
     Valued,
     modes,
 )
-from aleator.polynomials import gauss_legendre
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.likelihood.individual.likelihood import IndividualLikelihood, mean_of
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.individual.rules import proposed, standard_points
-from aleator.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,11 @@ from typing import Protocol
 
 import numpy as np
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.types import Array, Flags, Indices
 from aleator.surrogates import Surface
 from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.surface import chained, outcomes, products, products_with_gradient
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
+from aleator.core.polynomials import hermite_recurrence, polished_rule
+from aleator.core.types import Array, Indices
 from aleator.likelihood.individual.modes import (
     MODES,
     AsManyAsNeeded,
@@ -20,8 +22,6 @@ from aleator.likelihood.individual.modes import (
     modes,
 )
 from aleator.likelihood.individual.panels import Panels
-from aleator.polynomials import hermite_recurrence, polished_rule
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.types import Array, Flags, Indices
+from aleator.core.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from aleator.core.types import Array, Indices
 from aleator.likelihood.level_sets.cells import CELLS, CellSettings, crossed
 from aleator.surrogates.responses import Divisible
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

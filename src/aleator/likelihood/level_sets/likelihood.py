@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, image_at
 from aleator.likelihood.individual.following import moving
@@ -17,7 +18,6 @@ from aleator.likelihood.level_sets.lines import CROSSINGS, Crossings, traced
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.interface import LogLikelihood
 from aleator.surrogates.responses import Divisible
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,13 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.polynomials import gauss_hermite
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws.inputs import Inputs, parameters_at
 from aleator.likelihood.individual.following import scattered_density
 from aleator.likelihood.individual.rules import RULES
-from aleator.polynomials import gauss_hermite
 from aleator.surrogates.responses import Divisible
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

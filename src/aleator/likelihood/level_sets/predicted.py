@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aleator.core.status import Status
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws.inputs import Inputs, parameters_at
 from aleator.likelihood.individual.rules import standard_points
-from aleator.status import Status
 from aleator.surrogates.responses import ResponseFunction
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.status import DEGENERATE_VALUE, Status
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.following import densities, law_scores
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.search.interface import LogLikelihood
-from aleator.status import DEGENERATE_VALUE, Status
-from aleator.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.types import Array
 from aleator.errors import SimulatorError
 from aleator.simulators.derived import Expression, parse
 from aleator.simulators.fmu.description import Description
@@ -18,7 +19,6 @@ from aleator.simulators.fmu.session import SETTINGS
 from aleator.simulators.fmu.settings import ResolvedSettings
 from aleator.simulators.function import FunctionSimulator, load_function
 from aleator.simulators.protocol import Columns, RunFailed
-from aleator.types import Array
 
 Trajectory = Mapping[str, NDArray[Any]]
 

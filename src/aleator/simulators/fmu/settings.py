@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from aleator.core.types import Array
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators.fmu.description import (
     INTEGERS,
@@ -21,7 +22,6 @@ from aleator.simulators.fmu.description import (
     Variable,
 )
 from aleator.simulators.surroundings import STOP_ON, require_pattern
-from aleator.types import Array
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from aleator.core.types import Array
 from aleator.errors import SimulatorError, nearest
 from aleator.simulators.fmu.description import (
     Binding,
@@ -39,7 +40,6 @@ from aleator.simulators.fmu.settings import (
 )
 from aleator.simulators.protocol import BLOCKS, Columns, Returned, RunFailed, one_by_one
 from aleator.simulators.surroundings import printed
-from aleator.types import Array
 
 DEFAULT_COURSE = Course()
 DEFAULT_OPERATION = Operation()

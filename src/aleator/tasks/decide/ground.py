@@ -14,7 +14,9 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Indices
 from aleator.fit.regions import padded
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
@@ -31,11 +33,9 @@ from aleator.likelihood.problem import told
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.responses import Observations
-from aleator.progress import Progress
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
 from aleator.surrogates.responses import Sites, moving_parameters
-from aleator.types import Array, Indices
 
 
 def direct(runner: Runner, box: Array, region: Array) -> Predictor:

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.rare_events import Event, content_interval, quantile_bound
-from aleator.progress import Progress
 from aleator.tasks.decide.ground import Ground, Points
 from aleator.tasks.decide.near import Near
 from aleator.tasks.decide.prediction import heads, in_rows, tails
 from aleator.tasks.decide.sample import about_event, of_law
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from aleator.blocks import blocks
+from aleator.core.blocks import blocks
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Indices
 from aleator.fit.regions import hull, padded
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Direct, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.problem import told
-from aleator.progress import Progress
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.surrogates.responses import Samples, Sites, moving_parameters
 from aleator.surrogates.shared import PROCESS, SHARING, Covariance, ProcessPosterior, learned
@@ -29,7 +30,6 @@ from aleator.tasks.decide.ground import (
     parameters,
     simulated,
 )
-from aleator.types import Array, Indices
 
 ZERO = np.zeros(1, dtype=np.intp)
 

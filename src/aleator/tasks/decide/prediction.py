@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Indices
 from aleator.inference.alpha_draws import AlphaDraws, moments, quantiles
 from aleator.inference.extrapolation import Beyond, compared
 from aleator.inference.information import INTERVALS
@@ -21,7 +23,6 @@ from aleator.laws.law import invert
 from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor, individual_points
 from aleator.likelihood.individual.rules import standard_points
 from aleator.observations.errors import MeasurementErrors
-from aleator.progress import Progress
 from aleator.tasks.decide.ground import (
     GROUND,
     DrawnParameters,
@@ -35,7 +36,6 @@ from aleator.tasks.decide.ground import (
     predictor_for,
     simulated,
 )
-from aleator.types import Array, Indices
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,13 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError, nearest
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.information import INTERVALS
 from aleator.inference.rare_events import CrossEntropy, Event
 from aleator.observations.responses import Transform
-from aleator.progress import Progress
 from aleator.tasks.decide.ground import Ground
 from aleator.tasks.decide.near import Exploration, Near
 from aleator.tasks.decide.prediction import PREDICTION, heads, in_rows, tails
@@ -34,7 +35,6 @@ from aleator.tasks.decide.sample import (
     settling,
     sought,
 )
-from aleator.types import Array, Flags, Indices
 
 
 def responses_asked(ground: Ground, response: str | None) -> Indices:

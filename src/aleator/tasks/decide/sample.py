@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special, stats
 
+from aleator.core.types import Array, Flags
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.rare_events import (
     CrossEntropy,
@@ -23,7 +24,6 @@ from aleator.inference.rare_events import (
 )
 from aleator.tasks.decide.ground import GROUND, DrawnParameters, Points, normal_points
 from aleator.tasks.decide.near import NEAR, Exploration, Near, some_of
-from aleator.types import Array, Flags
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from aleator.polynomials import (
+from aleator.core.polynomials import (
     evaluate,
     gauss,
     gauss_hermite,
@@ -24,7 +24,7 @@ from aleator.polynomials import (
     stieltjes,
     tensor,
 )
-from aleator.types import Array
+from aleator.core.types import Array
 
 
 def standard(recurrence: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.types import Array, Indices
+from aleator.core.types import Array, Indices
 
 Value = float | complex
 Coefficients = NDArray[np.float64] | NDArray[np.complex128]
