@@ -249,8 +249,9 @@ def _read_only(path: Path, settings: StoreSettings) -> sqlite3.Connection:
 
 def _check(connection: sqlite3.Connection, path: Path) -> None:
     """Raise StoreError unless the file is empty or a store that this version can read."""
-    version, mark = _number(connection, "user_version"), _number(connection, "application_id")
-    tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+    with transaction(connection, writing=False):  # another process may make the store just now
+        version, mark = _number(connection, "user_version"), _number(connection, "application_id")
+        tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
     if mark != _MARK and (mark or version or tables):
         raise StoreError(
             f"{short(path)} is an SQLite database, but not a store of runs",
