@@ -130,7 +130,7 @@ def test_the_studies_for_other_tools_have_keys_that_exist() -> None:
     page = (ROOT / "docs" / "tools.md").read_text(encoding="utf-8")
     studies = [StudyFile.model_validate(tomllib.loads(text)) for text in blocks(page, "toml")]
     assert {study.simulator.kind for study in studies} <= {"command", "fmu"}
-    assert len(studies) == 6
+    assert len(studies) == 4
 
 
 @pytest.mark.parametrize("name", ["repeated.md", "howto/censored.md"])
