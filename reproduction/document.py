@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -69,7 +68,7 @@ def claims_table(claims: Sequence[Claim]) -> str:
 def updated(text: str, claims: pd.DataFrame) -> str:
     """The page with the claims of a `claims.csv` below its mark.
 
-    Those that do not hold have their numbers; the file has the others, and the notes.
+    They are named by verdict; their numbers and notes are in the file.
     Raises AleatorError where the page has no mark.
 
     >>> row = ["sets", "Fig. 2", "Two is one and one.", "2", "2", "holds", ""]
@@ -85,13 +84,10 @@ def updated(text: str, claims: pd.DataFrame) -> str:
     for (name, place), rows in claims.groupby(["figure", "place"], sort=False):
         of_figure = [_claim(row) for _, row in rows.iterrows()]
         parts.append(f"## {name} ({place})\n")
-        for verdict in (Verdict.HOLDS, Verdict.NOT_COMPARABLE):
+        for verdict in Verdict:
             named = [claim.statement for claim in of_figure if claim.verdict is verdict]
             if named:
                 parts.append(f"{verdict.value.capitalize()}: {' '.join(named)}\n")
-        failing = [replace(c, note="") for c in of_figure if c.verdict is Verdict.FAILS]
-        if failing:
-            parts.append(claims_table(failing))
     return "\n".join(parts)
 
 
