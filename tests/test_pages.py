@@ -92,8 +92,9 @@ def test_a_study_whose_worker_is_killed_gives_the_same_answer(copy: Path) -> Non
     assert any(text.endswith("the same\n") for text in printed)
 
 
+LONG = {"repeated", "runs", "censored"}
 OTHERS = [
-    pytest.param(page, marks=[pytest.mark.long] if page.stem in {"repeated", "runs"} else [])
+    pytest.param(page, marks=[pytest.mark.long] if page.stem in LONG else [])
     for page in PAGES
     if page.stem not in {"three_ways", "clusters"}
 ]
