@@ -68,6 +68,7 @@ def claims_table(claims: Sequence[Claim]) -> str:
 def updated(text: str, claims: pd.DataFrame) -> str:
     """The page with the claims of a `claims.csv` below its mark.
 
+    They are named by verdict; their numbers and notes are in the file.
     Raises AleatorError where the page has no mark.
 
     >>> row = ["sets", "Fig. 2", "Two is one and one.", "2", "2", "holds", ""]
@@ -81,8 +82,12 @@ def updated(text: str, claims: pd.DataFrame) -> str:
     every = [_claim(row) for _, row in claims.iterrows()]
     parts = [head + mark, counts(every) + "\n"]
     for (name, place), rows in claims.groupby(["figure", "place"], sort=False):
+        of_figure = [_claim(row) for _, row in rows.iterrows()]
         parts.append(f"## {name} ({place})\n")
-        parts.append(claims_table([_claim(row) for _, row in rows.iterrows()]))
+        for verdict in Verdict:
+            named = [claim.statement for claim in of_figure if claim.verdict is verdict]
+            if named:
+                parts.append(f"{verdict.value.capitalize()}: {' '.join(named)}\n")
     return "\n".join(parts)
 
 

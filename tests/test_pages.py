@@ -92,8 +92,9 @@ def test_a_study_whose_worker_is_killed_gives_the_same_answer(copy: Path) -> Non
     assert any(text.endswith("the same\n") for text in printed)
 
 
+LONG = {"repeated", "runs", "censored"}
 OTHERS = [
-    pytest.param(page, marks=[pytest.mark.long] if page.stem in {"repeated", "runs"} else [])
+    pytest.param(page, marks=[pytest.mark.long] if page.stem in LONG else [])
     for page in PAGES
     if page.stem not in {"three_ways", "clusters"}
 ]
@@ -130,7 +131,7 @@ def test_the_studies_for_other_tools_have_keys_that_exist() -> None:
     page = (ROOT / "docs" / "tools.md").read_text(encoding="utf-8")
     studies = [StudyFile.model_validate(tomllib.loads(text)) for text in blocks(page, "toml")]
     assert {study.simulator.kind for study in studies} <= {"command", "fmu"}
-    assert len(studies) == 6
+    assert len(studies) == 4
 
 
 @pytest.mark.parametrize("name", ["repeated.md", "howto/censored.md"])
