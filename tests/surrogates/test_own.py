@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from aleator.core.types import Array, Indices
-from aleator.errors import SimulatorError
 from aleator.surrogates.emulator import OwnSurfaces
 from aleator.surrogates.fit import SmoothnessPrior, continued, judged, shares, spread, weights
 from aleator.surrogates.responses import Run, Samples
@@ -148,8 +147,3 @@ def test_samples_tell_what_failed_from_what_was_never_run() -> None:
     assert index.tolist() == [1, 1]
     assert np.array_equal(x, law(3)[[0, 2]])
     assert outcome.tolist() == [1.0, 2.0]
-
-
-def test_a_simulator_of_the_wrong_shape_is_named() -> None:
-    with pytest.raises(SimulatorError, match="outcomes of shape"):
-        first(lambda _, x: x, 2)

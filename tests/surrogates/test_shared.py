@@ -128,15 +128,6 @@ def test_a_front_that_moves_with_the_conditions_takes_eight_runs_an_experiment(
     assert np.all(surface.converged)
 
 
-def test_the_range_of_the_outcome_is_that_of_the_front(front: SharedSurface) -> None:
-    surface = surface_of(front)
-    x = anywhere(2000)
-    truth = moving_front(np.repeat(np.arange(30), 2000), np.tile(x, (30, 1))).reshape(30, -1)
-    assert np.all(surface.lower < truth.min(axis=1) + 0.05)
-    assert np.all(surface.upper > truth.max(axis=1) - 0.05)
-    assert np.all(surface.upper - surface.lower < np.ptp(truth, axis=1) + 0.3)
-
-
 def test_what_no_condition_explains_is_told_by_the_error() -> None:
     surface = surface_of(judged(unexplained))
     assert np.median(surface.error / surface.scatter) > 0.5
@@ -158,15 +149,6 @@ def test_runs_are_placed_where_the_law_is_and_earlier_ones_still_count() -> None
     assert np.mean(after <= shared.error) > 0.8
 
 
-def test_a_surface_on_another_box_is_made_of_the_same_runs(front: SharedSurface) -> None:
-    shared = judged(moving_front)
-    shared.move(np.array([[0.2, 0.8], [2.4, 3.6]]))
-    x = np.clip(anywhere(), *shared.box.T)
-    shared.judge(x)
-    assert np.array_equal(shared.samples.outcome, front.samples.outcome, equal_nan=True)
-    assert np.quantile(true_error(surface_of(shared), moving_front, x), 0.9) < 0.02
-
-
 def test_failed_runs_are_left_out_and_counted() -> None:
     def failing(index: Indices, x: Array) -> Array:
         lost = (index == 7) | ((unit(x)[:, 0] > 0.4) & (index == 4))
@@ -184,11 +166,6 @@ def test_failed_runs_are_left_out_and_counted() -> None:
 def test_an_infinite_outcome_is_refused() -> None:
     with pytest.raises(SimulatorError, match="infinite"):
         SharedSurface(lambda index, _: np.full(len(index), np.inf), BOX, CONDITIONS)
-
-
-def test_the_same_runs_give_the_same_surface_bit_for_bit(front: SharedSurface) -> None:
-    again = surface_of(judged(moving_front))
-    assert np.array_equal(again.evaluate(anywhere()), surface_of(front).evaluate(anywhere()))
 
 
 # ------------------------------------------------------------------------ the conditions

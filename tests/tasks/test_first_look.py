@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal, identify
+from aleator import Constant, Free, Inputs, Noise, TruncatedNormal, identify
 from aleator.errors import SimulatorError
 from aleator.inference.check import Check
 from aleator.observations.experiments import Experiments
@@ -77,15 +77,6 @@ def test_a_parameter_that_moves_nothing_is_told() -> None:
     look = looked(inputs)
     assert look.without_influence.tolist() == [False, True]
     assert look.swing[:, 0] == pytest.approx(FORCE * 6.0 / 7.0)
-
-
-def test_a_known_constant_and_a_law_without_a_box_are_looked_at_where_they_may_be() -> None:
-    inputs = Inputs({"stiffness": Normal(Free(2.0, 3.0), 0.1), "idle": Constant(1.0)})
-    look = looked(inputs)
-    assert look.plan.moving.tolist() == [0]
-    low, high = look.plan.region[0]
-    assert 1.5 < low < 2.0
-    assert 3.0 < high < 3.5
 
 
 def test_bounds_are_out_of_reach_only_if_no_value_beyond_them_is_reached() -> None:

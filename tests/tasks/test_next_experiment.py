@@ -102,15 +102,6 @@ def test_so_is_a_predicted_probability(limit: dict[str, float]) -> None:
     assert plan.now == pytest.approx(np.sqrt(now), rel=1e-3)
 
 
-def test_errors_of_several_predictions_and_of_all_are_relative_to_now() -> None:
-    found = found_with()
-    for about in ("all", Predicted(asked(np.array([1.0, 3.0])), quantile=0.9)):
-        plan = next_experiments(found, asked(), count=2, about=about)
-        assert plan.relative
-        assert plan.now == pytest.approx(1.0)
-        assert plan.after[1] < plan.after[0] < 1.0
-
-
 def test_in_the_mean_over_possible_laws_an_experiment_tells_less() -> None:
     """The variance is a convex function of the information."""
     found = found_with()

@@ -139,16 +139,6 @@ def test_few_draws_are_not_called_converged(few: Posterior) -> None:
     assert "--draws" in few.verdict
 
 
-def test_an_unsound_identification_and_broken_trajectories_are_told(drawn: Posterior) -> None:
-    from dataclasses import replace
-
-    chains = replace(drawn.chains, divergent=np.ones_like(drawn.chains.divergent))
-    told = replace(
-        drawn, chains=chains, sound=False, consistent=False, nodes_error=0.5, outside=0.3
-    )
-    assert len(told.warnings) == 5
-
-
 def test_misuse_is_told(found: Identification, tmp_path: Path) -> None:
     with pytest.raises(InputsError, match="too few"):
         posterior(found, draws=5)
@@ -170,15 +160,6 @@ def test_without_the_extra_it_says_how_to_install(
         posterior(found, draws=10, chains=2)
     assert told.value.remedy == installing("bayes")
     assert {"mici", "arviz-base", "arviz-stats"} <= set(re.findall(r"[\w-]+", told.value.remedy))
-
-
-@pytest.mark.parametrize("package", ["arviz_base", "h5netcdf"])
-def test_so_says_the_export(
-    package: str, drawn: Posterior, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(AleatorError, match=package):
-        drawn.save(tmp_path / "posterior.nc")
 
 
 STUDY = """\
@@ -221,13 +202,3 @@ def test_the_command_writes_draws_table_and_netcdf(study: Path) -> None:
     assert document["fixed"] == {"x.sd": SD, "noise.sd": NOISE}
     with xarray.open_datatree(out / "posterior.nc", engine="h5netcdf") as read:
         assert read["posterior"]["x.mean"].shape == (2, 20)
-
-
-def test_the_command_asks_for_the_extra_before_anything_is_computed(
-    study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "mici", None)
-    done = CliRunner().invoke(main, ["posterior", str(study), "--output", str(study.parent / "o")])
-    assert done.exit_code == 2
-    assert installing("bayes") in " ".join(done.stderr.split())
-    assert not (study.parent / "o").exists()
