@@ -109,7 +109,6 @@ def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:
 
 # ------------------------------------------------------------------------------ advice
 
-
 TEMPERATURE = np.linspace(300.0, 350.0, 40)
 LENGTH = 2.0 + 0.05 * TEMPERATURE + 0.3 * np.random.default_rng(0).standard_normal(40)
 
@@ -164,10 +163,10 @@ def found_with(density: Density, nodes: int, count: int = 12) -> Identification:
 
 
 def test_too_few_nodes_are_told_and_more_of_them_end_it() -> None:
-    few = found_with(MaximumEntropy(4), 4, 60)
+    few = found_with(MaximumEntropy(4), 4, 24)
     (advice,) = remedies(few, "quadrature")
     assert "propagation.nodes" in advice
-    assert remedies(found_with(MaximumEntropy(4), 14, 60), "quadrature") == []
+    assert remedies(found_with(MaximumEntropy(4), 14, 24), "quadrature") == []
 
 
 # ------------------------------------------------------------------------------ maxima

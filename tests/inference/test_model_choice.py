@@ -148,7 +148,6 @@ def test_the_information_of_experiments_is_that_of_the_line() -> None:
     found, design, _ = regression()
     fit = found.fit
     scores = fit.scored().scores
-    assert scores is not None
     own = informations(fit, scores)
     exact = design[:, :, None] * design[:, None, :] / fit.alpha[2] ** 2
     assert own[:, :2, :2] == pytest.approx(exact, rel=1e-4, abs=1e-4)

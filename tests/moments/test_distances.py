@@ -68,15 +68,6 @@ def test_two_normals(mean: float, sd: float) -> None:
     np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-12)
 
 
-def test_a_uniform_law_and_its_nodes() -> None:
-    """J midpoints stand for cells of width 1/J: every point moves 1/(4 J) in the mean."""
-    m = Moments(np.array([0.5]), np.array([12**-0.5]), np.array([[1.0, 0.0, 1.0, 0.0, 1.8]]))
-    uniform = MaximumEntropy(4).fit(m, [0.0], [1.0])
-    for count in (1, 3, 50):
-        nodes = NodeOutcomes(((np.arange(count) + 0.5) / count)[None], np.full(count, 1.0 / count))
-        np.testing.assert_allclose(earth_movers_distance(uniform, nodes), 0.25 / count, rtol=1e-6)
-
-
 def test_wrong_laws_are_refused() -> None:
     nodes = np.array([[0.0, 1.0]])
     for bad in (

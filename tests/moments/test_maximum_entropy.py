@@ -5,8 +5,6 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from moments.targets import cubics, mixed, row, single, stacked, standardized_of, varied
 from scipy import stats
 from scipy.integrate import quad_vec
@@ -97,25 +95,6 @@ def test_cdf_and_quantile_are_inverse(order: int) -> None:
     np.testing.assert_allclose(fitted.cdf(ends), [[0.0, 1.0]] * 24, atol=1e-12)
     assert np.isfinite(fitted.log_pdf(ends)).all()
     assert (fitted.pdf(ends + moments.sd[:, None] * [-1e-9, 1e-9]) == 0.0).all()
-
-
-@settings(max_examples=25, deadline=None)
-@given(
-    shift=st.floats(-1e3, 1e3),
-    scale=st.floats(1e-3, 1e3),
-    p=st.floats(1.0, 6.0),
-    q=st.floats(1.0, 6.0),
-)
-def test_a_change_of_unit_changes_nothing(shift: float, scale: float, p: float, q: float) -> None:
-    moments = single(stats.beta(p, q).pdf, 0.0, 1.0, 4)
-    moved = Moments(shift + scale * moments.mean, scale * moments.sd, moments.standardized)
-    y = np.linspace(0.02, 0.98, 9)[None]
-    here = MaximumEntropy(4).fit(moments, [0.0], [1.0])
-    there = MaximumEntropy(4).fit(moved, [shift], [shift + scale])
-    assert here.status[0] == there.status[0] == Status.SOLVED
-    np.testing.assert_allclose(
-        there.log_pdf(shift + scale * y) + np.log(scale), here.log_pdf(y), atol=2e-6
-    )
 
 
 def test_a_batch_is_its_experiments_one_by_one_in_any_order() -> None:
@@ -222,18 +201,6 @@ def test_the_slope_of_the_reach_is_its_derivative(order: int) -> None:
         rise = reach_of(c + h, 8.0)[0] - reach_of(c - h, 8.0)[0]
         slope = rise / (2.0 * h[:, k])
         np.testing.assert_allclose(found[:, k], slope, rtol=1e-4, atol=1e-7)
-
-
-def test_the_reach_of_the_normal_law_and_of_its_cube() -> None:
-    # trace A^-1 B is m^2 for the normal law, and 1 + kurtosis for a symmetric law at M = 4; that of
-    # the cube is E x^12/(E x^6)^2 = 10395/225
-    normal = np.array([[1.0, 0.0, 1.0, 0.0, 3.0, 0.0, 15.0]])
-    for order, trace in ((4, 4.0), (6, 9.0)):
-        r = reach_of(normal[:, : order + 1], 8.0)[0]
-        np.testing.assert_allclose(r, (8.0**4 + (2 * trace) ** 2) ** 0.25, rtol=1e-12)
-    cube = np.array([[1.0, 0.0, 1.0, 0.0, 10395.0 / 225.0]])
-    r = reach_of(cube, 8.0)[0]
-    np.testing.assert_allclose(r, (8.0**4 + 4 * (1 + 46.2) ** 2) ** 0.25, rtol=1e-12)
 
 
 @pytest.mark.parametrize("order", [4, 6])

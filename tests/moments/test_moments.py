@@ -57,7 +57,6 @@ def test_an_outcome_without_scatter_has_none() -> None:
 
 # ------------------------------------------------------------------------------ invariance
 
-
 outcomes = arrays(np.float64, (1, 6), elements=st.floats(-10.0, 10.0), unique=True)
 
 

@@ -181,16 +181,6 @@ def test_sobol_points_converge_faster_than_random_ones() -> None:
     assert random[0] == pytest.approx(-0.5, abs=0.1)
 
 
-def test_sobol_points_are_balanced_and_never_infinite() -> None:
-    """Each of the J intervals of equal probability holds one point, in every dimension."""
-    inputs, alpha = standard_normals(10)
-    for seed in range(5):
-        nodes = SobolPoints(1024, seed).nodes(inputs, alpha)
-        assert np.all(np.isfinite(nodes.x))
-        cells = np.sort(np.floor(1024 * special.ndtr(nodes.x)), axis=0)
-        np.testing.assert_array_equal(cells, np.tile(np.arange(1024.0)[:, None], 10))
-
-
 def test_the_probability_grid_misses_the_tails_at_first_order() -> None:
     inputs, alpha = standard_normals(1)
     missing = np.array([1.0 - mean(ProbabilityGrid(m), inputs, alpha, (2,)) for m in (64, 256)])

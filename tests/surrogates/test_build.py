@@ -74,17 +74,6 @@ def test_a_polynomial_of_degree_two_is_exact_after_one_call(n: int) -> None:
     assert true_error(surface, run).max() < 1e-12
 
 
-def test_a_polynomial_of_degree_five_is_found_exactly() -> None:
-    def run(_: NDArray[np.intp], x: Array) -> Array:
-        return x[:, 0] ** 5 - 2.0 * x[:, 0] ** 2 * x[:, 1] ** 3 + x[:, 1] - 0.3
-
-    surface = built(run, 2, 1, tolerance=1e-9, accuracy=0.0)
-    assert surface.converged.all()
-    assert surface.degrees[0].tolist() == [5, 3]
-    assert true_error(surface, run)[0] < 1e-12
-    assert surface.runs[0] <= 100
-
-
 # ------------------------------------------------------------------------ cheap
 
 
@@ -103,20 +92,6 @@ def test_ten_additive_parameters_need_few_runs() -> None:
     assert surface.converged.all()
     assert surface.runs.max() <= 100
     assert (true_error(surface, additive) <= surface.error).all()
-
-
-def test_easy_experiments_do_not_pay_for_hard_ones() -> None:
-    def run(index: NDArray[np.intp], x: Array) -> Array:
-        return np.where(
-            index % 2 == 0, smooth(index, x), np.tanh(12.0 * (x[:, 0] - 0.5 * x[:, 1] - 0.3))
-        )
-
-    surface = built(run, 2, 6)
-    alone = built(lambda index, x: smooth(2 * index, x), 2, 3)
-    assert surface.runs[::2].tolist() == alone.runs.tolist()
-    assert surface.runs[::2].max() < 50
-    assert surface.runs[1::2].min() > 100
-    assert surface.converged.all()
 
 
 def test_calls_are_few_and_every_run_is_counted() -> None:
@@ -190,14 +165,6 @@ def test_noise_is_reported_as_error() -> None:
     assert surface.error == pytest.approx(np.full(4, 0.05), rel=0.5)
     # the surface goes between the noisy runs, not through all of them
     assert true_error(surface, lambda _, x: np.sin(x[:, 0] + 2.0 * x[:, 1])).max() < 0.04
-
-
-def test_refinement_stops_where_runs_do_not_help() -> None:
-    noise = np.random.default_rng(0)
-    surface = built(lambda _, x: noise.standard_normal(len(x)), 2, 2)
-    assert not surface.converged.any()
-    assert surface.runs.max() < 400
-    assert surface.error.min() > 0.5
 
 
 def test_the_accuracy_of_the_simulator_is_enough() -> None:

@@ -54,13 +54,6 @@ def test_values_and_slopes_are_those_of_the_outcome(surface: Surface) -> None:
         assert slope[:, :, i] == pytest.approx(difference, rel=1e-6, abs=1e-6)
 
 
-def test_the_range_is_that_of_the_outcome(surface: Surface) -> None:
-    assert surface.lower[:2] == pytest.approx(
-        np.exp(np.array([-2.0, -3.0]) + np.sin(0.5)), rel=1e-3
-    )
-    assert surface.upper[:2] == pytest.approx(np.exp(np.array([4.0, 6.0]) + np.sin(0.9)), rel=1e-3)
-
-
 def test_runs_left_out_miss_the_outcome_and_not_its_logarithm() -> None:
     z = spread(20, 2)
     y = np.exp(np.random.default_rng(0).normal(size=(20, 2)))

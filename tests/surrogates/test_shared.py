@@ -9,7 +9,7 @@ from aleator.core.types import Array, Indices
 from aleator.errors import SimulatorError
 from aleator.surrogates import Surface
 from aleator.surrogates.responses import Run, features
-from aleator.surrogates.shared import Covariance, ProcessPosterior, SharedSurface, _loss, learned
+from aleator.surrogates.shared import Covariance, ProcessPosterior, SharedSurface, _loss
 
 RNG = np.random.default_rng(3)
 CONDITIONS = RNG.uniform(-1.0, 1.0, (30, 2))
@@ -72,14 +72,6 @@ def test_the_gradient_of_the_loss_is_that_of_finite_differences() -> None:
     assert _loss(start, index, u, y)[1] == pytest.approx(expected, abs=2e-3)
 
 
-def test_learning_makes_the_runs_more_likely() -> None:
-    index, u, y = some_runs(40)
-    start = Covariance.first(4, 2)
-    better = learned(start, index, u, y, 30)
-    y = (y - y.mean()) / y.std()
-    assert _loss(better, index, u, y)[0] < _loss(start, index, u, y)[0] - 10.0
-
-
 def test_leave_one_out_is_that_of_the_process_without_the_run() -> None:
     index, u, y = some_runs(25)
     covariance = Covariance.first(4, 2)
@@ -99,13 +91,6 @@ def test_leave_one_out_is_that_of_the_process_without_the_run() -> None:
     )
     residual = y[11] - whole.level - whole.unit * shift
     assert whole.surprise[11] == pytest.approx((residual / spread)[0], rel=0.02)
-
-
-def test_the_process_goes_through_its_runs() -> None:
-    index, u, y = some_runs(25)
-    known = ProcessPosterior.of(Covariance.first(4, 2), index, u, y)
-    assert known.mean(index, u) == pytest.approx(y, abs=0.01)
-    assert np.all(known.deviation(index, u) < 0.05)
 
 
 # ------------------------------------------------------------------------ the surfaces
@@ -174,8 +159,6 @@ def test_an_infinite_outcome_is_refused() -> None:
 def test_conditions_over_decades_are_taken_as_logarithms() -> None:
     wide = features({"p": np.array([1.0, 10.0, 100.0])})
     narrow = features({"p": np.array([1.0, 2.0, 4.0])})
-    assert wide is not None
-    assert narrow is not None
     assert wide.ravel() == pytest.approx([-1.0, 0.0, 1.0])
     assert narrow.ravel() == pytest.approx([-1.0, -1.0 / 3.0, 1.0])
 

@@ -52,8 +52,6 @@ def test_a_binding_box_is_identified_as_by_the_exact_likelihood() -> None:
     assert np.all(np.abs(estimates(found) - alpha) < 0.01 * error)
     assert found.sound
     verified, told = found.log_likelihood.verified, found.log_likelihood.verified_standard_error
-    assert verified is not None
-    assert told is not None
     assert abs(verified - value) < 4.0 * told
     # outcomes on the edge of the box used to have half of their density
     assert told < 1.0
@@ -126,7 +124,6 @@ def test_an_answer_on_a_limit_says_so_and_keeps_an_interval() -> None:
     mean = found.alpha["x.mean"]
     assert mean.at_bound == "upper"
     assert mean.standard_error is None
-    assert mean.interval is not None
     assert mean.interval[1] == pytest.approx(0.5)
     assert ("bounds", ("x.mean",)) in [(w.about, w.concerns) for w in found.warnings]
 
@@ -177,7 +174,6 @@ def test_intervals_of_a_weak_line_are_those_of_the_books(propagation) -> None:
     half = np.sqrt(60 * variance * np.expm1(stats.chi2.ppf(0.95, 1) / 60))
     for k, name in enumerate(("a.mean", "b.value")):
         interval = found.alpha[name].interval
-        assert interval is not None
         # an end is found to 0.02 standard errors of the root
         expected = coefficients[k] + half[k] * np.array([-1.0, 1.0])
         np.testing.assert_allclose(interval, expected, atol=0.06 * variance[k] ** 0.5)
@@ -202,7 +198,6 @@ def test_what_is_no_value_of_aleator_is_misuse(name: str, value: Any) -> None:
 
 
 # ---------------------------------------------------------------- incomplete data, and other maxima
-
 
 FRAME = table(straight_line, experiments=12)
 NOISE = Noise(Free(0.01, 5.0))
@@ -287,8 +282,10 @@ def test_two_maxima_are_told(surfaces: str) -> None:
         lambda time, x: x**2 * time, frame, inputs, starts=6, surfaces=surfaces
     )
     assert told(found, "two maxima", "x.mean") == ("x.mean",)
-    single = identified_series(line, FRAME, starts=4)
-    assert not any("maxima" in warning.message for warning in single.warnings)
+
+
+def test_one_maximum_is_not_called_several(without_late: Identification) -> None:
+    assert not any("maxima" in warning.message for warning in without_late.warnings)
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,6 @@ LEAST = 1e-3
 COUNT = 60
 OWN = ResponseSurface(surfaces="own")
 BOX = (0.0, 2.0)
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 def truncated(mean: float, sd: float) -> stats.rv_continuous:
@@ -60,37 +59,13 @@ def beside_a_maximum(c: Array, y: Array, alpha: Array) -> Array:
     return np.asarray((law.pdf(c + r) + law.pdf(c - r)) / (2.0 * r))
 
 
-def by_panels(f: Callable[[Array], Array], ends: Array) -> float:
-    half, middle = 0.5 * np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
-    x = middle[:, None] + half[:, None] * NODES
-    return float(np.sum(half[:, None] * WEIGHTS * f(x)))
-
-
-def along_the_fold(c: Array, y: Array, alpha: Array) -> Array:
-    """y = |a - c| + c b: the line b = (y - |a - c|)/c, with a kink at a = c."""
-    first, second = truncated(*alpha[:2]), truncated(*alpha[2:])
-    return np.array([
-        by_panels(
-            lambda a, c=c, y=y: first.pdf(a) * second.pdf((y - np.abs(a - c)) / c) / c,
-            # the line leaves the box of b where |a - c| is y or y - 2 c
-            np.unique(np.clip([*np.linspace(*BOX, 101), c, c - y, c + y, c - y + 2.0 * c,
-                               c + y - 2.0 * c], *BOX)),
-        )
-        for c, y in zip(c, y, strict=True)
-    ])  # fmt: skip
-
-
 STUDIES = {
     "mirror": (lambda c, a: a**2 + 0.01 * c, by_both_signs, (0.0, 1.0), {"a": (0.3, 0.4)}),
     "maximum": (
         lambda c, a: 2.0 - (a - c) ** 2, beside_a_maximum, (0.6, 1.4), {"a": (1.0, 0.25)},
     ),
-    "fold": (
-        lambda c, a, b: np.abs(a - c) + c * b, along_the_fold, (0.2, 1.8),
-        {"a": (1.0, 0.25), "b": (1.0, 0.2)},
-    ),
 }  # fmt: skip
-BOXED = ("maximum", "fold")
+BOXED = ("maximum",)
 
 
 def study(name: str, seed: int) -> tuple[pd.DataFrame, Inputs]:
@@ -125,10 +100,7 @@ def exact(name: str, seed: int, found: Identification) -> float:
     return float(np.log(f).sum())
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"),
-    [("mirror", 3), ("maximum", 5), pytest.param("fold", 1, marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize(("name", "seed"), [("mirror", 3), ("maximum", 5)])
 def test_a_log_likelihood_is_exact_within_its_error(name: str, seed: int) -> None:
     found = identified(name, seed)
     reported = found.log_likelihood
@@ -140,7 +112,6 @@ def test_on_surfaces_the_error_is_that_of_the_surfaces_too() -> None:
     found = identified("mirror", 4, propagation=OWN)
     reported = found.log_likelihood
     assert reported.verified is not None
-    assert reported.error is not None
     assert abs(reported.estimated - exact("mirror", 4, found)) < 2.0 * reported.error
 
 
@@ -178,7 +149,6 @@ def test_an_outcome_at_the_floor_of_a_valley_is_in_reach() -> None:
     a = table["c"].to_numpy() * np.exp(np.stack([r, -r]))
     exact = np.log(np.sum(law.pdf(a) * a / (2.0 * r), axis=0)).sum()
     assert found.sound
-    assert found.log_likelihood.error is not None
     assert abs(found.log_likelihood.estimated - exact) < found.log_likelihood.error < 0.1
 
 
@@ -229,7 +199,6 @@ def test_a_law_whose_mirror_image_is_as_good_is_said_so(noise: Noise | None) -> 
 
 
 # ---------------------------------------- an outcome far out, on a bend that the others do not show
-
 
 NARROW = Inputs({"a": Normal(Free(0.5, 1.5), Free(0.02, 1.0))})
 FIRST = 0.6
@@ -282,7 +251,6 @@ def test_runs_near_an_outlier_make_its_density_exact(bend: tuple[float, float, f
 
 # ------------------------------------------------------------------------------ a density that ends
 
-
 THIN = 0.005
 """Standard deviation of what is added to the outcome, a fortieth of the other law's."""
 TOP, BREADTH = 1.5, 0.25
@@ -331,7 +299,6 @@ def test_a_right_answer_is_sound_where_the_kernel_smears_the_end_of_a_density() 
 
 # ------------------------------------------------------------------------------ jumps
 
-
 LAW_OF_JUMP = Inputs({"a": Normal(Free(0.0, 2.0), Free(0.01, 0.6))})
 
 
@@ -365,7 +332,6 @@ def test_a_jump_is_answered_exactly() -> None:
     assert found.alpha["a.mean"].standard_error == pytest.approx(a.std() / 40**0.5, rel=1e-2)
     exact = stats.norm.logpdf(a, a.mean(), a.std()).sum() - np.log(c).sum()
     assert found.log_likelihood.estimated == pytest.approx(exact, abs=0.01)
-    assert found.consistency is not None
     assert found.consistency.consistent
 
     def drop(mean: float) -> float:
@@ -383,7 +349,6 @@ def test_another_law_is_not_consistent() -> None:
     found = found_of(pd.DataFrame({"c": c, "y": jump(c, a)}))
     assert found.sound
     assert found.propagation == "direct"
-    assert found.consistency is not None
     assert not found.consistency.consistent
 
 

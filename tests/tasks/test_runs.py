@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 from identifications import unjudged
 
 import aleator
@@ -25,7 +24,6 @@ from aleator import (
     Normal,
     Store,
     TruncatedNormal,
-    cli,
     identify,
 )
 from aleator.core.progress import Silent
@@ -69,30 +67,29 @@ def within(runs: Runner, budget: Budget = UNLIMITED) -> aleator.Identification:
     )
 
 
-def test_it_ends_the_runs_with_an_answer_and_says_so() -> None:
-    runs = runner()
-    found = within(runs, Budget(runs=RUNS))
-    assert runs.fresh <= RUNS
-    (told,) = [one for one in found.warnings if one.about == "budget"]
-    assert told.concerns == ()
-    assert all(np.isfinite(value.estimate) for value in found.alpha.values())
+@pytest.fixture(scope="module")
+def free() -> Identification:
+    return within(runner())
 
 
-def test_a_budget_that_is_not_needed_changes_nothing() -> None:
-    free, held = within(runner()), within(runner(), Budget(runs=10**6, hours=100.0))
+def test_a_budget_that_is_not_needed_changes_nothing(free: Identification) -> None:
+    held = within(runner(), Budget(runs=10**6, hours=100.0))
     assert held.runs == free.runs
     assert [v.estimate for v in held.alpha.values()] == [v.estimate for v in free.alpha.values()]
     assert not [one for one in held.warnings if one.about == "budget"]
 
 
-def test_the_same_command_again_gets_to_the_answer_without_a_budget(tmp_path: Path) -> None:
-    free = within(runner())
+def test_the_same_command_again_gets_to_the_answer_without_a_budget(
+    free: Identification, tmp_path: Path
+) -> None:
+    """Each time the budget ends the runs with an answer, and says so."""
     made = []
     for _ in range(12):
         with Store(tmp_path / "runs.sqlite") as store:
             runs = runner(store)
             found = within(runs, Budget(runs=RUNS))
             made.append(runs.fresh)
+        assert all(np.isfinite(value.estimate) for value in found.alpha.values())
         if not [one for one in found.warnings if one.about == "budget"]:
             break
     assert len(made) > 1
@@ -103,36 +100,17 @@ def test_the_same_command_again_gets_to_the_answer_without_a_budget(tmp_path: Pa
         assert apart < 0.1 * value.standard_error
 
 
-def test_with_noise_and_several_observations_a_run_serves_a_whole_experiment() -> None:
-    rng = np.random.default_rng(5)
-    times = np.array([0.5, 1.0, 2.0, 4.0])
-    rate = rng.normal(0.5, 0.1, 10)
-    level = np.exp(-rate[:, None] * times) + rng.normal(0.0, 0.01, (10, 4))
-    rows = pd.DataFrame(
-        {"id": np.repeat(np.arange(10), 4), "time": np.tile(times, 10), "y": level.ravel()}
-    )
-
-    def draining(time: float, rate: float) -> float:
-        return float(np.exp(-rate * time))
-
-    experiments = Experiments.from_frame(rows, outcome="y")
-    inputs = Inputs({"rate": Normal(mean=aleator.Free(0.2, 1.0), sd=aleator.Free(0.01, 0.4))})
-    runs = Runner(draining, experiments, inputs.names)
-    # rows of equal time are one run: four conditions
-    found = aleator.identify(
-        runs, experiments, inputs, noise=Noise(0.01), budget=Budget(runs=500), seed=0,
-        consistency=False, best_law=False,
-    )  # fmt: skip
-    assert runs.fresh <= 500
-    assert found.propagation == "response_surface"
-    assert found.alpha["rate.mean"].estimate == pytest.approx(rate.mean(), abs=0.01)
-
-
 def test_one_that_does_not_suffice_for_an_answer_is_refused_before_the_first_run() -> None:
     runs = runner()
     with pytest.raises(InputsError, match="allow at least"):
         within(runs, Budget(runs=50))
     assert runs.runs == 0
+
+
+@pytest.mark.parametrize("wrong", [{"runs": 0}, {"runs": -5}, {"hours": 0.0}, {"hours": np.nan}])
+def test_a_budget_is_positive(wrong: dict[str, float]) -> None:
+    with pytest.raises(SimulatorError):
+        Budget(**wrong)  # type: ignore[arg-type]
 
 
 def test_hours_are_runs_at_the_seconds_that_they_took() -> None:
@@ -175,7 +153,6 @@ def test_runs_that_fail_here_and_there_leave_the_answer() -> None:
     for name, value in result.alpha.items():
         assert abs(value.estimate - whole.alpha[name].estimate) < 0.02 * error[name]
     assert result.sound
-    assert result.failures is not None
     share = result.failures.runs / result.failures.needed
     assert share == pytest.approx(0.06, abs=0.02)
     assert "nan" in result.failures.message
@@ -220,7 +197,6 @@ def test_a_failed_corner_is_told_and_costs_accuracy_only_there() -> None:
 
     result = unjudged(hot, TABLE, BOXED, outcome="y", vectorized=True)
     assert result.alpha["x.mean"].estimate == pytest.approx(MEAN, abs=0.1 * SD / 40**0.5)
-    assert result.failures is not None
     low, high = result.failures.region["x"]
     assert 2.2 < low < high <= 2.7
     assert set(result.failures.experiments) <= {str(k + 1) for k in range(40) if Z[k] > 1.7}
@@ -243,7 +219,8 @@ def test_a_law_that_reaches_far_beyond_the_simulator_is_given_the_box_that_mends
 def test_surfaces_that_are_to_be_exact_where_runs_fail_are_refused() -> None:
     """Through the root a polynomial explodes where there is none: its own scatter says nothing."""
     everywhere = ResponseSurface(tolerance=0.005)
-    result = unjudged(model, TABLE, WIDE, outcome="y", vectorized=True, propagation=everywhere)
+    table = TABLE[::4]
+    result = unjudged(model, table, WIDE, outcome="y", vectorized=True, propagation=everywhere)
     assert not result.sound
     assert any("aleator box" in warning.remedy for warning in result.warnings)
 
@@ -255,34 +232,21 @@ def test_surfaces_that_follow_the_law_leave_what_fails_behind() -> None:
     result = unjudged(rooted, TABLE, WIDE, outcome="y", vectorized=True, verification=Check(0))
     assert result.alpha["x.mean"].estimate == pytest.approx(MEAN, abs=1e-3)
     assert result.alpha["x.sd"].estimate == pytest.approx(SD, abs=1e-3)
-    assert result.failures is not None
     assert result.failures.region["x"][1] <= 0.0
 
 
-def test_the_study_says_how_many_failures_are_too_many(tmp_path: Path) -> None:
-    (tmp_path / "model.py").write_text(
-        "def model(z, x):\n    if 0.8 < x < 1.1: raise ValueError('stuck')\n    return z * x**0.5\n"
-    )
-    TABLE.to_csv(tmp_path / "table.csv", index=False)
-    study = tmp_path / "study.toml"
-    text = (
-        '[experiments]\nfile = "table.csv"\noutcome = "y"\n[simulator]\n'
-        'function = "model.py:model"\n{}\n[parameters.x]\nlaw = "truncated_normal"\n'
-        "box = [0.3, 2.7]\n[verification]\nsamples = 50\n"
-    )
-    out = ["--output", str(tmp_path / "out"), "--no-figures"]
-    study.write_text(text.format("max_failed = 0.01"))
-    refused = CliRunner().invoke(cli.main, ["identify", str(study), *out])
-    assert refused.exit_code == 2
-    assert "stuck" in refused.stderr
-    study.write_text(text.format("max_failed = 0.5\nretries = 1"))
-    done = CliRunner().invoke(cli.main, ["identify", str(study), *out])
-    assert done.exit_code == 0, done.stderr
-    document = json.loads((tmp_path / "out" / "identification.json").read_text())
-    low, high = document["failures"]["region"]["x"]
+def test_more_failures_than_are_allowed_are_refused() -> None:
+    def stuck(z: Array, x: Array) -> Array:
+        return np.where((x > 0.8) & (x < 1.1), np.nan, model(z, x))
+
+    table = Experiments.from_frame(TABLE, outcome="y")
+    simulator = FunctionSimulator(stuck, vectorized=True)
+    few, many = (Runner(simulator, table, ["x"], max_failed=share) for share in (0.01, 0.5))
+    with pytest.raises(SimulatorError, match="nan"):
+        unjudged(few, table, BOXED)
+    failures = unjudged(many, table, BOXED).failures
+    low, high = failures.region["x"]
     assert 0.8 < low < high < 1.1
-    assert "stuck" in document["failures"]["message"]
-    assert "simulator" in [warning["about"] for warning in document["warnings"]]
 
 
 # --------------------------------------------------------------------------- searches that are kept

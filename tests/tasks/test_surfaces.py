@@ -40,37 +40,21 @@ def lines(noise: float) -> pd.DataFrame:
     return pd.DataFrame({"c": c, "y": a + b * c + noise * rng.standard_normal(N)})
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_a_linear_outcome_takes_two_runs_more_than_it_has_coefficients(noise: float) -> None:
-    """And two to check it; with noise the simulator is known all the same."""
+@pytest.mark.parametrize(("noise", "bent"), [(0.0, False), (0.2, False), (0.0, True)])
+def test_a_linear_outcome_takes_two_runs_more_than_it_has_coefficients(
+    noise: float, bent: bool
+) -> None:
+    """And two to check it; so does one whose logarithm is linear, over eleven decades."""
+    rows = lines(noise)
     found = unjudged(
-        lambda c, a, b: a + b * c, Experiments.from_frame(lines(noise), outcome="y"),
+        lambda c, a, b: np.exp(a + b * c) if bent else a + b * c,
+        Experiments.from_frame(rows.assign(y=np.exp(rows.y)) if bent else rows, outcome="y"),
         Inputs(BOXED), vectorized=True, noise=Noise(noise) if noise else None,
         search=GradientMultistart(starts=2), budget=Budget(runs=10**6),
     )  # fmt: skip
     assert found.sound
     assert found.runs_by_stage["response surface"] == 5 * N
     assert found.runs_by_stage["verification"] == 2 * N
-
-
-def test_an_outcome_whose_logarithm_is_linear_takes_no_more() -> None:
-    """Over its box it spans eleven decades."""
-    rows = lines(0.0)
-    found = unjudged(
-        lambda c, a, b: np.exp(a + b * c), rows.assign(y=np.exp(rows.y)), Inputs(BOXED),
-        outcome="y", vectorized=True, search=GradientMultistart(starts=2),
-        propagation=ResponseSurface(surfaces="own"),
-    )  # fmt: skip
-    linear = unjudged(
-        lambda c, a, b: a + b * c, rows, Inputs(BOXED), outcome="y", vectorized=True,
-        search=GradientMultistart(starts=2), propagation=ResponseSurface(surfaces="own"),
-    )  # fmt: skip
-    assert found.sound
-    assert found.runs == linear.runs
-    for name, one in found.alpha.items():
-        known = linear.alpha[name]
-        near = 0.1 * (known.standard_error or 0.0)
-        assert one.estimate == pytest.approx(known.estimate, abs=near)
 
 
 def surfaces(run, experiments: int) -> AdaptiveSurfaces:
@@ -107,7 +91,6 @@ def test_an_odd_function_about_the_middle_is_not_taken_for_a_line(bent) -> None:
 
 # ------------------------------------------------------------------------- refined about the answer
 
-
 Z = np.linspace(0.5, 2.0, 20)
 RANDOM = np.random.default_rng(5)
 X = 1.0 + 0.1 * RANDOM.standard_normal(20)
@@ -142,11 +125,8 @@ def test_a_front_far_from_the_law_costs_nothing(concentrated: Identification) ->
         if estimate.fixed:
             continue
         error = estimate.standard_error
-        assert error is not None
         assert abs(concentrated.alpha[name].estimate - estimate.estimate) < 0.1 * error
         one, two = concentrated.alpha[name].interval, estimate.interval
-        assert one is not None
-        assert two is not None
         assert np.abs(np.subtract(one, two)).max() < 0.1 * error
     gap = concentrated.log_likelihood.estimated - everywhere.log_likelihood.estimated
     assert abs(gap) < 0.2
@@ -154,7 +134,6 @@ def test_a_front_far_from_the_law_costs_nothing(concentrated: Identification) ->
 
 def test_the_result_says_how_exact_the_surfaces_are(concentrated: Identification) -> None:
     surface = concentrated.surface
-    assert surface is not None
     assert surface["where"] == "under the law"
     assert surface["converged"] == surface["experiments"] == 20
     assert 0.0 < surface["median_error"] < surface["worst_error"] < 0.05
@@ -182,7 +161,6 @@ def test_runs_from_a_store_lead_to_the_same_runs(
 
 
 # ----------------------------------------------------------------------------- where surfaces begin
-
 
 COUNT = 60
 
@@ -214,7 +192,6 @@ def test_a_quotient_takes_few_runs_and_none_where_the_law_ends() -> None:
 
 
 # ------------------------------------------------------------------------------ sharing
-
 
 RNG = np.random.default_rng(8)
 REGION = np.array([[0.5, 1.5], [-1.0, 1.0]])
@@ -263,5 +240,4 @@ def test_a_shared_surface_leads_to_the_exact_maximum() -> None:
     )  # fmt: skip
     assert result.alpha["x.mean"].estimate == pytest.approx(x.mean(), abs=0.02 * x.std())
     assert result.alpha["x.sd"].estimate == pytest.approx(x.std(), rel=0.02)
-    assert result.surface is not None
     assert result.surface["runs"] <= 40 * 16

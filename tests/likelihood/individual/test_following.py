@@ -148,7 +148,6 @@ def test_a_constant_that_is_identified_moves_what_is_simulated() -> None:
 
 # ------------------------------------------------------------------------------ scores of the law
 
-
 LAWS = {
     "a": TruncatedNormal((0.0, 3.0), Free(0.0, 3.0), Free(0.05, 2.0)),
     "alone": Normal(Free(-2.0, 2.0), Free(0.1, 2.0)),
@@ -183,7 +182,6 @@ def test_normal_scores_of_a_truncated_law_have_no_step_where_a_tail_is_faint() -
 
 
 # --------------------------------------------------------- the step that individual parameters show
-
 
 ONE = Inputs({"a": Normal(Free(-10.0, 10.0), Free(0.01, 5.0)), "b": Constant(Free(-5.0, 5.0))})
 

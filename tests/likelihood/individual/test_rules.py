@@ -49,7 +49,6 @@ def test_a_life_without_end_has_no_slope() -> None:
 
 # ---------------------------------------------------------------------------- panels of one variate
 
-
 ONE = Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
 AT_ONE = np.array([0.3, 0.7, 0.05])
 """Mean and sd of x, and the sd of the noise."""
@@ -130,7 +129,6 @@ def test_an_answer_settles_on_panels_where_they_tell_something_else(model, kind)
 
 
 # ------------------------------------------------------------------------------ importance points
-
 
 TWO = Inputs(
     {"a": Normal(Free(-3.0, 3.0), Free(0.01, 4.0)), "b": Normal(Free(-3.0, 3.0), Free(0.01, 4.0))}
@@ -241,7 +239,6 @@ def test_modes_are_told_apart_and_the_first_stands_in_for_those_that_are_not_the
 
 # ----------------------------------------------------------------------------- points along a ridge
 
-
 MANY, LITTLE = 10, 0.05
 MEANS, SDS = np.linspace(-0.8, 1.1, MANY), np.linspace(0.1, 0.6, MANY)
 AT_MANY = np.append(np.stack([MEANS, SDS], axis=1).ravel(), LITTLE)
@@ -309,7 +306,6 @@ def test_a_bent_outcome_is_as_exact_as_twice_the_points_tell() -> None:
 
 
 # ----------------------------------------------------- individual laws that are a narrow bent ridge
-
 
 LAW_OF_GROWTH = Inputs(
     {name: TruncatedNormal(box, Free(*box), Free(0.01, 1.0)) for name, box in

@@ -144,7 +144,6 @@ def test_runs_correct_a_surface_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -
     right = ground(lambda load, a: load * a, ALONE)
     near = Near.of(right, 0, draws)
     wrong = Near.of(ground(lambda load, a: load * a - 0.1, ALONE), 0, draws)
-    assert wrong.surface is not None
     mixed = replace(near, surface=wrong.surface)
     change = corrected(mixed, draws, above(1.9), of_law(mixed).joined, 400)
     exact = stats.norm.sf(1.9) - stats.norm.sf(2.0)
@@ -242,7 +241,6 @@ def test_checks_that_change_the_probability_leave_it_unsettled(
     assert found(where, jump, draws, 20).status == "solved"
     near = Near.of(where, 0, draws)
     wrong = Near.of(ground(lambda load, a: load * a - 0.08, ALONE), 0, draws)
-    assert wrong.surface is not None
     doubtful(monkeypatch)
     told = probability(replace(near, surface=wrong.surface), draws, jump, 400)
     assert told.status == "unsettled"
