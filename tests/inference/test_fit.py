@@ -186,7 +186,7 @@ def test_a_step_along_a_ridge_never_ends_lower() -> None:
 
 # -------------------------------------------------------------- replicates of very many experiments
 
-LOADS = np.repeat(np.linspace(1.0, 3.0, 31), 20)
+LOADS = np.repeat(np.linspace(1.0, 3.0, 31), 10)
 
 
 @pytest.fixture(scope="module")

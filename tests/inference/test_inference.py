@@ -172,19 +172,6 @@ def test_the_interval_of_a_mean_with_unknown_sd_is_the_exact_one() -> None:
     assert half > 1.05 * stats.norm.ppf(0.975) * inference.standard_error[0]
 
 
-def test_the_profile_of_one_of_many_is_that_of_the_books() -> None:
-    """The slope of a line: N/2 log(1 + (b - b1)^2/(rss/N (X'X)^-1_11 N)) = 1.92."""
-    problem = replace(LINE, z=np.linspace(0.0, 4.0, 12))
-    y = problem.draw(10)
-    likelihood, found, inference = maximized(problem, y)
-    design = np.stack([problem.z, np.ones(12)], axis=1)
-    error = np.sqrt(np.mean((y - design @ found.alpha[:2]) ** 2))
-    half = error * np.sqrt(12 * np.linalg.inv(design.T @ design)[0, 0] * np.expm1(2 * DROP / 12))
-    ends = intervals(likelihood, found, inference)
-    tolerance = 0.05 * inference.standard_error[0]
-    np.testing.assert_allclose(ends[0], found.alpha[0] + np.array([-half, half]), atol=tolerance)
-
-
 def test_a_hyperparameter_on_its_limit_has_an_interval_and_no_error() -> None:
     """Outcomes that scatter the same at every z leave the slope without scatter of its own."""
     problem = replace(REGRESSION, z=np.repeat([-1.0, 0.0, 1.0], 15))

@@ -270,7 +270,7 @@ def p_values(count: int, modes: float, most: int = 39) -> np.ndarray:
 
 
 def test_the_right_law_is_doubted_as_often_as_the_level_says() -> None:
-    found = p_values(60, 0.0)
+    found = p_values(40, 0.0)
     assert 0.3 < found.mean() < 0.7
     assert np.mean(found <= 0.05) <= 0.12
     assert np.mean(found <= 0.5) == pytest.approx(0.5, abs=0.2)

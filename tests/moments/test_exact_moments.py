@@ -145,34 +145,6 @@ def test_wrong_orders_and_coefficients_are_named() -> None:
 # ------------------------------------------------------------------------------ properties
 
 
-def test_no_digit_is_lost_for_a_small_scatter_about_a_large_outcome() -> None:
-    basis, indices = Basis.normal(1), TOTAL[1]
-    c = np.array([[0.0, 1.0, 0.3, 0.1]])
-    truth = prepare(basis, indices, 8, Galerkin()).moments(c).standardized
-    small = 1e-9 * c + np.array([[0.8, 0.0, 0.0, 0.0]])
-    for way in WAYS:
-        assert_same(prepare(basis, indices, 8, way).moments(small).standardized, truth, 1e-12)
-
-
-@pytest.mark.parametrize("way", WAYS, ids=repr)
-def test_parts_of_the_experiments_give_what_all_of_them_give(way) -> None:
-    c = np.random.default_rng(0).standard_normal((7, len(TOTAL[2])))
-    ready, many = prepare(basis_of("hermite", "laguerre"), TOTAL[2], 6, way), 600
-    whole, parts = (
-        ready.moments_with_gradient(c),
-        ready.moments_with_gradient(np.tile(c, (many, 1))),
-    )
-    scale = np.abs(whole.standardized_jac).max()
-    for start in (0, 7 * (many // 2), 7 * (many - 1)):
-        part = parts.take(np.arange(start, start + 7))
-        np.testing.assert_allclose(part.standardized, whole.standardized, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(
-            part.standardized_jac, whole.standardized_jac, rtol=0, atol=1e-13 * scale
-        )
-    again = ready.moments(np.tile(c, (many, 1))).standardized
-    assert_same(again, parts.standardized, 1e-12)
-
-
 @pytest.mark.parametrize("way", WAYS, ids=repr)
 def test_an_expansion_without_scatter_has_none(way) -> None:
     c = np.array([[2.0, 0.0, 0.0, 0.0], [2.0, 1e-17, 0.0, 0.0]])

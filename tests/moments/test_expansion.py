@@ -195,18 +195,6 @@ def test_induced_points_have_the_induced_density_and_undo_it_by_weights() -> Non
         assert np.mean(f(design.t)) == pytest.approx(mixture, abs=0.03)
 
 
-@pytest.mark.parametrize("law", [NORMAL, box(-1.0, 1.0)])
-@pytest.mark.parametrize(("n", "degree"), [(1, 10), (2, 8), (4, 5), (10, 2)])
-def test_twice_as_many_runs_as_terms_are_well_conditioned(
-    law: tuple[Law, tuple[float, ...]], n: int, degree: int
-) -> None:
-    basis = basis_of(*[law] * n)
-    indices = TotalDegree(degree).indices(basis.limits)
-    design = induced(basis, indices, 2 * len(indices), seed=0)
-    psi = np.sqrt(design.weights)[:, None] * basis.evaluate(design.t, indices)
-    assert np.linalg.cond(psi) < 12.0
-
-
 @pytest.mark.parametrize(
     "law",
     [
@@ -284,21 +272,6 @@ def borehole(x: Array) -> Array:
     log = np.log(reach / radius)
     leak = 2.0 * length * upper / (log * radius**2 * conductivity)
     return 2.0 * np.pi * upper * (head_upper - head_lower) / (log * (1.0 + leak + upper / lower))
-
-
-def test_each_experiment_takes_the_degree_that_its_outcome_needs() -> None:
-    basis = basis_of(box(-1.0, 1.0), box(-1.0, 1.0))
-    rng = np.random.default_rng(1)
-    way = Regression(TotalDegree(9), runs=80)
-    design = way.design(basis)
-    noisy = design.x[:, 0] + 0.5 * rng.normal(size=80)
-    smooth = np.exp(design.x[:, 0] * design.x[:, 1])
-    found = way.fit(basis, design, np.stack([noisy, smooth]))
-    degrees = [found.indices[row != 0.0].sum(axis=1).max() for row in found.coefficients]
-    assert degrees[0] <= 2
-    assert degrees[1] >= 6
-    fixed = Regression(TotalDegree(9), runs=80, adaptive=False).fit(basis, design, noisy[None])
-    assert fixed.leave_one_out[0] > found.leave_one_out[0]
 
 
 def cube(n: int, lower: float, upper: float) -> Basis:

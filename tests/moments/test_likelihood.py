@@ -115,28 +115,6 @@ def test_the_score_through_collocation_is_that_of_differences(problem, degree) -
 # ------------------------------------------------------------------------------ invariance
 
 
-def test_repeated_conditions_count_as_distinct_copies() -> None:
-    z = np.array([0.5, 1.0, 0.5, 2.0, 1.0, 0.5])
-    many = replace(BINDING, z=z)
-    y = many.draw(9)
-    apart = many.likelihood(y)
-    unique, condition = np.unique(z, return_inverse=True)
-    few = replace(BINDING, z=unique).likelihood(np.zeros(3))
-    shared = Likelihood(
-        replace(
-            few.predictive,
-            condition=condition,
-            lower=apart.predictive.lower,
-            upper=apart.predictive.upper,
-        ),
-        y,
-    )
-    one, other = apart(BINDING.alpha), shared(BINDING.alpha)
-    np.testing.assert_allclose(other.each, one.each, rtol=1e-13)
-    np.testing.assert_allclose(other.scores, one.scores, rtol=1e-12, atol=1e-12)
-    assert shared.predictive.moments(BINDING.alpha).mean.shape == (6,)
-
-
 # ------------------------------------------------------------------------------ honesty
 
 
@@ -168,22 +146,6 @@ def test_the_search_never_sees_more_than_the_honest_density(mean, sd, y, order) 
     fitted = likelihood.predictive.under(alpha).fitted
     inside = np.clip(outcomes, *fitted.quantile([0.0, 1.0]).T)
     assert_never_above(found, honest, fitted.log_pdf(inside))
-
-
-@pytest.mark.parametrize("order", [3, 4, 6])
-def test_the_edge_of_the_support_gives_no_likelihood_away(order) -> None:
-    """Outcomes on and just beyond the edge at every sd: no more than the truth has at the edge."""
-    nudge = np.array([-1e-6, -1e-9, 0.0, 1e-13, 1e-9, 1e-6, 1e-3])
-    y = BINDING.z * (1.0 + nudge)
-    likelihood = BINDING.likelihood(y, MaximumEntropy(order))
-    for sd in np.geomspace(0.01, 1.0, 9):
-        alpha = np.array([0.9, sd])
-        found = likelihood(alpha)
-        edge = BINDING.log_density(alpha, BINDING.z, BINDING.z)
-        # far in the tail the density of three and more moments is what its moments tell, not exact
-        near = edge > -20.0
-        assert np.all(found.each[near] <= edge[near] + 0.05)
-        assert np.all(found.each[~near] < -10.0)
 
 
 @pytest.mark.parametrize("order", [2, 3, 4, 6])

@@ -148,17 +148,6 @@ def test_targets_of_mixed_kind(order: int, count: int, failures: int) -> None:
     assert recomputed(fitted, moments, solved).max() < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("order", "failures", "decay"), [(4, 0, 1.0), (5, 0, 0.5), (6, 4, 1.0), (6, 4, 0.5)]
-)
-def test_two_hundred_cubics_of_a_normal_variable(order: int, failures: int, decay: float) -> None:
-    moments = cubics(200, order, seed=21, decay=decay)
-    fitted = MaximumEntropy(order).fit(moments, *UNBOUNDED)
-    solved = np.flatnonzero(fitted.status == Status.SOLVED)
-    assert solved.size >= 200 - failures
-    assert recomputed(fitted, moments, solved).max() < 1e-6
-
-
 def test_what_eight_moments_do_not_solve_falls_back_by_two() -> None:
     """Cubics at M = 8 are beyond float64 in every third case: six moments stand in, and say so."""
     moments = cubics(24, 8, seed=0, decay=1.0)

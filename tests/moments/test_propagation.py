@@ -139,17 +139,6 @@ def test_collocation_and_surface_agree(problem) -> None:
     np.testing.assert_allclose(by_surface.mean_jac, by_runs.mean_jac, rtol=1e-2, atol=1e-3)
 
 
-@pytest.mark.parametrize("problem", PROBLEMS, ids=title)
-def test_plain_quadrature_and_expansion_agree_where_both_have_converged(problem) -> None:
-    alpha = law_of(problem)
-    plain = QuadraturePropagation(problem.inputs, Exact(problem), TensorGauss(16))
-    expanded = ProjectedPropagation(problem.inputs, Exact(problem), 16, 14)
-    one = plain.moments(alpha, 4, gradient=False)
-    other = expanded.moments(alpha, 4, gradient=False)
-    # coefficients of exp(0.4 theta) beyond degree 14 are below 1e-12
-    assert_same(one, other, 1e-8)
-
-
 def test_an_expansion_is_exact_where_plain_quadrature_with_its_nodes_is_not() -> None:
     """y = (x + z)^2 through 3 nodes: degree 2 is exact, order 4 of it needs degree 8."""
     truth = SQUARE.exact_moments(8)
@@ -202,6 +191,7 @@ def test_misuse_has_a_remedy(make) -> None:
 
 
 # ------------------------------------------------ expansions in the normal germ, of many parameters
+
 
 TEN = Inputs({f"x{i}": Normal(Free(-1.0, 1.0), Free(0.01, 1.0)) for i in range(10)})
 ALPHA = np.array([value for i in range(10) for value in (0.1 * i - 0.4, 0.05 + 0.03 * i)])

@@ -130,13 +130,6 @@ def test_a_hole_raises_the_error_of_a_law_that_lies_in_it_only() -> None:
     assert (failed > 0).all()
 
 
-def test_an_experiment_without_runs_has_an_infinite_error() -> None:
-    state = first(lambda i, x: np.where(i == 1, np.nan, waves(i, x)), 2)
-    state.judge(law())
-    assert np.isinf(state.error).tolist() == [False, True]
-    assert state.rough(0.05, 0.0).tolist()[1]
-
-
 def test_samples_tell_what_failed_from_what_was_never_run() -> None:
     none = Samples.none(2, 2)
     places = np.arange(3)

@@ -62,15 +62,6 @@ def test_what_is_said_of_each_experiment_is_its_normal_law(sample) -> None:
         assert report.status == "solved"
 
 
-def test_the_baselines_of_a_normal_sample_are_the_same_answer(sample) -> None:
-    y, found = sample
-    fit, circe = found.baselines["least_squares"], found.baselines["circe"]
-    assert fit["parameters"]["x"] == pytest.approx(y.mean(), abs=1e-4)
-    assert fit["rmse"] == pytest.approx(y.std(), abs=1e-5)
-    assert fit["log_likelihood"] == pytest.approx(found.log_likelihood.estimated, abs=1e-3)
-    assert circe["alpha"]["x.sd"] == pytest.approx(y.std(), abs=1e-4)
-
-
 # ------------------------------------------------------------------------------ random coefficients
 
 
@@ -121,6 +112,7 @@ def test_random_coefficients_by_collocation_are_the_same() -> None:
 
 
 # ------------------------------------------------------------------------------ skew outcomes
+
 
 # Millions of revolutions to failure of 23 ball bearings: Lieblein and Zelen, J. Res. Nat. Bur.
 # Stand. 57 (1956) 273, as in the package surpyval (load_bearing_failures).

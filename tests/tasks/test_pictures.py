@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from aleator import (
     identify,
     load,
 )
+from aleator.inference.likelihood_shape import likelihood_surface
 from aleator.tasks.pictures import pictured, responses
 
 COUNT, SD = 60, 0.2
@@ -152,3 +154,11 @@ def test_the_response_is_the_simulators_own_and_knows_where_it_has_no_value() ->
         whole = np.where(a > 1.4, np.nan, slope * a)[:, None] + b**2
         assert plane == pytest.approx(whole, nan_ok=True, rel=1e-3)
         assert np.isnan(plane).any()
+
+
+def test_a_surface_that_limits_cut_is_still_a_surface(found: Identification) -> None:
+    fit, inference = found.fit, found.fit.inference
+    wide = replace(inference, covariance=1e4 * inference.covariance)  # hardly known
+    surface = likelihood_surface(fit.objective(), fit.alpha, fit.hyperparameters, wide, (0, 1), 5)
+    assert np.isfinite(surface.value).all()
+    assert [np.ptp(surface.first), np.ptp(surface.second)] == pytest.approx([2.0, 1.95])

@@ -4,7 +4,7 @@ from normal_levels import judged
 from scipy import stats
 
 from aleator.core.types import Array
-from aleator.results.values import Consistency
+from aleator.results.values import Consistency, Statistic
 
 N = 108
 LOAD = np.tile([0.0, 1.0, 2.0], 36)
@@ -125,3 +125,21 @@ def test_few_observations_are_not_tested() -> None:
     found = judged(np.arange(4.0))
     assert found.consistent is None
     assert "4 observations" in found.reason
+
+
+def test_trends_along_conditions_have_a_larger_share_than_parts_and_the_order() -> None:
+    found = judged(normal(1)[1], hot=HOT)
+    trend, part, order = (
+        next(
+            t
+            for t in found.tests
+            if (t.kind, t.of, t.column, t.where) == ("contrast", "outcomes", *at)
+        )
+        for at in (("hot", None), ("hot", "hot = 20"), ("the order of the rows", None))
+    )
+
+    def tests(statistic: Statistic) -> float:
+        return float(np.log1p(-statistic.corrected) / np.log1p(-statistic.p))
+
+    assert tests(trend) < 0.5 * tests(part)
+    assert tests(order) > 2.0 * tests(trend)

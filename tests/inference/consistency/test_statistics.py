@@ -11,6 +11,8 @@ from aleator import Experiments
 from aleator.inference.consistency.battery import contrasts_of, moments, shared
 from aleator.inference.consistency.columns import ORDER, columns_of
 from aleator.inference.consistency.judged import corrected, effective, probabilities
+from aleator.inference.consistency.sentences import told
+from aleator.results.values import Statistic
 
 NONE = np.zeros(1, dtype=bool)
 ZERO = np.zeros(1)
@@ -150,3 +152,25 @@ def test_heavy_tails_are_larger_than_normal_ones_and_two_modes_smaller() -> None
 def test_size_and_place_do_not_count() -> None:
     w = np.random.default_rng(2).standard_normal(50)
     assert moments(3.0 + 7.0 * w) == pytest.approx(moments(w))
+
+
+def test_neighbours_in_an_experiment_are_no_order_of_rows() -> None:
+    test = Statistic("groups", "outcomes", ORDER, None, 4.0, 1e-4, 1e-3)
+    found = told(test, several=True, within=())
+    assert "same experiment" in found.message
+    assert ORDER not in found.message
+
+
+def test_each_tail_has_its_remedy() -> None:
+    heavy, light = (
+        told(Statistic(f"{kind} tails", "outcomes", None, None, 4.0, 1e-4, 1e-3), False, ())
+        for kind in ("heavy", "light")
+    )
+    assert "student_t" in heavy.remedy
+    assert "mixture" in light.remedy
+
+
+def test_a_column_that_may_be_a_result_has_the_remedy_to_take_it_out() -> None:
+    test = Statistic("contrast", "outcomes", "peak", None, 4.0, 1e-4, 1e-3)
+    assert "take it out of the table" in told(test, False, (), {"peak"}).remedy
+    assert "take it out" not in told(test, False, ()).remedy
