@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from identifications import unjudged
 
 import aleator
@@ -24,6 +25,7 @@ from aleator import (
     Normal,
     Store,
     TruncatedNormal,
+    cli,
     identify,
 )
 from aleator.core.progress import Silent
@@ -218,9 +220,8 @@ def test_a_law_that_reaches_far_beyond_the_simulator_is_given_the_box_that_mends
 
 def test_surfaces_that_are_to_be_exact_where_runs_fail_are_refused() -> None:
     """Through the root a polynomial explodes where there is none: its own scatter says nothing."""
-    everywhere = ResponseSurface(tolerance=0.005)
-    table = TABLE[::4]
-    result = unjudged(model, table, WIDE, outcome="y", vectorized=True, propagation=everywhere)
+    everywhere = ResponseSurface(tolerance=0.005, max_runs=100)
+    result = unjudged(model, TABLE, WIDE, outcome="y", vectorized=True, propagation=everywhere)
     assert not result.sound
     assert any("aleator box" in warning.remedy for warning in result.warnings)
 
@@ -235,18 +236,31 @@ def test_surfaces_that_follow_the_law_leave_what_fails_behind() -> None:
     assert result.failures.region["x"][1] <= 0.0
 
 
-def test_more_failures_than_are_allowed_are_refused() -> None:
-    def stuck(z: Array, x: Array) -> Array:
-        return np.where((x > 0.8) & (x < 1.1), np.nan, model(z, x))
-
-    table = Experiments.from_frame(TABLE, outcome="y")
-    simulator = FunctionSimulator(stuck, vectorized=True)
-    few, many = (Runner(simulator, table, ["x"], max_failed=share) for share in (0.01, 0.5))
-    with pytest.raises(SimulatorError, match="nan"):
-        unjudged(few, table, BOXED)
-    failures = unjudged(many, table, BOXED).failures
-    low, high = failures.region["x"]
+@pytest.mark.usefixtures("unreported", "unjudged_commands")
+def test_the_study_says_how_many_failures_are_too_many(tmp_path: Path) -> None:
+    (tmp_path / "model.py").write_text(
+        "def model(z, x):\n    if 0.8 < x < 1.1: raise ValueError('stuck')\n    return z * x**0.5\n"
+    )
+    TABLE.to_csv(tmp_path / "table.csv", index=False)
+    study = tmp_path / "study.toml"
+    text = (
+        '[experiments]\nfile = "table.csv"\noutcome = "y"\n[simulator]\n'
+        'function = "model.py:model"\n{}\n[parameters.x]\nlaw = "truncated_normal"\n'
+        "box = [0.3, 2.7]\n[verification]\nsamples = 50\n"
+    )
+    out = ["--output", str(tmp_path / "out"), "--no-figures"]
+    study.write_text(text.format("max_failed = 0.01"))
+    refused = CliRunner().invoke(cli.main, ["identify", str(study), *out])
+    assert refused.exit_code == 2
+    assert "stuck" in refused.stderr
+    study.write_text(text.format("max_failed = 0.5\nretries = 1"))
+    done = CliRunner().invoke(cli.main, ["identify", str(study), *out])
+    assert done.exit_code == 0, done.stderr
+    document = json.loads((tmp_path / "out" / "identification.json").read_text())
+    low, high = document["failures"]["region"]["x"]
     assert 0.8 < low < high < 1.1
+    assert "stuck" in document["failures"]["message"]
+    assert "simulator" in [warning["about"] for warning in document["warnings"]]
 
 
 # --------------------------------------------------------------------------- searches that are kept
