@@ -20,7 +20,6 @@ from aleator import (
     GradientMultistart,
     Identification,
     Inputs,
-    MaximumEntropy,
     Noise,
     Normal,
     ResponseSurface,
@@ -30,7 +29,6 @@ from aleator.errors import SimulatorError
 from aleator.inference.diagnostics.estimates import search_refusals
 from aleator.inference.diagnostics.experiments import Rival, rival_warnings
 from aleator.laws import Hyperparameter, Law
-from aleator.moments.densities import Density
 from aleator.results.values import Diagnostic
 
 
@@ -109,6 +107,7 @@ def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:
 
 # ------------------------------------------------------------------------------ advice
 
+
 TEMPERATURE = np.linspace(300.0, 350.0, 40)
 LENGTH = 2.0 + 0.05 * TEMPERATURE + 0.3 * np.random.default_rng(0).standard_normal(40)
 
@@ -147,26 +146,6 @@ def test_a_condition_far_from_zero_is_to_be_measured_from_its_middle() -> None:
 
 
 # ------------------------------------------------------------------------------ nodes
-
-
-def found_with(density: Density, nodes: int, count: int = 12) -> Identification:
-    rng = np.random.default_rng(0)
-    z = np.linspace(1.0, 2.0, count)
-    x = 1.0 + 0.3 * rng.standard_normal(count)
-    y = np.exp(2.0 * z * x)
-    return unjudged(
-        lambda z, x: np.exp(2.0 * z * x), pd.DataFrame({"z": z, "y": y}),
-        Inputs({"x": Normal(1.0, Free(0.05, 0.5))}), outcome="y", vectorized=True,
-        density=density, propagation=ResponseSurface(nodes=nodes),
-        search=GradientMultistart(2), verification=Check(0),
-    )  # fmt: skip
-
-
-def test_too_few_nodes_are_told_and_more_of_them_end_it() -> None:
-    few = found_with(MaximumEntropy(4), 4, 24)
-    (advice,) = remedies(few, "quadrature")
-    assert "propagation.nodes" in advice
-    assert remedies(found_with(MaximumEntropy(4), 14, 24), "quadrature") == []
 
 
 # ------------------------------------------------------------------------------ maxima

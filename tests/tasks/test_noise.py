@@ -25,6 +25,7 @@ from aleator import (
     Noise,
     Normal,
     ResponseSurface,
+    StudentError,
     TruncatedNormal,
     identify,
 )
@@ -348,3 +349,30 @@ def test_surfaces_and_the_simulator_itself_lead_to_one_answer() -> None:
     )
     off = (surfaced.values - direct.values) / direct.errors
     assert off.abs().max() < 0.05
+
+
+# ------------------------------------------------------------------------------ another kind
+
+
+def test_noise_of_student_is_identified_exactly() -> None:
+    """y = z x + e, x normal and e of Student: the maximum of the exact integral, found by SciPy."""
+    rng = np.random.default_rng(3)
+    z = np.tile([0.5, 1.0, 2.0, 3.0], 30)
+    y = z * rng.normal(1.0, 0.2, z.size) + 0.15 * rng.standard_t(5, z.size)
+    law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.02, 1.0))})
+    found = unjudged(
+        lambda z, x: z * x, pd.DataFrame({"z": z, "y": y}), law, outcome="y", vectorized=True,
+        noise=Noise(Free(0.02, 1.0), StudentError(5)), verification=Check(0),
+    )  # fmt: skip
+    u = np.linspace(-9.0, 9.0, 801)
+
+    def lost(alpha: Array) -> float:
+        mean, sd, scale = alpha
+        each = stats.t.logpdf(y[:, None], 5, z[:, None] * (mean + sd * u), scale)
+        return -float(np.log(np.trapezoid(np.exp(each + stats.norm.logpdf(u)), u, axis=1)).sum())
+
+    best = optimize.minimize(lost, [1.0, 0.2, 0.15], method="Nelder-Mead", options={"xatol": 1e-7})
+    assert found.log_likelihood.estimated == pytest.approx(-best.fun, abs=0.005)
+    for estimate, value in zip(found.alpha.values(), best.x, strict=True):
+        assert abs(estimate.estimate - value) < 0.01 * estimate.standard_error
+    assert found.sound
