@@ -104,6 +104,23 @@ def test_panels_integrate_what_one_centre_misses(model) -> None:
     assert (abs(about_modes - truth) < 1e-3) == (model is line)
 
 
+def test_where_runs_fail_there_is_no_probability() -> None:
+    """Of a parabola with a hole only what lies outside the hole counts."""
+
+    def holed(time, x):
+        return np.where((x[0] > 0.2) & (x[0] < 0.6), np.nan, square(time, x))
+
+    frame = drawn_of_one(square)
+    weights = stats.norm.pdf(FINE) * (FINE[1] - FINE[0])
+    x = (AT_ONE[0] + AT_ONE[1] * FINE)[None]
+    truth = sum(
+        np.log(np.nan_to_num(stats.norm.pdf(y, holed(time, x), AT_ONE[2])) @ weights)
+        for time, y in zip(frame["time"], frame["y"], strict=True)
+    )
+    on_panels = likelihood_of(holed, frame, ONE).by(Panels(), AT_ONE)
+    assert on_panels.evaluate(AT_ONE).total == pytest.approx(truth, abs=2e-3)
+
+
 def test_little_noise_is_no_trap() -> None:
     """Two modes a thousandth of the law wide."""
     frame, alpha = drawn_of_one(square, 0.0), np.array([0.3, 0.7, 1e-3])
