@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import product
 
-import mpmath
 import numpy as np
 import pytest
 from exact_expansions import (
@@ -17,7 +16,6 @@ from exact_expansions import (
     basis_of,
     drawn_with_truth,
 )
-from problems import from_raw
 
 from aleator.core.types import Indices
 from aleator.errors import InputsError
@@ -38,44 +36,6 @@ def test_moments_are_those_of_exact_arithmetic(way, indices, name) -> None:
     np.testing.assert_allclose(found.mean, mean, rtol=1e-13)
     np.testing.assert_allclose(found.sd, sd, rtol=1e-13)
     assert_same(found.standardized, standardized, 1e-12)
-
-
-@pytest.mark.parametrize("order", [4, 7])
-def test_a_quadratic_form_of_ten_normals_has_its_closed_cumulants(order) -> None:
-    """kappa_r = 2^(r-1) (r-1)! tr(A^r) + 2^(r-3) r! b' A^(r-2) b for Y = x'Ax + b'x."""
-    n, rng = 10, np.random.default_rng(3)
-    indices = np.array([k for k in product(range(3), repeat=n) if sum(k) <= 2])
-    a = rng.standard_normal((n, n))
-    a, b = (a + a.T) / 8.0, rng.standard_normal(n)
-    c = np.zeros(len(indices))
-    for position, index in enumerate(indices):
-        where = np.flatnonzero(index)
-        if index.sum() == 0:
-            c[position] = np.trace(a)
-        elif index.sum() == 1:
-            c[position] = b[where[0]]
-        else:  # x_i^2 - 1 = sqrt(2) psi, x_i x_j twice
-            c[position] = np.sqrt(2.0) * a[where[0], where[0]] if where.size == 1 else (
-                2.0 * a[where[0], where[1]]
-            )  # fmt: skip
-    power, kappa = np.eye(n), [0.0, np.trace(a)]
-    for r in range(2, order + 1):
-        factorial = float(mpmath.factorial(r - 1))
-        kappa.append(
-            2.0 ** (r - 1) * factorial * np.trace(power @ a @ a)
-            + 2.0 ** (r - 3) * r * factorial * (b @ power @ b)
-        )
-        power = power @ a
-    raw = [mpmath.mpf(1)]
-    for m in range(1, order + 1):
-        raw.append(mpmath.fsum(mpmath.binomial(m - 1, j - 1) * kappa[j] * raw[m - j]
-                               for j in range(1, m + 1)))  # fmt: skip
-    mean, sd, standardized = from_raw(raw)
-    basis = Basis.normal(n)
-    found = prepare(basis, indices, order, Galerkin()).moments(c[None])
-    assert found.mean[0] == pytest.approx(mean, rel=1e-13)
-    assert found.sd[0] == pytest.approx(sd, rel=1e-13)
-    np.testing.assert_allclose(found.standardized[0], standardized, rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize("way", WAYS, ids=repr)
