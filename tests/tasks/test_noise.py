@@ -215,16 +215,12 @@ def study(many: int, count: int, bend: float, seed: int):
 
 
 @pytest.mark.parametrize(
-    ("many", "bend", "vectorized"),
-    [
-        pytest.param(5, 0.0, True, marks=pytest.mark.slow),
-        pytest.param(10, 0.03, True, marks=pytest.mark.long),
-    ],
+    ("many", "count", "bend"), [(5, 30, 0.0), pytest.param(10, 50, 0.03, marks=pytest.mark.long)]
 )
-def test_the_maximum_is_that_of_the_closed_form(many: int, bend: float, vectorized: bool) -> None:
-    model, table, inputs, end = study(many, 30, bend, seed=many + 30)
+def test_the_maximum_is_that_of_the_closed_form(many: int, count: int, bend: float) -> None:
+    model, table, inputs, end = study(many, count, bend, seed=many + 30)
     found = unjudged(
-        model, table, inputs, outcome="y", vectorized=vectorized, noise=Noise(LARGE),
+        model, table, inputs, outcome="y", vectorized=True, noise=Noise(LARGE),
         search=GradientMultistart(2), verification=Check(0),
     )  # fmt: skip
     # a flat standard deviation can be told as not arrived at, by a score of few points
