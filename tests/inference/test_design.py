@@ -98,7 +98,6 @@ def test_errors_only_fall_along_a_set_and_repetitions_give_the_same() -> None:
     assert np.all(np.diff(found.after) < 0.0)
     again = np.diag([2.0, 1.0, 1.0])
     times = repetitions(plan, again, found.after[-1])
-    assert times is not None
     # (1 + 2 r)^-1/2 is the error after r repetitions
     assert times == pytest.approx(0.5 * (found.after[-1] ** -2 - 1.0), abs=1e-5)
     assert repetitions(plan, np.zeros((3, 3)), found.after[-1]) is None

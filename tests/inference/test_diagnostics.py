@@ -1,23 +1,34 @@
-"""What a reader is told: that it is said where it holds, and not where it does not."""
+"""What a reader is told where it holds and not where it does not, and remedies that do help."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from identifications import Array, identified, unjudged
+from identifications import identified, unjudged
 from problems import SAMPLE
 
 from aleator import (
     Check,
+    Constant,
+    Free,
     Gaussian,
+    GradientMultistart,
     Identification,
+    Inputs,
+    Noise,
+    Normal,
     ResponseSurface,
 )
-from aleator.core.status import Status
+from aleator.core.types import Array
 from aleator.errors import SimulatorError
+from aleator.inference.diagnostics.estimates import search_refusals
+from aleator.inference.diagnostics.experiments import Rival, rival_warnings
+from aleator.laws import Hyperparameter, Law
 from aleator.results.values import Diagnostic
 
 
@@ -94,9 +105,62 @@ def test_a_simulator_that_draws_random_numbers_is_refused_at_once() -> None:
     assert len(runs) == 2
 
 
-@pytest.mark.parametrize("status", [s for s in Status if s is not Status.SOLVED], ids=str)
-def test_every_failure_of_a_density_has_a_cause_and_a_remedy(status: Status) -> None:
-    cause, colon, remedy = status.explanation.partition(": ")
-    assert cause
-    assert colon
-    assert remedy
+# ------------------------------------------------------------------------------ advice
+
+
+TEMPERATURE = np.linspace(300.0, 350.0, 40)
+LENGTH = 2.0 + 0.05 * TEMPERATURE + 0.3 * np.random.default_rng(0).standard_normal(40)
+
+
+def remedies(found: Identification, about: str) -> list[str]:
+    return [w.remedy for w in found.warnings if w.about == about]
+
+
+def to_center(found: Identification) -> list[str]:
+    """Remedies of two parameters and the condition that makes them alike."""
+    return [w.remedy for w in found.warnings if w.concerns == ("a", "b", "T")]
+
+
+# ------------------------------------------------------------------------------ centering
+
+
+def expanded(model: Callable[..., Array], a: Law, noise: Noise | None = None) -> Identification:
+    table = pd.DataFrame({"T": TEMPERATURE, "day": 20.0, "length": LENGTH})
+    return unjudged(
+        model, table, Inputs({"a": a, "b": Constant(Free(0.0, 0.1))}), outcome="length",
+        vectorized=True, noise=noise, search=GradientMultistart(2), verification=Check(0),
+    )  # fmt: skip
+
+
+def test_a_condition_far_from_zero_is_to_be_measured_from_its_middle() -> None:
+    far = expanded(lambda T, a, b: a + b * T, Normal(Free(-20.0, 20.0), Free(0.01, 2.0)))
+    (advice,) = to_center(far)
+    assert "(T - 325)" in advice
+    near = expanded(lambda T, a, b: a + b * (T - 325.0), Normal(Free(10.0, 30.0), Free(0.01, 2.0)))
+    assert remedies(near, "identifiability") == []
+    # the same line: at 325 the one is what the other says it is, and known better
+    a, b = far.alpha["a.mean"], far.alpha["b.value"]
+    assert near.alpha["a.mean"].estimate == pytest.approx(a.estimate + 325 * b.estimate, abs=1e-2)
+    assert near.alpha["b.value"].estimate == pytest.approx(b.estimate, abs=1e-3)
+    assert (near.alpha["a.mean"].standard_error or 1.0) < 0.1 * (a.standard_error or 0.0)
+
+
+# ------------------------------------------------------------------------------ nodes
+
+
+# ------------------------------------------------------------------------------ maxima
+
+
+def test_a_maximum_is_reached_by_standard_errors() -> None:
+    """What is left to gain is half the square of the distance in standard errors."""
+    at = [SimpleNamespace(positive=True, edm=0.5 * distance**2) for distance in (0.05, 0.5)]
+    assert not search_refusals(at[0], ())  # type: ignore[arg-type]
+    assert search_refusals(at[1], ())  # type: ignore[arg-type]
+
+
+def test_another_maximum_is_news_only_outside_the_intervals() -> None:
+    h = [Hyperparameter("x.mean", -4.0, 4.0, 0.0, free=True)]
+    rival = Rival(np.array([-1.5]), np.array([1.5]), 0.3, (0,))
+    assert rival_warnings([rival], h, np.array([[1.0, 2.0]]))
+    assert rival_warnings([rival], h, np.array([[np.nan, np.nan]]))
+    assert not rival_warnings([rival], h, np.array([[-2.0, 2.0]]))

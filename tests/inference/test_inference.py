@@ -19,6 +19,7 @@ from aleator.search import SearchResult
 
 DROP = 0.5 * stats.chi2.ppf(0.95, 1)
 
+
 # y = b0 + b1 z with a normal b0: least squares, seen as an identification
 LINE = Problem(
     "line: y = b1 z + b0, b0 normal",
@@ -84,7 +85,6 @@ def test_the_observed_information_is_the_second_derivative() -> None:
     likelihood = BINDING.likelihood(y)
     alpha, free = BINDING.alpha, np.array([0, 1])
     scores = likelihood(alpha).scores
-    assert scores is not None
     found = observed_information(likelihood, alpha, BINDING.hyperparameters, free, scores)
 
     def total(*p: float) -> float:
@@ -123,42 +123,6 @@ def test_the_sandwich_is_that_of_white_where_the_noise_is_not_the_same() -> None
     assert inference.sandwich_error[0] > 1.2 * inference.standard_error[0]
 
 
-def test_the_sandwich_tells_the_true_scatter_of_the_estimate_and_the_hessian_does_not() -> None:
-    """200 data sets; the scatter of the slope is known, X being fixed."""
-    problem = replace(LINE, z=np.linspace(0.0, 4.0, 100))
-    design = np.stack([problem.z, np.ones(100)], axis=1)
-    true_sd = 0.1 + 0.2 * problem.z**2
-    bread = np.linalg.inv(design.T @ design)
-    covariance = bread @ (design.T * true_sd**2) @ design @ bread
-    rng = np.random.default_rng(5)
-    robust, naive = [], []
-    for _ in range(200):
-        y = 1.0 + 2.0 * problem.z + true_sd * rng.standard_normal(100)
-        coefficients = np.linalg.lstsq(design, y)[0]
-        alpha = np.array([*coefficients, np.sqrt(np.mean((y - design @ coefficients) ** 2))])
-        objective = problem.likelihood(y, Gaussian())
-        inference = infer(objective, alpha, problem.hyperparameters)
-        robust.append(inference.sandwich_error[0])
-        naive.append(inference.standard_error[0])
-    truth = covariance[0, 0] ** 0.5
-    # the sandwich is a few per cent low with 100 experiments; the Hessian is a fifth low
-    assert np.mean(robust) == pytest.approx(truth, rel=0.08)
-    assert np.mean(naive) < 0.85 * truth
-
-
-def test_sandwich_and_hessian_agree_where_the_model_is_right() -> None:
-    problem = replace(BINDING, z=np.tile(BINDING.z, 120))
-    _, _, inference = maximized_by_moments(problem, problem.draw(6))
-    # 840 experiments: the sandwich of second moments scatters by some per cent
-    np.testing.assert_allclose(inference.sandwich_error, inference.standard_error, rtol=0.15)
-
-
-def maximized_by_moments(problem: Problem, y: Array) -> tuple[Likelihood, SearchResult, Inference]:
-    likelihood = problem.likelihood(y)
-    found = GradientMultistart(2).maximize(likelihood, problem.hyperparameters, seed=0)
-    return likelihood, found, infer(likelihood, found.alpha, problem.hyperparameters)
-
-
 def test_the_distance_to_the_maximum_is_told_away_from_it() -> None:
     """A quarter of a standard error off, the log-likelihood is 1/32 lower."""
     problem = replace(SAMPLE, z=np.zeros(400))
@@ -178,9 +142,7 @@ def test_the_distance_to_the_maximum_is_told_away_from_it() -> None:
 def test_the_interval_of_a_known_mean_s_sd_is_the_exact_one() -> None:
     """One hyperparameter: N log(s) + S/(2 s^2) rises by 1.92 at both ends, not symmetric."""
     problem = replace(
-        SAMPLE,
-        z=np.zeros(8),
-        inputs=Inputs({"x": Normal(mean=1.0, sd=Free(0.01, 10.0))}),
+        SAMPLE, z=np.zeros(8), inputs=Inputs({"x": Normal(mean=1.0, sd=Free(0.01, 10.0))})
     )
     y = problem.draw(8)
     likelihood, found, inference = maximized(problem, y)
@@ -190,10 +152,7 @@ def test_the_interval_of_a_known_mean_s_sd_is_the_exact_one() -> None:
     def drop(s: float) -> float:
         return 8 * np.log(s / best) + 0.5 * total * (s**-2 - best**-2) - DROP
 
-    exact = [
-        optimize.brentq(drop, 0.2 * best, best),
-        optimize.brentq(drop, best, 10.0 * best),
-    ]
+    exact = [optimize.brentq(drop, 0.2 * best, best), optimize.brentq(drop, best, 10.0 * best)]
     ends = intervals(likelihood, found, inference)
     assert np.all(np.isnan(ends[0]))
     # an end is taken when the root of twice the drop is within 0.02 of 1.96
@@ -211,19 +170,6 @@ def test_the_interval_of_a_mean_with_unknown_sd_is_the_exact_one() -> None:
     tolerance = 0.05 * inference.standard_error[0]
     np.testing.assert_allclose(ends[0], [y.mean() - half, y.mean() + half], atol=tolerance)
     assert half > 1.05 * stats.norm.ppf(0.975) * inference.standard_error[0]
-
-
-def test_the_profile_of_one_of_many_is_that_of_the_books() -> None:
-    """The slope of a line: N/2 log(1 + (b - b1)^2/(rss/N (X'X)^-1_11 N)) = 1.92."""
-    problem = replace(LINE, z=np.linspace(0.0, 4.0, 12))
-    y = problem.draw(10)
-    likelihood, found, inference = maximized(problem, y)
-    design = np.stack([problem.z, np.ones(12)], axis=1)
-    error = np.sqrt(np.mean((y - design @ found.alpha[:2]) ** 2))
-    half = error * np.sqrt(12 * np.linalg.inv(design.T @ design)[0, 0] * np.expm1(2 * DROP / 12))
-    ends = intervals(likelihood, found, inference)
-    tolerance = 0.05 * inference.standard_error[0]
-    np.testing.assert_allclose(ends[0], found.alpha[0] + np.array([-half, half]), atol=tolerance)
 
 
 def test_a_hyperparameter_on_its_limit_has_an_interval_and_no_error() -> None:
@@ -260,9 +206,7 @@ def test_a_hyperparameter_on_its_limit_has_an_interval_and_no_error() -> None:
 
 def test_an_interval_stops_at_a_limit() -> None:
     problem = replace(
-        SAMPLE,
-        z=np.zeros(5),
-        inputs=Inputs({"x": Normal(mean=Free(0.9, 1.1), sd=Free(0.05, 3.0))}),
+        SAMPLE, z=np.zeros(5), inputs=Inputs({"x": Normal(mean=Free(0.9, 1.1), sd=Free(0.05, 3.0))})
     )
     y = np.array([0.2, 1.8, 1.0, 0.6, 1.4])
     likelihood, found, inference = maximized(problem, y)
@@ -279,7 +223,6 @@ def test_the_profile_tells_of_a_better_maximum() -> None:
     start = found.alpha + np.array([1.2, 0.0]) * inference.standard_error[0]
     wrong = infer(likelihood, start, problem.hyperparameters)
     profile = profile_intervals(likelihood, start, problem.hyperparameters, wrong)
-    assert profile.better is not None
     assert likelihood(profile.better).total > likelihood(start).total + 0.01
 
 
@@ -332,9 +275,3 @@ def test_a_parameter_without_effect_is_named() -> None:
     assert not inference.positive
     weak = weak_directions(inference, problem.hyperparameters)
     assert [w.concerns for w in weak] == [("k.value",)]
-
-
-def test_nothing_is_said_where_nothing_is_weak() -> None:
-    problem = replace(SAMPLE, z=np.zeros(50))
-    *_, inference = maximized(problem, problem.draw(17))
-    assert weak_directions(inference, problem.hyperparameters) == []

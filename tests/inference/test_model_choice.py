@@ -148,7 +148,6 @@ def test_the_information_of_experiments_is_that_of_the_line() -> None:
     found, design, _ = regression()
     fit = found.fit
     scores = fit.scored().scores
-    assert scores is not None
     own = informations(fit, scores)
     exact = design[:, :, None] * design[:, None, :] / fit.alpha[2] ** 2
     assert own[:, :2, :2] == pytest.approx(exact, rel=1e-4, abs=1e-4)
@@ -228,7 +227,12 @@ def test_errors_of_sums() -> None:
     assert np.isnan(summed_error(each[:1]))
 
 
-def test_a_matrix_becomes_positive() -> None:
-    found = positive(np.array([[1.0, 5.0, 0.0], [5.0, 1.0, 0.0], [0.0, 0.0, 0.0]]))
-    assert np.linalg.eigvalsh(found)[0] > 0.0
+def test_a_matrix_becomes_positive_whatever_its_units_are() -> None:
+    """Of [[1, 5], [5, 1]] with the eigenvalues 6 and -4 that with 6 and 4 is [[5, 1], [1, 5]]."""
+    matrix = np.array([[1.0, 5.0, 0.0], [5.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
+    expected = np.array([[5.0, 1.0, 0.0], [1.0, 5.0, 0.0], [0.0, 0.0, 2.0]])
+    units = np.outer([1e-6, 1.0, 1e5], [1e-6, 1.0, 1e5])
+    assert positive(matrix) == pytest.approx(expected)
+    assert positive(matrix * units) / units == pytest.approx(expected)
+    assert np.linalg.eigvalsh(positive(np.diag([1.0, 0.0])))[0] > 0.0
     assert positive(np.zeros((0, 0))).shape == (0, 0)

@@ -10,7 +10,7 @@ from scipy import optimize, stats
 
 from aleator.core.types import Array
 from aleator.errors import AleatorError
-from aleator.inference.posterior import POSTERIOR, Chains, RealLine, convergence, sampled, scaled
+from aleator.inference.posterior import Chains, RealLine, convergence, sampled, scaled
 from aleator.laws import Free, Gamma, Hyperparameter, Normal, resolve
 from aleator.laws.law import Law
 from aleator.search.interface import LogLikelihood
@@ -73,12 +73,6 @@ def test_a_normal_mean_has_its_conjugate_posterior() -> None:
     precision = 1.0 / 0.25 + Y.size / 5.0
     truth = stats.norm(Y.sum() / 5.0 / precision, precision**-0.5)
     require_sample_of(drawn(density)[0][:, :, 0], truth.cdf)
-
-
-def test_a_prior_that_dominates_is_the_posterior() -> None:
-    own = (of("mean", -20.0, 20.0, Normal(-3.0, 1e-3)), resolve("sd", 2.0, (None, None)))
-    draws, _ = drawn(line(own, np.array([-3.0, 2.0])))
-    require_sample_of(draws[:, :, 0], stats.norm(-3.0 + 4e-6, 1e-3).cdf)
 
 
 def by_grid(log_density: Callable[[Array], Array], low: float, high: float) -> Callable[..., Array]:
@@ -168,16 +162,6 @@ def test_the_same_seed_gives_the_same_draws() -> None:
     np.testing.assert_array_equal(first, again)
     assert np.all(first[0] != other[0])
     assert np.all(first[0] != first[1])
-
-
-def test_every_step_is_told_with_the_number_of_all() -> None:
-    own = (of("mean", -20.0, 20.0), resolve("sd", 2.0, (None, None)))
-    density = line(own, np.array([1.0, 2.0]))
-    heard: list[tuple[int, int]] = []
-    scale = scaled(density, density.u_of(density.alpha))
-    sampled(density, scale, 10, 2, 0, lambda done, total: heard.append((done, total)))
-    whole = 2 * (POSTERIOR.warm_up + 10)
-    assert heard == [(k + 1, whole) for k in range(whole)]
 
 
 def test_an_interruption_ends_it_at_once(caplog: pytest.LogCaptureFixture) -> None:

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from problems import GROWTH, SQUARE, Problem
+from problems import SQUARE, Problem
 from scipy import optimize, stats
 
-from aleator import Inputs, Normal, ResponseSurface
+from aleator import ResponseSurface
 from aleator.core.types import Array
 from aleator.errors import InputsError
-from aleator.laws.inputs import law_region
 from aleator.likelihood.level_sets.predicted import PointPredictor
 from aleator.likelihood.model import Model
 from aleator.likelihood.problem import Problem as Prepared
@@ -23,7 +19,6 @@ from aleator.moments.distances import earth_movers_distance
 from aleator.moments.likelihood import density_distances
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.moments import Moments, NodeOutcomes
-from aleator.moments.propagation import ExpandedPropagation
 from aleator.observations.experiments import Experiments
 from aleator.results.values import DensityDistance
 from aleator.simulators import Runner, as_simulator
@@ -71,52 +66,6 @@ def test_two_normals(mean: float, sd: float) -> None:
     exact = abs(m) if s == 0.0 else float(stats.foldnorm.mean(abs(m / s)) * abs(s))
     found = earth_movers_distance(normal(0.0, 1.0), normal(mean, sd))
     np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-12)
-
-
-def test_a_normal_and_a_point() -> None:
-    for point in (0.0, 0.7, 30.0):
-        exact = stats.foldnorm.mean(point)
-        found = earth_movers_distance(normal(0.0, 1.0), [point])
-        np.testing.assert_allclose(found, exact, rtol=1e-9)
-
-
-def test_a_uniform_law_and_its_nodes() -> None:
-    """J midpoints stand for cells of width 1/J: every point moves 1/(4 J) in the mean."""
-    m = Moments(np.array([0.5]), np.array([12**-0.5]), np.array([[1.0, 0.0, 1.0, 0.0, 1.8]]))
-    uniform = MaximumEntropy(4).fit(m, [0.0], [1.0])
-    for count in (1, 3, 50):
-        nodes = NodeOutcomes(((np.arange(count) + 0.5) / count)[None], np.full(count, 1.0 / count))
-        np.testing.assert_allclose(earth_movers_distance(uniform, nodes), 0.25 / count, rtol=1e-6)
-
-
-signatures = st.lists(
-    st.tuples(st.floats(-100, 100), st.floats(0.01, 1)), min_size=1, max_size=6
-).map(
-    lambda pairs: NodeOutcomes(
-        np.array([[y for y, _ in pairs]]),
-        np.array([w for _, w in pairs]) / sum(w for _, w in pairs),
-    )
-)
-
-
-@settings(max_examples=100)
-@given(signatures, signatures, signatures)
-def test_it_is_a_metric(a: NodeOutcomes, b: NodeOutcomes, c: NodeOutcomes) -> None:
-    ab, bc, ac = (float(earth_movers_distance(*pair)[0]) for pair in ((a, b), (b, c), (a, c)))
-    assert ab == pytest.approx(float(earth_movers_distance(b, a)[0]), abs=1e-9)
-    assert float(earth_movers_distance(a, a)[0]) == pytest.approx(0.0, abs=1e-9)
-    assert ac <= ab + bc + 1e-9
-    # never less than the distance of the means
-    assert ab >= abs(float((a.y @ a.weights - b.y @ b.weights)[0])) - 1e-9
-
-
-@settings(max_examples=30)
-@given(st.floats(-5, 5), st.floats(0.1, 5), st.floats(0.1, 10), st.floats(-10, 10))
-def test_units_and_origin(mean: float, sd: float, scale: float, shift: float) -> None:
-    sample = np.array([-1.0, 0.2, 3.0])
-    first = earth_movers_distance(normal(mean, sd), sample)
-    second = earth_movers_distance(normal(scale * mean + shift, scale * sd), scale * sample + shift)
-    np.testing.assert_allclose(second, scale * first, rtol=1e-6, atol=1e-9)
 
 
 def test_wrong_laws_are_refused() -> None:
@@ -172,38 +121,3 @@ def test_distances_fall_with_the_moments_and_agree_with_the_closed_form() -> Non
     distance = np.trapezoid(np.abs(truth - stats.norm.cdf(u)), u, axis=1)
     assert rows["gaussian"].mean == pytest.approx(distance.mean(), abs=2e-3)
     assert rows["gaussian"].worst == pytest.approx(distance.max(), abs=2e-3)
-
-
-def test_of_five_parameters_the_moments_are_an_expansion_s() -> None:
-    """A sum of five normals is normal: the density of the moments is the exact one."""
-    z = np.linspace(0.5, 1.5, 6)
-    names = [f"x{i}" for i in range(5)]
-    inputs = Inputs({name: Normal(1.0, 0.2) for name in names})
-
-    def total(z: Array, x0: Array, x1: Array, x2: Array, x3: Array, x4: Array) -> Array:
-        return z * (x0 + x1 + x2 + x3 + x4)
-
-    table = Experiments.from_frame(pd.DataFrame({"z": z, "y": 5.0 * z}), outcome="y")
-    runner = Runner(as_simulator(total, True), table, inputs.names)
-    model = Model(inputs, ResponseSurface(), MaximumEntropy(4))
-    alpha = np.tile([1.0, 0.2], 5)
-    ready = prepare(runner, table.outcomes, model, law_region(inputs, [alpha]))
-    assert isinstance(ready.predictor.propagation, ExpandedPropagation)
-    exact = stats.norm.logpdf(5.0 * z, 5.0 * z, z * 0.2 * 5**0.5).sum()
-    assert ready.likelihood.evaluate(alpha).total == pytest.approx(exact, abs=0.02)
-
-
-def test_without_noise_the_reference_is_the_density_in_closed_form() -> None:
-    """GROWTH: lognormal outcomes, so that the gap in log-likelihood has a truth."""
-    ready = prepared(GROWTH, MaximumEntropy(4))
-    rows = compared(ready, GROWTH)
-    assert (
-        rows["gaussian"].mean
-        > rows["maximum entropy, 4 moments"].mean
-        > rows["maximum entropy, 6 moments"].mean
-    )
-    y = ready.likelihood.outcomes
-    exact = float(GROWTH.log_density(GROWTH.alpha, GROWTH.z, y).sum())
-    own = ready.likelihood.evaluate(GROWTH.alpha).total
-    gap = rows["maximum entropy, 4 moments"].log_likelihood
-    assert gap == pytest.approx(own - exact, abs=0.1 * abs(own - exact) + 1e-3)

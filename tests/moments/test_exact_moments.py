@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from itertools import product
 
-import mpmath
 import numpy as np
 import pytest
 from exact_expansions import (
     FAMILIES,
-    MIXED,
     SCATTERED,
     SETS,
     TOTAL,
@@ -17,18 +15,12 @@ from exact_expansions import (
     assert_same,
     basis_of,
     drawn_with_truth,
-    exact_polynomials,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
-from problems import from_raw
 
-from aleator.core.polynomials import polished_rule
 from aleator.core.types import Indices
 from aleator.errors import InputsError
 from aleator.moments.exact_moments import ExactQuadrature, Galerkin, cheapest, prepare
-from aleator.moments.expansion import Basis, constant
+from aleator.moments.expansion import Basis
 
 # ------------------------------------------------------------------------------ truths
 
@@ -44,66 +36,6 @@ def test_moments_are_those_of_exact_arithmetic(way, indices, name) -> None:
     np.testing.assert_allclose(found.mean, mean, rtol=1e-13)
     np.testing.assert_allclose(found.sd, sd, rtol=1e-13)
     assert_same(found.standardized, standardized, 1e-12)
-
-
-@pytest.mark.parametrize("order", range(2, 10))
-@pytest.mark.parametrize("names", [("hermite",), ("laguerre", "legendre"), MIXED], ids=str)
-def test_the_ways_agree_to_rounding(names, order) -> None:
-    indices = TOTAL[len(names)]
-    if len(names) == 3:
-        order = min(order, 6)  # push and fork tries 3.1 million terms at order 9
-    basis = basis_of(*names)
-    c = np.random.default_rng(order).standard_normal((4, len(indices)))
-    truth = prepare(basis, indices, order, Galerkin()).moments_with_gradient(c)
-    for way in WAYS:
-        for found in (
-            prepare(basis, indices, order, way).moments(c),
-            prepare(basis, indices, order, way).moments_with_gradient(c),
-        ):
-            assert_same(found.standardized, truth.standardized, 1e-12)
-            assert found.order == order
-        for m in range(3, order + 1):
-            scale = np.abs(truth.standardized_jac[:, m]).max()
-            difference = found.standardized_jac[:, m] - truth.standardized_jac[:, m]
-            assert np.abs(difference).max() < 1e-12 * max(scale, 1.0)
-
-
-@pytest.mark.parametrize("order", [4, 7])
-def test_a_quadratic_form_of_ten_normals_has_its_closed_cumulants(order) -> None:
-    """kappa_r = 2^(r-1) (r-1)! tr(A^r) + 2^(r-3) r! b' A^(r-2) b for Y = x'Ax + b'x."""
-    n, rng = 10, np.random.default_rng(3)
-    indices = np.array([k for k in product(range(3), repeat=n) if sum(k) <= 2])
-    a = rng.standard_normal((n, n))
-    a, b = (a + a.T) / 8.0, rng.standard_normal(n)
-    c = np.zeros(len(indices))
-    for position, index in enumerate(indices):
-        where = np.flatnonzero(index)
-        if index.sum() == 0:
-            c[position] = np.trace(a)
-        elif index.sum() == 1:
-            c[position] = b[where[0]]
-        else:  # x_i^2 - 1 = sqrt(2) psi, x_i x_j twice
-            c[position] = np.sqrt(2.0) * a[where[0], where[0]] if where.size == 1 else (
-                2.0 * a[where[0], where[1]]
-            )  # fmt: skip
-    power, kappa = np.eye(n), [0.0, np.trace(a)]
-    for r in range(2, order + 1):
-        factorial = float(mpmath.factorial(r - 1))
-        kappa.append(
-            2.0 ** (r - 1) * factorial * np.trace(power @ a @ a)
-            + 2.0 ** (r - 3) * r * factorial * (b @ power @ b)
-        )
-        power = power @ a
-    raw = [mpmath.mpf(1)]
-    for m in range(1, order + 1):
-        raw.append(mpmath.fsum(mpmath.binomial(m - 1, j - 1) * kappa[j] * raw[m - j]
-                               for j in range(1, m + 1)))  # fmt: skip
-    mean, sd, standardized = from_raw(raw)
-    basis = Basis.normal(n)
-    found = prepare(basis, indices, order, Galerkin()).moments(c[None])
-    assert found.mean[0] == pytest.approx(mean, rel=1e-13)
-    assert found.sd[0] == pytest.approx(sd, rel=1e-13)
-    np.testing.assert_allclose(found.standardized[0], standardized, rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize("way", WAYS, ids=repr)
@@ -123,26 +55,6 @@ def test_derivatives_are_those_of_the_moments(way) -> None:
 
 
 # ------------------------------------------------------------------------------ rules
-
-
-@pytest.mark.parametrize("name", FAMILIES)
-def test_a_rule_is_exact_to_its_degree_and_not_beyond(name) -> None:
-    """E[p_4^8] with 17 nodes to many digits; with 16 it must be wrong."""
-    recurrence, moment = FAMILIES[name][0](17), FAMILIES[name][1]
-    with mpmath.workdps(60):
-        p4 = exact_polynomials(name, 4)[4]
-        power = [mpmath.mpf(1)]
-        for _ in range(8):
-            power = [
-                mpmath.fsum(p4[j] * power[k - j] for j in range(5) if 0 <= k - j < len(power))
-                for k in range(len(power) + 4)
-            ]
-        truth = float(mpmath.fsum(v * moment(k) for k, v in enumerate(power)))
-    _, weights, p = polished_rule(*recurrence, 32)
-    assert weights @ p[:, 4] ** 8 == pytest.approx(truth, rel=1e-12)
-    _, weights, p = polished_rule(*recurrence, 30)
-    assert abs(weights @ p[:, 4] ** 8 / truth - 1.0) > 1e-8
-
 
 # ------------------------------------------------------------------------------ choice and misuse
 
@@ -191,53 +103,6 @@ def test_wrong_orders_and_coefficients_are_named() -> None:
 
 
 # ------------------------------------------------------------------------------ properties
-
-
-@settings(max_examples=25)
-@given(
-    c=arrays(np.float64, (2, 10), elements=st.floats(-3.0, 3.0).filter(lambda v: abs(v) > 1e-3)),
-    scale=st.floats(1e-6, 1e6),
-    shift=st.floats(-5.0, 5.0),
-)
-def test_an_affine_change_of_the_outcome_changes_mean_and_sd_only(c, scale, shift) -> None:
-    basis, indices = basis_of("hermite", "jacobi"), TOTAL[2]
-    moved = -scale * c
-    moved[:, constant(indices)] += scale * shift
-    for way in (ExactQuadrature(), Galerkin()):
-        ready = prepare(basis, indices, 6, way)
-        one, other = ready.moments(c), ready.moments(moved)
-        sign = (-1.0) ** np.arange(7)
-        assert_same(sign * other.standardized, one.standardized, 1e-11)
-        np.testing.assert_allclose(other.sd, scale * one.sd, rtol=1e-13)
-        np.testing.assert_allclose(other.mean, scale * (shift - one.mean), atol=1e-14 * scale)
-
-
-def test_no_digit_is_lost_for_a_small_scatter_about_a_large_outcome() -> None:
-    basis, indices = Basis.normal(1), TOTAL[1]
-    c = np.array([[0.0, 1.0, 0.3, 0.1]])
-    truth = prepare(basis, indices, 8, Galerkin()).moments(c).standardized
-    small = 1e-9 * c + np.array([[0.8, 0.0, 0.0, 0.0]])
-    for way in WAYS:
-        assert_same(prepare(basis, indices, 8, way).moments(small).standardized, truth, 1e-12)
-
-
-@pytest.mark.parametrize("way", WAYS, ids=repr)
-def test_parts_of_the_experiments_give_what_all_of_them_give(way) -> None:
-    c = np.random.default_rng(0).standard_normal((7, len(TOTAL[2])))
-    ready, many = prepare(basis_of("hermite", "laguerre"), TOTAL[2], 6, way), 600
-    whole, parts = (
-        ready.moments_with_gradient(c),
-        ready.moments_with_gradient(np.tile(c, (many, 1))),
-    )
-    scale = np.abs(whole.standardized_jac).max()
-    for start in (0, 7 * (many // 2), 7 * (many - 1)):
-        part = parts.take(np.arange(start, start + 7))
-        np.testing.assert_allclose(part.standardized, whole.standardized, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(
-            part.standardized_jac, whole.standardized_jac, rtol=0, atol=1e-13 * scale
-        )
-    again = ready.moments(np.tile(c, (many, 1))).standardized
-    assert_same(again, parts.standardized, 1e-12)
 
 
 @pytest.mark.parametrize("way", WAYS, ids=repr)

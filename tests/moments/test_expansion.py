@@ -4,29 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 import pytest
-from expansions import EVERY_WAY, MIXED, NORMAL, basis_of, box, drawn, fitted, miss
+from expansions import EVERY_WAY, MIXED, NORMAL, basis_of, box, fitted, miss
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
 
 from aleator.core.types import Array
 from aleator.errors import InputsError
-from aleator.laws import (
-    Beta,
-    Constant,
-    Free,
-    Gamma,
-    Law,
-    LogNormal,
-    Normal,
-    TruncatedNormal,
-    Uniform,
-)
-from aleator.laws.inputs import Inputs
+from aleator.laws import Constant, Uniform
 from aleator.moments.expansion import (
     Basis,
     Expanding,
@@ -38,11 +26,7 @@ from aleator.moments.expansion import (
     induced,
     sobol_indices,
 )
-from aleator.moments.projection import (
-    Projection,
-    Regression,
-    nested_fits,
-)
+from aleator.moments.projection import Projection, Regression, nested_fits
 
 
 def rows(indices: np.ndarray) -> set[tuple[int, ...]]:
@@ -58,19 +42,6 @@ def test_the_total_degree_set_has_the_size_of_the_paper(n, degree) -> None:
     assert indices.sum(axis=1).max() == degree
     assert indices[0].tolist() == [0] * n
     assert np.all(np.diff(indices.sum(axis=1)) >= 0)
-
-
-def test_limits_cut_the_index_set() -> None:
-    expected = {i for i in product(range(4), range(1), range(2)) if sum(i) <= 3}
-    assert rows(TotalDegree(3).indices((3, 0, 1))) == expected
-    assert rows(TotalDegree(3).indices((None, 0, 1))) == expected
-
-
-def test_ten_parameters_and_twenty_need_no_full_tensor() -> None:
-    assert len(TotalDegree(5).indices((None,) * 10)) == math.comb(15, 5)
-    assert len(TotalDegree(3).indices((None,) * 40)) == math.comb(43, 3)
-    # q = 1/2: up to k = 4 alone, (1, 1) and its like cost 4
-    assert len(Hyperbolic(4).indices((None,) * 40)) == 1 + 4 * 40 + math.comb(40, 2)
 
 
 @settings(max_examples=60, deadline=None)
@@ -120,18 +91,6 @@ def test_products_of_polynomials_are_orthonormal_under_the_joint_law() -> None:
     psi = MIXED.evaluate(nodes.t, indices)
     np.testing.assert_allclose((psi.T * nodes.weights) @ psi, np.eye(len(indices)), atol=1e-10)
     assert np.all(indices[:, 3] == 0)
-
-
-def test_the_basis_of_inputs_is_that_of_its_laws() -> None:
-    inputs = Inputs({"v": Normal(Free(-1, 1), 0.5), "c": Constant(2.0)})
-    basis = Basis.of(inputs, np.array([0.3, 0.5, 2.0]))
-    assert basis.limits == (None, 0)
-    assert basis.rule(0, 1).x.tolist() == [0.3]
-    assert basis.rule(1, 5).x.tolist() == [2.0]
-    tied = Inputs({"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.5})
-    # correlated parameters are expanded in the standard normal variates that they are made of
-    basis = Basis.of(tied, np.array([3.0, 2.0, 0.0, 1.0, 0.5]))
-    assert [basis.rule(i, 1).x.tolist() for i in (0, 1)] == [[0.0], [0.0]]
 
 
 # ------------------------------------------------------------------------------ every way
@@ -221,21 +180,7 @@ def test_outcomes_that_do_not_fit_the_design_are_refused(way: Expanding) -> None
         way.fit(MIXED, design, np.where(np.arange(len(design)) < 2, np.nan, 1.0)[None])
 
 
-def test_a_fixed_degree_needs_its_runs() -> None:
-    way = Regression(TotalDegree(4), runs=10, adaptive=False)
-    with pytest.raises(InputsError, match=r"10 runs.*35 coefficients"):
-        fitted(way, MIXED, lambda x: x[:, 0])
-
-
 # ------------------------------------------------------------------------------ designs
-
-
-def test_points_of_the_law_have_its_moments() -> None:
-    design = drawn(MIXED, 2048, seed=3)
-    fine = Projection(TotalDegree(7)).design(MIXED)
-    for power in (1, 2):
-        expected = fine.weights @ fine.x[:, :3] ** power
-        np.testing.assert_allclose(design.weights @ design.x[:, :3] ** power, expected, rtol=5e-3)
 
 
 def test_induced_points_have_the_induced_density_and_undo_it_by_weights() -> None:
@@ -248,45 +193,6 @@ def test_induced_points_have_the_induced_density_and_undo_it_by_weights() -> Non
         law, mixture = fine.weights @ f(fine.t), (fine.weights * density) @ f(fine.t)
         assert design.weights @ f(design.t) == pytest.approx(law, abs=0.03)
         assert np.mean(f(design.t)) == pytest.approx(mixture, abs=0.03)
-
-
-@pytest.mark.parametrize("law", [NORMAL, box(-1.0, 1.0)])
-@pytest.mark.parametrize(("n", "degree"), [(1, 10), (2, 8), (4, 5), (10, 2)])
-def test_twice_as_many_runs_as_terms_are_well_conditioned(
-    law: tuple[Law, tuple[float, ...]], n: int, degree: int
-) -> None:
-    basis = basis_of(*[law] * n)
-    indices = TotalDegree(degree).indices(basis.limits)
-    design = induced(basis, indices, 2 * len(indices), seed=0)
-    psi = np.sqrt(design.weights)[:, None] * basis.evaluate(design.t, indices)
-    assert np.linalg.cond(psi) < 12.0
-
-
-@pytest.mark.parametrize(
-    "law",
-    [
-        Beta((0.0, 2.0), 0.6, 0.3),
-        Beta((0.0, 1.0), 0.2, 0.3),  # infinite density at both ends
-        Gamma(1.0, 1.0),
-        LogNormal(1.0, 0.5),
-        TruncatedNormal((0.0, 1.0), 0.0, 0.2),
-        Uniform.between(0.0, 1.0),
-    ],
-)
-def test_every_law_serves_an_expansion(law: Law) -> None:
-    values = tuple(h.start for h in law.hyperparameters)
-    basis = basis_of((law, values), NORMAL)
-    found = fitted(
-        Regression(TotalDegree(6)), basis, lambda x: x[:, 0] + x[:, 0] * x[:, 1], lambda x: x[:, 1]
-    )
-    about = law.mean_and_sd(np.array(values))
-    if not isinstance(law, LogNormal):  # x is a polynomial of theta
-        assert found.mean[0] == pytest.approx(about.mean, abs=1e-8)
-        assert found.variance[0] == pytest.approx(2.0 * about.sd**2 + about.mean**2, rel=1e-7)
-    else:
-        assert found.mean[0] == pytest.approx(about.mean, rel=1e-3)
-        assert found.variance[0] == pytest.approx(2.0 * about.sd**2 + about.mean**2, rel=1e-2)
-    assert found.variance[1] == pytest.approx(1.0)
 
 
 # ------------------------------------------------------------------------------ regression
@@ -341,31 +247,6 @@ def borehole(x: Array) -> Array:
     return 2.0 * np.pi * upper * (head_upper - head_lower) / (log * (1.0 + leak + upper / lower))
 
 
-def ten(x: Array) -> Array:
-    """Ten parameters: an exponential of all, an interaction, a cubic interaction."""
-    return np.exp(0.5 * x @ (1.0 / np.arange(1, 11))) + x[:, 0] * x[:, 1] + x[:, 2] ** 2 * x[:, 9]
-
-
-def test_ten_parameters_take_a_thousand_runs() -> None:
-    way, basis = Regression(TotalDegree(3), runs=1000), basis_of(*[box(-1.0, 1.0)] * 10)
-    assert miss(fitted(way, basis, ten), ten) < 2e-5
-
-
-def test_each_experiment_takes_the_degree_that_its_outcome_needs() -> None:
-    basis = basis_of(box(-1.0, 1.0), box(-1.0, 1.0))
-    rng = np.random.default_rng(1)
-    way = Regression(TotalDegree(9), runs=80)
-    design = way.design(basis)
-    noisy = design.x[:, 0] + 0.5 * rng.normal(size=80)
-    smooth = np.exp(design.x[:, 0] * design.x[:, 1])
-    found = way.fit(basis, design, np.stack([noisy, smooth]))
-    degrees = [found.indices[row != 0.0].sum(axis=1).max() for row in found.coefficients]
-    assert degrees[0] <= 2
-    assert degrees[1] >= 6
-    fixed = Regression(TotalDegree(9), runs=80, adaptive=False).fit(basis, design, noisy[None])
-    assert fixed.leave_one_out[0] > found.leave_one_out[0]
-
-
 def cube(n: int, lower: float, upper: float) -> Basis:
     law = Uniform.between(lower, upper)
     return Basis((law,) * n, (np.array([h.start for h in law.hyperparameters]),) * n)
@@ -399,50 +280,6 @@ def test_ishigami() -> None:
         np.testing.assert_allclose(found.second[k], second, atol=1e-4)
         assert found.closed[k, 0, 2] == pytest.approx((v1 + v13) / variance, abs=1e-4)
         assert found.closed[k, 1, 1] == pytest.approx(v2 / variance, abs=1e-4)
-
-
-def test_the_smooth_g_function_of_sobol() -> None:
-    """prod (1 + g_i) with E g_i = 0 has V_i = Var g_i and prod (1 + V_i) - 1 in total.
-
-    Sobol' has g = (|4 x - 2| - 1)/(1 + a), Var 1/(3 (1 + a)^2); with x^2 in place of the kink it is
-    g = (3 x^2 - 1)/(1 + a) on [-1, 1], Var 4/(5 (1 + a)^2), and a polynomial.
-    """
-    a = np.array([0.0, 1.0, 9.0, 99.0])
-    basis, part = cube(4, -1.0, 1.0), 0.8 / (1.0 + a) ** 2
-    found = of(
-        basis,
-        Regression(TotalDegree(8), adaptive=False),
-        lambda x: np.prod(1.0 + (3.0 * x**2 - 1.0) / (1.0 + a), axis=1),
-    )
-    variance = np.prod(1.0 + part) - 1.0
-    np.testing.assert_allclose(found.variance, variance, rtol=1e-9)
-    np.testing.assert_allclose(found.first[0], part / variance, atol=1e-9)
-    for i in range(4):
-        total = part[i] * np.prod(1.0 + np.delete(part, i)) / variance
-        assert found.total[0, i] == pytest.approx(total, abs=1e-9)
-    for i, j in combinations(range(4), 2):
-        assert found.second[0, i, j] == pytest.approx(part[i] * part[j] / variance, abs=1e-9)
-
-
-def test_an_independent_monte_carlo_estimate_agrees() -> None:
-    """Saltelli's and Jansen's estimators of SciPy, with laws that are not uniform."""
-    laws = (Normal(1.0, 0.5), TruncatedNormal((0.0, 2.0), 0.5, 0.8), Normal(0.0, 1.0))
-    basis = Basis(laws, tuple(np.array([h.start for h in law.hyperparameters]) for law in laws))
-
-    def outcome(x: Array) -> Array:
-        return np.asarray(np.exp(0.4 * x[:, 0]) * x[:, 1] + 0.3 * x[:, 2] ** 2 * x[:, 0])
-
-    found = of(basis, Regression(TotalDegree(8)), outcome)
-    peers = [
-        stats.norm(1.0, 0.5),
-        stats.truncnorm(-0.5 / 0.8, 1.5 / 0.8, 0.5, 0.8),
-        stats.norm(0.0, 1.0),
-    ]
-    peer = stats.sobol_indices(
-        func=lambda x: outcome(x.T), n=2**14, dists=peers, rng=np.random.default_rng(0)
-    )
-    np.testing.assert_allclose(found.first[0], peer.first_order, atol=0.01)
-    np.testing.assert_allclose(found.total[0], peer.total_order, atol=0.01)
 
 
 @settings(max_examples=50, deadline=None)

@@ -7,8 +7,6 @@ from math import comb
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from problems import raw_normal, raw_truncated
 from scipy import special
 
@@ -22,8 +20,6 @@ from aleator.moments.quadrature import (
     Smolyak,
     SobolPoints,
     TensorGauss,
-    axes,
-    combined,
 )
 
 BOX = (-1.0, 1.0)
@@ -147,26 +143,6 @@ def test_a_sparse_grid_is_not_exact_beyond(level: int) -> None:
         )
 
 
-def test_a_sparse_grid_is_the_combination_of_tensor_rules() -> None:
-    """Against every difference product of Gauss rules, written down one by one."""
-    inputs, level, d = mixed(), 3, 3
-
-    def outcome(x: Array) -> Array:
-        return np.exp(0.7 * x[:, 0] - x[:, 2] + 0.4 * x[:, 3] * x[:, 0])
-
-    expected = 0.0
-    for levels in product(range(level + 1), repeat=d):
-        left = level - sum(levels)
-        if 0 <= left < d:
-            stacks = [axes(inputs, ALPHA, l + 1) for l in levels]
-            rules = [stacks[0][0], stacks[0][1], stacks[1][2], stacks[2][3]]
-            picks = np.indices([rule.x.size for rule in rules]).reshape(4, -1).T
-            nodes = combined(inputs, ALPHA, rules, picks)
-            expected += (-1) ** left * comb(d - 1, left) * (nodes.weights @ outcome(nodes.x))
-    found = Smolyak(level).nodes(inputs, ALPHA)
-    assert found.weights @ outcome(found.x) == pytest.approx(expected, rel=1e-12)
-
-
 def test_nodes_that_coincide_are_merged() -> None:
     """Level 2: the middle, 4 more on each axis, and (+-1, +-1) on each pair of axes."""
     for n in (1, 2, 5, 10):
@@ -182,25 +158,6 @@ def test_nodes_that_coincide_are_merged() -> None:
     law = Inputs({"w": TruncatedNormal(BOX, 0.0, 0.5), "v": TruncatedNormal(BOX, 0.0, 0.5)})
     start = np.array([0.0, 0.5, 0.0, 0.5])
     assert Smolyak(2).nodes(law, start).weights.size == 3 + 4 + 3 + 2 + 2
-
-
-@settings(max_examples=20, deadline=None)
-@given(
-    powers=st.lists(st.integers(0, 5), min_size=10, max_size=10),
-    values=st.lists(st.floats(-2.0, 2.0), min_size=10, max_size=10),
-)
-def test_ten_parameters_to_total_degree_five(powers: list[int], values: list[float]) -> None:
-    inputs, _ = standard_normals(10)
-    while sum(powers) > 5:
-        powers[int(np.argmax(powers))] -= 1
-    alpha = np.stack([values, 0.5 + 0.1 * np.arange(10)], axis=1).ravel()
-    nodes = Smolyak(2).nodes(inputs, alpha)
-    terms = np.prod(nodes.x ** np.array(powers), axis=1)
-    expected = np.prod(
-        [float(raw_normal(alpha[2 * i], alpha[2 * i + 1], k)) for i, k in enumerate(powers)]
-    )
-    scale = np.abs(nodes.weights) @ np.abs(terms)
-    assert nodes.weights @ terms == pytest.approx(expected, abs=1e-13 * (1.0 + scale))
 
 
 # ------------------------------------------------------------------------------ points
@@ -222,23 +179,6 @@ def test_sobol_points_converge_faster_than_random_ones() -> None:
     random = np.polyfit(np.log(sizes), np.log([errors(MonteCarloPoints, int(j)) for j in sizes]), 1)
     assert sobol < -0.85
     assert random[0] == pytest.approx(-0.5, abs=0.1)
-
-
-def test_random_points_have_the_error_of_monte_carlo() -> None:
-    """sd sqrt((exp(4 0.09) - 1)/J) for the lognormal sum, whose mean is exp(0.18)."""
-    expected = np.exp(0.18) * np.sqrt(np.expm1(0.36) / 1024)
-    # the root mean square of 24 has a relative standard error of 1/sqrt(48)
-    assert errors(MonteCarloPoints, 1024) == pytest.approx(expected, rel=4.0 / np.sqrt(48.0))
-
-
-def test_sobol_points_are_balanced_and_never_infinite() -> None:
-    """Each of the J intervals of equal probability holds one point, in every dimension."""
-    inputs, alpha = standard_normals(10)
-    for seed in range(5):
-        nodes = SobolPoints(1024, seed).nodes(inputs, alpha)
-        assert np.all(np.isfinite(nodes.x))
-        cells = np.sort(np.floor(1024 * special.ndtr(nodes.x)), axis=0)
-        np.testing.assert_array_equal(cells, np.tile(np.arange(1024.0)[:, None], 10))
 
 
 def test_the_probability_grid_misses_the_tails_at_first_order() -> None:

@@ -25,10 +25,6 @@ def power(index: Indices, x: Array) -> Array:
     return 3.0 * x[:, 0] ** (0.5 + index) / x[:, 1]
 
 
-def saturation(index: Indices, x: Array) -> Array:
-    return x[:, 0] / (x[:, 1] + 0.5 + 0.1 * index)
-
-
 @pytest.fixture(scope="module")
 def surface() -> Surface:
     return build_surface(mixed, BOX, 3, ResponseSurface(tolerance=1e-4))
@@ -83,21 +79,6 @@ def test_a_power_law_needs_as_few_runs_as_a_line() -> None:
     x = some_points(50, WIDE)
     exact = [power(np.array(i), x) for i in range(MANY)]
     assert found.evaluate(x) == pytest.approx(np.array(exact), rel=1e-9)
-
-
-def test_saturation_needs_fewer_runs_than_without_logarithms() -> None:
-    """The same function of parameters that are negative has no logarithms."""
-    away = 30.0
-    choice = ResponseSurface(tolerance=1e-3)
-    bent = build_surface(saturation, WIDE, MANY, choice)
-    plain = build_surface(lambda i, x: saturation(i, x + away), WIDE - away, MANY, choice)
-    assert bent.axes.logarithmic.any()
-    assert bent.converged.all()
-    assert 2 * bent.total_runs < plain.total_runs
-    x = some_points(500, WIDE)
-    exact = np.array([saturation(np.array(i), x) for i in range(MANY)])
-    off = np.sqrt(((bent.evaluate(x) - exact) ** 2).mean(axis=1))
-    assert (off < 3e-3 * exact.std(axis=1)).all()
 
 
 def test_a_region_that_comes_to_zero_has_no_logarithm() -> None:

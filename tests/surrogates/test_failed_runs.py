@@ -7,8 +7,6 @@ import pytest
 
 from aleator.core.types import Array, Indices
 from aleator.surrogates import ResponseSurface, Surface, build_surface
-from aleator.surrogates.fit import first_priors, fitted, search, shares, spread
-from aleator.surrogates.surface import products
 
 BOX = np.tile([0.0, 1.0], (2, 1))
 CHOICE = ResponseSurface(tolerance=0.02)
@@ -33,41 +31,6 @@ def true_error(surface: Surface, hole: float = 0.0) -> Array:
     count = len(surface.error)
     truth = waves(np.repeat(np.arange(count), len(x)), np.tile(x, (count, 1)))
     return np.sqrt(((surface.evaluate(x) - truth.reshape(count, -1)) ** 2).mean(axis=1))
-
-
-def test_a_surface_is_that_of_the_runs_that_worked() -> None:
-    z = spread(20, 2)
-    lost = np.array([3, 8, 11])
-    points = 0.5 * (z + 1.0)
-
-    def run(index: Indices, x: Array) -> Array:
-        missing = (np.abs(x[:, None] - points[lost]).max(axis=2) < 1e-12).any(axis=1)
-        return np.where(missing & (index == 1), np.nan, waves(index, x))
-
-    once = ResponseSurface(tolerance=0.9, accuracy=0.99)
-    surface, whole = (build_surface(function, BOX, 2, once) for function in (run, waves))
-    assert surface.runs.tolist() == [20, 20]
-    assert surface.failed.tolist() == [0, 3]
-    assert surface.evaluate(points)[0] == pytest.approx(whole.evaluate(points)[0], abs=1e-12)
-    kept = np.delete(z, lost, axis=0)
-    y = waves(np.ones(17, dtype=int), 0.5 * (kept + 1.0))[:, None]
-    priors, best, _, _ = search(first_priors(2), kept, y, shares(kept))
-    indices, terms = fitted(priors[best[0]], kept, y)
-    x = np.random.default_rng(0).random((1000, 2))
-    gap = surface.evaluate(x)[1] - products(indices, 2.0 * x - 1.0).T @ terms[:, 0]
-    # terms that together are smaller than a tenth of the error are left out
-    assert np.sqrt((gap**2).mean()) < 0.11 * surface.error[1]
-    assert surface.error[1] > whole.error[1]
-
-
-def test_a_hole_in_the_design_raises_the_error() -> None:
-    """The true error counts the hole, where the surface is an extrapolation: estimated by half."""
-    choice = ResponseSurface(tolerance=1e-6, accuracy=0.0, max_runs=40)
-    whole, holed = (build_surface(with_hole(side), BOX, 4, choice) for side in (0.0, 0.4))
-    assert whole.runs.tolist() == holed.runs.tolist()
-    assert (holed.error > 3.0 * whole.error).all()
-    assert (true_error(whole) <= 1.2 * whole.error).all()
-    assert (true_error(holed) <= 3.0 * holed.error).all()
 
 
 def test_runs_that_fail_here_and_there_cost_little() -> None:

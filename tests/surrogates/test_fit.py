@@ -9,7 +9,6 @@ from aleator.surrogates.fit import (
     fitted,
     judged,
     leave_one_out,
-    low_discrepancy,
     shares,
     spread,
     weights,
@@ -104,10 +103,3 @@ def test_the_expected_error_is_the_true_one_for_outcomes_drawn_from_the_prior(no
     fit = judged(PRIOR._replace(noise=noise), z, y)
     true = ((fit.coefficients - draw) ** 2).sum(axis=0)
     assert (fit.expected**2).mean() == pytest.approx(true.mean(), rel=0.1)
-
-
-def test_validation_points_fill_the_box() -> None:
-    points = low_discrepancy(12, 3, np.array([0.1, 0.9, 0.5]))
-    assert points.shape == (12, 3)
-    assert np.abs(points.mean(axis=0)).max() < 0.3
-    assert np.abs(points).max() <= 1.0

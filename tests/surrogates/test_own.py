@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from aleator.core.types import Array, Indices
-from aleator.errors import SimulatorError
 from aleator.surrogates.emulator import OwnSurfaces
 from aleator.surrogates.fit import SmoothnessPrior, continued, judged, shares, spread, weights
 from aleator.surrogates.responses import Run, Samples
@@ -131,13 +130,6 @@ def test_a_hole_raises_the_error_of_a_law_that_lies_in_it_only() -> None:
     assert (failed > 0).all()
 
 
-def test_an_experiment_without_runs_has_an_infinite_error() -> None:
-    state = first(lambda i, x: np.where(i == 1, np.nan, waves(i, x)), 2)
-    state.judge(law())
-    assert np.isinf(state.error).tolist() == [False, True]
-    assert state.rough(0.05, 0.0).tolist()[1]
-
-
 def test_samples_tell_what_failed_from_what_was_never_run() -> None:
     none = Samples.none(2, 2)
     places = np.arange(3)
@@ -148,8 +140,3 @@ def test_samples_tell_what_failed_from_what_was_never_run() -> None:
     assert index.tolist() == [1, 1]
     assert np.array_equal(x, law(3)[[0, 2]])
     assert outcome.tolist() == [1.0, 2.0]
-
-
-def test_a_simulator_of_the_wrong_shape_is_named() -> None:
-    with pytest.raises(SimulatorError, match="outcomes of shape"):
-        first(lambda _, x: x, 2)

@@ -28,12 +28,6 @@ def some_points(count: int) -> NDArray[np.float64]:
     return BOX[:, 0] + np.random.default_rng(2).random((count, 2)) * (BOX[:, 1] - BOX[:, 0])
 
 
-def test_the_surfaces_have_different_sizes(surface: Surface) -> None:
-    assert len(surface.groups) > 1
-    members = np.concatenate([group.members for group in surface.groups])
-    assert sorted(members) == list(range(COUNT))
-
-
 def test_at_equals_evaluate(surface: Surface) -> None:
     x = some_points(40)
     index = np.random.default_rng(3).integers(COUNT, size=40)
@@ -50,14 +44,6 @@ def test_gradient_equals_finite_differences(surface: Surface) -> None:
         step[i] = 1e-5 * width
         difference = (surface.evaluate(x + step) - surface.evaluate(x - step)) / (2.0 * step[i])
         assert slope[:, :, i] == pytest.approx(difference, abs=1e-6)
-
-
-def test_gradient_of_a_polynomial_is_exact() -> None:
-    polynomial = build_surface(lambda _, x: x[:, 0] ** 2 - x[:, 0] * x[:, 1], BOX, 1)
-    x = some_points(30)
-    _, slope = polynomial.evaluate_with_gradient(x)
-    assert slope[0, :, 0] == pytest.approx(2.0 * x[:, 0] - x[:, 1], abs=1e-11)
-    assert slope[0, :, 1] == pytest.approx(-x[:, 0], abs=1e-11)
 
 
 def test_some_experiments_are_those_of_all(surface: Surface) -> None:

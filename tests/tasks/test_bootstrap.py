@@ -46,12 +46,6 @@ def test_percentiles_are_quantiles_and_basic_ones_are_mirrored() -> None:
     assert basic(np.array([3.0]), alpha)[0] == pytest.approx([6.0 - high, 6.0 - low], abs=0.1)
 
 
-def test_without_bias_and_skewness_it_is_the_percentile_interval() -> None:
-    alpha = np.random.default_rng(1).normal(2.0, 1.0, (MANY, 1))
-    found = bias_corrected(np.array([2.0]), alpha, NOTHING)
-    assert found == pytest.approx(percentile(alpha), abs=0.02)
-
-
 def test_a_scale_has_the_interval_of_its_transformation() -> None:
     """Efron 1987, section 3: theta chi2_19 / 19, whose score has the skewness sqrt(8 / 19)."""
     df = 19
@@ -84,13 +78,6 @@ def test_without_replicates_or_on_one_side_nothing_is_known() -> None:
 
 
 HEAD = {"kind": "parametric", "seed": 0, "alpha": [1.0, 0.1], "log_likelihood": -3.5}
-
-
-def test_a_head_is_that_of_the_same_study_up_to_rounding(tmp_path: Path) -> None:
-    kept = ReplicateFile(tmp_path / "replicates.jsonl", HEAD)
-    assert kept.begun() == {}
-    moved = {**HEAD, "alpha": [1.0 + 1e-13, 0.1]}
-    assert ReplicateFile(kept.path, moved).begun() == {}
 
 
 @pytest.mark.parametrize(
@@ -171,11 +158,11 @@ def test_without_noise_and_by_experiments_it_is_the_plain_bootstrap() -> None:
 
 @pytest.mark.slow
 def test_the_answer_does_not_depend_on_workers_and_begins_alike(found: Identification) -> None:
-    here = bootstrap(found, replicates=6, seed=2)
-    there = bootstrap(found, replicates=4, seed=2, workers=2)
+    here = bootstrap(found, replicates=4, seed=2)
+    there = bootstrap(found, replicates=3, seed=2, workers=2)
     assert not there.here
-    assert there.alpha == pytest.approx(here.alpha[:4], rel=1e-9)
-    assert not np.allclose(bootstrap(found, replicates=4, seed=3).alpha, there.alpha)
+    assert there.alpha == pytest.approx(here.alpha[:3], rel=1e-9)
+    assert not np.allclose(bootstrap(found, replicates=3, seed=3).alpha, there.alpha)
 
 
 def test_it_goes_on_where_it_was_stopped(found: Identification, tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from scipy import stats
 
 from aleator import (
     Check,
-    Collocation,
     Experiments,
     Free,
     GradientMultistart,
@@ -20,13 +19,11 @@ from aleator import (
     Inputs,
     Noise,
     Normal,
-    Regression,
-    TotalDegree,
     full,
     identify,
     load,
 )
-from aleator.inference.likelihood_shape import likelihood_curve, likelihood_surface
+from aleator.inference.likelihood_shape import likelihood_surface
 from aleator.tasks.pictures import pictured, responses
 
 COUNT, SD = 60, 0.2
@@ -125,29 +122,6 @@ def test_a_file_gives_the_pictures_back(found: Identification, tmp_path: Path) -
     assert found.pictures["conditions"] == {"maker": ["A", "B"] * (COUNT // 2)}
 
 
-def test_one_outcome_an_experiment_without_noise_has_profiles_too() -> None:
-    found = pictured(identify(
-        lambda x: x, pd.DataFrame({"y": Y[:30]}),
-        Inputs({"x": Normal(Free(0.0, 2.0), Free(0.05, 2.0))}),
-        outcome="y", vectorized=True, verification=Check(0),
-        consistency=False, best_law=False,
-    ))  # fmt: skip
-    assert set(found.pictures["profiles"]) == {"x.mean", "x.sd"}
-    assert found.pictures["predicted"] == {}
-    assert found.pictures["laws"]["x"]["density"]
-
-
-def test_curves_end_at_limits(found: Identification) -> None:
-    fit = found.fit
-    at = np.array([0.0, 0.5, 1.0, 2.0])
-    curve = likelihood_curve(fit.objective(), fit.alpha, fit.hyperparameters, fit.inference, 0, at)
-    assert curve.value.size == 4
-    narrow = likelihood_surface(
-        fit.objective(), fit.alpha, fit.hyperparameters, fit.inference, (0, 1), 5
-    )
-    assert np.nanmax(narrow.value) == pytest.approx(fit.scored().total, abs=0.01)
-
-
 def test_the_response_is_the_simulators_own_and_knows_where_it_has_no_value() -> None:
     rng = np.random.default_rng(2)
     load = np.linspace(1.0, 3.0, 10)
@@ -188,55 +162,3 @@ def test_a_surface_that_limits_cut_is_still_a_surface(found: Identification) -> 
     surface = likelihood_surface(fit.objective(), fit.alpha, fit.hyperparameters, wide, (0, 1), 5)
     assert np.isfinite(surface.value).all()
     assert [np.ptp(surface.first), np.ptp(surface.second)] == pytest.approx([2.0, 1.95])
-
-
-@pytest.mark.parametrize(
-    "propagation", [Collocation(nodes=6), Collocation(nodes=5, moments="expansion"),
-                    Collocation(fit=Regression(TotalDegree(2)))],
-)  # fmt: skip
-def test_with_collocation_the_response_is_that_of_its_runs(propagation: Collocation) -> None:
-    rng = np.random.default_rng(3)
-    load = np.linspace(1.0, 3.0, 12)
-    table = pd.DataFrame({"load": load, "y": load * rng.normal(1.0, 0.2, 12)})
-    made = []
-
-    def simulator(load: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        made.append(load.size)
-        return load * a + b**2
-
-    found = identify(
-        simulator, table, Inputs({"a": Normal(Free(0.8, 1.2), 0.2), "b": Normal(0.0, 0.1)}),
-        outcome="y", propagation=propagation, vectorized=True, verification=Check(0),
-        search=GradientMultistart(1), consistency=False, best_law=False,
-    )  # fmt: skip
-    needed = len(made)
-    response = responses(found.fit)
-    assert len(made) == needed  # a picture makes no run
-    a, b = (np.array(response["nodes"][name]) for name in "ab")
-    assert a.size == b.size > 5
-    loads = dict(zip(found.fit.table.ids, load, strict=True))
-    for entry in response["shown"]:
-        assert entry["values"] == pytest.approx(loads[entry["id"]] * a + b**2, rel=1e-4)
-
-
-def test_of_a_series_the_first_the_middle_and_the_last_row_are_shown() -> None:
-    rng = np.random.default_rng(2)
-    times = {f"s{k}": np.arange(1.0 + k % 4) for k in range(12)}  # one to four rows
-    frame = pd.DataFrame([{"id": id, "time": t} for id, own in times.items() for t in own])
-    frame["y"] = 1.0 + 2.0 * frame["time"] + rng.normal(0.0, 0.3, len(frame))
-    found = identify(
-        lambda time, a: a + 2.0 * time, Experiments.from_frame(frame, outcome="y"),
-        Inputs({"a": Normal(Free(0.0, 2.0), Free(0.01, 1.0))}), noise=Noise(0.1),
-        vectorized=True, verification=Check(0), consistency=False, best_law=False,
-    )  # fmt: skip
-    response = responses(found.fit)
-    a, shown = np.array(response["over"]["a"]), response["shown"]
-    places = {id: [e["place"] for e in shown if e["id"] == id] for id in {e["id"] for e in shown}}
-    for id, told in places.items():
-        assert told == {1: ["last"], 2: ["first", "last"]}.get(
-            len(times[id]), ["first", "middle", "last"]
-        )
-    for entry in shown:
-        time = frame["time"][entry["row"] - 1]
-        assert frame["id"][entry["row"] - 1] == entry["id"]
-        assert entry["curves"]["a"] == pytest.approx(a + 2.0 * time, rel=1e-4)

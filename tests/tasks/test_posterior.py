@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from pathlib import Path
@@ -11,13 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray
-from click.testing import CliRunner
 from identifications import unjudged
 from scipy import stats
 
 import aleator
 from aleator import Check, Free, Identification, Inputs, Noise, Normal, Posterior, posterior
-from aleator.cli import main
 from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, installing
 from aleator.laws import Constant, Law
@@ -70,11 +67,6 @@ def require_normal(made: Posterior, truth: stats.rv_continuous) -> None:
 
 def test_a_noisy_normal_mean_has_its_conjugate_posterior(drawn: Posterior) -> None:
     require_normal(drawn, conjugate(SD**2 + NOISE**2))
-
-
-def test_so_has_an_exact_one_by_the_density_of_the_outcome() -> None:
-    law = Normal(Free(-10.0, 10.0, prior=PRIOR), SD)
-    require_normal(posterior(identified(law), draws=80, chains=2, seed=1), conjugate(SD**2))
 
 
 def test_the_same_seed_gives_the_same_draws_however_many(drawn: Posterior, few: Posterior) -> None:
@@ -139,16 +131,6 @@ def test_few_draws_are_not_called_converged(few: Posterior) -> None:
     assert "--draws" in few.verdict
 
 
-def test_an_unsound_identification_and_broken_trajectories_are_told(drawn: Posterior) -> None:
-    from dataclasses import replace
-
-    chains = replace(drawn.chains, divergent=np.ones_like(drawn.chains.divergent))
-    told = replace(
-        drawn, chains=chains, sound=False, consistent=False, nodes_error=0.5, outside=0.3
-    )
-    assert len(told.warnings) == 5
-
-
 def test_misuse_is_told(found: Identification, tmp_path: Path) -> None:
     with pytest.raises(InputsError, match="too few"):
         posterior(found, draws=5)
@@ -170,64 +152,3 @@ def test_without_the_extra_it_says_how_to_install(
         posterior(found, draws=10, chains=2)
     assert told.value.remedy == installing("bayes")
     assert {"mici", "arviz-base", "arviz-stats"} <= set(re.findall(r"[\w-]+", told.value.remedy))
-
-
-@pytest.mark.parametrize("package", ["arviz_base", "h5netcdf"])
-def test_so_says_the_export(
-    package: str, drawn: Posterior, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(AleatorError, match=package):
-        drawn.save(tmp_path / "posterior.nc")
-
-
-STUDY = """\
-title = "Springs"
-[experiments]
-file = "springs.csv"
-outcome = "y"
-[simulator]
-function = "model.py:direct"
-vectorized = true
-[parameters.x]
-law = "normal"
-mean = {lower = -10, upper = 10, prior = {law = "normal", mean = 1.5, sd = 0.1}}
-sd = 0.4
-[noise]
-sd = 0.3
-"""
-
-
-@pytest.fixture
-def study(tmp_path: Path) -> Path:
-    (tmp_path / "study.toml").write_text(STUDY)
-    (tmp_path / "model.py").write_text("def direct(z, x): return x + 0.0 * z\n")
-    frame = pd.DataFrame({"id": range(COUNT), "z": 0.0, "y": MEASURED})
-    frame.to_csv(tmp_path / "springs.csv", index=False)
-    return tmp_path / "study.toml"
-
-
-def test_the_command_writes_draws_table_and_netcdf(study: Path) -> None:
-    out = study.parent / "out"
-    command = ["posterior", str(study), "--draws", "20", "--chains", "2", "--output", str(out)]
-    done = CliRunner().invoke(main, [*command, "--no-store"])
-    assert done.exit_code == 0, done.output
-    document = json.loads((out / "posterior.json").read_text())
-    assert document["priors"] == ["x.mean"]
-    assert document["verdict"] in " ".join(done.stdout.split())
-    frame = pd.read_csv(out / "posterior.csv")
-    assert frame.shape == (40, 5)
-    assert document["hyperparameters"]["x.mean"]["mean"] == pytest.approx(frame["x.mean"].mean())
-    assert document["fixed"] == {"x.sd": SD, "noise.sd": NOISE}
-    with xarray.open_datatree(out / "posterior.nc", engine="h5netcdf") as read:
-        assert read["posterior"]["x.mean"].shape == (2, 20)
-
-
-def test_the_command_asks_for_the_extra_before_anything_is_computed(
-    study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "mici", None)
-    done = CliRunner().invoke(main, ["posterior", str(study), "--output", str(study.parent / "o")])
-    assert done.exit_code == 2
-    assert installing("bayes") in " ".join(done.stderr.split())
-    assert not (study.parent / "o").exists()

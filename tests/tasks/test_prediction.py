@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 from problems import BINDING, GROWTH, NOISY, PRODUCT, REGRESSION, Problem, title
 from scipy import stats
 
 from aleator import (
     By,
-    Collocation,
+    Check,
     Free,
-    Gaussian,
+    GradientMultistart,
+    Identification,
     Inputs,
     MaximumEntropy,
     Noise,
@@ -75,30 +75,6 @@ def test_predicted_quantiles_of_a_bounded_law_are_the_exact_ones() -> None:
         np.testing.assert_allclose(table[column], BINDING.z * law.ppf(p), rtol=1e-3)
 
 
-def test_more_moments_bring_the_quantiles_of_a_lognormal_outcome_nearer() -> None:
-    """Quantiles of exp(z x) in closed form; skewness 1.3 and kurtosis 6 at the largest z."""
-    _, sd, _ = GROWTH.exact_moments(2)
-    mean, scatter = GROWTH.alpha
-    theta = stats.norm.ppf(QUANTILES)
-    exact = np.exp(GROWTH.z[:, None] * (mean + scatter * theta))
-    worst = []
-    for density in (Gaussian(), MaximumEntropy(4), MaximumEntropy(6)):
-        table = predicted(GROWTH, density=density)
-        worst.append(np.abs(table[COLUMNS].to_numpy() - exact).max(axis=0) / sd.max())
-    # in standard deviations: 0.24 at the lower end with two moments, 0.09 with four, 0.03 with six
-    assert worst[0][0] > 0.2
-    assert worst[1].max() < 0.1
-    assert worst[2][:4].max() < 0.035
-    # ... and 0.08 at the upper end, where six moments leave a bump
-    assert worst[2][4] < 0.1
-
-
-def test_noise_is_part_of_the_prediction() -> None:
-    table = predicted(NOISY)
-    _, sd, _ = NOISY.exact_moments(2)
-    np.testing.assert_allclose(table["standard_deviation"], np.hypot(sd, NOISY.noise_sd), rtol=1e-3)
-
-
 def test_noise_without_further_choices_goes_by_the_law_of_the_parameters() -> None:
     """The same moments, and quantiles of z x + e with x truncated normal, by a fine sum."""
     table = predicted(NOISY)
@@ -143,30 +119,8 @@ def test_a_law_that_follows_covariates_is_predicted_by_its_identification() -> N
     assert "found.predict" in caught.value.remedy
 
 
-def test_collocation_predicts_the_same() -> None:
-    one, other = predicted(GROWTH), predicted(GROWTH, propagation=Collocation(nodes=20))
-    _, sd, _ = GROWTH.exact_moments(2)
-    np.testing.assert_allclose(one["mean"], other["mean"], atol=0.01 * sd.min())
-    assert np.all(np.abs(one["q0.5"] - other["q0.5"]) < 0.02 * sd)
-
-
-def test_prediction_covers_what_the_law_draws() -> None:
-    """Draws of the law itself fall below each predicted quantile as often as it says."""
-    many = replace(NOISY, z=np.full(4000, 1.3))
-    table = predicted(replace(NOISY, z=np.array([1.3])))
-    y = many.draw(1)
-    for p, column in zip(QUANTILES, COLUMNS, strict=True):
-        # four standard errors of a share of 4000, and what the density of four moments errs
-        share = np.mean(y <= table[column][0])
-        assert abs(share - p) < 4.0 * np.sqrt(p * (1.0 - p) / 4000) + 0.005
-
-
 @pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ({"x.sd": None}, "x.sd"),
-        ({"x.men": 1.0}, "did you mean 'x.mean'"),
-    ],
+    ("change", "named"), [({"x.sd": None}, "x.sd"), ({"x.men": 1.0}, "did you mean 'x.mean'")]
 )
 def test_alpha_must_fit_the_model(change, named) -> None:
     alpha = {"x.mean": 0.3, "x.sd": 0.2, **change}
@@ -190,10 +144,77 @@ def test_a_law_beyond_its_limits_is_refused(wrong: float) -> None:
             predict(lambda load, x: load * x, new, law, alpha, noise=Noise(Free(0.01, 0.5)))
 
 
-def test_a_prediction_says_which_way_it_went() -> None:
-    table = predict(
-        lambda load, a: a * load, pd.DataFrame({"load": [1.0, 2.0]}),
-        Inputs({"a": Normal(1.0, 0.2)}), {"a.mean": 1.0, "a.sd": 0.2, "noise.sd": 0.1},
-        noise=Noise(0.1), vectorized=True,
+# -------------------------------------------------------------------- with the uncertainty of alpha
+
+N = 12
+LOAD = np.linspace(1.0, 3.0, N)
+SCORES = stats.norm.ppf((np.arange(N) + 0.5) / N)[np.random.default_rng(3).permutation(N)]
+TABLE = pd.DataFrame({"load": LOAD, "y": LOAD * (1.0 + 0.1 * SCORES)})
+NEW = pd.DataFrame({"load": [2.0, 10.0]})
+ENDS = (0.025, 0.5, 0.975)
+
+
+@pytest.fixture(scope="module")
+def found() -> Identification:
+    """y = load x without noise: x itself is seen, a normal sample of twelve."""
+    return unjudged(
+        lambda load, x: load * x, TABLE, Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))}),
+        outcome="y", vectorized=True, search=GradientMultistart(1), verification=Check(0),
     )  # fmt: skip
-    assert table.attrs["propagation_reason"] == "the simulator takes arrays"
+
+
+def test_a_new_value_of_a_normal_sample_has_students_t(found: Identification) -> None:
+    """(y/load - mean)/(s sqrt(1 + 1/N)) has t with N - 1 degrees of freedom (Geisser, 1993)."""
+    x = TABLE["y"] / TABLE["load"]
+    exact = x.mean() + stats.t.ppf(ENDS, N - 1) * x.std() * np.sqrt(1.0 + 1.0 / N)
+    told = found.predict(NEW, uncertainty=found.draws(1024, by_likelihood=True))
+    for row, load in enumerate(NEW["load"]):
+        quantiles = told.loc[row, [f"q{p:g}" for p in ENDS]].to_numpy(float)
+        assert quantiles / load == pytest.approx(exact, abs=0.04 * x.std())
+    approximate = found.predict(NEW)
+    narrow = found.predict(NEW, uncertainty=False)
+    for name in ("q0.025", "q0.975"):
+        away = [abs(t.loc[0, name] / 2.0 - x.mean()) for t in (told, approximate, narrow)]
+        assert away[0] > away[1] > away[2]
+
+
+def test_the_median_has_the_interval_of_the_mean(found: Identification) -> None:
+    told = found.predict(NEW)
+    interval = found.intervals.loc["x.mean"].to_numpy()
+    ends = told[["q0.5.lower", "q0.5.upper"]].to_numpy()
+    assert ends == pytest.approx(np.outer(NEW["load"], interval), rel=5e-3)
+
+
+def test_conditions_beyond_the_tested_ones_are_told(found: Identification) -> None:
+    assert found.predict(NEW)["beyond"].tolist() == pytest.approx([0.0, 3.5])
+
+
+def test_with_noise_both_kinds_of_uncertainty_add_up() -> None:
+    rng = np.random.default_rng(0)
+    rows = pd.DataFrame({"id": np.repeat(np.arange(15), 4), "t": np.tile([0.0, 1, 2, 3], 15)})
+    x = np.repeat(rng.normal(1.0, 0.3, 15), 4)
+    rows["y"] = x + rows["t"] + rng.normal(0.0, 0.2, 60)
+    found = unjudged(
+        lambda t, x: x + t, rows, Inputs({"x": Normal(Free(0.0, 2.0), Free(0.01, 2.0))}),
+        outcome="y", vectorized=True, noise=Noise(Free(0.01, 1.0)), search=GradientMultistart(1),
+        verification=Check(0),
+    )  # fmt: skip
+    told = found.predict(pd.DataFrame({"t": [1.0]}))
+    fixed = found.predict(pd.DataFrame({"t": [1.0]}), uncertainty=False)
+    e = found.draws()
+    variance = (
+        e.weights @ (e.alpha[:, 1] ** 2 + e.alpha[:, 2] ** 2)
+        + e.weights @ (e.alpha[:, 0] - e.weights @ e.alpha[:, 0]) ** 2
+    )
+    assert told["standard_deviation"][0] == pytest.approx(np.sqrt(variance), rel=2e-3)
+    assert fixed["standard_deviation"][0] == pytest.approx(
+        np.hypot(found.values["x.sd"], found.values["noise.sd"]), rel=2e-3
+    )
+    known = found.predict(pd.DataFrame({"t": [5.0]}), of="3", noise=False)
+    mean = found.individuals.loc["3", "x.mean"]
+    assert known["mean"][0] == pytest.approx(5.0 + mean, abs=0.02)
+    assert known["beyond"][0] == pytest.approx(2.0 / 3.0)
+    alone = found.predict(pd.DataFrame({"t": [5.0]}), of="3", noise=False, uncertainty=False)
+    ratio = known["standard_deviation"][0] / alone["standard_deviation"][0]
+    assert 1.0 < ratio < 1.1
+    assert abs(known["skewness"][0]) < 0.1

@@ -1,4 +1,4 @@
-"""A known law, found again: bias and coverage over virtual data sets."""
+"""A known law, found again in virtual data: bias, coverage, and bounds like those measured."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from problems import BINDING, SAMPLE, Problem
+from individual_cases import ALPHA, PAIR, straight_line, table
+from problems import SAMPLE, Problem
 
-from aleator import Gaussian, GradientMultistart, MaximumEntropy
+from aleator import Experiments, Free, Gaussian, GradientMultistart, MaximumEntropy, Noise
 from aleator.errors import InputsError
+from aleator.inference.likelihood_at import censored_alike
 from aleator.observations.experiments import Conditions
+from aleator.observations.responses import Observations, Response
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.tasks.recover import Recovery, recover
 
 
-def recovered(problem: Problem, truth: dict[str, float], replicates: int, **more) -> Recovery:
+def recovered_of(problem: Problem, truth: dict[str, float], replicates: int, **more) -> Recovery:
     conditions = Conditions.from_frame(pd.DataFrame({"z": problem.z}))
     simulator = FunctionSimulator(problem.simulator, vectorized=True)
     density = more.pop("density", MaximumEntropy(4))
@@ -33,54 +36,16 @@ def recovered(problem: Problem, truth: dict[str, float], replicates: int, **more
     )
 
 
-@pytest.fixture(scope="module")
-def normal() -> Recovery:
-    problem = replace(SAMPLE, z=np.zeros(50))
-    return recovered(problem, {"x.mean": 1.0, "x.sd": 0.6}, 60, density=Gaussian(), seed=1)
-
-
-@pytest.mark.long
-def test_a_normal_sample_is_recovered_with_the_scatter_of_the_books(normal) -> None:
-    table = normal.table()
-    assert table.index.tolist() == ["x.mean", "x.sd"]
-    assert normal.converged.all()
-    # the scatter over 60 data sets is known to 9 %: four of them
-    assert table["scatter"]["x.mean"] == pytest.approx(0.6 / 50**0.5, rel=0.37)
-    assert table["scatter"]["x.sd"] == pytest.approx(0.6 / 100**0.5, rel=0.37)
-    assert abs(table["bias"]["x.mean"]) < 4.0 * table["bias_error"]["x.mean"]
-    # maximum likelihood divides by N: E sd = sd (1 - 3/(4 N)) to first order
-    expected = -0.6 * 0.75 / 50
-    assert abs(table["bias"]["x.sd"] - expected) < 4.0 * table["bias_error"]["x.sd"]
-
-
-@pytest.mark.long
-def test_intervals_of_a_normal_sample_cover_as_they_say(normal) -> None:
-    """60 intervals of 95 %: fewer than 51 hold the truth once in 500."""
-    assert normal.table()["coverage"].min() >= 51 / 60
-    width = np.diff(normal.intervals, axis=2)[:, 0, 0]
-    assert np.all(width > 0.0)
-
-
-@pytest.mark.long
-def test_a_binding_box_is_recovered() -> None:
-    problem = replace(BINDING, z=np.linspace(0.5, 2.0, 60))
-    found = recovered(problem, {"x.mean": 0.6, "x.sd": 0.25}, 24, seed=2)
-    table = found.table()
-    assert np.all(np.abs(table["bias"]) < 4.0 * table["bias_error"] + 0.01)
-    # 24 intervals of 95 %: fewer than 19 hold the truth once in 300
-    assert table["coverage"].min() >= 19 / 24
-
-
 def test_the_answer_depends_on_the_seed_and_not_on_the_number_of_workers() -> None:
     problem = replace(SAMPLE, z=np.zeros(15))
     truth = {"x.mean": 1.0, "x.sd": 0.6}
-    one = recovered(problem, truth, 3, density=Gaussian(), seed=5)
-    two = recovered(problem, truth, 3, density=Gaussian(), seed=5)
+    one = recovered_of(problem, truth, 3, density=Gaussian(), seed=5)
+    two = recovered_of(problem, truth, 3, density=Gaussian(), seed=5)
     np.testing.assert_array_equal(one.alpha, two.alpha)
     np.testing.assert_array_equal(one.intervals, two.intervals)
-    other = recovered(problem, truth, 3, density=Gaussian(), seed=6)
+    other = recovered_of(problem, truth, 3, density=Gaussian(), seed=6)
     assert not np.array_equal(one.alpha, other.alpha)
-    shared = recovered(problem, truth, 3, density=Gaussian(), seed=5, workers=2)
+    shared = recovered_of(problem, truth, 3, density=Gaussian(), seed=5, workers=2)
     np.testing.assert_array_equal(one.alpha, shared.alpha)
     np.testing.assert_array_equal(one.intervals, shared.intervals)
 
@@ -95,5 +60,83 @@ def test_the_answer_depends_on_the_seed_and_not_on_the_number_of_workers() -> No
 )
 def test_misuse_is_named(truth, replicates, named) -> None:
     with pytest.raises(InputsError, match=named) as caught:
-        recovered(SAMPLE, truth, replicates)
+        recovered_of(SAMPLE, truth, replicates)
     assert caught.value.remedy
+
+
+# ------------------------------------------------------------------------------ series
+
+
+NOISE = Noise(Free(0.01, 5.0))
+TRUTH = dict(
+    zip(["a.mean", "a.sd", "b.mean", "b.sd", "correlation.a.b", "noise.sd"], ALPHA, strict=True)
+)
+
+
+def line(time, a, b):
+    return straight_line(time, (a, b))
+
+
+def recovered_series(frame: pd.DataFrame, replicates: int, **more):
+    return recover(
+        line, Experiments.from_frame(frame, outcome="y", id="id"), PAIR, TRUTH,
+        vectorized=True, noise=NOISE, search=GradientMultistart(starts=1), replicates=replicates,
+        **more,
+    )  # fmt: skip
+
+
+def test_a_law_of_series_is_recovered() -> None:
+    """The sample means of the parameters scatter as sqrt((variance + error^2)/N) at least."""
+    frame = pd.DataFrame(
+        [{"id": str(l), "time": t, "y": 0.0} for l in range(24) for t in (0.0, 1.0, 2.0, 3.0)]
+    )
+    found = recovered_series(frame, 6, seed=3)
+    told = found.table()
+    assert found.converged.all()
+    design = np.stack([np.ones(4), [0.0, 1.0, 2.0, 3.0]], axis=1)
+    spread = ALPHA[5] ** 2 * np.linalg.inv(design.T @ design)
+    for name, place in (("a", 0), ("b", 1)):
+        exact = np.sqrt((TRUTH[f"{name}.sd"] ** 2 + spread[place, place]) / 24)
+        assert abs(told.loc[f"{name}.mean", "bias"]) < 4.0 * exact / np.sqrt(6)
+        assert 0.3 * exact < told.loc[f"{name}.mean", "scatter"] < 2.2 * exact
+    assert told.loc["noise.sd", "mean"] == pytest.approx(ALPHA[5], rel=0.15)
+    assert told["coverage"].mean() > 0.75
+
+
+def test_a_truth_outside_the_limits_is_told() -> None:
+    with pytest.raises(InputsError, match=r"noise.sd"):
+        recover(
+            line, Experiments.from_frame(table(straight_line), outcome="y", id="id"), PAIR,
+            TRUTH | {"noise.sd": 9.0}, vectorized=True, noise=NOISE, replicates=2,
+        )  # fmt: skip
+
+
+def observed(lower, upper) -> Observations:
+    each = np.arange(len(lower))
+    return Observations(each, each, 0 * each, lower, upper, (Response("y"),))
+
+
+RNG = np.random.default_rng(0)
+INF = np.inf
+
+
+def test_one_common_bound_is_a_limit_of_the_test() -> None:
+    seen = observed([1.0, 5.0, 2.0, 5.0], [1.0, INF, 2.0, INF])
+    made = censored_alike(seen, np.array([6.0, 3.0, 4.0, 7.0]), RNG)
+    assert made.lower.tolist() == [5.0, 3.0, 4.0, 5.0]
+    assert made.upper.tolist() == [INF, 3.0, 4.0, INF]
+
+
+def test_bounds_that_differ_hold_for_their_own_values() -> None:
+    seen = observed([1.0, 5.0, -INF, -INF], [1.0, INF, 2.0, 3.0])
+    made = censored_alike(seen, np.array([4.0, 6.0, 1.0, 3.5]), RNG)
+    assert made.lower.tolist() == [4.0, 5.0, -INF, 3.5]
+    assert made.upper.tolist() == [4.0, INF, 2.0, 3.5]
+
+
+def test_intervals_keep_their_width_and_hold_the_value() -> None:
+    seen = observed([1.0, 2.0], [1.5, 2.0])
+    y = np.array([7.0, 8.0])
+    made = censored_alike(seen, y, RNG)
+    assert made.upper - made.lower == pytest.approx([0.5, 0.0])
+    assert np.all((made.lower <= y) & (y <= made.upper))

@@ -42,12 +42,7 @@ def loaded(count: int = 40) -> pd.DataFrame:
 
 @pytest.mark.parametrize(
     "copied",
-    [
-        lambda y: y / 25.4,
-        lambda y: -np.exp(0.1 * y),
-        lambda y: np.round(y, 1),
-        lambda y: y.rank(),
-    ],
+    [lambda y: y / 25.4, lambda y: -np.exp(0.1 * y), lambda y: np.round(y, 1), lambda y: y.rank()],
 )
 def test_another_unit_a_rounded_value_and_a_rank_are_copies(copied) -> None:  # type: ignore[no-untyped-def]
     frame = loaded().assign(other=lambda t: copied(t["y"]))

@@ -12,10 +12,8 @@ from benchmarks.findings import CASES, judge
 @pytest.mark.parametrize(
     "name",
     [
-        "a mean known wrongly", "noise known wrongly", "a lognormal law", "a gross error",
-        "a mean with a drift", "another curve", "an sd of its own on one bench",
-        "noise that grows", "errors that depend on each other", "subjects by a column",
-        "parameters that are correlated", "loud by hot, plain, 3, 0.1",
+        "a mean known wrongly", "noise known wrongly", "a lognormal law", "another curve",
+        "an sd of its own on one bench", "noise that grows", "errors that depend on each other",
     ],
 )  # fmt: skip
 def test_a_wrong_model_is_found_and_the_cause_is_named_first(name: str) -> None:
@@ -27,13 +25,13 @@ def test_a_wrong_model_is_found_and_the_cause_is_named_first(name: str) -> None:
 
 
 def test_noise_three_times_as_large_in_a_third_of_the_experiments_is_found() -> None:
-    entries = [judge("loud by hot, plain, 1, 0.3", seed) for seed in range(7000, 7020)]
-    assert sum(e["wrong"]["consistent"] is False for e in entries) >= 16
+    entries = [judge("loud by hot, plain, 1, 0.3", seed) for seed in range(7000, 7010)]
+    assert sum(e["wrong"]["consistent"] is False for e in entries) >= 8
 
 
 def test_heavy_tails_under_free_means_are_not_called_likeness_of_groups() -> None:
     name = "Student's noise, free means"
-    for seed in range(7000, 7005):
+    for seed in range(7000, 7003):
         rng = np.random.default_rng([seed, *name.encode()])
         found = CASES[name].wrong(CASES[name].draw(rng), seed)
         alike = [t for t in found.tests if (t.kind, t.column) == ("groups", "load")]

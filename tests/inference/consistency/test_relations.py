@@ -6,17 +6,7 @@ import pytest
 from normal_levels import judged
 from scipy import stats
 
-from aleator import (
-    Check,
-    Free,
-    GradientMultistart,
-    Identification,
-    Inputs,
-    MaximumEntropy,
-    Noise,
-    Normal,
-    identify,
-)
+from aleator import Check, Free, Identification, Inputs, Noise, Normal, identify
 
 N, TIMES, SPREAD, NOISE = 30, np.array([0.0, 1.0, 2.0]), np.array([0.3, 0.4]), 0.3
 DESIGN = np.stack([np.ones(3), TIMES], axis=1)
@@ -97,18 +87,3 @@ def test_a_table_sorted_by_what_single_experiments_are_has_no_order() -> None:
     consistency = judged(a[:, None] + 0.02 * rng.standard_normal((40, 3)), half=np.arange(40) % 2)
     assert [r.other for r in consistency.relations] == ["half"]
     assert consistency.consistent
-
-
-def test_two_parameters_without_noise_are_in_no_pair() -> None:
-    """One exact outcome an experiment tells neither by itself."""
-    rng = np.random.default_rng(0)
-    c = np.linspace(0.0, 3.0, 12)
-    y = 1.5 + 0.3 * rng.standard_normal(12) + (1.0 + 0.4 * rng.standard_normal(12)) * c
-    laws = {"a": Normal(Free(0.0, 3.0), 0.3), "b": Normal(Free(-1.0, 3.0), Free(0.05, 1.0))}
-    consistency = identify(
-        lambda c, a, b: a + b * c, pd.DataFrame({"c": c, "y": y}), Inputs(laws), outcome="y",
-        vectorized=True, density=MaximumEntropy(4), search=GradientMultistart(2),
-        verification=Check(0), best_law=False,
-    ).consistency  # fmt: skip
-    assert consistency.consistent is not None
-    assert consistency.relations == ()

@@ -3,13 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from individual_cases import (
-    ALPHA,
-    decay,
-    likelihood_of,
-    straight_line,
-    table,
-)
+from individual_cases import ALPHA, decay, likelihood_of, straight_line, table
 from scipy import integrate, stats
 
 from aleator import Constant, Free, Inputs, Noise, Normal
@@ -34,7 +28,7 @@ def exact_linear(frame, alpha):
     return np.array(total)
 
 
-def by_grid(model, own, alpha, points=801, reach=8.0):
+def by_grid(model, own, alpha, points=401, reach=8.0):
     """log L of one experiment by the trapezoidal rule over both variates."""
     xi = np.linspace(-reach, reach, points)
     first, second = np.meshgrid(xi, xi, indexing="ij")
@@ -91,8 +85,8 @@ def test_it_converges_to_the_integral_as_nodes_are_added():
 def test_nodes_of_the_law_miss_an_experiment_that_is_sharper_than_the_law():
     alpha = ALPHA * [1.0, 1.0, 1.0, 1.0, 1.0, 0.03]
     frame = table(decay, alpha)
-    frame = frame[frame.groupby("id")["y"].transform("size") > 3].reset_index(drop=True)
-    wanted = [by_grid(decay, own, alpha, 2501, 6.0) for _, own in frame.groupby("id", sort=False)]
+    frame = frame[frame.groupby("id")["y"].transform("size") > 4].reset_index(drop=True)
+    wanted = [by_grid(decay, own, alpha, 1601, 5.0) for _, own in frame.groupby("id", sort=False)]
     law = likelihood_of(decay, frame, nodes=21)
     assert np.abs(law.evaluate(alpha).each - wanted).max() > 1.0
     adapted = law.by(GaussHermite(9), alpha)

@@ -6,7 +6,7 @@ import pytest
 from individual_cases import likelihood_of
 from scipy import stats
 
-from aleator import Experiments, Free, Inputs, Normal
+from aleator import Experiments, Free, Inputs, Noise, Normal
 from aleator.fit.certain import CERTAINTY, inferred
 from aleator.fit.settle import Settled, climbed, settled
 from aleator.inference.fit import Fit
@@ -14,10 +14,7 @@ from aleator.likelihood.individual import GaussHermite, LawPoints, PlanePanels
 from aleator.search import Optimum, SearchResult
 
 TWO = Inputs(
-    {
-        "a": Normal(Free(-3.0, 3.0), Free(0.01, 3.0)),
-        "b": Normal(Free(-3.0, 3.0), Free(0.01, 3.0)),
-    }
+    {"a": Normal(Free(-3.0, 3.0), Free(0.01, 3.0)), "b": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))}
 )
 ALPHA = np.array([0.6, 0.4, 0.3, 0.3, 0.05])
 """Means and sds of a and b, and the sd of the noise."""
@@ -59,7 +56,7 @@ def exact(model, time, y, alpha) -> np.ndarray:
         given = stats.norm.sf(0.0, mean + (y - mean) * own / whole, np.sqrt(own / whole) * noise)
         below = stats.norm.cdf(0.0, mean, np.sqrt(own)) * stats.norm.pdf(y, 0.0, noise)
         return np.log(below + stats.norm.pdf(y, mean, np.sqrt(whole)) * given)
-    a = np.linspace(m - 9.0 * s, m + 9.0 * s, 40_001)[:, None]
+    a = np.linspace(m - 9.0 * s, m + 9.0 * s, 10_001)[:, None]
     slope = time if model is bend else np.tanh((time - a) / 0.05)
     mean = np.abs(a - time) + n * time if model is bend else n * slope
     given = stats.norm.pdf(y, mean, np.hypot(slope * v, noise))
@@ -83,7 +80,7 @@ def differences(model, frame: pd.DataFrame, alpha: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.02])
-@pytest.mark.parametrize("model", [line, kink, jump, bend, front])
+@pytest.mark.parametrize("model", [kink, jump, bend, front])
 def test_panels_integrate_what_is_not_smooth(model, noise: float) -> None:
     frame, alpha = drawn(model, noise), np.array([*ALPHA[:4], noise])
     each = likelihood_of(model, frame, TWO).by(PlanePanels(), alpha).evaluate(alpha).each
@@ -145,7 +142,7 @@ def test_their_score_counts_what_moves_across(model) -> None:
 
 
 def test_an_answer_at_a_kink_is_the_exact_one() -> None:
-    frame = drawn(kink, 0.05)
+    frame = drawn(kink, 0.05, 10)
     end = settled(likelihood_of(kink, frame, TWO), ALPHA)
     assert isinstance(end.likelihood.rule, PlanePanels)
     own = frame["time"].to_numpy(), frame["y"].to_numpy()
@@ -171,11 +168,12 @@ def search_of(end: Settled) -> SearchResult:
 def test_at_the_ends_of_intervals_the_exact_likelihood_has_dropped_as_told() -> None:
     frame = drawn(front, 0.05, 12)
     time, y = frame["time"].to_numpy(), frame["y"].to_numpy()
-    end = settled(likelihood_of(front, frame, TWO), ALPHA)
+    means = Inputs({"a": Normal(Free(-3.0, 3.0), 0.4), "b": Normal(Free(-3.0, 3.0), 0.3)})
+    end = settled(likelihood_of(front, frame, means, noise=Noise(0.05)), ALPHA)
     assert isinstance(end.likelihood.rule, PlanePanels)
     end, _, _, profile = inferred(end, search_of(end))
     top, told = exact(front, time, y, end.alpha).sum(), np.argwhere(profile.drops > 0.0)
-    assert len(told) >= 5
+    assert len(told) == 4
     for k, side in told:
         point, drop = profile.points[k, side], profile.drops[k, side]
         assert point[k] == profile.intervals[k, side]

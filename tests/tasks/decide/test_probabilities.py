@@ -78,21 +78,19 @@ def test_both_sides_of_a_failure_count() -> None:
     assert 1.0 - between.probability == pytest.approx(2.0 * stats.norm.sf(4.5), rel=0.05)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("fast", [True, False])
-def test_the_error_is_that_of_curved_limit_states(fast: bool) -> None:
+def test_the_error_is_that_of_curved_limit_states() -> None:
     """z over parabolas a + k b^2 > c and rings, whose tails are integrals over b or closed."""
     z = []
-    for k, c in product((0.05, 0.15, 0.25), (2.5, 3.5, 4.5)):
+    for k, c in product((0.05, 0.25), (2.5, 4.5)):
         exact = integrate.quad(
             lambda b, k=k, c=c: stats.norm.sf(c - k * b**2) * stats.norm.pdf(b), -12.0, 12.0
         )[0]
-        where = ground(lambda load, a, b, k=k: load * (a + k * b**2), PAIR, fast=fast)
+        where = ground(lambda load, a, b, k=k: load * (a + k * b**2), PAIR)
         told = found(where, above(c), known(PAIR))
         assert told.probability == pytest.approx(exact, rel=0.06)
         z.append((told.probability - exact) / told.error)
-    for square in (8.0, 18.0, 30.0):
-        where = ground(lambda load, a, b: load * (a**2 + b**2), PAIR, fast=fast)
+    for square in (8.0, 30.0):
+        where = ground(lambda load, a, b: load * (a**2 + b**2), PAIR)
         told = found(where, above(square), known(PAIR))
         z.append((told.probability - stats.chi2.sf(square, 2)) / told.error)
     assert np.sqrt(np.mean(np.square(z))) < 1.4
@@ -144,7 +142,6 @@ def test_runs_correct_a_surface_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -
     right = ground(lambda load, a: load * a, ALONE)
     near = Near.of(right, 0, draws)
     wrong = Near.of(ground(lambda load, a: load * a - 0.1, ALONE), 0, draws)
-    assert wrong.surface is not None
     mixed = replace(near, surface=wrong.surface)
     change = corrected(mixed, draws, above(1.9), of_law(mixed).joined, 400)
     exact = stats.norm.sf(1.9) - stats.norm.sf(2.0)
@@ -202,9 +199,9 @@ def by_cells(response: Callable[..., np.ndarray], limit: float) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", [(-3.1, 0.2), (-2.0, 2.6)])
-def test_a_hill_off_the_design_point_is_part_of_the_event(place: tuple[float, float]) -> None:
-    """The crest of the first is 0.016 above the limit: nine tenths of the probability."""
+def test_a_hill_off_the_design_point_is_part_of_the_event() -> None:
+    """The crest is 0.016 above the limit: nine tenths of the probability."""
+    place = (-3.1, 0.2)
     where = ground(bump(place, 0.5), PAIR)
     told = found(where, above(4.9), known(PAIR), 20)
     exact = by_cells(bump(place, 0.5), 4.9)
@@ -242,7 +239,6 @@ def test_checks_that_change_the_probability_leave_it_unsettled(
     assert found(where, jump, draws, 20).status == "solved"
     near = Near.of(where, 0, draws)
     wrong = Near.of(ground(lambda load, a: load * a - 0.08, ALONE), 0, draws)
-    assert wrong.surface is not None
     doubtful(monkeypatch)
     told = probability(replace(near, surface=wrong.surface), draws, jump, 400)
     assert told.status == "unsettled"

@@ -1,7 +1,8 @@
-"""Identifications at the edges: boxes and limits that bind, constants, weak lines, refusals."""
+"""Identifications at the edges: limits that bind, weak directions, what is told and refused."""
 
 from __future__ import annotations
 
+import time as clock
 from dataclasses import replace
 from typing import Any
 
@@ -9,9 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from identifications import Array, estimates, identified, maximum, unjudged
+from individual_cases import PAIR, straight_line, table
 from problems import BINDING, REGRESSION, SAMPLE
-from scipy import stats
 
+import aleator
 from aleator import (
     Check,
     Collocation,
@@ -19,6 +21,7 @@ from aleator import (
     Experiments,
     Free,
     GradientMultistart,
+    Identification,
     Inputs,
     Noise,
     Normal,
@@ -26,7 +29,8 @@ from aleator import (
     TruncatedNormal,
     identify,
 )
-from aleator.errors import AleatorError, ExperimentsError, InputsError
+from aleator.errors import AleatorError, ExperimentsError
+from aleator.observations.outcomes import Censoring
 
 # ------------------------------------------------------------------------------ a binding box
 
@@ -47,8 +51,6 @@ def test_a_binding_box_is_identified_as_by_the_exact_likelihood() -> None:
     assert np.all(np.abs(estimates(found) - alpha) < 0.01 * error)
     assert found.sound
     verified, told = found.log_likelihood.verified, found.log_likelihood.verified_standard_error
-    assert verified is not None
-    assert told is not None
     assert abs(verified - value) < 4.0 * told
     # outcomes on the edge of the box used to have half of their density
     assert told < 1.0
@@ -64,17 +66,6 @@ def test_an_unreachable_outcome_is_named_with_its_remedy() -> None:
     with pytest.raises(ExperimentsError, match="experiment 5: ") as caught:
         identified(problem, y)
     assert "noise" in caught.value.remedy
-
-
-def test_too_few_experiments_are_refused() -> None:
-    problem = replace(REGRESSION, z=np.array([0.0, 1.0, 2.0]))
-    with pytest.raises(InputsError, match=r"\b3 .*\b4 "):
-        identified(problem, np.array([1.0, 3.0, 5.0]))
-
-
-def test_a_frame_needs_the_name_of_its_outcome() -> None:
-    with pytest.raises(InputsError, match="outcome"):
-        unjudged(lambda z, x: z * x, pd.DataFrame({"z": [1.0], "y": [1.0]}), SAMPLE.inputs)
 
 
 def test_a_known_constant_is_no_parameter_of_the_surface() -> None:
@@ -132,14 +123,13 @@ def test_an_answer_on_a_limit_says_so_and_keeps_an_interval() -> None:
     mean = found.alpha["x.mean"]
     assert mean.at_bound == "upper"
     assert mean.standard_error is None
-    assert mean.interval is not None
     assert mean.interval[1] == pytest.approx(0.5)
     assert ("bounds", ("x.mean",)) in [(w.about, w.concerns) for w in found.warnings]
 
 
 SUM = replace(
     REGRESSION,
-    z=np.ones(30),
+    z=np.ones(15),
     inputs=Inputs(
         {
             "a": Normal(mean=Free(-5.0, 5.0), sd=Free(0.05, 3.0)),
@@ -150,12 +140,7 @@ SUM = replace(
 
 
 @pytest.mark.parametrize(
-    "propagation",
-    [
-        Collocation(nodes=5),
-        ResponseSurface(),
-    ],
-    ids=["collocation", "surface"],
+    "propagation", [Collocation(nodes=5), ResponseSurface()], ids=["collocation", "surface"]
 )
 def test_a_sum_of_parameters_is_told_as_a_direction_and_not_sound(propagation) -> None:
     found = identified(SUM, SUM.draw(12), propagation=propagation)
@@ -165,48 +150,6 @@ def test_a_sum_of_parameters_is_told_as_a_direction_and_not_sound(propagation) -
     assert "search" in [w.about for w in found.warnings]
     assert all(e.interval is None and e.standard_error is None for e in found.alpha.values())
     assert not found.sound
-
-
-@pytest.mark.parametrize(
-    "propagation",
-    [
-        Collocation(nodes=5),
-        ResponseSurface(),
-    ],
-    ids=["collocation", "surface"],
-)
-def test_intervals_of_a_weak_line_are_those_of_the_books(propagation) -> None:
-    """Intercept and slope over a short range of z, each known to a sixth of its limits."""
-    z = np.linspace(1.0, 1.1, 60)
-    y = 1.0 + 2.0 * z + 0.7 * np.random.default_rng(0).standard_normal(60)
-    inputs = Inputs(
-        {"a": Normal(mean=Free(-20.0, 20.0), sd=Free(0.05, 3.0)), "b": Constant(Free(-20.0, 20.0))}
-    )
-    found = unjudged(
-        lambda z, a, b: a + b * z, pd.DataFrame({"z": z, "y": y}), inputs, outcome="y",
-        vectorized=True, propagation=propagation, search=GradientMultistart(4),
-        verification=Check(0),
-    )  # fmt: skip
-    design = np.stack([np.ones(60), z], axis=1)
-    coefficients, rss, *_ = np.linalg.lstsq(design, y)
-    variance = np.diag(np.linalg.inv(design.T @ design)) * float(rss[0]) / 60
-    half = np.sqrt(60 * variance * np.expm1(stats.chi2.ppf(0.95, 1) / 60))
-    for k, name in enumerate(("a.mean", "b.value")):
-        interval = found.alpha[name].interval
-        assert interval is not None
-        # an end is found to 0.02 standard errors of the root
-        expected = coefficients[k] + half[k] * np.array([-1.0, 1.0])
-        np.testing.assert_allclose(interval, expected, atol=0.06 * variance[k] ** 0.5)
-
-
-def test_a_study_in_which_nothing_scatters_is_refused() -> None:
-    with pytest.raises(InputsError):
-        unjudged(
-            lambda z, k: k * z,
-            pd.DataFrame({"z": [1.0, 2.0], "y": [1.0, 2.1]}),
-            Inputs({"k": Constant(Free(0.0, 5.0))}),
-            outcome="y",
-        )
 
 
 @pytest.mark.parametrize(
@@ -225,3 +168,118 @@ def test_what_is_no_value_of_aleator_is_misuse(name: str, value: Any) -> None:
             lambda load, x: load * x, given["table"], given["inputs"],
             outcome="y", noise=given["noise"],
         )  # fmt: skip
+
+
+# ---------------------------------------------------------------- incomplete data, and other maxima
+
+
+FRAME = table(straight_line, experiments=12)
+NOISE = Noise(Free(0.01, 5.0))
+LATE = 2.8
+ONE = Inputs({"a": Normal(Free(-10.0, 10.0), Free(0.01, 5.0))})
+
+
+def line(time, a, b):
+    return a + b * time
+
+
+def identified_series(
+    model, frame, inputs=PAIR, vectorized=True, starts=2, samples=1000, surfaces=None, **keys
+) -> Identification:
+    experiments = Experiments.from_frame(frame, outcome="y", id="id", **keys)
+    return unjudged(
+        model, experiments, inputs, vectorized=vectorized, noise=NOISE,
+        search=GradientMultistart(starts=starts), verification=Check(samples),
+        propagation=aleator.ResponseSurface(surfaces=surfaces),
+    )  # fmt: skip
+
+
+def told(found: Identification, *words: str) -> tuple[str, ...]:
+    """What the warning with these words concerns."""
+    (warning,) = (w for w in found.warnings if all(word in w.message for word in words))
+    return warning.concerns
+
+
+def early(time, a, b):
+    return np.where(time > LATE, np.nan, a + b * time)
+
+
+def slowly_early(time, a, b):
+    if time > LATE:
+        raise ValueError("no convergence")
+    clock.sleep(0.0025)
+    return a + b * time
+
+
+@pytest.fixture(scope="module")
+def without_late() -> Identification:
+    return identified_series(line, FRAME[FRAME["time"] <= LATE])
+
+
+@pytest.mark.parametrize("model", [early, slowly_early])
+def test_observations_without_a_run_are_left_out_and_told(
+    model, without_late: Identification
+) -> None:
+    late = FRAME["time"] > LATE
+    found = identified_series(model, FRAME, vectorized=model is early, samples=64)
+    same = without_late
+    assert found.log_likelihood.estimated == pytest.approx(same.log_likelihood.estimated, abs=0.01)
+    assert len(found.observations) == len(FRAME) - late.sum()
+    assert set(told(found, "no run gives")) == set(FRAME.loc[late, "id"])
+    assert found.sound
+
+
+def test_censored_values_above_half_are_told() -> None:
+    bound = float(FRAME["y"].quantile(0.4))
+    cut = FRAME["y"] > bound
+    frame = FRAME.assign(y=FRAME["y"].clip(upper=bound), status=np.where(cut, "over", ""))
+    censoring = Censoring("status", right="over")
+    found = identified_series(
+        lambda time, a: a - 0.5 * time, frame, ONE, conditions=["time"], censored=censoring
+    )
+    assert told(found, "only bounds are known") == ()
+
+
+@pytest.mark.parametrize("surfaces", ["none", "own"])
+def test_two_maxima_are_told(surfaces: str) -> None:
+    """y = x^2 t says nothing of the sign of x; surfaces are made exact about one maximum only."""
+    rng = np.random.default_rng(4)
+    frame = pd.DataFrame(
+        [
+            {"id": str(l), "time": t, "y": x**2 * t + 0.1 * rng.normal()}
+            for l, x in enumerate(1.5 + 0.2 * rng.normal(size=10))
+            for t in (1.0, 2.0, 3.0)
+        ]
+    )
+    inputs = Inputs({"x": Normal(Free(-4.0, 4.0), Free(0.01, 2.0))})
+    found = identified_series(
+        lambda time, x: x**2 * time, frame, inputs, starts=6, surfaces=surfaces
+    )
+    assert told(found, "two maxima", "x.mean") == ("x.mean",)
+
+
+def test_one_maximum_is_not_called_several(without_late: Identification) -> None:
+    assert not any("maxima" in warning.message for warning in without_late.warnings)
+
+
+@pytest.mark.parametrize(
+    "choice",
+    [
+        {"density": aleator.Gaussian()},
+        {"propagation": aleator.Collocation(nodes=5)},
+        {"propagation": aleator.ResponseSurface(surfaces="shared")},
+        {"propagation": aleator.ResponseSurface(nodes=20)},
+    ],
+    ids=["gaussian", "collocation", "shared", "nodes"],
+)
+@pytest.mark.parametrize("frame", [FRAME, FRAME.groupby("id").head(1)], ids=["series", "single"])
+def test_what_is_of_exact_outcomes_is_refused_before_any_run(choice, frame) -> None:
+    def never(time, a):  # noqa: ARG001
+        raise AssertionError
+
+    for noise in (aleator.Noise(0.1), NOISE):
+        with pytest.raises(aleator.AleatorError, match=r"exact outcome.*\n?.*leave \["):
+            unjudged(never, frame, ONE, outcome="y", noise=noise, **choice)
+    new = pd.DataFrame({"time": [1.0]})
+    with pytest.raises(aleator.AleatorError, match="exact outcome"):
+        aleator.predict(never, new, ONE, {}, noise=NOISE, **choice)

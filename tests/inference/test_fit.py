@@ -1,4 +1,4 @@
-"""A fit draws data that its own likelihood recognizes, and finds the maximum of other data."""
+"""A fit draws data that its likelihood recognizes, and climbs to the maximum of other data."""
 
 from __future__ import annotations
 
@@ -182,3 +182,45 @@ def test_a_step_along_a_ridge_never_ends_lower() -> None:
     end = stepped(begun)
     assert begun.scored().total < end.scored().total
     assert np.any(end.alpha != begun.alpha)
+
+
+# -------------------------------------------------------------- replicates of very many experiments
+
+LOADS = np.repeat(np.linspace(1.0, 3.0, 31), 10)
+
+
+@pytest.fixture(scope="module")
+def very_many():
+    """Exact outcomes z exp(a): log(y / z) is normal."""
+    a = 0.2 + 0.3 * np.random.default_rng(8).standard_normal(LOADS.size)
+    law = Inputs({"a": Normal(Free(-0.5, 1.0), Free(0.02, 1.0))})
+    return unjudged(
+        lambda z, a: z * np.exp(a), pd.DataFrame({"z": LOADS, "y": LOADS * np.exp(a)}), law,
+        outcome="y", vectorized=True, verification=Check(0),
+    )  # fmt: skip
+
+
+def test_probabilities_are_those_of_the_lognormal_law(very_many) -> None:
+    fit = very_many.fit.for_replicates()
+    exact = stats.norm.cdf(np.log(fit.table.outcomes / LOADS), *fit.alpha)
+    np.testing.assert_allclose(fit.probabilities(), exact, atol=1e-4)
+    other = fit.drawn(np.random.default_rng(3))
+    again = stats.norm.cdf(np.log(other.table.outcomes / LOADS), *other.alpha)
+    np.testing.assert_allclose(other.probabilities(), again, atol=1e-4)
+
+
+def test_the_maximum_stays_within_a_tenth_of_a_standard_error(very_many) -> None:
+    fit = very_many.fit
+    moved = (fit.for_replicates().alpha - fit.alpha) / fit.inference.standard_error
+    assert np.max(np.abs(moved)) < 0.1
+    assert (
+        fit.for_replicates().likelihood.problem.levels.cells < fit.likelihood.problem.levels.cells
+    )
+
+
+def test_each_experiment_is_drawn_at_a_point_of_its_own(very_many) -> None:
+    """Points that all share end where the farthest of very many experiments does not."""
+    drawn = very_many.fit.drawn(np.random.default_rng(4))
+    a = np.log(drawn.table.outcomes / LOADS)
+    assert np.unique(a.round(9)).size == LOADS.size
+    assert stats.kstest(a, "norm", very_many.fit.alpha).pvalue > 1e-3
