@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 from aleator.core.types import Array
 from aleator.errors import AleatorError, nearest
 from aleator.results.result import Result
-from aleator.tasks.identification import Identification
-from aleator.tasks.pictures import pictured
+from aleator.tasks.identification import Identification, pictured
 from aleator.views import law_charts, outcome_charts
 from aleator.views.axes import draw, empty_figure, styled
 from aleator.views.chart import Chart

@@ -28,9 +28,10 @@ from aleator import (
 from aleator.core.types import Array
 from aleator.results.answer import answer
 from aleator.results.printed import fragment
-from aleator.tasks.pictures import pictured, profile_line
+from aleator.tasks.identification import pictured
 from aleator.views import figures as identification
 from aleator.views.identification import render
+from aleator.views.law_charts import profile_line
 
 RNG = np.random.default_rng(2028)
 

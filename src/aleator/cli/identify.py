@@ -36,7 +36,7 @@ from aleator.results.answer import answer
 from aleator.results.schema import read_answer, read_ceiling
 from aleator.simulators import Budget
 from aleator.study import load_study
-from aleator.tasks.pictures import pictured
+from aleator.tasks.identification import pictured
 from aleator.views.figures import save_figures
 from aleator.views.identification import render
 

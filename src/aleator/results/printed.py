@@ -239,6 +239,12 @@ class Thresholds:
     """Times the volume of the box from which leaving an experiment out is worth a thought."""
     rare: float = 1e-3
     """Probabilities below are written with a power of ten."""
+    missed: float = 0.01
+    """Share of the variance that a good expansion of a screening misses at most."""
+    confounded: float = 0.96
+    """Alignment above which two parameters are hard to tell apart: their collinearity index
+    1/sqrt(1 - |alignment|) is then above 5, from where on Brun, Reichert and Kuensch (Water Resour.
+    Res. 37 (2001)) see trouble."""
 
 
 THRESHOLDS = Thresholds()

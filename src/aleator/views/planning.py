@@ -23,8 +23,6 @@ from aleator.results.printed import (
     percent,
 )
 from aleator.results.units import label
-from aleator.tasks.first_look import LOOK
-from aleator.tasks.screen import SCREEN
 
 Document = Mapping[str, Any]
 
@@ -120,7 +118,7 @@ def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
 
     def share(row: Document) -> float:
         widths = {name: ends[1] - ends[0] for name, ends in document["measured"].items()}
-        return max(float(m / max(widths[name], LOOK.tiny)) for name, m in row["moves"].items())
+        return max(float(m / (widths[name] or 1.0)) for name, m in row["moves"].items())
 
     strongest = max(document["parameters"], key=share)["name"]
     return (
@@ -228,7 +226,7 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
                 "linear effect is the straight part of what one standard deviation does, in the "
                 "outcome's unit; what bends, as x^2 about zero, is seen in the shares only. "
                 "Alignment is the cosine between the linear effects of two parameters over the "
-                f"experiments: beyond {SCREEN.confounded:g} the experiments hardly tell them apart."
+                f"experiments: beyond {THRESHOLDS.confounded:g} these hardly tell them apart."
             ),
         ]
     rough = ""
@@ -236,7 +234,7 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
         rough = "; the expansions are rough"
         parts.append(
             Sentence(
-                f"more than one in ten misses over {SCREEN.good:.0%} of the variance. Shares "
+                f"more than one in ten misses over {THRESHOLDS.missed:.0%} of the variance. Shares "
                 f"smaller than that mean little; allow more runs (--runs {4 * expansion['runs']}).",
                 "warning", "The expansions are rough",
             )

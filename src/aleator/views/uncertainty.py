@@ -22,7 +22,6 @@ from aleator.results.printed import (
     with_error,
 )
 from aleator.results.units import label
-from aleator.tasks.bootstrap import ARRIVED, PARAMETRIC
 
 Document = Mapping[str, Any]
 
@@ -32,8 +31,8 @@ Document = Mapping[str, Any]
 
 def bootstrap(document: Document) -> Content:
     """Estimate, standard error, bias and interval of each hyperparameter, of bootstrap.json."""
-    arrived, size = document["statuses"].get(ARRIVED, 0), document["replicates"]
-    parametric = document["kind"] == PARAMETRIC
+    arrived, size = document["statuses"].get("arrived", 0), document["replicates"]
+    parametric = document["kind"] == "parametric"
     drawn = (
         "drawn under the identified law and noise"
         if parametric

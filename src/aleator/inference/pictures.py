@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 from scipy import stats
-from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGridInterpolator
 
-from aleator.core.progress import Progress, Silent
+from aleator.core.progress import Progress
 from aleator.core.types import Array, Indices
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.fit import Fit
@@ -28,10 +27,8 @@ from aleator.inference.likelihood_shape import (
 from aleator.laws import Law, Mixture
 from aleator.laws.inputs import Inputs
 from aleator.laws.inputs import drawn as of_law
+from aleator.results.result import Result
 from aleator.results.values import REPORTED, Estimate
-
-if TYPE_CHECKING:
-    from aleator.tasks.identification import Identification
 
 
 @dataclass(frozen=True)
@@ -99,43 +96,6 @@ def _shortest(values: Any, digits: int) -> Any:
     if isinstance(values, list):
         return [_shortest(value, digits) for value in values]
     return float(f"{values:.{digits}g}") if np.isfinite(values) else None
-
-
-def profile_line(
-    at: Array, below: Array, settings: PictureSettings = PICTURES
-) -> tuple[Array, Array]:
-    """A line through the points of a profile: its signed root is nearly straight.
-
-    `below` is how far the log-likelihood is below its maximum at the values `at`, in ascending
-    order; the line's ordinate is minus that.
-
-    >>> x, y = profile_line(np.array([-3.0, 0.0, 2.0]), np.array([4.5, 0.0, 2.0]))
-    >>> bool(np.allclose(y, -0.5 * x**2))
-    True
-    """
-    known = np.isfinite(below) & (np.diff(at, prepend=-np.inf) > 0.0)
-    at, below = at[known], below[known]
-    if at.size < 2:
-        return at, -below
-    root = np.sign(at - at[np.argmin(below)]) * np.sqrt(2.0 * np.maximum(below, 0.0))
-    x = np.union1d(np.linspace(at[0], at[-1], settings.curve), at)
-    return x, -0.5 * PchipInterpolator(at, root)(x) ** 2
-
-
-def finer(grid: Array, settings: PictureSettings = PICTURES) -> Array:
-    """A square grid with steps between its points: smooth, or straight where some are unknown.
-
-    >>> side = np.arange(4.0)
-    >>> steps = PICTURES.steps
-    >>> bool(np.allclose(finer(np.add.outer(side, side**2))[::steps, 1], side + 1 / steps**2))
-    True
-    """
-    at = np.arange(float(len(grid)))
-    fine = np.linspace(0.0, at[-1], settings.steps * (len(grid) - 1) + 1)
-    if np.all(np.isfinite(grid)):
-        return np.asarray(RectBivariateSpline(at, at, grid)(fine, fine))
-    between = np.meshgrid(fine, fine, indexing="ij")
-    return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
 
 
 def law_bands(
@@ -443,46 +403,31 @@ def _original(fit: Fit, m: int, values: Array, digits: int | None = None) -> Any
     return drawn(shown) if digits is None else drawn(shown, digits)
 
 
-STAGE = "pictures"
+def pictures(
+    result: Result,
+    fit: Fit,
+    draws: AlphaDraws,
+    progress: Progress,
+    settings: PictureSettings = PICTURES,
+) -> dict[str, Any]:
+    """What the report of a result draws beside its numbers, from its fit; no run is made.
 
-
-def pictured(
-    found: Identification, progress: Progress | None = None, settings: PictureSettings = PICTURES
-) -> Identification:
-    """The identification with what its report draws: `pictures`, by its fit, without runs.
-
-    `conditions` of each experiment, `laws` with the uncertainty of alpha, `contours` of two
-    parameters, `profiles` of the likelihood and its `surface` over the two estimates that are told
-    apart worst, the simulator's `response` over the parameters and the `roughness` of its
+    `conditions` of each experiment, `laws` with the uncertainty of alpha by its `draws`, `contours`
+    of two parameters, `profiles` of the likelihood and its `surface` over the two estimates that
+    are told apart worst, the simulator's `response` over the parameters, the `roughness` of its
     surfaces, and `predicted` quantiles of each observation under the law. Cost: seconds.
-    Raises AleatorError where the identification was read from a file.
-
-    >>> import pandas as pd
-    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
-    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
-    >>> law = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
-    >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
-    ...                  verification=Check(0))
-    >>> sorted(pictured(found).pictures)
-    ['conditions', 'contours', 'laws', 'predicted', 'profiles', 'response', 'roughness', 'surface']
     """
-    progress = progress or Silent()
-    fit = found.fit
-    progress.stage(STAGE)
-    return replace(
-        found,
-        pictures={
-            "conditions": _conditions(fit, settings),
-            "laws": law_bands(fit.inputs, found.draws(settings.laws), fit.count, settings=settings),
-            "contours": law_contours(fit.inputs, fit.alpha, settings=settings),
-            **likelihood_shapes(fit, found.alpha, progress.update, settings=settings),
-            "response": responses(fit, settings=settings),
-            "roughness": []
-            if fit.likelihood.roughness is None
-            else drawn(fit.likelihood.roughness),
-            "predicted": _predicted(fit, settings) if found.observations else {},
-        },
-    )
+    progress.stage("pictures")
+    rough = fit.likelihood.roughness
+    return {
+        "conditions": _conditions(fit, settings),
+        "laws": law_bands(fit.inputs, draws, fit.count, settings),
+        "contours": law_contours(fit.inputs, fit.alpha, settings),
+        **likelihood_shapes(fit, result.alpha, progress.update, settings),
+        "response": responses(fit, settings),
+        "roughness": [] if rough is None else drawn(rough),
+        "predicted": _predicted(fit, settings) if result.observations else {},
+    }
 
 
 def _conditions(fit: Fit, settings: PictureSettings) -> dict[str, list[Any]]:
