@@ -35,10 +35,9 @@ from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.derived import Derivation, Derived, derived
 from aleator.simulators.fmu import FMUSimulator
-from aleator.study.kinds import TOLD, ChosenKind, in_toml
+from aleator.study.kinds import FAULT, ChosenKind, LawSection, in_toml
 from aleator.study.sections import (
     ExperimentsSection,
-    LawSection,
     StudyFile,
     columns_of,
     pairs,
@@ -72,7 +71,7 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
     if context.get("key"):
         location = f"{location}.{context['key']}" if location else str(context["key"])
     key = f"key '{location}'"
-    if kind == TOLD:
+    if kind == FAULT:
         return f"{key}{context['problem']}", str(context["remedy"])
     if kind == "missing":
         name = location.rpartition(".")[2]

@@ -37,12 +37,28 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import PydanticCustomError
+from scipy import stats
 
 from aleator.errors import AleatorError, StudyError, nearest
-from aleator.laws import By, Free, Specification
+from aleator.laws import (
+    OPEN,
+    Beta,
+    By,
+    Constant,
+    Free,
+    Gamma,
+    Law,
+    LogNormal,
+    Mixture,
+    Normal,
+    ScipyLaw,
+    Specification,
+    TruncatedNormal,
+    Uniform,
+)
 
-TOLD = "told"
-"""The type of the errors that say themselves what is wrong with a key."""
+FAULT = "fault"
+"""The type of pydantic's errors that bring their own message, with a remedy."""
 
 
 class Section(BaseModel):
@@ -67,10 +83,8 @@ class Section(BaseModel):
         return {key: getattr(self, key) for key in self.model_fields_set}
 
 
-def _law(value: Any) -> Any:
-    """A law by its keys; the table of laws is made with these sections, and therefore later."""
-    from aleator.study.sections import LAWS
-
+def _law(value: Any) -> ChosenKind[Law]:
+    """A law by its keys. The table of laws follows below, for it is made with these sections."""
     return LAWS.read(value)
 
 
@@ -101,24 +115,24 @@ class FreeSection(Section):
 
 def fault(problem: str, remedy: str, key: str = "") -> PydanticCustomError:
     """What is wrong with a table, or with a key of it, and what to do about it."""
-    return _told(key, f": {problem}", remedy)
+    return _error(key, f": {problem}", remedy)
 
 
 def missing(key: str, remedy: str) -> PydanticCustomError:
     """A key that a table lacks."""
-    return _told(key, " is missing", remedy)
+    return _error(key, " is missing", remedy)
 
 
 def unknown(key: str, value: object, known: Sequence[str], group: str) -> PydanticCustomError:
     """A key whose value is none of those that there are, nor of the plug-ins' in the group."""
     problem = f" = {in_toml(value)} is not known{nearest(str(value), known)}"
     remedy = f"choose one of {', '.join(known)}, or install the plug-in with this entry point"
-    return _told(key, problem, f"{remedy} of {group}")
+    return _error(key, problem, f"{remedy} of {group}")
 
 
-def _told(key: str, problem: str, remedy: str) -> PydanticCustomError:
+def _error(key: str, problem: str, remedy: str) -> PydanticCustomError:
     context = {"key": key, "problem": problem, "remedy": remedy}
-    return PydanticCustomError(TOLD, "{key}{problem}", context)
+    return PydanticCustomError(FAULT, "{key}{problem}", context)
 
 
 def in_toml(value: object, most: int = 60) -> str:
@@ -398,7 +412,7 @@ def _section(maker: Callable[..., Any], key: str, common: type[Section]) -> type
         if name in keys or name in common.model_fields:
             raise TypeError(f"its argument '{name}' is a key of every kind")
         required = parameter.default is parameter.empty
-        kind = _in_toml(_types(maker).get(name, Any))
+        kind = _key_type(_types(maker).get(name, Any))
         if _is_known(kind):
             keys[name] = (kind, ... if required else parameter.default)
         elif required:
@@ -415,26 +429,22 @@ def _types(maker: Callable[..., Any]) -> dict[str, Any]:
     return get_type_hints(made, include_extras=True)
 
 
-def _in_toml(hint: Any) -> Any:
+def _key_type(hint: Any) -> Any:
     """The type of the key for an argument of this type; what is read becomes the argument."""
     parts = get_args(hint)
     if hint is Path:
-        return Annotated[str, AfterValidator(_path)]
+        return Annotated[str, AfterValidator(lambda text: Path(text))]
     if get_origin(hint) is tuple:
         least, most = (0, None) if parts[-1] is ... else (len(parts), len(parts))
         size = Field(min_length=least, max_length=most)
-        item = _in_toml(parts[0])
+        item = _key_type(parts[0])
         return Annotated[list[item], size, AfterValidator(tuple)]  # type: ignore[valid-type]
     if get_origin(hint) not in (Union, UnionType):
         return hint
     if Free in parts:
         rest = [part for part in parts if part not in (Free, float)]
         return Union[Annotated[LawSpec, AfterValidator(specification)], *rest]
-    return Union[*(_in_toml(part) for part in parts)]
-
-
-def _path(text: str) -> Path:
-    return Path(text)
+    return Union[*(_key_type(part) for part in parts)]
 
 
 def _is_known(kind: Any) -> bool:
@@ -453,3 +463,83 @@ def _origin(point: EntryPoint) -> str:
 
 def _described(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".rstrip(": ")
+
+
+# ------------------------------------------------------------------------------------ laws
+
+
+def uniform(
+    box: tuple[float, float] | None = None,
+    mean: Specification | None = None,
+    sd: Specification | None = None,
+) -> Uniform:
+    """A uniform law: known between the ends of a box, or identified by its mean and sd."""
+    if box is None:
+        return Uniform(OPEN if mean is None else mean, OPEN if sd is None else sd)
+    if mean is not None or sd is not None:
+        raise StudyError(
+            "a uniform law has either a box, and is then known, or mean and sd",
+            "delete box, or mean and sd",
+        )
+    return Uniform.between(*box)
+
+
+def scipy_law(
+    distribution: str,
+    args: dict[str, float] | None = None,
+    mean: Specification | None = None,
+    sd: Specification | None = None,
+) -> ScipyLaw:
+    """A continuous distribution of scipy.stats, known or moved and scaled."""
+    kind = getattr(stats, distribution, None)
+    if not isinstance(kind, stats.rv_continuous):
+        names = [name for name, one in vars(stats).items() if isinstance(one, stats.rv_continuous)]
+        raise StudyError(
+            f'distribution = "{distribution}": scipy.stats has no continuous '
+            f"distribution of that name{nearest(distribution, names)}",
+            'write its name in scipy.stats, such as distribution = "weibull_min"',
+        )
+    given, shapes = args or {}, (kind.shapes or "").replace(",", " ").split()
+    lacking = [name for name in shapes if name not in given]
+    strange = [name for name in given if name not in (*shapes, "loc", "scale")]
+    for name in strange + lacking:
+        problem = "needs it" if name in lacking else "does not take it"
+        raise StudyError(
+            f'args.{name}: "{distribution}" {problem}',
+            f"its arguments are {', '.join([*shapes, 'loc', 'scale'])}",
+        )
+    return ScipyLaw(kind(**given), mean, sd)
+
+
+def mixture(
+    components: tuple[Annotated[ChosenKind[Law], PlainValidator(_law)], ...],
+    shares: tuple[Specification, ...] | None = None,
+    folder: Path = Path(),
+) -> Mixture:
+    """A mixture of laws, each a table of its own."""
+    return Mixture(tuple(component.build(folder) for component in components), shares)
+
+
+class LawSection(Section):
+    """Keys of every law: `unit` is that of the parameter, shown on axes and in tables."""
+
+    unit: str = ""
+
+
+LAWS: Kinds[Law] = Kinds(
+    "aleator.laws",
+    "law",
+    {
+        "truncated_normal": TruncatedNormal,
+        "normal": Normal,
+        "uniform": uniform,
+        "beta": Beta,
+        "gamma": Gamma,
+        "lognormal": LogNormal,
+        "scipy": scipy_law,
+        "mixture": mixture,
+        "constant": Constant,
+    },
+    common=LawSection,
+)
+"""`law = "..."`: the laws of a parameter."""

@@ -9,8 +9,8 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-from aleator.study.kinds import Kinds
-from aleator.study.sections import LAWS, StudyFile
+from aleator.study.kinds import LAWS, Kinds
+from aleator.study.sections import StudyFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _KINDS = "x-kinds"
