@@ -46,37 +46,23 @@ PAIRS = (
 class ChartSettings:
     """Sizes of marks and charts, in pixels of a page; by what the eye sees.
 
-    thin, line, strong: widths of a thin line, of a curve, and of the curve within which lies half
-    of a law. halo: the width of what is under a line of width `over` over a map, so that it is
-    seen; cross: the same under a cross. faint: how dense a color is that others are seen through.
-    dot, large: sizes of a mark and of one that is to be seen first. tick, target, node, failed:
-    those of ticks and crosses, of what the mouse meets, of values at nodes and of failed runs.
-    low, map, series, predicted: heights of charts.
-    cell: size of a cell of a map over the step to the next: no seams. bar: width of a bar over the
-    step to the next. spans: the width of all bars of predictions together, and the least and the
-    largest of one.
-    sd: standard deviations of a normal law beyond which lie 5 %.
+    thin: width of a thin line. over: width of a line over a map, which is seen because the wider
+    line `halo` lies under it. faint: opacity of a color that others are seen through. dot: size of
+    a mark. tick: size of ticks and crosses. low, high: heights of a chart that needs little room,
+    and of one that needs much. cell: width of a cell of a map over the step to the next, so that no
+    seams are seen. spans: the width of all bars of predictions together, and the least and the
+    largest width of one. sd: standard deviations of a normal law beyond which lie 5 %.
     """
 
     thin: float = 1.2
-    line: float = 1.6
-    strong: float = 2.2
-    halo: float = 5.0
     over: float = 2.5
-    cross: float = 6.0
+    halo: float = 5.0
     faint: float = 0.7
     dot: float = 6.0
-    large: float = 10.0
     tick: float = 14.0
-    target: float = 12.0
-    node: float = 5.0
-    failed: float = 9.0
     low: int = 250
-    map: int = 380
-    series: int = 360
-    predicted: int = 400
+    high: int = 400
     cell: float = 1.15
-    bar: float = 0.84
     spans: tuple[float, float, float] = (500.0, 1.5, 12.0)
     sd: float = 1.96
 
@@ -132,7 +118,7 @@ class Mark:
     color: str = BLUE
     width: float | str = 1.5
     dash: str = "solid"
-    size: float | str = 6.0
+    size: float | str = CHARTS.dot
     marker: str = "circle"
     alpha: float = 1.0
     legend: str = ""
@@ -143,6 +129,10 @@ class Mark:
     step: tuple[float, float] = (1.0, 1.0)
     grid: tuple[Array, Array, Array] | None = None
     levels: Sequence[float] = ()
+
+    def array(self, end: Literal["x", "y", "high"]) -> Array:
+        """The numbers of one of its columns; NaN for none."""
+        return self.series.array(getattr(self, end))
 
 
 def looks(mark: Mark) -> dict[tuple[str, str], list[int]]:

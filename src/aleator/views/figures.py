@@ -54,28 +54,15 @@ Draw = Callable[[Document], "Figure"]
 
 @dataclass(frozen=True)
 class SheetSettings:
-    """Heights, widths and sizes in each figure; by what the eye sees.
+    """Heights of figures in inches, and what of the gradient function is drawn; by what is seen.
 
-    Heights are inches: of all but the panels, then of each row of panels or of each line of bars;
-    of `sensitivity` and `compare` the least height is first.
+    Heights are those of all but the panels, then of each row of panels or of each line of bars; of
+    `sensitivity` and `compare` the least height is first. letters: those of all ids that have room
+    beside each other; else they are turned by `turned` degrees.
 
-    nbins: parts of an axis between its ticks. small: points of small letters, and of those in the
-    cells of a matrix. edge: room beside the first and the last experiment. letters: those of all
-    ids that have room beside each other; else they are turned by `turned` degrees; names of columns
-    of a matrix are turned by `steep`. margin: room over and under values with ids at them, and
-    above: points between a value and its id. lines: experiments of which lines are drawn as dark as
-    `dark`; of more they are lighter, to `light`; lines out of reach are at least `out`.
-    largest: part of the largest number to which axes reach.
-    bars, inner: heights of bars of totals, and of bars within them. split: widths of two panels.
-    tick: points of a tick at a value, and its width. beyond: the end of an axis of shares.
-    white: alignment from which letters are white.
-    row: room above the first and under the last model.
-    tallest: the gradient function is cut there: what matters is where it is above zero. nothing: a
-    gradient below it; no experiment has anything there. linear: gradients up to which colors are
-    linear. density: share of the largest density from which an axis shows it, with `pad` of its
-    width beside. curve, ring: points of lines of curves, and of rings around points of the best
-    law, whose areas are the least one and what a probability of one adds. top: the end of an axis
-    of probabilities. bar: the length of a scale of colors over its width.
+    tallest: the gradient function is cut there, as what matters is where it is above zero. linear:
+    gradients up to which colors are linear. nothing: a gradient below it says that no experiment
+    has anything there. density: share of the largest density from which on an axis shows it.
     """
 
     experiments: tuple[float, float] = (1.0, 3.6)
@@ -86,36 +73,12 @@ class SheetSettings:
     sensitivity: tuple[float, float, float] = (3.2, 1.6, 0.34)
     compare: tuple[float, float, float] = (2.6, 1.5, 0.36)
     ceiling: float = 5.0
-    nbins: int = 5
-    small: tuple[float, float] = (8.0, 7.5)
-    edge: float = 0.6
     letters: int = 60
     turned: int = 20
-    steep: int = 45
-    margin: float = 0.09
-    above: int = 5
-    lines: float = 8.0
-    light: float = 0.15
-    dark: float = 0.9
-    out: float = 0.6
-    largest: float = 8.0
-    bars: float = 0.72
-    inner: float = 0.36
-    split: tuple[float, float] = (1.5, 1.0)
-    tick: tuple[float, float] = (7.0, 0.7)
-    beyond: float = 1.02
-    white: float = 0.6
-    row: tuple[float, float] = (0.6, 0.4)
     tallest: float = 10.0
-    nothing: float = -0.99
     linear: float = 0.2
+    nothing: float = -0.99
     density: float = 1e-3
-    pad: float = 0.05
-    curve: float = 1.4
-    ring: float = 1.3
-    areas: tuple[float, float] = (12.0, 300.0)
-    top: float = 1.05
-    bar: int = 40
 
 
 SHEETS = SheetSettings()
@@ -184,7 +147,7 @@ def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
             axes.set_yticks([])
             axes.set_ylabel("")
             axes.spines["left"].set_visible(False)
-            axes.locator_params(axis="x", nbins=SHEETS.nbins)
+            axes.locator_params(axis="x", nbins=4)
         legend(figure)
     return figure
 
@@ -273,18 +236,18 @@ def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> l
 def _name(axes: Axes, seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> None:
     """The ids of few experiments on the axis; of many, those outside where these are few."""
     ids, place, size = seen.columns["id"], seen.columns["order"], len(seen)
-    axes.set_xlim(1.0 - SHEETS.edge, size + SHEETS.edge)
+    axes.set_xlim(0.5, size + 0.5)
     if size <= amounts.named:
         ordered = [ids[k] for k in np.argsort(place)]
         long = sum(map(len, ids)) > SHEETS.letters
         axes.set_xticks(range(1, size + 1), ordered, rotation=SHEETS.turned if long else 0)
     elif seen.outside.sum() <= amounts.named:
-        axes.margins(y=SHEETS.margin)
+        axes.margins(y=0.1)
         value, high = seen.array("value"), seen.array(seen.ends[1])
         for k in np.flatnonzero(seen.outside):
             side = 1 if value[k] > high[k] else -1
-            axes.annotate(ids[k], (place[k], value[k]), (0, SHEETS.above * side), color=VERMILION,
-                          textcoords="offset points", fontsize=SHEETS.small[0], ha="center",
+            axes.annotate(ids[k], (place[k], value[k]), (0, 4 * side), color=VERMILION,
+                          textcoords="offset points", fontsize="small", ha="center",
                           va="bottom" if side > 0 else "top")  # fmt: skip
 
 
@@ -337,14 +300,13 @@ def _panel(axes: Axes, document: Document, response: str, k: int, row: Document)
     low, high = _drawable(document["measured"][response])
     axes.axhspan(low, high, color="#e8e8e8", lw=0.0, label="measured", zorder=0)
     lost = set(document["out_of_reach"])
-    alpha = SHEETS.lines / max(len(document["observations"]), 1)
-    alpha = float(np.clip(alpha, SHEETS.light, SHEETS.dark))
+    alpha = min(1.0, 2.0 / np.sqrt(max(len(document["observations"]), 1)))
     for each in (e for e in document["observations"] if e["response"] == response):
         outside = each["id"] in lost
         axes.plot(
             row["values"], _drawable(each["by_parameter"][k]), "-", lw=1.0, marker=".", ms=3.0,
             color=VERMILION if outside else BLUE,
-            alpha=max(alpha, SHEETS.out) if outside else alpha,
+            alpha=1.0 if outside else alpha,
             label="of an experiment out of reach" if outside else "of an experiment",
             zorder=3 if outside else 2,
         )  # fmt: skip
@@ -355,7 +317,7 @@ def _panel(axes: Axes, document: Document, response: str, k: int, row: Document)
 
 def _drawable(values: ArrayLike) -> Array:
     """Values cut where matplotlib ends: no axis is longer than the largest number."""
-    most = np.finfo(np.float64).max / SHEETS.largest
+    most = np.finfo(np.float64).max / 10.0
     return np.clip(np.asarray(values, dtype=np.float64), -most, most)
 
 
@@ -374,20 +336,17 @@ def sensitivity_figure(document: Document) -> Figure:
     least, *each = SHEETS.sensitivity
     with styled():
         figure = _figure(document, max(least, _high(each, len(names))))
-        left, right = figure.subplots(1, 2, width_ratios=SHEETS.split)
+        left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         place = np.arange(len(rows))[::-1]
-        for key, thick, color, text in (
-            ("mean_total", SHEETS.bars, WIDE, "mean total"),
-            ("mean_first", SHEETS.inner, BLUE, "mean alone"),
-        ):
-            left.barh(place, [row[key] for row in rows], thick, color=color, label=text)
-        size, thick = SHEETS.tick
+        total, alone = ([row[key] for row in rows] for key in ("mean_total", "mean_first"))
+        left.barh(place, total, color=WIDE, label="mean total")
+        left.barh(place, alone, 0.5, color=BLUE, label="mean alone")
         for y, name in zip(place.tolist(), names, strict=True):
             shares = numbers(each["total"][name] for each in document["experiments"])
-            left.plot(shares, np.full(shares.size, y), "|", color=VERMILION, ms=size, mew=thick,
+            left.plot(shares, np.full(shares.size, y), "|", color=VERMILION,
                       label="total in each experiment")  # fmt: skip
         left.set_yticks(place, names)
-        left.set(xlim=(0.0, SHEETS.beyond), xlabel="share of the outcome's variance")
+        left.set(xlim=(0.0, 1.0), xlabel="share of the outcome's variance")
         left.set_title("Sobol' indices")
         _alignment(right, names, document["pairs"])
         legend(figure)
@@ -402,7 +361,7 @@ def _alignment(
         i, j = names.index(pair["first"]), names.index(pair["second"])
         matrix[i, j] = matrix[j, i] = numbers([pair["alignment"]])[0]
     axes.imshow(matrix, cmap="RdBu", vmin=-1.0, vmax=1.0)
-    axes.set_xticks(range(len(names)), names, rotation=SHEETS.steep, ha="right",
+    axes.set_xticks(range(len(names)), names, rotation=SHEETS.turned, ha="right",
                     rotation_mode="anchor")  # fmt: skip
     axes.set_yticks(range(len(names)), names)
     axes.spines[:].set_visible(False)
@@ -411,9 +370,9 @@ def _alignment(
         return
     for (i, j), value in np.ndenumerate(matrix):
         if i != j and np.isfinite(value):
-            color = "white" if abs(value) > SHEETS.white else "black"
+            color = "white" if abs(value) > 0.5 else "black"
             axes.text(j, i, f"{value:.2f}", ha="center", va="center", color=color,
-                      fontsize=SHEETS.small[1])  # fmt: skip
+                      fontsize="small")  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------ models
@@ -432,21 +391,19 @@ def compare_figure(document: Document) -> Figure:
         figure = empty_figure(None, FIGURES.width, max(least, _high(each, len(models))))
         left, right = figure.subplots(1, 2, sharey=True)
         for axes in (left, right):
-            axes.axvline(0.0, color=GRAY, lw=FIGURES.hairline)
+            axes.axvline(0.0, color=GRAY, lw=1)
         for place, model in zip(places, models, strict=True):
             error = 2.0 * (model["difference_error"] or 0.0)
             color = BLUE if model["sound"] else VERMILION
             left.errorbar(model["difference"], place, xerr=error, fmt="o", color=color, capsize=3.0)
             gaps = [row[model["name"]] - row[best] for row in document["left_out"]]
-            right.plot(gaps, np.full(len(gaps), place), "|", color=BLUE, ms=10.0,
-                       mew=FIGURES.hairline)  # fmt: skip
+            right.plot(gaps, np.full(len(gaps), place), "|", color=BLUE)
         left.set_xlabel("predictive log-likelihood minus that of the best")
         left.set_title("Left out, with two standard errors")
         right.set_xlabel("the same of each experiment")
         right.set_title("Each experiment")
         left.set_yticks(places, [model["name"] for model in models])
-        under, over = SHEETS.row
-        left.set_ylim(-under, len(models) - over)
+        left.set_ylim(-0.5, len(models) - 0.5)
     return figure
 
 
@@ -484,14 +441,14 @@ def _mass(axes: Axes, name: str, document: Document) -> None:
     x, density = numbers(curve["x"]), numbers(curve["density"])
     tall = np.nanmax(density, initial=0.0) or 1.0
     axes.fill_between(x, density / tall, color=WIDE, lw=0.0)
-    axes.plot(x, density / tall, color=BLUE, lw=SHEETS.curve,
+    axes.plot(x, density / tall, color=BLUE,
               label="chosen law (its largest density is 1)")  # fmt: skip
     at = numbers(point[name] for point in document["points"])
     share = numbers(point["probability"] for point in document["points"])
-    axes.vlines(at, 0.0, share, color=BLACK, lw=FIGURES.thin)
+    axes.vlines(at, 0.0, share, color=BLACK, lw=1)
     axes.plot(at, share, color=BLACK, marker="o", ms=4.0, mew=0.0, ls="none", clip_on=False,
               label="points of the best law")  # fmt: skip
-    axes.set_ylim(0.0, SHEETS.top)
+    axes.set_ylim(bottom=0.0)
     axes.set_title(label(document, name))
 
 
@@ -499,18 +456,17 @@ def _gradient(axes: Axes, name: str, document: Document) -> None:
     curve = document["curves"][name]
     x, density, gradient = (numbers(curve[key]) for key in ("x", "density", "gradient"))
     value = np.minimum(gradient, SHEETS.tallest)
-    axes.axhline(0.0, color=GRAY, lw=FIGURES.hairline)
+    axes.axhline(0.0, color=GRAY, lw=1)
     axes.fill_between(x, value, where=value > 0.0, interpolate=True, color=LACKING, lw=0.0,
                       label="the chosen law lacks mass here")  # fmt: skip
-    axes.plot(x, value, color=VERMILION, lw=SHEETS.curve)
-    # from where to where there is density, gain, or a point, with a margin
+    axes.plot(x, value, color=VERMILION)
+    # from where to where there is density, gain, or a point
     some = density > SHEETS.density * np.nanmax(density, initial=0.0)
     some |= gradient > SHEETS.nothing
     at = np.concatenate([x[some], [point[name] for point in document["points"]]])
-    margin = SHEETS.pad * np.ptp(at)
-    axes.set_xlim(max(x[0], at.min() - margin), min(x[-1], at.max() + margin))
+    axes.set_xlim(at.min(), at.max())
     axes.set_xlabel(label(document, name))
-    axes.locator_params(axis="x", nbins=SHEETS.nbins)
+    axes.locator_params(axis="x", nbins=4)
 
 
 def _map(figure: Figure, axes: Axes, names: list[str], document: Document) -> None:
@@ -525,13 +481,11 @@ def _map(figure: Figure, axes: Axes, names: list[str], document: Document) -> No
         norm=AsinhNorm(SHEETS.linear, -most, most),
     )  # fmt: skip
     ticks = [-1.0, 0.0, 1.0, most]
-    bar = figure.colorbar(mesh, ax=axes, ticks=ticks, format="{x:.2g}", aspect=SHEETS.bar)
+    bar = figure.colorbar(mesh, ax=axes, ticks=ticks, format="{x:.2g}")
     bar.outline.set_visible(False)
     share = numbers(point["probability"] for point in document["points"])
     x, y = (numbers(point[name] for point in document["points"]) for name in names)
-    least, more = SHEETS.areas
-    axes.scatter(x, y, least + more * share, facecolors="none", edgecolors=BLACK, lw=SHEETS.ring,
-                 clip_on=False, zorder=3)  # fmt: skip
+    axes.scatter(x, y, 10.0 + 100.0 * share, "none", edgecolors=BLACK, clip_on=False, zorder=3)
     axes.set(xlabel=label(document, names[0]), ylabel=label(document, names[1]))
     axes.set_title("gradient function")
 

@@ -80,7 +80,7 @@ def joint_chart(document: Document, pair: Document, own: Individuals | None) -> 
             "mass": [f"{100 * float(share):g} %" for share, _, _ in rows],
             "x": [numbers(x).tolist() for _, x, _ in rows],
             "y": [numbers(y).tolist() for _, _, y in rows],
-            "width": [CHARTS.strong if share == "0.5" else CHARTS.thin for share, _, _ in rows],
+            "width": [2.0 if share == "0.5" else CHARTS.thin for share, _, _ in rows],
         },
     )
     marks = [Mark("lines", source, width="width")]
@@ -149,11 +149,11 @@ def surface_chart(document: Document) -> Chart | None:
         [
             Mark("contour", source, grid=(finer(x), finer(y), finer(below)), levels=LEVELS),
             Mark("points", cross, color=chart.INK, marker="cross", size=CHARTS.tick, width=2.0),
-            Mark("points", source, alpha=0.0, size=CHARTS.target, pick=True,
+            Mark("points", source, alpha=0.0, size=CHARTS.tick, pick=True,
                  hover=[(first, "{x}"), (second, "{y}"), ("below", "{below}")]),
         ],
         {"x": first, "y": second, "below": "log-likelihood minus its maximum"},
-        height=CHARTS.map,
+        height=CHARTS.high,
     )  # fmt: skip
 
 
@@ -239,7 +239,7 @@ def response_chart(document: Document, name: str, response: str, number: int = 0
         )
         hover = [("experiment", "{id}"), (name, "{x}"), (response, "{y}"),
                  ("measured", "{measured}")]  # fmt: skip
-        mark = Mark("points", source, size=CHARTS.node, pick=True, hover=hover)
+        mark = Mark("points", source, pick=True, hover=hover)
         caption = (
             "What the simulator returned at the nodes of the law, for some experiments. The other "
             "parameters differ from mark to mark."
@@ -304,10 +304,10 @@ def _map(
                 second,
                 color=color,
                 marker="x",
-                size=CHARTS.failed,
+                size=CHARTS.tick,
                 width=width,
             )
-            for color, width in ((chart.PAPER, CHARTS.cross), (chart.VERMILION, CHARTS.over))
+            for color, width in ((chart.PAPER, CHARTS.halo), (chart.VERMILION, CHARTS.over))
         ]
         caption += " Crosses: failed runs of all experiments."
     return Chart(

@@ -109,7 +109,7 @@ class MeasuredValues:
                 SHAPES.get(kind, "diamond" if out else "circle")
                 for kind, out in zip(self.columns["kind"], outside, strict=True)
             ],
-            "size": np.where(outside | ~exact, CHARTS.large, CHARTS.dot).tolist(),
+            "size": np.where(outside | ~exact, 10.0, CHARTS.dot).tolist(),
         }
         return Series(f"measured-{number}", {**self.columns, **marks})
 

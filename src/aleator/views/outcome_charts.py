@@ -54,7 +54,7 @@ def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
                  hover=hover(seen), pick=True),
         ],
         columns | {f"{one.key}_shown": one.title for one in seen.choices if one.name},
-        height=CHARTS.predicted, switched=True, wide=True,
+        height=CHARTS.high, switched=True, wide=True,
     )  # fmt: skip
 
 
@@ -114,7 +114,7 @@ def histogram_chart(pit: Array) -> Chart:
             Mark("band", Series("range", level), y="low", high="high", color=chart.BAND,
                  legend="95 % of uniform samples"),
             Mark("bars", source, "middle", "count", color=chart.NARROW,
-                 width=float(CHARTS.bar * bins.edges[1])),
+                 width=float(bins.edges[1])),
         ],
         {"left": "from", "right": "to", "count": "count"}, [GuideLine(bins.expected)], foot=True,
         own=source,
@@ -155,7 +155,7 @@ def curve_and_band(pit: Array) -> tuple[Mark, Mark]:
     return (
         Mark("band", Series("band", around), y="low", high="high", color=chart.BAND,
              legend="95 % of uniform samples"),
-        Mark("line", line, width=CHARTS.line),
+        Mark("line", line),
     )  # fmt: skip
 
 
@@ -184,7 +184,7 @@ def series_charts(
         Axis(choice.title), Axis(seen.label, seen.log),
         [Mark("lines", Series(f"series-{number}", every), color=chart.LINE,
               width=CHARTS.thin, alpha=CHARTS.faint, hover=[("experiment", "{id}")], pick=True)],
-        {"id": "id", "x": choice.title, "y": seen.response}, height=CHARTS.series,
+        {"id": "id", "x": choice.title, "y": seen.response}, height=CHARTS.high,
     )  # fmt: skip
     yield single_series_chart(seen, choice, number, lines, _least_probable(lines))
 
@@ -211,7 +211,7 @@ def single_series_chart(
                  hover=hover(seen)[:4], pick=True),
         ],
         columns | {"q0.025": "law 0.025", "q0.5": "law 0.5", "q0.975": "law 0.975"},
-        height=CHARTS.series, marked=one,
+        height=CHARTS.high, marked=one,
     )  # fmt: skip
 
 
