@@ -18,16 +18,13 @@ from aleator.cli.running import (
     Work,
     folder_of,
     identified,
-    linked,
     makes_runs,
+    require_at_most_one,
     running,
-    show_answer,
-    units_in,
     whole_number,
 )
 from aleator.errors import AleatorError, short
 from aleator.fit.question import Choices
-from aleator.results import documents
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
@@ -73,11 +70,7 @@ def box(
         found = feasible_box(
             runner, value.experiments, value.inputs, seed=value.seed, progress=progress
         )
-    made = {**box_document(found), **units_in(value)}
-    show_answer(planning.box(made), quiet=options.quiet)
-    if output is not None:
-        documents.write_json(linked(made, value, work.file, output), output / "box.json")
-        click.echo(f"Written: {short(output / 'box.json')}")
+    work.end(box_document(found), planning.box)
 
 
 @click.command()
@@ -255,14 +248,13 @@ def next(
     # what is wrong here is told before a slow simulator is run
     require_enough_candidates(count, len(table.ids), repeat)
     require_free(about, value.hyperparameters)
-    wanted = _predicted(value, for_prediction, quantile, above, below)
-    if wanted is not None and about is not None:
-        raise AleatorError("--for and --for-prediction contradict each other", "leave one out")
+    require_at_most_one({"--for": about, "--for-prediction": for_prediction})
+    predicted = _predicted(value, for_prediction, quantile, above, below)
     with work.running() as (runner, progress):
         found = identified(value, runner, progress)
         with running(value, replace(options, quiet=True), table) as others:
             plan = next_experiments(
-                found, table, count, about=about if wanted is None else wanted, repeat=repeat,
+                found, table, count, about=predicted or about, repeat=repeat,
                 laws=laws, simulator=others, progress=progress,
             )  # fmt: skip
     work.end(

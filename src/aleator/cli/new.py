@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.running import FILE, RESULT, make_place
+from aleator.cli.running import FILE, RESULT, make_place, require_at_most_one
 from aleator.errors import AleatorError, SimulatorError, nearest, short
 from aleator.results import documents
 from aleator.study.offers import (
@@ -159,13 +159,10 @@ def chosen_offer(
     asked: Questions, function: str | None, fmu: Path | None, command: str | None
 ) -> Offer:
     """The simulator, by default the only function of the only Python file here, or the only FMU."""
-    given = {"--function": function, "--fmu": fmu, "--command": command}
-    named = [name for name, value in given.items() if value]
-    if len(named) > 1:
-        raise AleatorError(f"{' and '.join(named)} contradict each other", "choose one of them")
+    require_at_most_one({"--function": function, "--fmu": fmu, "--command": command})
     if command:
         return offered_by_command(_located(asked.folder, command))
-    if not named:
+    if function is None and fmu is None:
         missing = AleatorError(
             "nothing says what the simulator is",
             "--function FILE.py:NAME, --fmu FILE.fmu or --command '...'",

@@ -6,7 +6,7 @@ import functools
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,29 +20,25 @@ from aleator.cli.running import (
     RunOptions,
     make_place,
     makes_runs,
+    require_at_most_one,
     running,
     show_answer,
     shown,
     units_in,
 )
-from aleator.core.progress import Progress
 from aleator.core.types import Indices
 from aleator.errors import AleatorError, short
-from aleator.inference.alpha_draws import AlphaDraws, alpha_draws, estimated
 from aleator.inference.extrapolation import compared
 from aleator.observations.experiments import Conditions
 from aleator.results import documents
 from aleator.results.printed import Content, number
-from aleator.results.result import Result
 from aleator.results.schema import read_answer
 from aleator.results.units import label
-from aleator.results.values import REPORTED, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.limits import Tolerance, limits
-from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
+from aleator.tasks.decide.limits import Tolerance
 from aleator.tasks.decide.sample import SAMPLE
+from aleator.tasks.identification import Identification
 from aleator.tasks.session import OWN, Session
 from aleator.views import predictions
 
@@ -65,22 +61,6 @@ def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
         f"note: a surface is made for {of}: {runs}{took}, if it needs as many as in "
         "the identification and none is stored"
     )
-
-
-def made_runs(runner: Runner) -> Iterator[str]:
-    """A note of the runs that were made, if there were any."""
-    if runner.fresh:
-        yield f"note: {runner.fresh} runs of the simulator were made"
-
-
-def fixed_notes(draws: AlphaDraws, session: Session) -> list[str]:
-    """A note where of the uncertainty of some hyperparameters nothing is known."""
-    names = [session.hyperparameters[k].name for k in draws.held.tolist()]
-    if not names:
-        return []
-    return [
-        f"note: the identification tells no uncertainty of {', '.join(names)}, taken as estimated"
-    ]
 
 
 def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
@@ -113,15 +93,8 @@ class PredictionRequest:
     checks: int
 
     def __post_init__(self) -> None:
-        ways = {
-            "--above": self.above, "--below": self.below, "--between": self.between,
-            "--tolerance": self.tolerance, "--reliability": self.reliability,
-        }  # fmt: skip
-        chosen = [name for name, value in ways.items() if value is not None]
-        if len(chosen) > 1:
-            raise AleatorError(
-                f"{' and '.join(chosen)} contradict each other", "choose one of them"
-            )
+        names = ("above", "below", "between", "tolerance", "reliability")
+        require_at_most_one({f"--{name}": getattr(self, name) for name in names})
 
     @property
     def limits(self) -> Tolerance | None:
@@ -139,14 +112,17 @@ class PredictionRequest:
             part is not None for part in (self.above, self.below, self.between)
         )
 
-    def table(self, ground: Ground, draws: AlphaDraws, progress: Progress) -> pd.DataFrame:
-        """The probabilities or the limits, a row for each row of the conditions."""
+    def table(self, answer: Identification, conditions: Conditions, **how: Any) -> pd.DataFrame:
+        """What is asked of the conditions; `how` are the options that all three questions take."""
+        if self.distribution:
+            return answer.predict(conditions, **how)
+        how["response"] = self.response
         if self.limits is not None:
-            numbers = responses_asked(ground, self.response)
-            which = np.flatnonzero(np.isin(ground.seen.response, numbers))
-            return limits(ground, draws, self.limits, which, progress)
-        events = events_asked(ground, self.response, self.above, self.below, self.between)
-        return probabilities(ground, draws, events, self.checks, progress)
+            return answer.tolerance(conditions, **vars(self.limits), **how)
+        return answer.probability(
+            conditions, above=self.above, below=self.below, between=self.between,
+            checks=self.checks, **how,
+        )  # fmt: skip
 
     def content(self, found: pd.DataFrame, outcome: str) -> Content:
         """The table with its title, for the terminal."""
@@ -309,18 +285,21 @@ def predict(
         running(value, options) if of else nullcontext() as measured,
         shown(options.quiet) as progress,
     ):
-        session = _session(value, document, table, runner, measured, of)
-        draws = _draws(document, session, no_uncertainty)
+        answer = _identification(value, document, table, runner, measured, of)
+        draws = None if no_uncertainty else answer.draws()
         for note in expected_runs(document, runner):
             options.say(note)
         runner.progress = progress
-        who = OWN if of is not None and of == value.table.id else of
-        if asked.distribution:
-            found = session.predict(table, draws, REPORTED.quantiles, progress, who, not no_noise)
-        else:
-            ground = session.ground(table, draws.estimate, who, not no_noise)
-            found = asked.table(ground, draws, progress)
-    for note in (*made_runs(runner), *fixed_notes(draws, session), *untested(value, table)):
+        found = asked.table(
+            answer, table, of=OWN if of is not None and of == value.table.id else of,
+            noise=not no_noise, uncertainty=draws or False, progress=progress,
+        )  # fmt: skip
+    if runner.fresh:
+        options.say(f"note: {runner.fresh} runs of the simulator were made")
+    if draws is not None and draws.held.size:
+        names = ", ".join(answer.session.hyperparameters[k].name for k in draws.held.tolist())
+        options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
+    for note in untested(value, table):
         options.say(note)
     if output is not None:
         row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
@@ -362,39 +341,30 @@ def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
 
 
-def _session(
+def _identification(
     value: Study,
     document: Mapping[str, Any],
     table: Conditions,
     runner: Runner,
     measured: Runner | None,
     of: str | None,
-) -> Session:
-    """What predicts; `measured` runs the experiments that were measured."""
-    found = Result.from_document(document)
+) -> Identification:
+    """The identification with its simulator; `measured` runs the experiments that were measured."""
+    found = Identification.from_document(document)
     if of is not None and not found.observations:
         raise AleatorError(
             f"--of {of}: one outcome says too little of the parameters of its experiment",
             "predict new experiments: leave the option out",
         )
 
-    def made(asked: object) -> Runner:
-        return runner if asked is table or measured is None else measured
+    def made(conditions: object) -> Runner:
+        return runner if conditions is table or measured is None else measured
 
-    return Session.again(
+    session = Session.again(
         found, value.file, value.inputs, value.noise, value.experiments, value.propagation,
         value.density, made,
     )  # fmt: skip
-
-
-def _draws(document: Mapping[str, Any], session: Session, known: bool) -> AlphaDraws:
-    """Plausible alphas by the document, or the estimate alone where it counts as known."""
-    found, hyperparameters = Result.from_document(document), session.hyperparameters
-    if known:
-        return AlphaDraws.at(in_order(found.alpha, hyperparameters))
-    return alpha_draws(
-        estimated(found.alpha, found.correlation_names, found.correlation, hyperparameters)
-    )
+    return replace(found, session=session)
 
 
 def _rows_of(found: pd.DataFrame, table: Conditions) -> Indices:

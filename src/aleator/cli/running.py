@@ -122,6 +122,16 @@ def whole_number(name: str, default: int, help: str, least: int = 1) -> Callable
     return click.option(name, type=kind, default=default, show_default=True, help=help)
 
 
+def require_at_most_one(options: Mapping[str, Any]) -> None:
+    """Raise AleatorError where several of these options are given, None being for one that is not.
+
+    >>> require_at_most_one({"--above": 1.0, "--below": None})
+    """
+    chosen = [name for name, value in options.items() if value is not None]
+    if len(chosen) > 1:
+        raise AleatorError(f"{' and '.join(chosen)} contradict each other", "choose one of them")
+
+
 @dataclass(frozen=True)
 class RunOptions:
     """The user's choice: the file of the runs (None: the study's), or none, and who makes them.
@@ -191,8 +201,7 @@ def running(
     The current folder is then what it was, wherever the simulator went. Raises SimulatorError
     where the first run of a function would end this process; a later one's end is said.
     """
-    if options.no_store and options.store is not None:
-        raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
+    require_at_most_one({"--store": options.store, "--no-store": options.no_store or None})
     with (
         _workers(options) as executor,
         nullcontext() if options.no_store else Store(options.store or study.store) as kept,
@@ -306,10 +315,9 @@ def make_place(result: Path, study: Path | None = None) -> None:
 
 def _workers(options: RunOptions) -> AbstractContextManager[Executor | None]:
     """Those that the options ask for; None is this process."""
-    ways = {"--workers": options.workers, "--dask": options.dask, "--mpi": options.mpi}
-    chosen = [name for name, value in ways.items() if value]
-    if len(chosen) > 1:
-        raise AleatorError(f"{' and '.join(chosen)} contradict each other", "choose one of them")
+    require_at_most_one(
+        {"--workers": options.workers, "--dask": options.dask, "--mpi": options.mpi or None}
+    )
     if options.dask:
         return dask_executor(options.dask, options.say)
     if options.mpi:
