@@ -106,7 +106,7 @@ class Questions:
         return found
 
     def agreed(self, question: str) -> bool:
-        """Whether the user says yes; no where nobody is asked."""
+        """Whether the user says yes; no where nobody is questions."""
         return self.interactive and click.confirm(question, default=False, err=True)
 
 
@@ -129,22 +129,22 @@ def _number(answer: str) -> float | None:
         raise click.BadParameter("write a number, or nothing") from None
 
 
-def chosen_id(asked: Questions, sheet: Sheet, roles: Roles, given: str | None) -> str | None:
+def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, given: str | None) -> str | None:
     """The column that names the experiments, or None."""
     if given is not None:
         sheet.table.require(given, "the id")
     columns = [name for name in (roles.id, *roles.others) if name]
-    if given is not None or not asked.interactive or not columns:
+    if given is not None or not questions.interactive or not columns:
         return given or roles.id
     nothing = "none"
-    answer = asked.one_of(
+    answer = questions.one_of(
         "Rows of one experiment share which column", [nothing, *dict.fromkeys(columns)],
         roles.id or nothing, AleatorError(""),
     )  # fmt: skip
     return None if answer == nothing else answer
 
 
-def chosen_table(asked: Questions, given: Path | None) -> Path:
+def chosen_table(questions: Questions, given: Path | None) -> Path:
     """The table, by default the only CSV file of the current folder."""
     if given is not None:
         return given
@@ -152,49 +152,49 @@ def chosen_table(asked: Questions, given: Path | None) -> Path:
     missing = AleatorError(
         "nothing says which table is meant", "aleator new TABLE.csv: name the file of measurements"
     )
-    return Path(asked.text("Table of experiments (CSV)", found, missing))
+    return Path(questions.text("Table of experiments (CSV)", found, missing))
 
 
 def chosen_offer(
-    asked: Questions, function: str | None, fmu: Path | None, command: str | None
+    questions: Questions, function: str | None, fmu: Path | None, command: str | None
 ) -> Offer:
     """The simulator, by default the only function of the only Python file here, or the only FMU."""
     require_at_most_one({"--function": function, "--fmu": fmu, "--command": command})
     if command:
-        return offered_by_command(_located(asked.folder, command))
+        return offered_by_command(_located(questions.folder, command))
     if function is None and fmu is None:
         missing = AleatorError(
             "nothing says what the simulator is",
             "--function FILE.py:NAME, --fmu FILE.fmu or --command '...'",
         )
-        answer = asked.text(
+        answer = questions.text(
             "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})", _likely(), missing
         )
         fmu = Path(answer) if answer.endswith(".fmu") else None
         if fmu is None and "{" in answer:
-            return offered_by_command(_located(asked.folder, answer))
+            return offered_by_command(_located(questions.folder, answer))
         function = answer
     if fmu is not None:
-        return offered_by_fmu(fmu, _beside(asked.folder, fmu))
-    return _function(asked, str(function))
+        return offered_by_fmu(fmu, _beside(questions.folder, fmu))
+    return _function(questions, str(function))
 
 
 def chosen_outcomes(
-    asked: Questions, sheet: Sheet, offer: Offer, given: Sequence[str]
+    questions: Questions, sheet: Sheet, offer: Offer, given: Sequence[str]
 ) -> tuple[str, ...]:
     """The measured columns."""
     told = tuple(given) or responses_of(sheet, offer)
     if told:
         return told
     found, possible = outcome_of(sheet, offer)
-    if not asked.interactive:
+    if not questions.interactive:
         return (require_outcome(found, possible),)
     known = possible or sheet.names
-    return (asked.one_of("Measured column", known, found, AleatorError("")),)
+    return (questions.one_of("Measured column", known, found, AleatorError("")),)
 
 
 def chosen_parameters(
-    asked: Questions,
+    questions: Questions,
     offer: Offer,
     roles: Roles,
     most: int,
@@ -205,28 +205,28 @@ def chosen_parameters(
 
     Raises AleatorError for limits that are none.
     """
-    if given or not asked.interactive:
+    if given or not questions.interactive:
         called = {variable: name for name, variable in offer.variables.items()}
         return {called.get(name, name): value for name, value in map(_parameter, given)}
     laws, others = parameters_of(offer, roles, most, {})
-    known = {each.name: each for each in (*(law.given for law in laws), *others)}
+    known = {each.name: each for each in (*(law.input for law in laws), *others)}
     if others:
         table = TerminalTable(
             (("name", "left"), ("unit", "left"), ("value", "right"), ("meaning", "fold")),
             variables([*known.values()][:listed], offer),
         )
         Console(stderr=True).print(table)
-    names = asked.names(
+    names = questions.names(
         "Parameters that differ between experiments", [*known],
         [law.name for law in laws if law.scatters],
     )  # fmt: skip
     limits: dict[str, Limits | float | None] = {
-        name: asked.limits(f"  {name} lies between (two numbers)", nominal_limits(known[name]))
+        name: questions.limits(f"  {name} lies between (two numbers)", nominal_limits(known[name]))
         for name in names
     }
     for law in laws:
-        if law.name not in names and law.given.required:
-            limits[law.name] = asked.number(f"  {law.name}, the same for all, is")
+        if law.name not in names and law.input.required:
+            limits[law.name] = questions.number(f"  {law.name}, the same for all, is")
     return limits
 
 
@@ -247,7 +247,7 @@ def _parameter(text: str) -> tuple[str, Limits | float | None]:
     return name.strip(), numbers[0] if numbers else None
 
 
-def _function(asked: Questions, reference: str) -> Offer:
+def _function(questions: Questions, reference: str) -> Offer:
     """A function by a name that is relative to the current folder, or of a module."""
     file, _, name = reference.rpartition(":")
     if reference.endswith(".py"):
@@ -268,11 +268,11 @@ def _function(asked: Questions, reference: str) -> Offer:
         default = known[0] if len(known) == 1 else None
         if not known:
             raise missing
-        name = asked.one_of("Function", known, default, missing)
+        name = questions.one_of("Function", known, default, missing)
     if not file.endswith(".py"):
-        return offered_by_function(f"{file}:{name}", asked.folder)
-    found = offered_by_function(f"{Path(file).absolute()}:{name}", asked.folder)
-    return replace(found, value=f"{_beside(asked.folder, Path(file))}:{name}")
+        return offered_by_function(f"{file}:{name}", questions.folder)
+    found = offered_by_function(f"{Path(file).absolute()}:{name}", questions.folder)
+    return replace(found, value=f"{_beside(questions.folder, Path(file))}:{name}")
 
 
 def _located(folder: Path, command: str) -> str:
@@ -398,16 +398,16 @@ def new(
 
     What cannot be known is left as a line that says FILL IN.
     """
-    asked = Questions(at_terminal() and not yes, output.parent)
-    _require_free(output, force, asked)
-    path = chosen_table(asked, table)
+    questions = Questions(at_terminal() and not yes, output.parent)
+    _require_free(output, force, questions)
+    path = chosen_table(questions, table)
     sheet = sheet_of(path)
-    offer = bound(chosen_offer(asked, function, fmu, command), sheet.names)
-    outcomes = chosen_outcomes(asked, sheet, offer, outcome)
+    offer = bound(chosen_offer(questions, function, fmu, command), sheet.names)
+    outcomes = chosen_outcomes(questions, sheet, offer, outcome)
     roles = roles_of(sheet, offer, outcomes)
-    named = chosen_id(asked, sheet, roles, id)
+    named = chosen_id(questions, sheet, roles, id)
     most = laws_for(count_of(sheet.table, named), len(sheet.table))
-    laws = chosen_parameters(asked, offer, roles, most, parameters)
+    laws = chosen_parameters(questions, offer, roles, most, parameters)
     file = Path(os.path.relpath(path.absolute(), output.parent)).as_posix()
     proposal = proposed(sheet, file, _title(path), offer, outcomes, named, laws, series)
     if schema:

@@ -1,4 +1,4 @@
-"""The result of an identification as plain data: it is written, read back, and the same again."""
+"""The result of an identification as plain data, equal to what is read back from its file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from aleator.results.values import (
 )
 
 Entry = Mapping[str, Any]
-"""An object of a document that was read."""
+"""A JSON object of a document."""
 NOT_ASKED = Consistency.untested("it was not asked for")
 
 
@@ -95,7 +95,7 @@ class Result(Plain):
 
     @classmethod
     def from_document(cls, document: Entry) -> Self:
-        """The result of a document that was read; what JSON cannot hold (null) is NaN again.
+        """The result that a document describes; null, for what JSON cannot hold, becomes NaN.
 
         A log-density that is null because the outcome lies outside the support is minus infinity.
         """

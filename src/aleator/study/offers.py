@@ -116,7 +116,7 @@ class Offer:
 
     kind: str
     value: str
-    given: tuple[SimulatorInput, ...]
+    inputs: tuple[SimulatorInput, ...]
     returned: tuple[SimulatorInput, ...]
     vectorized: bool = False
     stop_time: float | None = None
@@ -126,7 +126,7 @@ class Offer:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all that it can be given."""
-        return tuple(each.name for each in self.given)
+        return tuple(each.name for each in self.inputs)
 
 
 def offered_by_function(reference: str, folder: Path) -> Offer:
@@ -135,7 +135,7 @@ def offered_by_function(reference: str, folder: Path) -> Offer:
     Raises SimulatorError where it cannot be imported.
 
     >>> offer = offered_by_function("math:isclose", Path())
-    >>> offer.names, offer.given[2].nominal
+    >>> offer.names, offer.inputs[2].nominal
     (('a', 'b', 'rel_tol', 'abs_tol'), 1e-09)
     """
     function = load_function(reference, folder)
@@ -165,8 +165,6 @@ def functions_in(file: Path) -> tuple[str, ...]:
 
     The file is read, not run. Empty where it is no Python.
     """
-    import ast
-
     try:
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError):
@@ -214,8 +212,8 @@ def bound(offer: Offer, columns: Sequence[str]) -> Offer:
         if name not in called and name not in columns and not name.isidentifier():
             good = short.isidentifier() and short not in taken and last.count(short) == 1
             called[name] = short if good else re.sub(r"\W", "_", name)
-    given = tuple(replace(each, name=called.get(each.name, each.name)) for each in offer.given)
-    return replace(offer, given=given, variables={short: name for name, short in called.items()})
+    given = tuple(replace(each, name=called.get(each.name, each.name)) for each in offer.inputs)
+    return replace(offer, inputs=given, variables={short: name for name, short in called.items()})
 
 
 def offered_by_command(command: str) -> Offer:

@@ -60,7 +60,7 @@ class Proposed:
     `nominal` is what the limits were made of; None where the user gave them.
     """
 
-    given: SimulatorInput
+    input: SimulatorInput
     scatters: bool
     limits: Limits | None = None
     value: float | None = None
@@ -69,7 +69,7 @@ class Proposed:
     @property
     def name(self) -> str:
         """The parameter's name."""
-        return self.given.name
+        return self.input.name
 
     @property
     def complete(self) -> bool:
@@ -90,7 +90,7 @@ def parameters_of(
     that have a nominal value, but `most` at most. What has no default and does not scatter is a
     constant. Raises SimulatorError for a name that the simulator does not take.
     """
-    free = [each for each in offer.given if each.name not in roles.conditions]
+    free = [each for each in offer.inputs if each.name not in roles.conditions]
     known = {each.name for each in free}
     for name in chosen:
         if name not in known:
@@ -320,7 +320,7 @@ def _units(
     table: Table, roles: Roles, outcomes: Sequence[str], parameters: Sequence[Proposed]
 ) -> dict[str, str]:
     heads = {name: table.units.get(name, "") for name in (*outcomes, *roles.conditions)}
-    own = {each.name: each.given.unit for each in parameters}
+    own = {each.name: each.input.unit for each in parameters}
     return {name: unit for name, unit in {**heads, **own}.items() if unit}
 
 

@@ -1,7 +1,7 @@
-"""Charts drawn with matplotlib, how all figures look, and how they become files.
+"""Charts drawn with matplotlib, the look of all figures, and figures as files.
 
-No pyplot, and the same bytes each time. matplotlib is optional (`pip install matplotlib`); it is
-imported only where a figure is asked for, and what the user has set in it stays as it is.
+matplotlib is optional: it is imported when a figure is drawn. The settings that a user made in it
+are left unchanged, and the same document gives the same bytes.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class FigureSettings:
 
 FIGURES = FigureSettings()
 BLACK = INK
-# The rest of Okabe and Ito's palette.
+# Further colors of the palette of Okabe and Ito.
 ORANGE, PURPLE, SKY = "#e69f00", "#aa5a8c", "#56b4e9"
 
 _STYLE = {
@@ -76,7 +76,7 @@ _STYLE = {
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """matplotlib's own defaults and the style of the house, and after it what was there before.
+    """A context in which matplotlib has the style of Aleator's figures, whatever a user has set.
 
     Raises AleatorError where matplotlib is not installed.
     """
@@ -91,7 +91,7 @@ def styled() -> Iterator[None]:
 
 
 def empty_figure(title: str | None, width: float, height: float) -> Figure:
-    """A figure of this size in inches with nothing but a title, known to no window."""
+    """A figure of this size in inches that has a title only."""
     from matplotlib.figure import Figure
 
     figure = Figure((width, height), FIGURES.dots_an_inch, layout="constrained")
@@ -102,7 +102,7 @@ def empty_figure(title: str | None, width: float, height: float) -> Figure:
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure as .png or .svg, making its folder; versions and dates are left out.
+    """Write a figure as .png or .svg, without version and date, and make its folder.
 
     Raises AleatorError where the file cannot be written.
     """
@@ -134,7 +134,7 @@ MARKERS = {
 
 
 def draw(chart: Chart, axes: Axes) -> Axes:
-    """Draw the marks of a chart on axes, with its labels; the title is left to the figure."""
+    """Draw the marks and the labels of a chart on axes. The title is not drawn."""
     for mark in chart.marks:
         if mark.alpha > 0.0 and not mark.right and mark.shape in _SHAPES:
             _SHAPES[mark.shape](axes, mark)
@@ -155,7 +155,7 @@ def draw(chart: Chart, axes: Axes) -> Axes:
 
 
 def legend(figure: Figure) -> None:
-    """What marks mean, once each, under the axes, where it never hides a number."""
+    """One legend of all axes, under the figure, where it hides no data."""
     every = (axes.get_legend_handles_labels() for axes in figure.axes)
     pairs = [pair for own in every for pair in zip(*own, strict=True)]
     pairs.sort(key=lambda pair: not isinstance(pair[0], tuple))  # bars are under all others
@@ -187,7 +187,7 @@ def _band(axes: Axes, mark: Mark) -> None:
 
 
 def _room(size: int) -> float:
-    """Most of the room of an experiment, but not a wall where there are few."""
+    """The width of a bar, over the distance between two: less where there are few bars."""
     most, more, least = FIGURES.room
     return min(most, more * size + least)
 
@@ -212,7 +212,7 @@ def _bars(axes: Axes, mark: Mark) -> None:
 
 
 def _points(axes: Axes, mark: Mark) -> None:
-    """Dots of one look are one line of matplotlib, in the legend once."""
+    """Marks with the same color and marker are one line of matplotlib: one entry of the legend."""
     x, y = mark.array("x"), mark.array("y")
     if mark.marker == "dash":
         half = 0.5 * _room(x.size) if x.size <= FIGURES.bars else 0.5

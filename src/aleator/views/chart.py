@@ -1,7 +1,7 @@
-"""A chart: marks on axes, drawn from named columns, whoever draws it.
+"""A chart as data: marks on axes, drawn from named columns.
 
-Bokeh draws it in report.html (`interactive`), matplotlib on axes (`axes`). The data stand in a
-`Series`; charts that share one show the same experiment where it is marked.
+Bokeh draws it in report.html (`interactive`), matplotlib as a figure (`axes`). The data of a chart
+are a `Series`. An experiment that a reader marks is marked in all charts of the same series.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import numpy as np
 from aleator.core.types import Array
 from aleator.results.printed import PAGE, Depth
 
-# Okabe and Ito's palette, told apart in every form of color blindness, and grays; each for light
-# and for dark. The page changes one for the other, so that all are distinct.
+# The palette of Okabe and Ito, whose colors remain distinct in every form of color blindness, and
+# grays. Each color has one value for a light page and one for a dark page; all values differ, for
+# the page replaces the one by the other.
 BLUE, BLUE_DARK = "#0072b2", "#56b4e9"
 VERMILION, VERMILION_DARK = "#d55e00", "#ff8f3f"
 PICKED, PICKED_DARK = "#c77700", "#ffd166"
@@ -30,7 +31,7 @@ WIDE, WIDE_DARK = "#cfe3f1", "#1d3d55"
 NARROW, NARROW_DARK = "#7fb8dc", "#2f6f9f"
 BAND, BAND_DARK = "#e4e4e4", "#303841"
 PAPER, PAPER_DARK = "#ffffff", "#14181d"
-# From the maximum of a likelihood outward.
+# Colors between the contours of a likelihood, from its maximum outward.
 HEIGHTS = ("#9ecae8", "#c6dff0", "#e3eff8", "#f6fafd")
 HEIGHTS_DARK = ("#2d6b96", "#234f70", "#1b394f", "#162734")
 PAIRS = (
@@ -39,7 +40,7 @@ PAIRS = (
     (WIDE, WIDE_DARK), (NARROW, NARROW_DARK), (BAND, BAND_DARK), (PAPER, PAPER_DARK),
     *zip(HEIGHTS, HEIGHTS_DARK, strict=True),
 )  # fmt: skip
-"""(light, dark) of each color."""
+"""Each color for a light page and for a dark page."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,9 @@ CHARTS = ChartSettings()
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Named columns of numbers and texts, a row each; a cell may be a list, of one curve.
+    """Named columns of equal length, the data of a chart. A cell may be a list: a curve.
 
-    `each` has for some experiments the columns that take their place where one is marked.
+    `each` holds other columns for some experiments: those that are shown when one is marked.
     """
 
     name: str
@@ -88,7 +89,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Axis:
-    """What lies along an axis, with its unit; logarithmic where `log`, in percent a `share`."""
+    """The title of an axis, with its unit. `log`: a logarithmic axis; `share`: ticks in percent."""
 
     title: str
     log: bool = False
@@ -100,14 +101,14 @@ Shape = Literal["line", "lines", "band", "spans", "points", "bars", "cells", "co
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """One layer of a chart: columns of its series as a shape.
+    """One layer of a chart: columns of a series, drawn as a shape.
 
-    A "line" goes through (x, y), "lines" have one in each row; a "band" lies between y and `high`
-    over x, "spans" are such ends for each x alone, "bars" stand on zero. "cells" are colored by the
-    column "value", and as large as `step`. A "contour" has the `grid` (x, y, height) with
-    curves at `levels`. A color, marker, size, width or dash is what all have, or a column.
-    `hover` says what is told of a mark: a title, and columns in braces. `right` puts it on the
-    scale on the right.
+    A "line" goes through (x, y); "lines" are one line for each row; a "band" fills the range from y
+    to `high` over x; "spans" are vertical bars from y to `high`; "bars" stand on zero; "cells" are
+    rectangles of size `step`, colored by the column "value"; a "contour" shows the `grid` (x, y,
+    height) by curves at `levels`. Color, marker, size, width and dash are one value for all rows,
+    or the name of a column. `hover` lists what a tooltip shows: a title, and column names in
+    braces. `pick`: a click marks the experiment. `right`: the scale is that on the right.
     """
 
     shape: Shape
@@ -136,7 +137,7 @@ class Mark:
 
 
 def looks(mark: Mark) -> dict[tuple[str, str], list[int]]:
-    """The rows of a mark by their color and marker, each the same for all or that of a column."""
+    """The rows of a mark, grouped by color and marker."""
     columns, every = mark.series.columns, range(len(mark.series.columns[mark.x]))
     colors = columns.get(mark.color) or [mark.color for _ in every]
     markers = columns.get(mark.marker) or [mark.marker for _ in every]
@@ -147,7 +148,7 @@ def looks(mark: Mark) -> dict[tuple[str, str], list[int]]:
 
 
 def meaning(color: str, marker: str) -> str:
-    """What a measured value is that has this look."""
+    """The legend of measured values with this color and marker."""
     bounds = {"triangle": "at least", "inverted_triangle": "at most", "square": "between bounds"}
     exact = {VERMILION: "measured, outside the 95 %", GRAY: "measured, no density"}
     return bounds.get(marker) or exact.get(color) or "measured"
@@ -155,7 +156,10 @@ def meaning(color: str, marker: str) -> str:
 
 @dataclass(frozen=True)
 class GuideLine:
-    """A straight line over the whole chart, across at a y or up at an x: dashed where gray."""
+    """A straight line through the whole chart: horizontal at a y, or vertical at an x.
+
+    A gray line is dashed.
+    """
 
     at: float
     across: bool = True
@@ -166,9 +170,10 @@ class GuideLine:
 class Chart:
     """Marks on axes, with a caption that says how to read them.
 
-    `source` has the data, whose `columns` (column to heading) are saved as CSV. `switched` says
-    that the reader of a page chooses what its x is, `wide` that it has a row for itself, `marked`
-    is the experiment that it shows before another is marked.
+    `columns` names the columns of its data that a reader can save as CSV, with their headings.
+    `switched`: the reader of a page chooses the quantity on the x axis. `wide`: the chart fills a
+    row of the page. `marked`: the experiment that is shown before a reader marks another one.
+    `foot`: the y axis begins at zero.
     """
 
     name: str
@@ -186,21 +191,21 @@ class Chart:
     right: Axis | None = None
     foot: bool = False
     depth: Depth = PAGE
-    own: Series | None = field(default=None, repr=False)
+    data: Series | None = field(default=None, repr=False)
 
     @property
     def source(self) -> Series:
-        """The data behind it: those of its first mark, unless it says otherwise."""
-        return self.own or self.marks[0].series
+        """The data of the chart: `data`, or those of its first mark."""
+        return self.data or self.marks[0].series
 
     @property
     def spoken(self) -> str:
-        """What a screen reader says of it."""
+        """The text that a screen reader speaks in place of the chart."""
         return f"{self.title}. {self.caption}"
 
 
 def numbers(values: Iterable[Any]) -> Array:
-    """Numbers of a document: JSON's null is NaN, and so is a text.
+    """Numbers of a document as an array; null and texts become NaN.
 
     >>> numbers([1, None, "a"])
     array([ 1., nan, nan])
@@ -211,7 +216,7 @@ def numbers(values: Iterable[Any]) -> Array:
 
 
 def evenly(count: int, most: int) -> list[int]:
-    """Places of at most so many of `count`, evenly chosen.
+    """Indices of at most `most` of `count` things, evenly spaced.
 
     >>> evenly(5, 3), evenly(2, 3)
     ([0, 2, 4], [0, 1])

@@ -1,7 +1,7 @@
-"""Figures as files: charts of an identification on a sheet, and those of other answers.
+"""The figures that commands write: of an identification, a check, a sensitivity, a comparison.
 
-Each is a pure function of a document, drawn with matplotlib; AleatorError is raised where that is
-not installed.
+Each figure is a pure function of a document, drawn with matplotlib. AleatorError is raised where
+matplotlib is not installed.
 """
 
 from __future__ import annotations
@@ -85,11 +85,11 @@ SHEETS = SheetSettings()
 
 
 def save_figures(document: Document, directory: str | Path) -> list[Path]:
-    """Write experiments.png and calibration.png into a folder, which is made if need be.
+    """Write experiments.png and calibration.png into a folder, which is made if necessary.
 
-    With individual parameters parameters.png too. Returns the paths written. The bytes depend on
-    nothing but the document and the version of matplotlib. Raises AleatorError where matplotlib is
-    not installed or a file cannot be written.
+    Where experiments have individual parameters, parameters.png is written too. Returns the paths
+    written. The bytes depend on the document and the version of matplotlib only. Raises
+    AleatorError where matplotlib is not installed or a file cannot be written.
     """
     figures: dict[str, Draw] = {"experiments": experiments_figure}
     if document.get("observations"):
@@ -102,10 +102,10 @@ def save_figures(document: Document, directory: str | Path) -> list[Path]:
 
 
 def experiments_figure(document: Document) -> Figure:
-    """Each measured value in the distribution that is predicted for it, ordered by its median.
+    """Measured values beside their predicted distributions, ordered by the predicted median.
 
-    Where a number varies within experiments each of some of them has a panel, with its own
-    prediction: the four with the largest residuals, and others evenly chosen.
+    Where a condition varies within experiments, as time does, each experiment has a panel. Of many
+    experiments there are the four with the largest residuals, and others evenly chosen.
 
     >>> quantiles = {"0.025": 0.0, "0.25": 0.7, "0.5": 1.0, "0.75": 1.3, "0.975": 2.0}
     >>> one = {"id": "7", "outcome": 1.2, "quantiles": quantiles, "pit": 0.65}
@@ -132,8 +132,8 @@ def experiments_figure(document: Document) -> Figure:
 
 
 def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
-    """The identified law of each parameter, and the means of the individual laws below it."""
-    names, own = [*law_curves(document)], individuals_of(document)
+    """The identified law of each parameter, with the means of the individual laws as ticks."""
+    names, individuals = [*law_curves(document)], individuals_of(document)
     with styled():
         rows = max(-(-len(names) // amounts.across), 1)
         figure = _figure(document, _high(SHEETS.parameters, rows))
@@ -141,7 +141,7 @@ def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
         for axes in grid[len(names) :]:
             axes.set_axis_off()
         for axes, name in zip(grid, names, strict=False):
-            draw(law_chart(document, name, own), axes)
+            draw(law_chart(document, name, individuals), axes)
             share = (document.get("shrinkage") or {}).get(name)
             axes.set_title("" if share is None else f"shrinkage {percent(share)}")
             axes.set_yticks([])
@@ -153,7 +153,7 @@ def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
 
 
 def calibration_figure(document: Document) -> Figure:
-    """How the probabilities of what was measured compare with a uniform sample.
+    """The predicted probabilities of smaller values, compared with a uniform sample.
 
     Left their histogram, with the range that each bin of a uniform sample has in 95 % of all
     samples (binomial). Right their cumulative distribution minus that of the uniform law, with the
@@ -220,7 +220,7 @@ def _series(
 
 
 def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> list[str]:
-    """Ids of experiments to be shown: those with the largest residuals, others evenly chosen."""
+    """Ids of at most `most` experiments: those with the largest residuals, others evenly chosen."""
     size: dict[str, float] = {}
     for entry in seen:
         size[entry["id"]] = max(size.get(entry["id"], 0.0), abs(entry["residual"] or 0.0))
@@ -234,7 +234,7 @@ def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> l
 
 
 def _name(axes: Axes, seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> None:
-    """The ids of few experiments on the axis; of many, those outside where these are few."""
+    """Name the experiments on the x axis, or, of many, those outside their predicted 95 %."""
     ids, place, size = seen.columns["id"], seen.columns["order"], len(seen)
     axes.set_xlim(0.5, size + 0.5)
     if size <= amounts.named:
@@ -252,7 +252,7 @@ def _name(axes: Axes, seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> None:
 
 
 def _high(inches: Sequence[float], count: int) -> float:
-    """The height of a figure by that of all else and that of each of `count` rows."""
+    """The height of a figure: that of its frame, and of each of `count` rows."""
     other, each = inches
     return other + each * count
 
@@ -274,8 +274,8 @@ def check_figure(document: Document) -> Figure:
     """The outcome of each observation over each parameter, a panel a parameter and response.
 
     `document` is the content of check.json. The other parameters are in the middle of the region.
-    The gray band is the range of the measured outcomes, and what no point reaches is drawn in
-    another color.
+    The gray band is the range of the measured outcomes. Experiments whose measured value no run
+    reaches have another color.
     """
     rows, responses = document["parameters"], [*document["measured"]]
     across = min(len(rows), 3)
@@ -325,7 +325,7 @@ def _drawable(values: ArrayLike) -> Array:
 
 
 def sensitivity_figure(document: Document) -> Figure:
-    """Shares of the variance by parameter, and which parameters act alike.
+    """Sobol' indices of each parameter, and the alignment of each pair of parameters.
 
     `document` is the content of sensitivity.json. Left the mean first-order and total Sobol'
     indices over the experiments with the range of the total, right the alignment of the linear
@@ -379,7 +379,7 @@ def _alignment(
 
 
 def compare_figure(document: Document) -> Figure:
-    """How much worse each model predicts than the best, and by which experiments.
+    """The predictive log-likelihood of each model minus that of the best, in all and by experiment.
 
     `document` is the content of compare.json. Left the difference of the predictive log-likelihood
     with two standard errors, right that of each experiment.
@@ -411,7 +411,7 @@ LACKING = "#f6d5c3"
 
 
 def ceiling_figure(document: Document) -> Figure:
-    """Where the chosen law lacks mass, over each parameter, and over two parameters as a map.
+    """The chosen law, the points of the best possible law, and where the chosen law lacks mass.
 
     `document` is the content of ceiling.json. Above the density of the chosen law with the points
     of the best one as stems, below the gradient function: where it is above zero, more mass would
@@ -436,7 +436,7 @@ def ceiling_figure(document: Document) -> Figure:
 
 
 def _mass(axes: Axes, name: str, document: Document) -> None:
-    """The density, and the probabilities of points as stems on a scale of their own."""
+    """The density of the chosen law over its maximum, and the probabilities of points as stems."""
     curve = document["curves"][name]
     x, density = numbers(curve["x"]), numbers(curve["density"])
     tall = np.nanmax(density, initial=0.0) or 1.0

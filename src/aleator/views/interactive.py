@@ -1,4 +1,4 @@
-"""Charts drawn with Bokeh, for a page that needs no network: they answer to the mouse."""
+"""Charts drawn with Bokeh for report.html, with tooltips and with marks that a click selects."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ BOKEH = BokehSettings()
 PALETTE = "Cividis256"
 TOOLS = "pan,box_zoom,wheel_zoom,reset"
 TEX = re.compile(r'\[(?:\{start:"[^"]+",end:"[^"]+",inline:![01]\},?)+\]')
-"""The delimiters of TeX that Bokeh looks for in each title and label."""
+"""The part of Bokeh's script that lists the delimiters of TeX in titles and labels."""
 RENDERER = re.compile(r"https://cdn\.jsdelivr\.net/npm/mathjax[^\"]*")
-"""Where Bokeh would fetch what renders TeX."""
+"""The address from which Bokeh would fetch a renderer of TeX."""
 ID = re.compile(r'"id":"(p[0-9]+)"')
 
 
 def drawable(charts: Iterable[Chart]) -> dict[str, Any]:
-    """What Bokeh's `embed_items` takes: one document of all charts, and where each goes.
+    """The argument of Bokeh's `embed_items`: one document of all charts, and the place of each.
 
     Models are numbered from 1, so that the same charts give the same text.
     """
@@ -68,9 +68,9 @@ def drawable(charts: Iterable[Chart]) -> dict[str, Any]:
 
 
 def bokeh_script() -> str:
-    """Bokeh's JavaScript, which its wheel carries: all that the charts need, without network.
+    """Bokeh's JavaScript from its wheel, changed so that it treats no text as TeX.
 
-    It takes no text for TeX, for which it would fetch another script from a public address.
+    For TeX it would fetch another script from a public address.
     """
     script = (files("bokeh") / "server/static/js/bokeh.min.js").read_text(encoding="utf-8")
     return RENDERER.sub("data:,", TEX.sub("[]", script))
@@ -80,7 +80,7 @@ def bokeh_script() -> str:
 
 
 def drawn(chart: Chart, sources: Sources) -> Any:
-    """The plot of a chart; `sources` are those of series that were drawn before, by their id."""
+    """The Bokeh plot of a chart. `sources` collects Bokeh's data by the id of their series."""
     plot = axes(chart.x, chart.y, chart.height)
     if chart.marked:
         plot.title.text, plot.title.text_color = chart.marked, colors.TEXT
@@ -129,7 +129,7 @@ def axes(x: Axis, y: Axis, height: int = 320) -> Any:
 
 
 def straight(plot: Any, rule: GuideLine) -> None:
-    """A line across the plot, or up."""
+    """Draw a horizontal or vertical line through the plot."""
     plot.add_layout(
         models.Span(
             location=rule.at, dimension="width" if rule.across else "height",
@@ -150,7 +150,7 @@ def _style(axis: Any) -> None:
 
 
 def _source(series: Series, sources: Sources) -> Any:
-    """The data of a series, one model for all charts that share it."""
+    """Bokeh's data of a series: one object for all charts that share the series."""
     if id(series) not in sources:
         each = [] if series.each is None else [series.each]
         columns = {
@@ -162,7 +162,7 @@ def _source(series: Series, sources: Sources) -> Any:
 
 
 def _legend_below(plot: Any) -> None:
-    """The legend under the axes, where it hides no number."""
+    """Put the legend under the axes, where it hides no data."""
     legend = plot.legend[0]
     plot.add_layout(legend, "below")
     legend.orientation = "horizontal"
@@ -268,7 +268,7 @@ def _look(mark: Mark, of: tuple[str, ...] = ("color", "alpha", "legend_label")) 
 
 
 def _answers(plot: Any, renderer: Any, mark: Mark, snap: bool = True) -> None:
-    """Hovering tells of a mark, and clicking marks its experiment in every chart."""
+    """Add a tooltip; with `pick` a click marks the experiment in every chart."""
     more = {"point_policy": "snap_to_data"} if snap else {}
     plot.add_tools(models.HoverTool(renderers=[renderer], tooltips=_tooltips(mark), **more))
     if not mark.pick:
@@ -281,7 +281,7 @@ def _answers(plot: Any, renderer: Any, mark: Mark, snap: bool = True) -> None:
 
 
 def _tooltips(mark: Mark) -> list[tuple[str, str]]:
-    """What is told, in Bokeh's words: columns begin with @, shares have their form behind."""
+    """The tooltips of a mark in Bokeh's notation: columns begin with @, shares end with a format."""
     return [
         (title, words.replace("{", "@{").replace(":%}", "}{0.[0000] %}"))
         for title, words in mark.hover
@@ -289,7 +289,7 @@ def _tooltips(mark: Mark) -> list[tuple[str, str]]:
 
 
 def _right(plot: Any, mark: Mark, axis: Axis | None) -> None:
-    """A scale of its own on the right for a mark that stands on zero."""
+    """Add a scale on the right, from zero, for a mark."""
     plot.y_range.renderers = list(plot.renderers)  # else the mark stretches the scale on the left
     top = BOKEH.top * float(np.max(mark.array("high")))
     plot.extra_y_ranges = {"right": models.Range1d(0.0, top)}

@@ -1,4 +1,4 @@
-"""What is said before an identification and after it: first runs, box, sensitivity, next."""
+"""The reports of `aleator check`, `box`, `sensitivity` and `next`, from their documents."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Document = Mapping[str, Any]
 
 
 def first_look(document: Document) -> Content:
-    """What was run, what each parameter does, what is out of reach, and what comes."""
+    """The report of check.json: effects of parameters, values out of reach, expected cost."""
     seen, every = document["conditions"]["looked_at"], document["conditions"]["all"]
     under = f"all {every} conditions" if seen == every else f"{seen} of {every} conditions"
     took = number(document["seconds_a_run"], 2)
@@ -64,7 +64,7 @@ def first_look(document: Document) -> Content:
 
 
 def duration(hours: float) -> str:
-    """A time in the unit that suits it.
+    """A duration in days, hours, minutes or seconds.
 
     >>> duration(0.0001), duration(0.2), duration(5.0), duration(100.0)
     ('less than a second', '12 minutes', '5 hours', '4.2 days')
@@ -150,7 +150,7 @@ def _cost(document: Document) -> str:
 
 
 def box(document: Document, thresholds: Thresholds = THRESHOLDS) -> Content:
-    """A row for each side of a box document, and the lines that go into the study."""
+    """The report of box.json: each side of the feasible box, and the keys for study.toml."""
     columns = heads("parameter", "side", ">value", "~limited by")
     rows = []
     for side in document["sides"]:
@@ -193,7 +193,7 @@ def box(document: Document, thresholds: Thresholds = THRESHOLDS) -> Content:
 
 
 def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
-    """Shares of the variance by parameter, pairs that act alike, and what to make of it."""
+    """The report of sensitivity.json: Sobol' indices, and pairs of parameters that act alike."""
     expansion, outcome = document["expansion"], document["study"]["outcome"]
     missed = expansion["unexplained"]
     lead = (
@@ -248,11 +248,11 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
 # ------------------------------------------------------------------------------------ next
 
 BESIDE = ("id", "standard_error", "chosen", "ties")
-"""Columns of a candidate that are no condition."""
+"""Keys of a candidate that are not conditions."""
 
 
 def next_experiments(document: Document) -> Content:
-    """What it is about, the best candidates, the best set, and what it does to each."""
+    """The report of next.json: the best candidates, the best set, and errors after that set."""
     laws = "" if document["laws"] == 1 else f", in the mean over {document['laws']} possible laws"
     lead = (
         f"About {document['about']}{laws}: {_error(document)} now {_value(document['now'])}. "
@@ -278,7 +278,7 @@ def next_experiments(document: Document) -> Content:
 
 
 def _gain(document: Document) -> str:
-    """What the set does, and what repeating all experiments would take for it."""
+    """A sentence on the effect of the chosen set, and on repetitions with the same effect."""
     chosen = document["chosen"]
     begin = (
         f"{len(chosen)} experiments: {_error(document)} {_value(document['now'])} -> "
@@ -298,7 +298,7 @@ def _error(document: Document) -> str:
 
 
 def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
-    """What a reader must know of the plan: in a few words, and in a sentence."""
+    """Warnings about a plan, each as a head and a sentence."""
     notes = [
         (f"{name} ended on its limit", f"no experiment tells anything of it there. Planned for "
          f"{number(value)}, the end of its interval.")
