@@ -245,7 +245,7 @@ def next(
     work = Work.on("next", study, options, folder=output, seed=seed)
     value = work.study
     table = value.read_conditions(candidates)
-    # what is wrong here is told before a slow simulator is run
+    # mistakes in the arguments are reported before a slow simulator runs
     require_enough_candidates(count, len(table.ids), repeat)
     require_free(about, value.hyperparameters)
     require_at_most_one({"--for": about, "--for-prediction": for_prediction})
@@ -270,7 +270,7 @@ def _predicted(
     above: float | None,
     below: float | None,
 ) -> Predicted | None:
-    """What is to be predicted; a quantile unless a limit is given."""
+    """The prediction to be known better: a quantile, or a probability where a limit is given."""
     limits = {"--quantile": quantile, "--above": above, "--below": below}
     if conditions is None:
         for option, given in limits.items():

@@ -1,4 +1,4 @@
-"""`aleator identify` and `aleator report`: an answer, and its page of charts."""
+"""`aleator identify` and `aleator report`: an identification, and its page of charts."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ Document = Mapping[str, Any]
 
 
 def write_report(document: Document, folder: Path, study: Path | None = None) -> Path:
-    """Write report.html of an identification into its folder, with what stands there beside it.
+    """Write report.html of an identification into its folder.
 
-    `study` is its study file. Raises AleatorError where Bokeh is not installed.
+    The page uses ceiling.json in that folder, and the `study` file. Raises AleatorError where Bokeh is not installed.
     """
     from aleator.views.page import page
 
@@ -62,7 +62,7 @@ def write_report(document: Document, folder: Path, study: Path | None = None) ->
 
 
 def write_compared(document: Document, other: Document, folder: Path, beside: Path) -> Path:
-    """Write compared.html of two identifications, which are called as their folders are."""
+    """Write compared.html of two identifications, which have the names of their folders."""
     from aleator.views.compared import compared_page
 
     names = [folder.name, beside.name]
@@ -77,13 +77,13 @@ def write_compared(document: Document, other: Document, folder: Path, beside: Pa
 
 
 def study_of(document: Document, folder: Path) -> Path | None:
-    """The study file that a document names, if it is there."""
+    """The path of the study file that a document names; None where it names none."""
     file = documents.study_entry(document).get("file")
     return folder / file if isinstance(file, str) else None
 
 
 def _ceiling(document: Document, folder: Path) -> Document | None:
-    """The ceiling of the same study that was written beside it; that of another is none."""
+    """The content of ceiling.json in the same folder, if it is of the same study."""
     if not (folder / CEILING).exists():
         return None
     found = read_ceiling(folder / CEILING)
@@ -92,7 +92,7 @@ def _ceiling(document: Document, folder: Path) -> Document | None:
 
 
 def _study_text(document: Document, study: Path | None) -> str | None:
-    """The text of the study file; none where it is not the one that was identified."""
+    """The text of the study file; None where the file has changed since the identification."""
     try:
         content = b"" if study is None else study.read_bytes()
     except OSError:
@@ -228,12 +228,12 @@ def identify(
 
 
 def _figures(document: dict[str, Any], folder: Path, quiet: bool) -> list[str]:
-    """Draw the figures, or say what they need."""
+    """Draw the figures if matplotlib is installed; returns the names of the files."""
     return [short(path) for path in save_figures(document, folder)] if can_draw(quiet=quiet) else []
 
 
 def _report(document: dict[str, Any], folder: Path, study: Path, quiet: bool) -> list[str]:
-    """Write report.html, or say what it needs."""
+    """Write report.html if Bokeh is installed; returns the name of the file."""
     if not can_report(quiet=quiet):
         return []
     return [short(write_report(document, folder, study))]

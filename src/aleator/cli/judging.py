@@ -1,4 +1,4 @@
-"""`aleator compare`, `ceiling`, `bootstrap`, `posterior` and `recover`: how good an answer is."""
+"""`aleator compare`, `ceiling`, `bootstrap`, `posterior`, `recover`: how good a result is."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ def compare(
 
 
 def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:
-    """The studies by their names."""
+    """The studies by their names; raises AleatorError for fewer than two, and for equal names."""
     if len(studies) < 2:
         raise AleatorError(f"compare: {len(studies)} study", "name two or more")
     found: dict[str, Study] = {}
@@ -336,7 +336,7 @@ def recover(
 def _truth(
     study: Study, runner: Runner, law: Path | None, given: tuple[str, ...], progress: Progress
 ) -> dict[str, float]:
-    """The true alpha: what is given by name, the rest from a law that was or is now identified."""
+    """The true alpha: values given by name, the others from an identified law."""
     free = [h.name for h in study.hyperparameters if h.free]
     values: dict[str, float] = {}
     for entry in given:

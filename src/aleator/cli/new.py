@@ -41,19 +41,19 @@ from aleator.views.terminal import TerminalTable
 
 
 def at_terminal() -> bool:
-    """Whether somebody can answer."""
+    """Whether a user at a terminal can answer."""
     return sys.stdin.isatty()
 
 
 @dataclass(frozen=True)
 class Questions:
-    """`interactive`, or answered by their defaults; `folder` is that of the study file."""
+    """Questions to the user, or their defaults if not `interactive`; `folder` is the study's."""
 
     interactive: bool
     folder: Path
 
     def text(self, question: str, default: str | None, missing: AleatorError) -> str:
-        """A text; raises `missing` where there is no default and nobody to ask."""
+        """A text; raises `missing` where there is no default and no user to ask."""
         if self.interactive:
             return str(click.prompt(question, default=default, err=True)).strip()
         if default is None:
@@ -87,7 +87,7 @@ class Questions:
     def limits(
         self, question: str, default: tuple[float, float] | None
     ) -> tuple[float, float] | None:
-        """Two numbers; None where nothing is known and nothing is said."""
+        """Two numbers; None where the user enters nothing and there is no default."""
         if not self.interactive:
             return default
         shown = "" if default is None else f"{default[0]:g} {default[1]:g}"
@@ -97,7 +97,7 @@ class Questions:
         return found
 
     def number(self, question: str) -> float | None:
-        """A number; None where nobody knows it."""
+        """A number; None where the user enters nothing."""
         if not self.interactive:
             return None
         found: float | None = click.prompt(
@@ -130,7 +130,7 @@ def _number(answer: str) -> float | None:
 
 
 def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, given: str | None) -> str | None:
-    """The column that names the experiments, or None."""
+    """The column with the ids of experiments, or None."""
     if given is not None:
         sheet.table.require(given, "the id")
     columns = [name for name in (roles.id, *roles.others) if name]
@@ -168,7 +168,7 @@ def chosen_offer(
             "--function FILE.py:NAME, --fmu FILE.fmu or --command '...'",
         )
         answer = questions.text(
-            "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})", _likely(), missing
+            "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})", _only_simulator(), missing
         )
         fmu = Path(answer) if answer.endswith(".fmu") else None
         if fmu is None and "{" in answer:
@@ -203,7 +203,7 @@ def chosen_parameters(
 ) -> dict[str, Limits | float | None]:
     """The parameters that differ between experiments, with their limits as far as they are known.
 
-    Raises AleatorError for limits that are none.
+    Raises AleatorError for limits that cannot be read.
     """
     if given or not questions.interactive:
         called = {variable: name for name, variable in offer.variables.items()}
@@ -231,7 +231,7 @@ def chosen_parameters(
 
 
 def _parameter(text: str) -> tuple[str, Limits | float | None]:
-    """`stiffness=1:3`, `stiffness=2` or `stiffness`."""
+    """Name and value of an option such as `stiffness=1:3`, `stiffness=2` or `stiffness`."""
     name, given, value = text.partition("=")
     try:
         numbers = [float(part) for part in value.split(":")] if given else []
@@ -248,7 +248,7 @@ def _parameter(text: str) -> tuple[str, Limits | float | None]:
 
 
 def _function(questions: Questions, reference: str) -> Offer:
-    """A function by a name that is relative to the current folder, or of a module."""
+    """The offer of a function in a file of the current folder, or in a module."""
     file, _, name = reference.rpartition(":")
     if reference.endswith(".py"):
         file, name = reference, ""
@@ -276,7 +276,7 @@ def _function(questions: Questions, reference: str) -> Offer:
 
 
 def _located(folder: Path, command: str) -> str:
-    """A command whose arguments that are files beside the study are found from everywhere."""
+    """A command with {study}/ before arguments that are files in the folder of the study."""
     program, *rest = command.split(" ")
     return " ".join(
         [program, *(f"{{study}}/{w}" if w and (folder / w).is_file() else w for w in rest)]
@@ -284,12 +284,12 @@ def _located(folder: Path, command: str) -> str:
 
 
 def _beside(folder: Path, file: Path) -> str:
-    """A file as a study in the folder names it."""
+    """The path of a file relative to the folder of the study."""
     return Path(os.path.relpath(file.absolute(), folder)).as_posix()
 
 
-def _likely() -> str | None:
-    """What in the current folder is a simulator, if there is one such thing."""
+def _only_simulator() -> str | None:
+    """The only simulator in the current folder, if there is one."""
     fmu = _only("*.fmu")
     if fmu is not None:
         return fmu
@@ -328,7 +328,7 @@ def schema(output: Path | None) -> None:
 
 
 def schema_text() -> str:
-    """The schema as a file has it."""
+    """The JSON schema of study.toml as text."""
     return json.dumps(study_schema(), indent=1, ensure_ascii=False) + "\n"
 
 
@@ -425,7 +425,7 @@ def new(
 
 
 def _require_free(output: Path, force: bool, questions: Questions) -> None:
-    """A file that is there is replaced only if the user says so."""
+    """Raise AleatorError where the file exists and the user does not agree to replace it."""
     if not output.exists() or force or questions.agreed(f"{short(output)} is there. Replace it?"):
         return
     raise AleatorError(

@@ -44,7 +44,7 @@ from aleator.views import predictions
 
 
 def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
-    """A note where surfaces of new conditions have to be made, by what those of the study took."""
+    """A note on the expected runs for surfaces under new conditions, as many as in the study."""
     surface = document.get("surface") or {}
     if not (surface.get("runs") and surface.get("experiments")):
         return
@@ -64,7 +64,7 @@ def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
 
 
 def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
-    """A note for each row of new conditions that is beyond the tested ones."""
+    """A note for each row of new conditions that lies beyond the tested ones."""
     tested, new = value.experiments.table, table.table
     asked = [*table.conditions, *value.inputs.covariates]
     names = [name for name in dict.fromkeys(asked) if name in tested and name in new]
@@ -80,7 +80,7 @@ def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """The options of a probability or of limits; none of them asks for the distribution."""
+    """The options for a probability or for limits; without them the distribution is predicted."""
 
     above: float | None
     below: float | None
@@ -98,7 +98,7 @@ class PredictionRequest:
 
     @property
     def limits(self) -> Tolerance | None:
-        """The limits that are asked for, if they are."""
+        """The limits that the options choose, or None."""
         if self.tolerance is not None:
             return Tolerance(*self.tolerance)
         if self.reliability is not None:
@@ -107,13 +107,13 @@ class PredictionRequest:
 
     @property
     def distribution(self) -> bool:
-        """Whether nothing else than the distribution is asked for."""
+        """Whether the distribution is predicted."""
         return self.limits is None and not any(
             part is not None for part in (self.above, self.below, self.between)
         )
 
     def table(self, answer: Identification, conditions: Conditions, **how: Any) -> pd.DataFrame:
-        """What is asked of the conditions; `how` are the options that all three questions take."""
+        """The predictions for conditions; `how` are arguments of all three kinds of prediction."""
         if self.distribution:
             return answer.predict(conditions, **how)
         how["response"] = self.response
@@ -125,7 +125,7 @@ class PredictionRequest:
         )  # fmt: skip
 
     def content(self, found: pd.DataFrame, outcome: str) -> Content:
-        """The table with its title, for the terminal."""
+        """The table of probabilities or limits with its title."""
         columns = found.to_dict("list")
         if self.limits is None:
             return predictions.probabilities(columns, f"Probability of {outcome} {self._event}")
@@ -149,7 +149,7 @@ _SIDES = {"upper": "below", "lower": "above"}
 
 
 def asks(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options of what is asked for, as the one argument `asked`."""
+    """A decorator that adds the options of a prediction to a command, as its argument `asked`."""
 
     @click.option("--above", type=float, metavar="X", help="Probability of outcomes above X.")
     @click.option("--below", type=float, metavar="X", help="Probability of outcomes below X.")
@@ -349,7 +349,7 @@ def _identification(
     measured: Runner | None,
     of: str | None,
 ) -> Identification:
-    """The identification with its simulator; `measured` runs the experiments that were measured."""
+    """The identification with its simulator; `measured` runs the experiments of the study."""
     found = Identification.from_document(document)
     if of is not None and not found.observations:
         raise AleatorError(
@@ -368,13 +368,13 @@ def _identification(
 
 
 def _rows_of(found: pd.DataFrame, table: Conditions) -> Indices:
-    """The row of the table of each prediction, where each experiment has one."""
+    """The row in the table of each prediction, where each experiment has one row."""
     place = {name: int(row) for row, name in enumerate(table.ids)}
     return np.array([place[name] for name in found["id"]], dtype=np.intp)
 
 
 def _labels(found: pd.DataFrame, table: Conditions) -> list[str]:
-    """The ids, and of experiments with several rows the conditions that vary."""
+    """Labels of predictions: ids, and for experiments with several rows the varying conditions."""
     if "row" not in found:
         return [str(name) for name in found["id"]]
     cells = table.conditions.iloc[found["row"].to_numpy() - 1]

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: how the program ends, and at once while modules are imported."""
+"""How Ctrl-C and SIGTERM end the program, also while modules are imported."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from types import FrameType
 
 
 def ending(signum: int) -> tuple[str, int]:
-    """What the program says when a signal ended it, and the exit code that shells report then."""
+    """The message and the exit code of a program that a signal ended."""
     name = "Ctrl-C" if signum == signal.SIGINT else signal.Signals(signum).name
     return f"aleator: stopped by {name}", 128 + signum
 
 
 @contextmanager
 def termination_heard() -> Iterator[list[int]]:
-    """Let SIGTERM, which a batch system sends when the time is up, end a command as Ctrl-C does.
+    """A context in which SIGTERM ends a command as Ctrl-C does; yields the signals received.
 
-    Yields the signals that came.
+    A batch system sends SIGTERM when the time of a job is over.
     """
     heard: list[int] = []
 
@@ -45,10 +45,10 @@ def termination_heard() -> Iterator[list[int]]:
 
 @contextmanager
 def ended_at_once() -> Iterator[None]:
-    """Where Ctrl-C would raise KeyboardInterrupt, let it end this process.
+    """A context in which Ctrl-C ends the process at once, in place of raising KeyboardInterrupt.
 
-    For imports: an exception there comes out of modules of others as a traceback, or as another
-    one, or not at all. Nothing is open yet that would have to be closed.
+    It is for imports: there an exception may come out of other modules as a traceback, as another
+    exception, or not at all, and no file is open yet.
     """
     try:
         plain = signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -103,7 +103,7 @@ def _is_file(path: Path) -> bool:
 def replaced(path: Path, study: Path | None = None) -> str | None:
     """A note that an older file will be replaced; None where there is no such file.
 
-    Raises AleatorError where the older file is the result of another study, which is not to be lost.
+    Raises AleatorError where the older file is the result of another study.
     """
     try:
         older = study_entry(json.loads(path.read_text(encoding="utf-8"))).get("file")

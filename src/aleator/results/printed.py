@@ -218,7 +218,7 @@ AMOUNTS = Amounts()
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Thresholds beyond which a report mentions something; by judgement unless a source is named."""
+    """Thresholds beyond which a report mentions a fact; by judgement unless a source is named."""
 
     sandwich: tuple[float, float] = (0.7, 1.4)
     """Ratios of a sandwich error to the standard error that are near one."""

@@ -1,4 +1,4 @@
-"""Keys of study.toml: a section's, and those of the kinds that it may choose, plug-ins too."""
+"""Sections of study.toml, the kinds that a section chooses by name, plug-ins too, and the laws."""
 
 from __future__ import annotations
 
@@ -58,11 +58,11 @@ from aleator.laws import (
 )
 
 FAULT = "fault"
-"""The type of pydantic's errors that bring their own message, with a remedy."""
+"""The type of pydantic's errors that have a message and a remedy of their own."""
 
 
 class Section(BaseModel):
-    """A table of the file: known keys only, values of the right type, numbers not as text."""
+    """A table of study.toml: unknown keys and values of another type are refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -79,12 +79,12 @@ class Section(BaseModel):
         return value
 
     def stated(self) -> dict[str, Any]:
-        """The keys that the file gives; the library's defaults stand for the others."""
+        """The keys that the file states; all others keep the default of the library."""
         return {key: getattr(self, key) for key in self.model_fields_set}
 
 
 def _law(value: Any) -> ChosenKind[Law]:
-    """A law by its keys. The table of laws follows below, for it is made with these sections."""
+    """The law that a table chooses. `LAWS` is defined below, as it is made with these sections."""
     return LAWS.read(value)
 
 
@@ -114,17 +114,17 @@ class FreeSection(Section):
 
 
 def fault(problem: str, remedy: str, key: str = "") -> PydanticCustomError:
-    """What is wrong with a table, or with a key of it, and what to do about it."""
+    """A pydantic error about a table or a key of it, with its remedy."""
     return _error(key, f": {problem}", remedy)
 
 
 def missing(key: str, remedy: str) -> PydanticCustomError:
-    """A key that a table lacks."""
+    """A pydantic error about a key that is missing in a table."""
     return _error(key, " is missing", remedy)
 
 
 def unknown(key: str, value: object, known: Sequence[str], group: str) -> PydanticCustomError:
-    """A key whose value is none of those that there are, nor of the plug-ins' in the group."""
+    """A pydantic error about a key that names no kind, neither built in nor of a plug-in."""
     problem = f" = {in_toml(value)} is not known{nearest(str(value), known)}"
     remedy = f"choose one of {', '.join(known)}, or install the plug-in with this entry point"
     return _error(key, problem, f"{remedy} of {group}")
@@ -136,7 +136,7 @@ def _error(key: str, problem: str, remedy: str) -> PydanticCustomError:
 
 
 def in_toml(value: object, most: int = 60) -> str:
-    """A value as it is written in TOML, cut to so many letters at most.
+    """A value as it is written in TOML, cut to `most` characters.
 
     >>> in_toml(True), in_toml("text"), in_toml([1.0, "a"])
     ('true', '"text"', '[1.0, "a"]')
@@ -147,7 +147,7 @@ def in_toml(value: object, most: int = 60) -> str:
 
 
 def form(value: Any) -> str:
-    """What a value of the file is: a table, a list, a text or a number.
+    """The form of a value of the file: a table, a list, a text or a number.
 
     >>> form({"lower": 0.0}), form([1]), form("a"), form(1)
     ('table', 'list', 'text', 'number')
@@ -158,7 +158,7 @@ def form(value: Any) -> str:
 
 
 BY_FORM = Discriminator(form)
-"""Tells alternatives apart, whose tags are forms."""
+"""A discriminator of alternatives that differ in their form."""
 
 Spec = Annotated[
     Annotated[FiniteFloat, Tag("number")] | Annotated[FreeSection, Tag("table")], BY_FORM
@@ -212,7 +212,7 @@ LawSpec = Annotated[
 
 
 def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
-    """A number fixes a hyperparameter, a table frees it within its limits, a text is a formula.
+    """The specification of a hyperparameter: a number, limits of a free one, or a formula.
 
     >>> specification(FreeSection(lower=0.0, upper=1.0))
     Free(lower=0.0, upper=1.0, start=None, prior=None)
@@ -233,14 +233,14 @@ def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
 T = TypeVar("T")
 
 FOLDER = "folder"
-"""The argument of this name is the study's folder; it is no key."""
+"""The name of an argument that is the folder of the study, and no key."""
 
 
 @dataclass(frozen=True)
 class ChosenKind(Generic[T]):
-    """One kind of a section, with its keys checked; `keys` holds those of every kind too.
+    """The kind that a section chose, with its checked keys, those common to all kinds included.
 
-    `origin` names the plug-in that it is of; it is empty for what comes along.
+    `origin` names the plug-in that offers the kind; it is empty for a built-in kind.
     """
 
     kind: str
@@ -267,17 +267,17 @@ class ChosenKind(Generic[T]):
 
 @dataclass(frozen=True)
 class Kinds(Generic[T]):
-    """What a section may choose by name: the makers that come along, and those of entry points.
+    """The kinds that a section can choose by name: the built-in ones, and those of plug-ins.
 
-    A maker is a class or a function, or its name, "module:name", to be imported when it is chosen.
-    The keys of its section are its arguments, by name: one with a
-    default may be left out, and the annotation is the type (`Specification`: a number or a table;
-    `tuple`: a list; `Path`: a file relative to the study). An argument `folder` is the study's
-    folder. An argument with a default whose type TOML does not have is no key.
+    A kind has a maker: a class or a function, or its name "module:name", imported when the kind is
+    chosen. The keys of the section are the arguments of the maker, and their types those of the
+    annotations (`Specification`: a number or a table; `tuple`: a list; `Path`: a file relative to
+    the study). A key whose argument has a default may be left out. An argument `folder` is the
+    folder of the study. An argument with a default and a type that TOML lacks is no key.
 
-    `group` is the group of entry points and `key` the key that names the kind, `default` where it
-    is left out. Without a `key` the kind is named by the key that bears its name. `common` are keys
-    of every kind. What comes along cannot be replaced by a plug-in.
+    `group` is the group of entry points, `key` the key that names the kind, and `default` the kind
+    where the key is left out. Without a `key`, the key with the name of a kind chooses it. `common`
+    has the keys of every kind. A plug-in cannot replace a built-in kind.
 
     >>> from aleator.laws import Normal
     >>> laws = Kinds("aleator.laws", "law", {"normal": Normal})
@@ -294,14 +294,14 @@ class Kinds(Generic[T]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all kinds; those of plug-ins come last."""
+        """The names of all kinds, the built-in ones first."""
         return (*self.built_in, *sorted({*entry_points(group=self.group).names} - {*self.built_in}))
 
     def read(self, value: Any) -> ChosenKind[T]:
         """The kind that a table chooses, with its keys checked.
 
-        Raises what pydantic makes a message of: a table without a kind, a kind that nobody offers,
-        a plug-in that cannot be imported, an unknown key, a value of the wrong type.
+        Raises errors of pydantic: for a missing or unknown kind, a plug-in that cannot be imported,
+        an unknown key, and a value of the wrong type.
         """
         if not isinstance(value, Mapping):
             self.common.model_validate(value)
@@ -313,7 +313,7 @@ class Kinds(Generic[T]):
         return ChosenKind(kind, section.model_validate(value), maker, origin)
 
     def section(self, kind: str) -> type[Section]:
-        """The keys of a kind. Raises what `read` does for one that nobody offers."""
+        """The model of the keys of a kind. Raises as `read` does for an unknown kind."""
         return self._section(*self._maker(kind))
 
     def _section(self, maker: Callable[..., T], origin: str) -> type[Section]:
@@ -344,7 +344,7 @@ class Kinds(Generic[T]):
         )
 
     def _maker(self, kind: str) -> tuple[Callable[..., T], str]:
-        """The maker of a kind, and the plug-in that it is of."""
+        """The maker of a kind, and the plug-in that offers it."""
         if kind in self.built_in:
             return _imported(self.built_in[kind]), ""
         found = [*entry_points(group=self.group, name=kind)]
@@ -371,7 +371,7 @@ class Kinds(Generic[T]):
         return loaded
 
     def _not_of_another(self, key: str, kind: str, section: type[Section]) -> None:
-        """Raise where a key belongs to another kind that comes along."""
+        """Raise where a key belongs to another built-in kind."""
         if key in section.model_fields:
             return
         for other, maker in self.built_in.items():
@@ -398,9 +398,9 @@ def _imported(maker: Callable[..., T] | str) -> Callable[..., T]:
 
 @lru_cache(maxsize=64)
 def _section(maker: Callable[..., Any], key: str, common: type[Section]) -> type[Section]:
-    """The keys that a maker takes, beside those of every kind.
+    """The model of the keys of a maker, with those of every kind.
 
-    Raises NameError or TypeError for annotations that cannot be understood.
+    Raises NameError or TypeError for annotations that have no meaning here.
     """
     keys: dict[str, Any] = {key: (str, "")} if key else {}
     for name, parameter in inspect.signature(maker).parameters.items():
@@ -430,7 +430,7 @@ def _types(maker: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _key_type(hint: Any) -> Any:
-    """The type of the key for an argument of this type; what is read becomes the argument."""
+    """The pydantic type of a key, by the type of the argument that it becomes."""
     parts = get_args(hint)
     if hint is Path:
         return Annotated[str, AfterValidator(lambda text: Path(text))]
@@ -456,7 +456,7 @@ def _is_known(kind: Any) -> bool:
 
 
 def _origin(point: EntryPoint) -> str:
-    """A plug-in as messages name it."""
+    """The name of a plug-in in messages."""
     of = f" of {point.dist.name} {point.dist.version}" if point.dist else ""
     return f"the plug-in '{point.name}' ({point.value}{of})"
 
@@ -542,4 +542,4 @@ LAWS: Kinds[Law] = Kinds(
     },
     common=LawSection,
 )
-"""`law = "..."`: the laws of a parameter."""
+"""`law = "..."`: the kinds of law that a parameter can have."""

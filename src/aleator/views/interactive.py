@@ -281,7 +281,7 @@ def _answers(plot: Any, renderer: Any, mark: Mark, snap: bool = True) -> None:
 
 
 def _tooltips(mark: Mark) -> list[tuple[str, str]]:
-    """The tooltips of a mark in Bokeh's notation: columns begin with @, shares end with a format."""
+    """The tooltips of a mark in Bokeh's notation: @ before a column, a format after a share."""
     return [
         (title, words.replace("{", "@{").replace(":%}", "}{0.[0000] %}"))
         for title, words in mark.hover

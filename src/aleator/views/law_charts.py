@@ -53,7 +53,8 @@ def law_chart(
     if individuals is not None and name in individuals.parameters:
         mean = f"mean_{name}"
         marks.append(Mark("points", individuals.series, mean, "foot", color=chart.INK,
-                          marker="tick", size=CHARTS.tick, width=CHARTS.thin, pick=True, legend="experiments",
+                          marker="tick", size=CHARTS.tick, width=CHARTS.thin, pick=True,
+                          legend="experiments",
                           hover=[("experiment", "{id}"), (head, f"{{{mean}}}")]))  # fmt: skip
         caption += " Ticks are the means of single experiments."
     masses = [point for point in (best or {}).get("points", ()) if name in point]
