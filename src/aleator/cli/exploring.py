@@ -9,7 +9,6 @@ import click
 
 from aleator.cli.running import (
     FILE,
-    FOLDER,
     NO_FIGURES,
     OUTPUT,
     SEED,
@@ -19,6 +18,7 @@ from aleator.cli.running import (
     folder_of,
     identified,
     makes_runs,
+    output_option,
     require_at_most_one,
     running,
     whole_number,
@@ -43,12 +43,7 @@ from aleator.views.figures import save_check, save_sensitivity
 
 @click.command()
 @STUDY
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Write DIR/box.json.",
-)
+@output_option("Write DIR/box.json.")
 @SEED
 @makes_runs
 def box(
@@ -216,7 +211,7 @@ def sensitivity(
     "Plan for the mean over so many laws that the experiments leave possible; 1: for the "
     "identified one.",
 )
-@click.option("--output", type=FOLDER, metavar="DIR", help="Write DIR/next.json and DIR/next.csv.")
+@output_option("Write DIR/next.json and DIR/next.csv.")
 @SEED
 @makes_runs
 def next(

@@ -50,7 +50,8 @@ Document = Mapping[str, Any]
 def write_report(document: Document, folder: Path, study: Path | None = None) -> Path:
     """Write report.html of an identification into its folder.
 
-    The page uses ceiling.json in that folder, and the `study` file. Raises AleatorError where Bokeh is not installed.
+    The page uses ceiling.json in that folder, and the `study` file. Raises AleatorError where Bokeh
+    is not installed.
     """
     from aleator.views.page import page
 

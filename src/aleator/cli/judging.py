@@ -10,7 +10,6 @@ import click
 
 from aleator.cli.running import (
     FILE,
-    FOLDER,
     NO_FIGURES,
     NO_VERIFY,
     OUTPUT,
@@ -25,6 +24,7 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     name_of,
+    output_option,
     running,
     show_answer,
     shown,
@@ -163,12 +163,7 @@ def ceiling(
     help="Judge likelihood ratios by R data sets drawn under the smaller model, too.",
 )
 @click.option("--no-ceiling", is_flag=True, help="Do not look for the best law of each model.")
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Folder of compare.json and compare.png [default: out/compare].",
-)
+@output_option("Folder of compare.json and compare.png [default: out/compare].")
 @SEED
 @NO_VERIFY
 @makes_runs
@@ -276,12 +271,7 @@ def posterior(
 @click.command()
 @STUDY
 @whole_number("--replicates", 40, "Number of virtual data sets.", least=2)
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Write DIR/recovery.json, with every replicate.",
-)
+@output_option("Write DIR/recovery.json, with every replicate.")
 @SEED
 @click.option(
     "--law",

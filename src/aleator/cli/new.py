@@ -106,7 +106,7 @@ class Questions:
         return found
 
     def agreed(self, question: str) -> bool:
-        """Whether the user says yes; no where nobody is questions."""
+        """Whether the user agrees; False where no user is asked."""
         return self.interactive and click.confirm(question, default=False, err=True)
 
 
@@ -168,7 +168,9 @@ def chosen_offer(
             "--function FILE.py:NAME, --fmu FILE.fmu or --command '...'",
         )
         answer = questions.text(
-            "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})", _only_simulator(), missing
+            "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})",
+            _only_simulator(),
+            missing,
         )
         fmu = Path(answer) if answer.endswith(".fmu") else None
         if fmu is None and "{" in answer:

@@ -107,12 +107,14 @@ NO_VERIFY = click.option("--no-verify", is_flag=True, help="Leave out the check 
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
 )
-OUTPUT = click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Folder of the results [default: out/ and the name of the study's folder].",
-)
+
+
+def output_option(help: str) -> Callable[..., Any]:
+    """The option --output for a folder."""
+    return click.option("--output", type=FOLDER, metavar="DIR", help=help)
+
+
+OUTPUT = output_option("Folder of the results [default: out/ and the name of the study's folder].")
 """The option for the folder of results; `folder_of` gives its default."""
 
 
@@ -267,19 +269,20 @@ def units_in(study: Study) -> dict[str, Any]:
     }
 
 
-def outcome_of(study: Study) -> str:
-    """The names of the responses of a study, on the scale of the likelihood."""
-    known = units_in(study)
-    return ", ".join(seen_label(known, name) for name in known["responses"])
-
-
 def linked(
     result: Mapping[str, Any], study: Study, study_file: Path, folder: Path
 ) -> dict[str, Any]:
-    """The document of a result in `folder`, with title, file and hash of its study."""
-    return documents.linked(
-        result, study.title, study_file, study.sha256, outcome_of(study), folder
-    )
+    """The document of a result in `folder`, with title, file and hash of its study.
+
+    The file is named relative to the folder, so that both can be moved together.
+    """
+    known = units_in(study)
+    entry = {
+        "file": Path(os.path.relpath(study_file, folder)).as_posix(),
+        "sha256": study.sha256,
+        "outcome": ", ".join(seen_label(known, name) for name in known["responses"]),
+    }
+    return {"title": study.title, "study": entry, **result}
 
 
 def name_of(study: Path) -> str:
@@ -366,7 +369,7 @@ class Work:
         seed: int | None,
         verified: bool = False,
     ) -> Work:
-        """The work on a study file, with another seed, with or without the check on the simulator."""
+        """The work on a study file, with another seed, with or without its check."""
         study = load_study(file).overridden(seed, verified=verified)
         return cls(name, study, file.absolute(), folder, options)
 

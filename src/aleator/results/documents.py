@@ -61,17 +61,6 @@ def to_json(result: Mapping[str, Any]) -> str:
     return json.dumps(ordered, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def linked(
-    result: Mapping[str, Any], title: str, study: Path, sha256: str, outcome: str, folder: Path
-) -> dict[str, Any]:
-    """The document of a result that is written to `folder`, with its title and its study file.
-
-    The file is named relative to the folder, so that both can be moved together.
-    """
-    file = Path(os.path.relpath(study, folder)).as_posix()
-    return {"title": title, "study": {"file": file, "sha256": sha256, "outcome": outcome}, **result}
-
-
 def study_entry(document: Mapping[str, Any]) -> Mapping[str, Any]:
     """The entry `study` of a document; empty where it is missing or damaged."""
     entry = document.get("study")

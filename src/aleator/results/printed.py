@@ -177,12 +177,8 @@ class Amounts:
     """Conditions in that table."""
     failed: int = 20
     """Experiments with failed runs that are named."""
-    points: int = 12
-    """Points of the best possible law."""
     gaining: int = 5
     """Experiments that gain most by that law."""
-    out_of_reach: int = 12
-    """Experiments out of reach of the first runs."""
     pairs: int = 5
     """Pairs of parameters that act alike."""
     candidates: int = 10
@@ -202,9 +198,7 @@ class Amounts:
     observations: int = 20_000
     """Observations in these series."""
     named: int = 12
-    """Experiments or outliers that a figure has room to name."""
-    panels: int = 12
-    """Panels of series in a figure."""
+    """Experiments, points of a law or panels that a table or a figure has room for."""
     across: int = 4
     """Panels beside each other."""
     farthest_panels: int = 4
@@ -481,7 +475,7 @@ def laid_out(
     ]
 
 
-def _least(cells: Sequence[str], settings: TextSettings = TEXT) -> int:
+def _least(cells: Sequence[str], settings: TextSettings) -> int:
     """The least width of a folding column, at least that of its longest word."""
     words = [len(word) for cell in cells for word in cell.split()]
     return max(min(settings.narrowest, max(map(len, cells))), *words)

@@ -61,8 +61,8 @@ def covariates_in(table: Table, names: Sequence[str], id: str | None) -> dict[st
     """The columns that may be covariates of a law, each with its term in a formula.
 
     A covariate has no blank cell, and one value for each experiment. Texts have few levels, with
-    two experiments or more at each level; numbers differ, and do not merely count the rows. There is at
-    most one covariate for ten experiments, and one in any case.
+    two experiments or more at each level; numbers differ, and do not merely count the rows. There
+    is at most one covariate for ten experiments, and one in any case.
 
     >>> cells = {"by": ["a", "a", "b", "b"], "t": ["20", "25", "20", "30"]}
     >>> covariates_in(Table("a.csv", cells, ["row"] * 4), ["by", "t"], None)

@@ -193,7 +193,7 @@ def _room(size: int) -> float:
 
 
 def _spans(axes: Axes, mark: Mark) -> None:
-    x, low, high = map(mark.array, ("x", "y", "high"))
+    x, low, high = (mark.array(end) for end in ("x", "y", "high"))
     known = np.isfinite(low) & np.isfinite(high)
     if x.size > FIGURES.bars:
         order = np.argsort(x, kind="stable")
@@ -222,7 +222,7 @@ def _points(axes: Axes, mark: Mark) -> None:
             x + half,
             color=mark.color,
             lw=FIGURES.points * float(mark.width),
-            label=mark.legend or None,
+            label=mark.legend or "_",
         )
         return
     size = FIGURES.points * (CHARTS.dot if isinstance(mark.size, str) else mark.size)

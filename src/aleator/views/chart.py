@@ -131,8 +131,8 @@ class Mark:
     grid: tuple[Array, Array, Array] | None = None
     levels: Sequence[float] = ()
 
-    def array(self, end: Literal["x", "y", "high"]) -> Array:
-        """The numbers of one of its columns; NaN for none."""
+    def array(self, end: str) -> Array:
+        """The numbers of its column "x", "y" or "high"; NaN for none."""
         return self.series.array(getattr(self, end))
 
 

@@ -186,7 +186,7 @@ def _series(
 ) -> Figure:
     """A panel for each of some experiments and each response."""
     responses = len(all_measured)
-    most = max(amounts.across, amounts.panels // responses // amounts.across * amounts.across)
+    most = max(amounts.across, amounts.named // responses // amounts.across * amounts.across)
     ids = chosen(document["observations"], most)
     across = min(amounts.across, len(ids))
     blocks = -(-len(ids) // across)

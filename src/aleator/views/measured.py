@@ -239,17 +239,27 @@ def _finished(
     found = [AxisChoice("order", f"order of the {what}")]
     if "q0.5" in columns:
         found.append(AxisChoice("q0.5", f"{what} of {label(document, response)}"))
-    for k, (name, column) in enumerate(conditions.items()):
-        key = f"c{k}"
-        texts = sorted({v for v in column if isinstance(v, str)})
-        columns[f"{key}_shown"] = [v if isinstance(v, str) else _short(v) for v in column]
-        if texts:
-            columns[key] = [texts.index(v) if isinstance(v, str) else None for v in column]
-        else:
-            columns[key] = list(column)
-        found.append(AxisChoice(key, label(document, name), tuple(texts) or None, name))
+    found += add_conditions(document, columns, conditions)
+    for one in found:
+        if one.name:
+            texts = [v if isinstance(v, str) else _short(v) for v in conditions[one.name]]
+            columns[f"{one.key}_shown"] = texts
     named = seen_label(document, response) if seen else label(document, response)
     return MeasuredValues(response, log, columns, tuple(found), named)
+
+
+def add_conditions(
+    document: Document, columns: dict[str, list[Any]], conditions: Mapping[str, Sequence[Any]]
+) -> list[AxisChoice]:
+    """Add conditions to the columns of a chart, texts as numbers; returns the choices of x."""
+    choices = []
+    for k, (name, column) in enumerate(conditions.items()):
+        texts = sorted({v for v in column if isinstance(v, str)})
+        columns[f"c{k}"] = [
+            texts.index(v) if isinstance(v, str) else None if texts else v for v in column
+        ]
+        choices.append(AxisChoice(f"c{k}", label(document, name), tuple(texts) or None, name))
+    return choices
 
 
 def _short(value: Any) -> str:

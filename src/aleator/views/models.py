@@ -236,8 +236,8 @@ def _values(document: Document, least: float = 1e-4) -> TextTable:
 def _points(document: Document, amounts: Amounts = AMOUNTS) -> list[Part]:
     """The points of most probability, in the order of their parameters."""
     points: Sequence[Mapping[str, float]] = document["points"]
-    least = sorted((point["probability"] for point in points), reverse=True)[: amounts.points][-1]
-    kept = [point for point in points if point["probability"] >= least][: amounts.points]
+    least = sorted((point["probability"] for point in points), reverse=True)[: amounts.named][-1]
+    kept = [point for point in points if point["probability"] >= least][: amounts.named]
     columns: list[Column] = [(label(document, name), "right") for name in points[0]]
     rows = [[number(value) for value in point.values()] for point in kept]
     more = len(points) - len(kept)

@@ -14,7 +14,7 @@ from aleator.results.printed import AMOUNTS, Amounts, outside, percent
 from aleator.results.units import label
 from aleator.views import chart
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, evenly, numbers
-from aleator.views.measured import SHAPES, AxisChoice, MeasuredValues, conditions_of
+from aleator.views.measured import SHAPES, AxisChoice, MeasuredValues, add_conditions, conditions_of
 
 Document = Mapping[str, Any]
 IN_A_SERIES = (
@@ -273,11 +273,9 @@ def individuals_of(document: Document, amounts: Amounts = AMOUNTS) -> Individual
         columns |= {f"mean_{name}": mean.tolist(), f"low_{name}": (mean - reach).tolist(),
                     f"high_{name}": (mean + reach).tolist()}  # fmt: skip
     columns["order"] = [k + 1 for k in kept]
+    drawn = {name: [column[j] for j in kept] for name, column in conditions_of(document).items()}
     choices = [AxisChoice("order", "order of the table")]
-    for k, (name, column) in enumerate(conditions_of(document).items()):
-        texts = sorted({v for v in column if isinstance(v, str)})
-        columns[f"c{k}"] = [texts.index(column[j]) if texts else column[j] for j in kept]
-        choices.append(AxisChoice(f"c{k}", label(document, name), tuple(texts) or None, name))
+    choices += add_conditions(document, columns, drawn)
     columns["x"] = list(columns["order"])
     return Individuals(names, Series("individuals", columns), tuple(choices), len(entries))
 

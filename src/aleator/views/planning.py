@@ -96,7 +96,7 @@ def _out_of_reach(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
     known = {row["id"]: row for row in document["observations"]}
     columns = heads("out of reach", ">measured", ">reached from", ">to", ">beyond by")
     rows = []
-    for name in document["out_of_reach"][: amounts.out_of_reach]:
+    for name in document["out_of_reach"][: amounts.named]:
         row = known[name]
         measured = row["lower"] if row["beyond"] > 0.0 else row["upper"]
         rows.append((name, number(measured), *map(number, row["reached"]),
@@ -108,11 +108,7 @@ def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
     size, of = len(document["out_of_reach"]), len(document["observations"])
     if not size:
         return f"All {of} measured values lie within what the simulator reaches in this region."
-    more = (
-        f" ({size - amounts.out_of_reach} more are in check.json)"
-        if size > amounts.out_of_reach
-        else ""
-    )
+    more = f" ({size - amounts.named} more are in check.json)" if size > amounts.named else ""
     noisy = any(row["margin"] for row in document["observations"])
     by = ", within three standard deviations of the noise, known or in the middle of its limits"
 
