@@ -61,23 +61,23 @@ class Questions:
         return default
 
     def one_of(
-        self, question: str, known: Sequence[str], default: str | None, missing: AleatorError
+        self, question: str, names: Sequence[str], default: str | None, missing: AleatorError
     ) -> str:
         """One of the known names; asked again until it is."""
         if not self.interactive:
             return self.text(question, default, missing)
-        choice = click.Choice([*known])
+        choice = click.Choice([*names])
         return str(click.prompt(question, default=default, type=choice, err=True))
 
-    def names(self, question: str, known: Sequence[str], default: Sequence[str]) -> list[str]:
+    def names(self, question: str, possible: Sequence[str], default: Sequence[str]) -> list[str]:
         """Some of the known names, separated by commas."""
         if not self.interactive:
             return [*default]
 
         def read(answer: str) -> list[str]:
             names = [name.strip() for name in answer.split(",") if name.strip()]
-            if wrong := [name for name in names if name not in known]:
-                raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(known)}")
+            if wrong := [name for name in names if name not in possible]:
+                raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(possible)}")
             return names
 
         shown = ", ".join(default)
@@ -129,13 +129,13 @@ def _number(answer: str) -> float | None:
         raise click.BadParameter("write a number, or nothing") from None
 
 
-def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, given: str | None) -> str | None:
+def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, option: str | None) -> str | None:
     """The column with the ids of experiments, or None."""
-    if given is not None:
-        sheet.table.require(given, "the id")
+    if option is not None:
+        sheet.table.require(option, "the id")
     columns = [name for name in (roles.id, *roles.others) if name]
-    if given is not None or not questions.interactive or not columns:
-        return given or roles.id
+    if option is not None or not questions.interactive or not columns:
+        return option or roles.id
     nothing = "none"
     answer = questions.one_of(
         "Rows of one experiment share which column", [nothing, *dict.fromkeys(columns)],
@@ -144,10 +144,10 @@ def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, given: str | Non
     return None if answer == nothing else answer
 
 
-def chosen_table(questions: Questions, given: Path | None) -> Path:
+def chosen_table(questions: Questions, option: Path | None) -> Path:
     """The table, by default the only CSV file of the current folder."""
-    if given is not None:
-        return given
+    if option is not None:
+        return option
     found = _only("*.csv")
     missing = AleatorError(
         "nothing says which table is meant", "aleator new TABLE.csv: name the file of measurements"
@@ -182,10 +182,10 @@ def chosen_offer(
 
 
 def chosen_outcomes(
-    questions: Questions, sheet: Sheet, offer: Offer, given: Sequence[str]
+    questions: Questions, sheet: Sheet, offer: Offer, option: Sequence[str]
 ) -> tuple[str, ...]:
     """The measured columns."""
-    told = tuple(given) or responses_of(sheet, offer)
+    told = tuple(option) or responses_of(sheet, offer)
     if told:
         return told
     found, possible = outcome_of(sheet, offer)
@@ -200,16 +200,16 @@ def chosen_parameters(
     offer: Offer,
     roles: Roles,
     most: int,
-    given: Sequence[str],
+    option: Sequence[str],
     listed: int = 40,
 ) -> dict[str, Limits | float | None]:
     """The parameters that differ between experiments, with their limits as far as they are known.
 
     Raises AleatorError for limits that cannot be read.
     """
-    if given or not questions.interactive:
+    if option or not questions.interactive:
         called = {variable: name for name, variable in offer.variables.items()}
-        return {called.get(name, name): value for name, value in map(_parameter, given)}
+        return {called.get(name, name): value for name, value in map(_parameter, option)}
     laws, others = parameters_of(offer, roles, most, {})
     known = {each.name: each for each in (*(law.input for law in laws), *others)}
     if others:

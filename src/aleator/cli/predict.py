@@ -66,8 +66,8 @@ def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
 def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
     """A note for each row of new conditions that lies beyond the tested ones."""
     tested, new = value.experiments.table, table.table
-    asked = [*table.conditions, *value.inputs.covariates]
-    names = [name for name in dict.fromkeys(asked) if name in tested and name in new]
+    columns = [*table.conditions, *value.inputs.covariates]
+    names = [name for name in dict.fromkeys(columns) if name in tested and name in new]
     found = compared(tested[names], new[names])
     every = [
         f"note: beyond the tested conditions: {place}: {why}"
@@ -124,19 +124,19 @@ class PredictionRequest:
             checks=self.checks, **how,
         )  # fmt: skip
 
-    def content(self, found: pd.DataFrame, outcome: str) -> Content:
+    def content(self, table: pd.DataFrame, outcome: str) -> Content:
         """The table of probabilities or limits with its title."""
-        columns = found.to_dict("list")
+        columns = table.to_dict("list")
         if self.limits is None:
             return predictions.probabilities(columns, f"Probability of {outcome} {self._event}")
-        asked = self.limits
-        if asked.side == "both":
-            words = f"Limits that hold {asked.content:g} of {outcome}"
+        limits = self.limits
+        if limits.side == "both":
+            words = f"Limits that hold {limits.content:g} of {outcome}"
         else:
             words = (
-                f"Value that {outcome} is {_SIDES[asked.side]} with reliability {asked.content:g}"
+                f"Value that {outcome} is {_SIDES[limits.side]} with reliability {limits.content:g}"
             )
-        return predictions.limits(columns, f"{words}, with confidence {asked.confidence:g}")
+        return predictions.limits(columns, f"{words}, with confidence {limits.confidence:g}")
 
     @property
     def _event(self) -> str:
@@ -148,8 +148,8 @@ class PredictionRequest:
 _SIDES = {"upper": "below", "lower": "above"}
 
 
-def asks(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A decorator that adds the options of a prediction to a command, as its argument `asked`."""
+def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A decorator that adds the options of a prediction to a command, as its argument `request`."""
 
     @click.option("--above", type=float, metavar="X", help="Probability of outcomes above X.")
     @click.option("--below", type=float, metavar="X", help="Probability of outcomes below X.")
@@ -196,7 +196,7 @@ def asks(command: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(command)
     def collected(**given: Any) -> Any:
         chosen = {field.name: given.pop(field.name) for field in fields(PredictionRequest)}
-        return command(asked=PredictionRequest(**chosen), **given)
+        return command(request=PredictionRequest(**chosen), **given)
 
     return collected
 
@@ -233,7 +233,7 @@ def asks(command: Callable[..., Any]) -> Callable[..., Any]:
     is_flag=True,
     help="Take alpha at its estimate, as if it were known exactly.",
 )
-@asks
+@takes_request
 @makes_runs
 def predict(
     identification: Path,
@@ -243,7 +243,7 @@ def predict(
     of: str | None,
     no_noise: bool,
     no_uncertainty: bool,
-    asked: PredictionRequest,
+    request: PredictionRequest,
     options: RunOptions,
 ) -> None:
     """Predict outcomes of untested conditions.
@@ -290,7 +290,7 @@ def predict(
         for note in expected_runs(document, runner):
             options.say(note)
         runner.progress = progress
-        found = asked.table(
+        found = request.table(
             answer, table, of=OWN if of is not None and of == value.table.id else of,
             noise=not no_noise, uncertainty=draws or False, progress=progress,
         )  # fmt: skip
@@ -309,10 +309,10 @@ def predict(
         click.echo(f"Written: {short(output)}")
     else:
         found["id"] = _labels(found, table)
-        _show(found, asked, value)
+        _show(found, request, value)
 
 
-def _show(found: pd.DataFrame, asked: PredictionRequest, value: Study) -> None:
+def _show(found: pd.DataFrame, request: PredictionRequest, value: Study) -> None:
     """Print a table for each response."""
     responses = value.experiments.observations.responses
     parts = {str(name): part for name, part in found.groupby("response", sort=False)} if (
@@ -323,11 +323,11 @@ def _show(found: pd.DataFrame, asked: PredictionRequest, value: Study) -> None:
         if part is None:
             continue
         name = label(units_in(value), response.name)
-        if asked.distribution:
+        if request.distribution:
             columns, transform = part.to_dict("list"), str(response.transform)
             show_answer(predictions.distributions(columns, name, transform))
         else:
-            show_answer(asked.content(part, name))
+            show_answer(request.content(part, name))
 
 
 def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output: Path) -> None:

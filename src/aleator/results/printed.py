@@ -29,8 +29,9 @@ class TextSettings:
     whole: float = 1e7
     """A number below this that has more digits than are shown is written whole."""
     least: float = 1e-4
+    """A value below this is written with an exponent, in place of the digits of its error."""
     largest: float = 1e6
-    """A value between these is written to the digits of its error, any other with an exponent."""
+    """So is a value above this."""
     decimals: int = 9
     """The most decimals of a value with an error."""
     gap: int = 2

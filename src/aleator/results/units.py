@@ -79,7 +79,7 @@ def transforms(document: Document) -> Mapping[str, str]:
     return {str(document.get("outcome") or ""): str(document.get("transform") or "none")}
 
 
-def checked_units(given: Units | None, known: Iterable[str]) -> dict[str, str]:
+def checked_units(units: Units | None, names: Iterable[str]) -> dict[str, str]:
     """The units of a user, checked, without empty ones.
 
     Raises InputsError for a name that is none of the `known` ones, and for a unit that is no text.
@@ -87,15 +87,15 @@ def checked_units(given: Units | None, known: Iterable[str]) -> dict[str, str]:
     >>> checked_units({"travel": "mm", "ratio": ""}, ["travel", "ratio"])
     {'travel': 'mm'}
     """
-    names = [*known]
-    for name, unit in (given or {}).items():
-        if name not in names:
+    known, stated = [*names], dict(units or {})
+    for name, unit in stated.items():
+        if name not in known:
             raise InputsError(
-                f"units: nothing is called '{name}'{nearest(name, names)}",
-                f"there are {', '.join(names)}",
+                f"units: nothing is called '{name}'{nearest(name, known)}",
+                f"there are {', '.join(known)}",
             )
         if not isinstance(unit, str):
             raise InputsError(
                 f"units: the unit of '{name}' is {unit!r}", f'write a text: {{"{name}": "mm"}}'
             )
-    return {name: unit.strip() for name, unit in (given or {}).items() if unit.strip()}
+    return {name: unit.strip() for name, unit in stated.items() if unit.strip()}

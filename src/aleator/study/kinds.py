@@ -123,10 +123,10 @@ def missing(key: str, remedy: str) -> PydanticCustomError:
     return _error(key, " is missing", remedy)
 
 
-def unknown(key: str, value: object, known: Sequence[str], group: str) -> PydanticCustomError:
+def unknown(key: str, value: object, kinds: Sequence[str], group: str) -> PydanticCustomError:
     """A pydantic error about a key that names no kind, neither built in nor of a plug-in."""
-    problem = f" = {in_toml(value)} is not known{nearest(str(value), known)}"
-    remedy = f"choose one of {', '.join(known)}, or install the plug-in with this entry point"
+    problem = f" = {in_toml(value)} is not known{nearest(str(value), kinds)}"
+    remedy = f"choose one of {', '.join(kinds)}, or install the plug-in with this entry point"
     return _error(key, problem, f"{remedy} of {group}")
 
 

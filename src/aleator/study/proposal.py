@@ -124,18 +124,18 @@ def laws_for(experiments: int, rows: int) -> int:
     return min(max(experiments // each, 1), RULES.most)
 
 
-def nominal_limits(given: SimulatorInput) -> Limits | None:
+def nominal_limits(of: SimulatorInput) -> Limits | None:
     """Limits of a factor of three about the nominal value, within the limits that an FMU states.
 
     >>> nominal_limits(SimulatorInput("stiffness", 2.0))
     (0.67, 6.0)
     """
-    if not given.nominal:
+    if not of.nominal:
         return None
-    ends = (given.nominal / RULES.factor, given.nominal * RULES.factor)
+    ends = (of.nominal / RULES.factor, of.nominal * RULES.factor)
     low, high = sorted(float(f"{end:.2g}") for end in ends)
-    low = low if given.lower is None else max(low, given.lower)
-    high = high if given.upper is None else min(high, given.upper)
+    low = low if of.lower is None else max(low, of.lower)
+    high = high if of.upper is None else min(high, of.upper)
     return (low, high) if low < high else None
 
 
@@ -348,10 +348,10 @@ def _time(sheet: Sheet, offer: Offer, taken: Sequence[str]) -> str | None:
     return wanted[0] if offer.kind == "fmu" and wanted else None
 
 
-def require_outcome(found: str | None, possible: Sequence[str]) -> str:
+def require_outcome(outcome: str | None, possible: Sequence[str]) -> str:
     """The outcome; raises ExperimentsError where several columns may be it, or none."""
-    if found is not None:
-        return found
+    if outcome is not None:
+        return outcome
     if not possible:
         raise ExperimentsError(
             "no column is left for the outcome: the simulator takes every column of numbers",

@@ -83,12 +83,12 @@ def notes(proposal: Proposal) -> list[str]:
     return said
 
 
-def variables(given: Sequence[SimulatorInput], offer: Offer) -> list[tuple[str, str, str, str]]:
+def variables(inputs: Sequence[SimulatorInput], offer: Offer) -> list[tuple[str, str, str, str]]:
     """Rows about inputs of a simulator: name, unit, nominal value, meaning."""
     return [
         (each.name, each.unit, "" if each.nominal is None else f"{each.nominal:g}",
          ", ".join(filter(None, (offer.variables.get(each.name), each.description))))
-        for each in given
+        for each in inputs
     ]  # fmt: skip
 
 

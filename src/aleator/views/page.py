@@ -241,7 +241,7 @@ def _bar(charts: Iterable[Chart]) -> str:
         '<button type="button" id="next" aria-label="next experiment">▶</button>'
         '<button type="button" id="clear">Clear</button>'
         '<button type="button" id="scheme">Light or dark</button>'
-        '<span id="told" role="status"></span></div>'
+        '<span id="status" role="status"></span></div>'
     )
 
 

@@ -40,9 +40,9 @@ HOLDINGS = heads("simulator", "fingerprint", ">runs", ">failed", ">seconds", "la
 RUNS = heads(">run", "when", ">outcome", "~of")
 
 
-def holdings(found: Sequence[Holding], current: str | None, store: str) -> RenderableType:
+def holdings(stored: Sequence[Holding], current: str | None, store: str) -> RenderableType:
     """A table of the simulators in a store; that with the fingerprint `current` is the study's."""
-    if not found:
+    if not stored:
         return terminal(Content(f"{store} holds no runs."))
     rows = [
         (
@@ -54,14 +54,14 @@ def holdings(found: Sequence[Holding], current: str | None, store: str) -> Rende
             "-" if held.last is None else moment(held.last)[: LISTED.moment],
             "this study's" if held.simulator.fingerprint == current else "",
         )
-        for held in found
+        for held in stored
     ]
     return _shown(f"Runs in {store}", TextTable(HOLDINGS, rows))
 
 
-def runs(found: Sequence[StoredRun], more: int) -> RenderableType:
+def runs(stored: Sequence[StoredRun], more: int) -> RenderableType:
     """A table of runs; `more` is the number of earlier runs that are not shown."""
-    if not found:
+    if not stored:
         return terminal(Content("There is no such run."))
     rows = [
         (
@@ -70,7 +70,7 @@ def runs(found: Sequence[StoredRun], more: int) -> RenderableType:
             "failed" if run.outcome is None else _outcome(run.outcome),
             _values_of(run),
         )
-        for run in found
+        for run in stored
     ]
     note = [Sentence(f"and {more:,} before these")] if more else []
     return _shown("", TextTable(RUNS, rows), *note)
