@@ -219,22 +219,11 @@ def identify(
     document = linked(result.to_dict() | called, value, study_file, folder)
     documents.write_json(document, folder / IDENTIFICATION)
     files = [short(folder / IDENTIFICATION)]
-    if not no_figures:
-        files += _figures(document, folder, options.quiet)
-        files += _report(document, folder, study_file, options.quiet)
+    if not no_figures and can_draw(quiet=options.quiet):
+        files += [short(path) for path in save_figures(document, folder)]
+    if not no_figures and can_report(quiet=options.quiet):
+        files.append(short(write_report(document, folder, study_file)))
     if options.quiet:
         click.echo(answer(document).verdict)
     else:
         Console().print(render(document, files, details))
-
-
-def _figures(document: dict[str, Any], folder: Path, quiet: bool) -> list[str]:
-    """Draw the figures if matplotlib is installed; returns the names of the files."""
-    return [short(path) for path in save_figures(document, folder)] if can_draw(quiet=quiet) else []
-
-
-def _report(document: dict[str, Any], folder: Path, study: Path, quiet: bool) -> list[str]:
-    """Write report.html if Bokeh is installed; returns the name of the file."""
-    if not can_report(quiet=quiet):
-        return []
-    return [short(write_report(document, folder, study))]

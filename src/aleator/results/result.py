@@ -47,7 +47,7 @@ class Result(Plain):
     `pictures` are as a document has them: None stands for a number that JSON cannot hold.
 
     Every field is made what is read back from its document: Python's numbers, tuples, dicts. Two
-    results are equal where all of their values are, NaN equal to NaN.
+    results are equal where their documents are.
     """
 
     alpha: Mapping[str, Estimate]
@@ -110,7 +110,7 @@ class Result(Plain):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result):
             return NotImplemented
-        return all(same(getattr(self, name), getattr(other, name)) for name in plain_fields(Result))
+        return documents.to_json(self.to_dict()) == documents.to_json(other.to_dict())
 
     def __repr__(self) -> str:
         return printed.text(answer(self.to_dict()))
@@ -206,25 +206,6 @@ class Result(Plain):
         }
         document["consistent"] = document["consistency"].pop("consistent")
         return document
-
-
-def same(one: Any, other: Any) -> bool:
-    """Whether two values of results are equal, NaN equal to NaN.
-
-    >>> same({"x": (1.0, float("nan"))}, {"x": (1.0, float("nan"))}), same((1.0,), [1.0])
-    (True, False)
-    """
-    if isinstance(one, float) and isinstance(other, float):
-        return one == other or (math.isnan(one) and math.isnan(other))
-    if type(one) is not type(other):
-        return bool(one == other)
-    if is_dataclass(one):
-        return same(vars(one), vars(other))
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, tuple | list):
-        return len(one) == len(other) and all(map(same, one, other))
-    return bool(one == other)
 
 
 def _in_document(value: Any) -> Any:

@@ -18,27 +18,27 @@ from aleator.results.printed import PAGE, Depth
 # The palette of Okabe and Ito, whose colors remain distinct in every form of color blindness, and
 # grays. Each color has one value for a light page and one for a dark page; all values differ, for
 # the page replaces the one by the other.
-BLUE, BLUE_DARK = "#0072b2", "#56b4e9"
-VERMILION, VERMILION_DARK = "#d55e00", "#ff8f3f"
-PICKED, PICKED_DARK = "#c77700", "#ffd166"
-GREEN, GREEN_DARK = "#009e73", "#2fd1a2"
-INK, INK_DARK = "#262626", "#e6e6e6"
-TEXT, TEXT_DARK = "#404040", "#c6cdd5"
-GRAY, GRAY_DARK = "#767676", "#9aa3ad"
-LINE, LINE_DARK = "#a0a0a0", "#5d6772"
-GRID, GRID_DARK = "#e9e9e9", "#2b333c"
-WIDE, WIDE_DARK = "#cfe3f1", "#1d3d55"
-NARROW, NARROW_DARK = "#7fb8dc", "#2f6f9f"
-BAND, BAND_DARK = "#e4e4e4", "#303841"
-PAPER, PAPER_DARK = "#ffffff", "#14181d"
+BLUE = "#0072b2"
+VERMILION = "#d55e00"
+PICKED = "#c77700"
+GREEN = "#009e73"
+INK = "#262626"
+TEXT = "#404040"
+GRAY = "#767676"
+LINE = "#a0a0a0"
+GRID = "#e9e9e9"
+WIDE = "#cfe3f1"
+NARROW = "#7fb8dc"
+BAND = "#e4e4e4"
+PAPER = "#ffffff"
 # Colors between the contours of a likelihood, from its maximum outward.
 HEIGHTS = ("#9ecae8", "#c6dff0", "#e3eff8", "#f6fafd")
-HEIGHTS_DARK = ("#2d6b96", "#234f70", "#1b394f", "#162734")
 PAIRS = (
-    (BLUE, BLUE_DARK), (VERMILION, VERMILION_DARK), (PICKED, PICKED_DARK), (GREEN, GREEN_DARK),
-    (INK, INK_DARK), (TEXT, TEXT_DARK), (GRAY, GRAY_DARK), (LINE, LINE_DARK), (GRID, GRID_DARK),
-    (WIDE, WIDE_DARK), (NARROW, NARROW_DARK), (BAND, BAND_DARK), (PAPER, PAPER_DARK),
-    *zip(HEIGHTS, HEIGHTS_DARK, strict=True),
+    (BLUE, "#56b4e9"), (VERMILION, "#ff8f3f"), (PICKED, "#ffd166"), (GREEN, "#2fd1a2"),
+    (INK, "#e6e6e6"), (TEXT, "#c6cdd5"), (GRAY, "#9aa3ad"), (LINE, "#5d6772"),
+    (GRID, "#2b333c"), (WIDE, "#1d3d55"), (NARROW, "#2f6f9f"), (BAND, "#303841"),
+    (PAPER, "#14181d"),
+    *zip(HEIGHTS, ("#2d6b96", "#234f70", "#1b394f", "#162734"), strict=True),
 )  # fmt: skip
 """Each color for a light page and for a dark page."""
 

@@ -114,7 +114,7 @@ def histogram_chart(pit: Array) -> Chart:
             Mark("band", Series("range", level), y="low", high="high", color=chart.BAND,
                  legend="95 % of uniform samples"),
             Mark("bars", source, "middle", "count", color=chart.NARROW,
-                 width=float(bins.edges[1])),
+                 width=float(0.8 * bins.edges[1])),
         ],
         {"left": "from", "right": "to", "count": "count"}, [GuideLine(bins.expected)], foot=True,
         data=source,
