@@ -19,7 +19,6 @@ from aleator.cli.running import (
     RunOptions,
     can_draw,
     can_report,
-    described,
     folder_of,
     identified,
     linked,
@@ -215,8 +214,13 @@ def identify(
         result = identified(value, runner, progress, best_law=True, budget=budget)
         if not no_figures:
             result = pictured(result, progress)
-    called = {"simulator": described(value)}
-    document = linked(result.to_dict() | called, value, study_file, folder)
+    simulator = {
+        "name": value.simulator.name,
+        "notes": value.simulator_notes(),
+        "fingerprint": value.simulator.fingerprint(),
+    }
+    made = result.to_dict() | {"simulator": simulator}
+    document = linked(made, value, study_file, folder)
     documents.write_json(document, folder / IDENTIFICATION)
     files = [short(folder / IDENTIFICATION)]
     if not no_figures and can_draw(quiet=options.quiet):

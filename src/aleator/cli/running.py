@@ -25,11 +25,11 @@ from aleator.observations.experiments import Conditions
 from aleator.results import documents
 from aleator.results.printed import Content
 from aleator.results.units import seen_label
-from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
+from aleator.simulators import ProcessPool, Runner, Store, notified
 from aleator.simulators.clusters import dask_executor, mpi_executor
 from aleator.study import Study, load_study
 from aleator.tasks.identification import Identification
-from aleator.tasks.identify import UNLIMITED, identify
+from aleator.tasks.identify import identify
 from aleator.views.progress import shown_on
 from aleator.views.terminal import terminal
 
@@ -226,11 +226,10 @@ def identified(
     runner: Runner,
     progress: Progress,
     *,
-    consistency: bool = True,
     best_law: bool = False,
-    budget: Budget = UNLIMITED,
+    **further: Any,
 ) -> Identification:
-    """The identification of a study, made by a runner."""
+    """The identification of a study, made by a runner; `further` are arguments of `identify`."""
     runner.progress = progress
     return identify(
         runner,
@@ -243,21 +242,10 @@ def identified(
         verification=study.verification,
         seed=study.seed,
         progress=progress,
-        consistency=consistency,
         best_law=best_law,
-        budget=budget,
         units=study.units,
+        **further,
     )
-
-
-def described(study: Study) -> dict[str, Any]:
-    """The entry `simulator` of a document."""
-    simulator = study.simulator
-    return {
-        "name": simulator.name,
-        "notes": study.simulator_notes(),
-        "fingerprint": simulator.fingerprint(),
-    }
 
 
 def units_in(study: Study) -> dict[str, Any]:

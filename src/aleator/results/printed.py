@@ -31,7 +31,7 @@ class TextSettings:
     least: float = 1e-4
     """A value below this is written with an exponent, in place of the digits of its error."""
     largest: float = 1e6
-    """So is a value above this."""
+    """A value above this is written with an exponent, too."""
     decimals: int = 9
     """The most decimals of a value with an error."""
     gap: int = 2
@@ -175,37 +175,37 @@ class Amounts:
     experiments: int = 1000
     """Rows of the table of experiments on a page; of more, the least expected."""
     conditions: int = 8
-    """Conditions in that table."""
+    """Conditions in the table of experiments on a page."""
     failed: int = 20
     """Experiments with failed runs that are named."""
     gaining: int = 5
-    """Experiments that gain most by that law."""
+    """Experiments named as those that gain most by the best possible law."""
     pairs: int = 5
-    """Pairs of parameters that act alike."""
+    """Pairs of parameters in the report of a sensitivity."""
     candidates: int = 10
-    """Candidates for the next experiment."""
+    """Candidates in the report on the next experiment."""
     chosen: int = 30
-    """Experiments of a chosen set."""
+    """Experiments of a chosen set in that report."""
     failure: int = 10_000
-    """Letters of the message or the log of a run."""
+    """Characters of the message or the log of a run."""
     marks: int = 600
     """Marks in a chart."""
     farthest: int = 150
-    """Of these, the ones that lie farthest out."""
+    """Marks of a chart that are kept because they lie farthest out."""
     hovered: int = 6
-    """Conditions that are told of a mark under the mouse."""
+    """Conditions in the tooltip of a mark."""
     series: int = 200
-    """Experiments whose series a page has."""
+    """Experiments whose series a page shows."""
     observations: int = 20_000
-    """Observations in these series."""
+    """Observations in all series of a page."""
     named: int = 12
     """Experiments, points of a law or panels that a table or a figure has room for."""
     across: int = 4
-    """Panels beside each other."""
+    """Panels in a row of a figure."""
     farthest_panels: int = 4
-    """Of the panels, those with the largest residuals."""
+    """Panels that are kept because of their large residuals."""
     letters: int = 18
-    """Letters of an id over a panel."""
+    """Characters of an id over a panel."""
 
 
 AMOUNTS = Amounts()
@@ -216,7 +216,7 @@ class Thresholds:
     """Thresholds beyond which a report mentions a fact; by judgement unless a source is named."""
 
     sandwich: tuple[float, float] = (0.7, 1.4)
-    """Ratios of a sandwich error to the standard error that are near one."""
+    """Ratios of the sandwich error to the standard error between which it is not mentioned."""
     strong: float = 0.9
     """Correlation of two estimates that a report names."""
     chance: float = 3.0
@@ -224,7 +224,7 @@ class Thresholds:
     large: float = 0.25
     """Bias over the standard error from which 95 % intervals hold 94 % or less."""
     piled: float = 0.01
-    """Share of replicates on a limit."""
+    """Share of replicates on a limit from which on it is mentioned."""
     small: float = 4.0
     """Difference of models that is small, whatever its error (Sivula, Magnusson, Vehtari 2020)."""
     paired: float = 2.0
