@@ -7,6 +7,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 
 def ending(signum: int) -> tuple[str, int]:
@@ -30,17 +31,8 @@ def termination_heard() -> Iterator[list[int]]:
             raise KeyboardInterrupt
         answer(signum, frame)
 
-    try:
-        plain = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-        if plain:
-            signal.signal(signal.SIGTERM, end)
-    except ValueError:  # not the main thread, which answers signals
-        plain = False
-    try:
+    with _handled(signal.SIGTERM, signal.SIG_DFL, end):
         yield heard
-    finally:
-        if plain:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextmanager
@@ -50,17 +42,24 @@ def ended_at_once() -> Iterator[None]:
     It is for imports: there an exception may come out of other modules as a traceback, as another
     exception, or not at all, and no file is open yet.
     """
-    try:
-        plain = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        if plain:
-            signal.signal(signal.SIGINT, _end)
-    except ValueError:  # not the main thread, which answers Ctrl-C
-        plain = False
+    with _handled(signal.SIGINT, signal.default_int_handler, _end):
+        yield
+
+
+@contextmanager
+def _handled(signum: int, default: Any, handler: Any) -> Iterator[None]:
+    """A context in which a signal has another handler, if it has its default handler now."""
+    plain = signal.getsignal(signum) is default
+    if plain:
+        try:
+            signal.signal(signum, handler)
+        except ValueError:  # not the main thread, which answers signals
+            plain = False
     try:
         yield
     finally:
         if plain:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signum, default)
 
 
 def _end(signum: int, _frame: object) -> None:

@@ -355,20 +355,17 @@ class Kinds(Generic[T]):
                 f"'{kind}' is offered by {' and by '.join(_origin(point) for point in found)}",
                 "uninstall one of them",
             )
-        return self._loaded(found[0]), _origin(found[0])
-
-    def _loaded(self, point: EntryPoint) -> Callable[..., T]:
+        origin = _origin(found[0])
         try:
-            maker = point.load()
+            maker: Callable[..., T] = found[0].load()
         except (Exception, SystemExit) as error:
             raise self._fault(
-                f"{_origin(point)} cannot be imported: {_described(error)}",
+                f"{origin} cannot be imported: {_described(error)}",
                 "mend it, install what it needs, or uninstall it",
             ) from error
         if not callable(maker):
-            raise self._fault(f"{_origin(point)} is no class or function", "mend its entry point")
-        loaded: Callable[..., T] = maker
-        return loaded
+            raise self._fault(f"{origin} is no class or function", "mend its entry point")
+        return maker, origin
 
     def _not_of_another(self, key: str, kind: str, section: type[Section]) -> None:
         """Raise where a key belongs to another built-in kind."""
