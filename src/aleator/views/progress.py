@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from datetime import timedelta
 from html import escape
 from importlib import import_module
-from types import TracebackType
 from typing import Any, Self
 
 from rich.console import Console
@@ -95,12 +94,7 @@ class Bars:
         self._progress.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self._progress.update(self._task, total=1, completed=1, text="")
         self._progress.stop()
