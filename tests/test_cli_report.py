@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aleator import Check, Free, Inputs, Noise, Normal, cli, identify
-from aleator.tasks.pictures import pictured
+from aleator.tasks.identification import pictured
 
 Run = Callable[..., Result]
 

@@ -17,10 +17,9 @@ from typing import Any
 import pytest
 
 import aleator
-from aleator.study.kinds import Kinds, Section
+from aleator.study.kinds import LAWS, Kinds, Section
 from aleator.study.sections import (
     DENSITIES,
-    LAWS,
     OBSERVATIONS,
     PROPAGATIONS,
     RULES,

@@ -42,7 +42,7 @@ from aleator.results.values import (
     LogLikelihoodReport,
     ObservationReport,
 )
-from aleator.tasks.pictures import pictured
+from aleator.tasks.identification import pictured
 
 RNG = np.random.default_rng(71)
 LOAD = np.linspace(0.6, 2.4, 14)

@@ -11,8 +11,9 @@ from aleator.errors import InputsError, SimulatorError
 from aleator.laws import Constant, Free, Normal, TruncatedNormal, Uniform
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
+from aleator.results.printed import THRESHOLDS
 from aleator.simulators import FunctionSimulator, Runner
-from aleator.tasks.screen import SCREEN, screen
+from aleator.tasks.screen import screen
 from examples.wet_clutch.bench import design
 from examples.wet_clutch.model import shifting_time
 
@@ -78,7 +79,7 @@ def test_alignment_is_one_for_parameters_that_no_experiment_tells_apart() -> Non
     alike = pairs[pairs["confounded"]]
     assert (len(pairs), len(alike)) == (10, 1)
     assert {alike["first"].item(), alike["second"].item()} == {"a", "b"}
-    assert cosine < SCREEN.confounded
+    assert cosine < THRESHOLDS.confounded
     assert found.parameters()["parameter"].tolist()[-1] == "idle"
     assert found.parameters()["mean_total"].iloc[-1] == pytest.approx(0.0, abs=1e-20)
 

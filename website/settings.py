@@ -34,6 +34,7 @@ def instances() -> Iterator[tuple[str, str, Any]]:
             if (
                 name.isupper()
                 and dataclasses.is_dataclass(value)
+                and not hasattr(value, "read")  # the kinds of a section of study.toml
                 and type(value).__module__ == found.name
             ):
                 yield found.name, name, value

@@ -1,8 +1,8 @@
-"""Charts of an identification on matplotlib axes of your own, for figures that you compose.
+"""Charts of an identification on matplotlib axes, for figures that a user composes.
 
-Each takes an identification, or the content of identification.json, draws on `ax`, and returns the
-axes. Without `ax` it makes a figure of its own: `axes.figure.savefig(...)` writes it. What is not
-in the document is computed where the fit is at hand.
+Each function takes an identification, or the content of identification.json, draws on `ax`, and
+returns the axes. Without `ax` it makes a new figure, which `axes.figure.savefig(...)` writes. What
+the document lacks is computed if the identification still has its fit.
 
 >>> from aleator import plot
 >>> plot.__all__
@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 from aleator.core.types import Array
 from aleator.errors import AleatorError, nearest
 from aleator.results.result import Result
-from aleator.tasks.identification import Identification
-from aleator.tasks.pictures import pictured
+from aleator.tasks.identification import Identification, pictured
 from aleator.views import law_charts, outcome_charts
 from aleator.views.axes import draw, empty_figure, styled
 from aleator.views.chart import Chart
@@ -29,12 +28,12 @@ if TYPE_CHECKING:
 
 __all__ = ["calibration", "histogram", "experiments", "law", "profile", "surface", "response"]
 
-Found = Result | Mapping[str, Any]
+Identified = Result | Mapping[str, Any]
 SIZE = (4.5, 3.4)
-"""Inches of a figure that is made for one chart."""
+"""Width and height in inches of a figure with one chart."""
 
 
-def calibration(found: Found, ax: Axes | None = None) -> Axes:
+def calibration(found: Identified, ax: Axes | None = None) -> Axes:
     """The cumulative share of the probabilities of what was measured, minus the uniform one.
 
     The band holds the whole curve in 95 % of all uniform samples (Kolmogorov). Raises AleatorError
@@ -49,8 +48,8 @@ def calibration(found: Found, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def histogram(found: Found, ax: Axes | None = None) -> Axes:
-    """The histogram of these probabilities, with the 95 % range of each bin (binomial).
+def histogram(found: Identified, ax: Axes | None = None) -> Axes:
+    """The histogram of the probabilities of what was measured, with the 95 % range of each bin.
 
     >>> ten = [{"id": k, "pit": (k + 0.5) / 10} for k in range(10)]
     >>> histogram({"experiments": ten}).get_ylabel()
@@ -61,8 +60,8 @@ def histogram(found: Found, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def experiments(found: Found, ax: Axes | None = None, *, response: str | None = None) -> Axes:
-    """Measured outcomes in the distributions that the law predicts, by predicted median.
+def experiments(found: Identified, ax: Axes | None = None, *, response: str | None = None) -> Axes:
+    """Measured outcomes against the distributions that the law predicts, by predicted median.
 
     On the scale of the likelihood: of a logarithm that is the logarithm. Of several responses one
     is named; a censored value stands at its bound. Raises AleatorError where predictions are not
@@ -82,7 +81,7 @@ def experiments(found: Found, ax: Axes | None = None, *, response: str | None = 
     return axes
 
 
-def law(found: Found, parameter: str, ax: Axes | None = None) -> Axes:
+def law(found: Identified, parameter: str, ax: Axes | None = None) -> Axes:
     """The density of a parameter's law, with a band of 95 % of the densities of plausible laws.
 
     >>> curve = {"x": [0.0, 1.0], "density": [1.0, 1.0], "lower": [0.5, 0.5], "upper": [2.0, 2.0]}
@@ -94,7 +93,7 @@ def law(found: Found, parameter: str, ax: Axes | None = None) -> Axes:
     return _drawn(law_charts.law_chart(document, parameter), ax)
 
 
-def profile(found: Found, hyperparameter: str, ax: Axes | None = None) -> Axes:
+def profile(found: Identified, hyperparameter: str, ax: Axes | None = None) -> Axes:
     """The profile of the likelihood over a hyperparameter, and where it has dropped by 1.92.
 
     Dashed: that drop, and the 95 % interval.
@@ -108,10 +107,10 @@ def profile(found: Found, hyperparameter: str, ax: Axes | None = None) -> Axes:
     return _drawn(law_charts.profile_chart(document, hyperparameter), ax)
 
 
-def surface(found: Found, ax: Axes | None = None) -> Axes:
-    """The likelihood over the two estimates that are told apart worst: 50, 80 and 95 % of both.
+def surface(found: Identified, ax: Axes | None = None) -> Axes:
+    """The likelihood over the two most correlated estimates, with contours of 50, 80 and 95 %.
 
-    The cross is the largest value. Raises AleatorError where there are no two.
+    The cross is the maximum. Raises AleatorError where there are no two such estimates.
     """
     chart = law_charts.surface_chart(_document(found))
     if chart is None:
@@ -120,9 +119,9 @@ def surface(found: Found, ax: Axes | None = None) -> Axes:
 
 
 def response(
-    found: Found, parameter: str, ax: Axes | None = None, *, response: str | None = None
+    found: Identified, parameter: str, ax: Axes | None = None, *, response: str | None = None
 ) -> Axes:
-    """What stands for the simulator over a parameter, the others in their middle.
+    """The response over one parameter, all other parameters in the middle of their range.
 
     A line for each of some experiments; of a series its first row is dotted, the middle one dashed.
     With collocation, marks at the nodes of the law. Raises AleatorError where nothing is known.
@@ -149,8 +148,8 @@ def _drawn(chart: Chart, ax: Axes | None) -> Axes:
         return draw(chart, empty_figure(None, *SIZE).subplots())
 
 
-def _document(found: Found) -> Mapping[str, Any]:
-    """The content of identification.json, with pictures where the fit is at hand."""
+def _document(found: Identified) -> Mapping[str, Any]:
+    """The content of identification.json, with what is drawn beside it if the fit is known."""
     if not isinstance(found, Result):
         return found
     if not found.pictures and isinstance(found, Identification) and found.session.fit is not None:
@@ -158,7 +157,7 @@ def _document(found: Found) -> Mapping[str, Any]:
     return found.to_dict()
 
 
-def _probabilities(found: Found) -> Array:
+def _probabilities(found: Identified) -> Array:
     document = found.to_dict() if isinstance(found, Result) else found
     pit, _ = outcome_charts.probabilities(measured(document))
     if not pit.size:
@@ -167,7 +166,7 @@ def _probabilities(found: Found) -> Array:
 
 
 def _named(names: Sequence[str], response: str | None) -> str:
-    """The response that is meant, by default the first."""
+    """The name of a response, by default the first one; raises AleatorError for an unknown name."""
     name = names[0] if response is None else response
     if name not in names:
         raise AleatorError(

@@ -16,7 +16,7 @@ import pytest
 from browser.chromium import Page, chromium
 
 from aleator import Check, Experiments, Free, Inputs, Noise, Normal, identify
-from aleator.tasks.pictures import pictured
+from aleator.tasks.identification import pictured
 
 OUT = Path(__file__).parents[2] / "out" / "browser"
 COUNT, TIMES = 12, 6

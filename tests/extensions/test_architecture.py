@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from aleator.study.sections import DENSITIES, LAWS, OBSERVATIONS, PROPAGATIONS, RULES, SEARCHES
+from aleator.study.kinds import LAWS
+from aleator.study.sections import DENSITIES, OBSERVATIONS, PROPAGATIONS, RULES, SEARCHES
 from aleator.study.simulators import SIMULATORS
 
 ROOT = Path(__file__).parents[2]

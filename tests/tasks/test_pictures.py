@@ -24,7 +24,8 @@ from aleator import (
     load,
 )
 from aleator.inference.likelihood_shape import likelihood_surface
-from aleator.tasks.pictures import pictured, responses
+from aleator.inference.pictures import responses
+from aleator.tasks.identification import pictured
 
 COUNT, SD = 60, 0.2
 RNG = np.random.default_rng(8)

@@ -35,8 +35,9 @@ from aleator.errors import AleatorError
 from aleator.results.answer import answer
 from aleator.results.documents import to_json
 from aleator.results.printed import fragment
-from aleator.tasks.pictures import pictured, profile_line
+from aleator.tasks.identification import pictured
 from aleator.views.identification import render
+from aleator.views.law_charts import profile_line
 
 FRAME = table(straight_line, experiments=12)
 TABLE = Experiments.from_frame(FRAME, outcome="y", id="id")

@@ -15,8 +15,8 @@ import pandas as pd
 import pytest
 
 from aleator import Censoring, Check, Experiments, Free, Identification, Inputs, Noise, Normal
+from aleator.tasks.identification import pictured
 from aleator.tasks.identify import identify
-from aleator.tasks.pictures import pictured
 from aleator.views.interactive import TEX, bokeh_script
 from aleator.views.page import page, report_of
 

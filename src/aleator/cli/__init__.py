@@ -1,11 +1,11 @@
-"""The command line: it parses, calls, writes and prints, and computes nothing.
+"""The command line: it reads options, calls `tasks`, writes files and prints; it computes nothing.
 
-Three nouns: a command is a function of click, imported when it is used (`program`); `RunOptions`
-say where its runs are made and kept; `Work` is a command at work on a study, with the place of its
-answer (`running`).
+Three nouns: a *command* is a function of click, imported when it is used (`program`); `RunOptions`
+say where runs of the simulator are made and kept; a `Work` is a command with its study and the
+folder of its results (`running`).
 
-`new` makes a study, `exploring` looks before an identification, `identify` answers, `predict` uses
-the answer, `judging` asks how good it is, and `runs` keeps the store.
+`new` writes a study, `exploring` prepares an identification, `identify` makes it and `predict` uses
+it, `judging` assesses it, and `runs` manages the stored runs.
 """
 
 from aleator.cli.starting import ended_at_once

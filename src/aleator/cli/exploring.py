@@ -9,7 +9,6 @@ import click
 
 from aleator.cli.running import (
     FILE,
-    FOLDER,
     NO_FIGURES,
     OUTPUT,
     SEED,
@@ -18,16 +17,14 @@ from aleator.cli.running import (
     Work,
     folder_of,
     identified,
-    linked,
     makes_runs,
+    output_option,
+    require_at_most_one,
     running,
-    show_answer,
-    units_in,
     whole_number,
 )
 from aleator.errors import AleatorError, short
 from aleator.fit.question import Choices
-from aleator.results import documents
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
@@ -46,12 +43,7 @@ from aleator.views.figures import save_check, save_sensitivity
 
 @click.command()
 @STUDY
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Write DIR/box.json.",
-)
+@output_option("Write DIR/box.json.")
 @SEED
 @makes_runs
 def box(
@@ -73,11 +65,7 @@ def box(
         found = feasible_box(
             runner, value.experiments, value.inputs, seed=value.seed, progress=progress
         )
-    made = {**box_document(found), **units_in(value)}
-    show_answer(planning.box(made), quiet=options.quiet)
-    if output is not None:
-        documents.write_json(linked(made, value, work.file, output), output / "box.json")
-        click.echo(f"Written: {short(output / 'box.json')}")
+    work.end(box_document(found), planning.box)
 
 
 @click.command()
@@ -223,7 +211,7 @@ def sensitivity(
     "Plan for the mean over so many laws that the experiments leave possible; 1: for the "
     "identified one.",
 )
-@click.option("--output", type=FOLDER, metavar="DIR", help="Write DIR/next.json and DIR/next.csv.")
+@output_option("Write DIR/next.json and DIR/next.csv.")
 @SEED
 @makes_runs
 def next(
@@ -252,17 +240,16 @@ def next(
     work = Work.on("next", study, options, folder=output, seed=seed)
     value = work.study
     table = value.read_conditions(candidates)
-    # what is wrong here is told before a slow simulator is run
+    # mistakes in the arguments are reported before a slow simulator runs
     require_enough_candidates(count, len(table.ids), repeat)
     require_free(about, value.hyperparameters)
-    wanted = _predicted(value, for_prediction, quantile, above, below)
-    if wanted is not None and about is not None:
-        raise AleatorError("--for and --for-prediction contradict each other", "leave one out")
+    require_at_most_one({"--for": about, "--for-prediction": for_prediction})
+    predicted = _predicted(value, for_prediction, quantile, above, below)
     with work.running() as (runner, progress):
         found = identified(value, runner, progress)
         with running(value, replace(options, quiet=True), table) as others:
             plan = next_experiments(
-                found, table, count, about=about if wanted is None else wanted, repeat=repeat,
+                found, table, count, about=predicted or about, repeat=repeat,
                 laws=laws, simulator=others, progress=progress,
             )  # fmt: skip
     work.end(
@@ -278,7 +265,7 @@ def _predicted(
     above: float | None,
     below: float | None,
 ) -> Predicted | None:
-    """What is to be predicted; a quantile unless a limit is given."""
+    """The prediction to be known better: a quantile, or a probability where a limit is given."""
     limits = {"--quantile": quantile, "--above": above, "--below": below}
     if conditions is None:
         for option, given in limits.items():

@@ -1,4 +1,4 @@
-"""`aleator identify` and `aleator report`: an answer, and its page of charts."""
+"""`aleator identify` and `aleator report`: an identification, and its page of charts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from aleator.cli.running import (
     RunOptions,
     can_draw,
     can_report,
-    described,
     folder_of,
     identified,
     linked,
@@ -36,7 +35,7 @@ from aleator.results.answer import answer
 from aleator.results.schema import read_answer, read_ceiling
 from aleator.simulators import Budget
 from aleator.study import load_study
-from aleator.tasks.pictures import pictured
+from aleator.tasks.identification import pictured
 from aleator.views.figures import save_figures
 from aleator.views.identification import render
 
@@ -48,9 +47,10 @@ Document = Mapping[str, Any]
 
 
 def write_report(document: Document, folder: Path, study: Path | None = None) -> Path:
-    """Write report.html of an identification into its folder, with what stands there beside it.
+    """Write report.html of an identification into its folder.
 
-    `study` is its study file. Raises AleatorError where Bokeh is not installed.
+    The page uses ceiling.json in that folder, and the `study` file. Raises AleatorError where Bokeh
+    is not installed.
     """
     from aleator.views.page import page
 
@@ -62,7 +62,7 @@ def write_report(document: Document, folder: Path, study: Path | None = None) ->
 
 
 def write_compared(document: Document, other: Document, folder: Path, beside: Path) -> Path:
-    """Write compared.html of two identifications, which are called as their folders are."""
+    """Write compared.html of two identifications, which have the names of their folders."""
     from aleator.views.compared import compared_page
 
     names = [folder.name, beside.name]
@@ -77,13 +77,13 @@ def write_compared(document: Document, other: Document, folder: Path, beside: Pa
 
 
 def study_of(document: Document, folder: Path) -> Path | None:
-    """The study file that a document names, if it is there."""
+    """The path of the study file that a document names; None where it names none."""
     file = documents.study_entry(document).get("file")
     return folder / file if isinstance(file, str) else None
 
 
 def _ceiling(document: Document, folder: Path) -> Document | None:
-    """The ceiling of the same study that was written beside it; that of another is none."""
+    """The content of ceiling.json in the same folder, if it is of the same study."""
     if not (folder / CEILING).exists():
         return None
     found = read_ceiling(folder / CEILING)
@@ -92,7 +92,7 @@ def _ceiling(document: Document, folder: Path) -> Document | None:
 
 
 def _study_text(document: Document, study: Path | None) -> str | None:
-    """The text of the study file; none where it is not the one that was identified."""
+    """The text of the study file; None where the file has changed since the identification."""
     try:
         content = b"" if study is None else study.read_bytes()
     except OSError:
@@ -214,26 +214,20 @@ def identify(
         result = identified(value, runner, progress, best_law=True, budget=budget)
         if not no_figures:
             result = pictured(result, progress)
-    called = {"simulator": described(value)}
-    document = linked(result.to_dict() | called, value, study_file, folder)
+    simulator = {
+        "name": value.simulator.name,
+        "notes": value.simulator_notes(),
+        "fingerprint": value.simulator.fingerprint(),
+    }
+    made = result.to_dict() | {"simulator": simulator}
+    document = linked(made, value, study_file, folder)
     documents.write_json(document, folder / IDENTIFICATION)
     files = [short(folder / IDENTIFICATION)]
-    if not no_figures:
-        files += _figures(document, folder, options.quiet)
-        files += _report(document, folder, study_file, options.quiet)
+    if not no_figures and can_draw(quiet=options.quiet):
+        files += [short(path) for path in save_figures(document, folder)]
+    if not no_figures and can_report(quiet=options.quiet):
+        files.append(short(write_report(document, folder, study_file)))
     if options.quiet:
         click.echo(answer(document).verdict)
     else:
         Console().print(render(document, files, details))
-
-
-def _figures(document: dict[str, Any], folder: Path, quiet: bool) -> list[str]:
-    """Draw the figures, or say what they need."""
-    return [short(path) for path in save_figures(document, folder)] if can_draw(quiet=quiet) else []
-
-
-def _report(document: dict[str, Any], folder: Path, study: Path, quiet: bool) -> list[str]:
-    """Write report.html, or say what it needs."""
-    if not can_report(quiet=quiet):
-        return []
-    return [short(write_report(document, folder, study))]

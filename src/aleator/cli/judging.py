@@ -1,4 +1,4 @@
-"""`aleator compare`, `ceiling`, `bootstrap`, `posterior` and `recover`: how good an answer is."""
+"""`aleator compare`, `ceiling`, `bootstrap`, `posterior`, `recover`: how good a result is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import click
 
 from aleator.cli.running import (
     FILE,
-    FOLDER,
     NO_FIGURES,
     NO_VERIFY,
     OUTPUT,
@@ -25,6 +24,7 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     name_of,
+    output_option,
     running,
     show_answer,
     shown,
@@ -163,12 +163,7 @@ def ceiling(
     help="Judge likelihood ratios by R data sets drawn under the smaller model, too.",
 )
 @click.option("--no-ceiling", is_flag=True, help="Do not look for the best law of each model.")
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Folder of compare.json and compare.png [default: out/compare].",
-)
+@output_option("Folder of compare.json and compare.png [default: out/compare].")
 @SEED
 @NO_VERIFY
 @makes_runs
@@ -213,7 +208,7 @@ def compare(
 
 
 def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:
-    """The studies by their names."""
+    """The studies by their names; raises AleatorError for fewer than two, and for equal names."""
     if len(studies) < 2:
         raise AleatorError(f"compare: {len(studies)} study", "name two or more")
     found: dict[str, Study] = {}
@@ -276,12 +271,7 @@ def posterior(
 @click.command()
 @STUDY
 @whole_number("--replicates", 40, "Number of virtual data sets.", least=2)
-@click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Write DIR/recovery.json, with every replicate.",
-)
+@output_option("Write DIR/recovery.json, with every replicate.")
 @SEED
 @click.option(
     "--law",
@@ -336,7 +326,7 @@ def recover(
 def _truth(
     study: Study, runner: Runner, law: Path | None, given: tuple[str, ...], progress: Progress
 ) -> dict[str, float]:
-    """The true alpha: what is given by name, the rest from a law that was or is now identified."""
+    """The true alpha: values given by name, the others from an identified law."""
     free = [h.name for h in study.hyperparameters if h.free]
     values: dict[str, float] = {}
     for entry in given:

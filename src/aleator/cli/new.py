@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from aleator.cli.running import FILE, RESULT, make_place
+from aleator.cli.running import FILE, RESULT, make_place, require_at_most_one
 from aleator.errors import AleatorError, SimulatorError, nearest, short
 from aleator.results import documents
 from aleator.study.offers import (
@@ -41,19 +41,19 @@ from aleator.views.terminal import TerminalTable
 
 
 def at_terminal() -> bool:
-    """Whether somebody can answer."""
+    """Whether a user at a terminal can answer."""
     return sys.stdin.isatty()
 
 
 @dataclass(frozen=True)
 class Questions:
-    """`interactive`, or answered by their defaults; `folder` is that of the study file."""
+    """Questions to the user, or their defaults if not `interactive`; `folder` is the study's."""
 
     interactive: bool
     folder: Path
 
     def text(self, question: str, default: str | None, missing: AleatorError) -> str:
-        """A text; raises `missing` where there is no default and nobody to ask."""
+        """A text; raises `missing` where there is no default and no user to ask."""
         if self.interactive:
             return str(click.prompt(question, default=default, err=True)).strip()
         if default is None:
@@ -61,23 +61,23 @@ class Questions:
         return default
 
     def one_of(
-        self, question: str, known: Sequence[str], default: str | None, missing: AleatorError
+        self, question: str, names: Sequence[str], default: str | None, missing: AleatorError
     ) -> str:
         """One of the known names; asked again until it is."""
         if not self.interactive:
             return self.text(question, default, missing)
-        choice = click.Choice([*known])
+        choice = click.Choice([*names])
         return str(click.prompt(question, default=default, type=choice, err=True))
 
-    def names(self, question: str, known: Sequence[str], default: Sequence[str]) -> list[str]:
+    def names(self, question: str, possible: Sequence[str], default: Sequence[str]) -> list[str]:
         """Some of the known names, separated by commas."""
         if not self.interactive:
             return [*default]
 
         def read(answer: str) -> list[str]:
             names = [name.strip() for name in answer.split(",") if name.strip()]
-            if wrong := [name for name in names if name not in known]:
-                raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(known)}")
+            if wrong := [name for name in names if name not in possible]:
+                raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(possible)}")
             return names
 
         shown = ", ".join(default)
@@ -87,7 +87,7 @@ class Questions:
     def limits(
         self, question: str, default: tuple[float, float] | None
     ) -> tuple[float, float] | None:
-        """Two numbers; None where nothing is known and nothing is said."""
+        """Two numbers; None where the user enters nothing and there is no default."""
         if not self.interactive:
             return default
         shown = "" if default is None else f"{default[0]:g} {default[1]:g}"
@@ -97,7 +97,7 @@ class Questions:
         return found
 
     def number(self, question: str) -> float | None:
-        """A number; None where nobody knows it."""
+        """A number; None where the user enters nothing."""
         if not self.interactive:
             return None
         found: float | None = click.prompt(
@@ -106,7 +106,7 @@ class Questions:
         return found
 
     def agreed(self, question: str) -> bool:
-        """Whether the user says yes; no where nobody is asked."""
+        """Whether the user agrees; False where no user is asked."""
         return self.interactive and click.confirm(question, default=False, err=True)
 
 
@@ -129,112 +129,111 @@ def _number(answer: str) -> float | None:
         raise click.BadParameter("write a number, or nothing") from None
 
 
-def chosen_id(asked: Questions, sheet: Sheet, roles: Roles, given: str | None) -> str | None:
-    """The column that names the experiments, or None."""
-    if given is not None:
-        sheet.table.require(given, "the id")
+def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, option: str | None) -> str | None:
+    """The column with the ids of experiments, or None."""
+    if option is not None:
+        sheet.table.require(option, "the id")
     columns = [name for name in (roles.id, *roles.others) if name]
-    if given is not None or not asked.interactive or not columns:
-        return given or roles.id
+    if option is not None or not questions.interactive or not columns:
+        return option or roles.id
     nothing = "none"
-    answer = asked.one_of(
+    answer = questions.one_of(
         "Rows of one experiment share which column", [nothing, *dict.fromkeys(columns)],
         roles.id or nothing, AleatorError(""),
     )  # fmt: skip
     return None if answer == nothing else answer
 
 
-def chosen_table(asked: Questions, given: Path | None) -> Path:
+def chosen_table(questions: Questions, option: Path | None) -> Path:
     """The table, by default the only CSV file of the current folder."""
-    if given is not None:
-        return given
+    if option is not None:
+        return option
     found = _only("*.csv")
     missing = AleatorError(
         "nothing says which table is meant", "aleator new TABLE.csv: name the file of measurements"
     )
-    return Path(asked.text("Table of experiments (CSV)", found, missing))
+    return Path(questions.text("Table of experiments (CSV)", found, missing))
 
 
 def chosen_offer(
-    asked: Questions, function: str | None, fmu: Path | None, command: str | None
+    questions: Questions, function: str | None, fmu: Path | None, command: str | None
 ) -> Offer:
     """The simulator, by default the only function of the only Python file here, or the only FMU."""
-    given = {"--function": function, "--fmu": fmu, "--command": command}
-    named = [name for name, value in given.items() if value]
-    if len(named) > 1:
-        raise AleatorError(f"{' and '.join(named)} contradict each other", "choose one of them")
+    require_at_most_one({"--function": function, "--fmu": fmu, "--command": command})
     if command:
-        return offered_by_command(_located(asked.folder, command))
-    if not named:
+        return offered_by_command(_located(questions.folder, command))
+    if function is None and fmu is None:
         missing = AleatorError(
             "nothing says what the simulator is",
             "--function FILE.py:NAME, --fmu FILE.fmu or --command '...'",
         )
-        answer = asked.text(
-            "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})", _likely(), missing
+        answer = questions.text(
+            "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})",
+            _only_simulator(),
+            missing,
         )
         fmu = Path(answer) if answer.endswith(".fmu") else None
         if fmu is None and "{" in answer:
-            return offered_by_command(_located(asked.folder, answer))
+            return offered_by_command(_located(questions.folder, answer))
         function = answer
     if fmu is not None:
-        return offered_by_fmu(fmu, _beside(asked.folder, fmu))
-    return _function(asked, str(function))
+        return offered_by_fmu(fmu, _beside(questions.folder, fmu))
+    return _function(questions, str(function))
 
 
 def chosen_outcomes(
-    asked: Questions, sheet: Sheet, offer: Offer, given: Sequence[str]
+    questions: Questions, sheet: Sheet, offer: Offer, option: Sequence[str]
 ) -> tuple[str, ...]:
     """The measured columns."""
-    told = tuple(given) or responses_of(sheet, offer)
+    told = tuple(option) or responses_of(sheet, offer)
     if told:
         return told
     found, possible = outcome_of(sheet, offer)
-    if not asked.interactive:
+    if not questions.interactive:
         return (require_outcome(found, possible),)
     known = possible or sheet.names
-    return (asked.one_of("Measured column", known, found, AleatorError("")),)
+    return (questions.one_of("Measured column", known, found, AleatorError("")),)
 
 
 def chosen_parameters(
-    asked: Questions,
+    questions: Questions,
     offer: Offer,
     roles: Roles,
     most: int,
-    given: Sequence[str],
+    option: Sequence[str],
     listed: int = 40,
 ) -> dict[str, Limits | float | None]:
     """The parameters that differ between experiments, with their limits as far as they are known.
 
-    Raises AleatorError for limits that are none.
+    Raises AleatorError for limits that cannot be read.
     """
-    if given or not asked.interactive:
+    if option or not questions.interactive:
         called = {variable: name for name, variable in offer.variables.items()}
-        return {called.get(name, name): value for name, value in map(_parameter, given)}
+        return {called.get(name, name): value for name, value in map(_parameter, option)}
     laws, others = parameters_of(offer, roles, most, {})
-    known = {each.name: each for each in (*(law.given for law in laws), *others)}
+    known = {each.name: each for each in (*(law.input for law in laws), *others)}
     if others:
         table = TerminalTable(
             (("name", "left"), ("unit", "left"), ("value", "right"), ("meaning", "fold")),
             variables([*known.values()][:listed], offer),
         )
         Console(stderr=True).print(table)
-    names = asked.names(
+    names = questions.names(
         "Parameters that differ between experiments", [*known],
         [law.name for law in laws if law.scatters],
     )  # fmt: skip
     limits: dict[str, Limits | float | None] = {
-        name: asked.limits(f"  {name} lies between (two numbers)", nominal_limits(known[name]))
+        name: questions.limits(f"  {name} lies between (two numbers)", nominal_limits(known[name]))
         for name in names
     }
     for law in laws:
-        if law.name not in names and law.given.required:
-            limits[law.name] = asked.number(f"  {law.name}, the same for all, is")
+        if law.name not in names and law.input.required:
+            limits[law.name] = questions.number(f"  {law.name}, the same for all, is")
     return limits
 
 
 def _parameter(text: str) -> tuple[str, Limits | float | None]:
-    """`stiffness=1:3`, `stiffness=2` or `stiffness`."""
+    """Name and value of an option such as `stiffness=1:3`, `stiffness=2` or `stiffness`."""
     name, given, value = text.partition("=")
     try:
         numbers = [float(part) for part in value.split(":")] if given else []
@@ -250,8 +249,8 @@ def _parameter(text: str) -> tuple[str, Limits | float | None]:
     return name.strip(), numbers[0] if numbers else None
 
 
-def _function(asked: Questions, reference: str) -> Offer:
-    """A function by a name that is relative to the current folder, or of a module."""
+def _function(questions: Questions, reference: str) -> Offer:
+    """The offer of a function in a file of the current folder, or in a module."""
     file, _, name = reference.rpartition(":")
     if reference.endswith(".py"):
         file, name = reference, ""
@@ -271,15 +270,15 @@ def _function(asked: Questions, reference: str) -> Offer:
         default = known[0] if len(known) == 1 else None
         if not known:
             raise missing
-        name = asked.one_of("Function", known, default, missing)
+        name = questions.one_of("Function", known, default, missing)
     if not file.endswith(".py"):
-        return offered_by_function(f"{file}:{name}", asked.folder)
-    found = offered_by_function(f"{Path(file).absolute()}:{name}", asked.folder)
-    return replace(found, value=f"{_beside(asked.folder, Path(file))}:{name}")
+        return offered_by_function(f"{file}:{name}", questions.folder)
+    found = offered_by_function(f"{Path(file).absolute()}:{name}", questions.folder)
+    return replace(found, value=f"{_beside(questions.folder, Path(file))}:{name}")
 
 
 def _located(folder: Path, command: str) -> str:
-    """A command whose arguments that are files beside the study are found from everywhere."""
+    """A command with {study}/ before arguments that are files in the folder of the study."""
     program, *rest = command.split(" ")
     return " ".join(
         [program, *(f"{{study}}/{w}" if w and (folder / w).is_file() else w for w in rest)]
@@ -287,12 +286,12 @@ def _located(folder: Path, command: str) -> str:
 
 
 def _beside(folder: Path, file: Path) -> str:
-    """A file as a study in the folder names it."""
+    """The path of a file relative to the folder of the study."""
     return Path(os.path.relpath(file.absolute(), folder)).as_posix()
 
 
-def _likely() -> str | None:
-    """What in the current folder is a simulator, if there is one such thing."""
+def _only_simulator() -> str | None:
+    """The only simulator in the current folder, if there is one."""
     fmu = _only("*.fmu")
     if fmu is not None:
         return fmu
@@ -331,7 +330,7 @@ def schema(output: Path | None) -> None:
 
 
 def schema_text() -> str:
-    """The schema as a file has it."""
+    """The JSON schema of study.toml as text."""
     return json.dumps(study_schema(), indent=1, ensure_ascii=False) + "\n"
 
 
@@ -401,16 +400,16 @@ def new(
 
     What cannot be known is left as a line that says FILL IN.
     """
-    asked = Questions(at_terminal() and not yes, output.parent)
-    _require_free(output, force, asked)
-    path = chosen_table(asked, table)
+    questions = Questions(at_terminal() and not yes, output.parent)
+    _require_free(output, force, questions)
+    path = chosen_table(questions, table)
     sheet = sheet_of(path)
-    offer = bound(chosen_offer(asked, function, fmu, command), sheet.names)
-    outcomes = chosen_outcomes(asked, sheet, offer, outcome)
+    offer = bound(chosen_offer(questions, function, fmu, command), sheet.names)
+    outcomes = chosen_outcomes(questions, sheet, offer, outcome)
     roles = roles_of(sheet, offer, outcomes)
-    named = chosen_id(asked, sheet, roles, id)
+    named = chosen_id(questions, sheet, roles, id)
     most = laws_for(count_of(sheet.table, named), len(sheet.table))
-    laws = chosen_parameters(asked, offer, roles, most, parameters)
+    laws = chosen_parameters(questions, offer, roles, most, parameters)
     file = Path(os.path.relpath(path.absolute(), output.parent)).as_posix()
     proposal = proposed(sheet, file, _title(path), offer, outcomes, named, laws, series)
     if schema:
@@ -428,7 +427,7 @@ def new(
 
 
 def _require_free(output: Path, force: bool, questions: Questions) -> None:
-    """A file that is there is replaced only if the user says so."""
+    """Raise AleatorError where the file exists and the user does not agree to replace it."""
     if not output.exists() or force or questions.agreed(f"{short(output)} is there. Replace it?"):
         return
     raise AleatorError(

@@ -6,7 +6,7 @@ import functools
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,35 +20,31 @@ from aleator.cli.running import (
     RunOptions,
     make_place,
     makes_runs,
+    require_at_most_one,
     running,
     show_answer,
     shown,
     units_in,
 )
-from aleator.core.progress import Progress
 from aleator.core.types import Indices
 from aleator.errors import AleatorError, short
-from aleator.inference.alpha_draws import AlphaDraws, alpha_draws, estimated
 from aleator.inference.extrapolation import compared
 from aleator.observations.experiments import Conditions
 from aleator.results import documents
 from aleator.results.printed import Content, number
-from aleator.results.result import Result
 from aleator.results.schema import read_answer
 from aleator.results.units import label
-from aleator.results.values import REPORTED, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.limits import Tolerance, limits
-from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
+from aleator.tasks.decide.limits import Tolerance
 from aleator.tasks.decide.sample import SAMPLE
+from aleator.tasks.identification import Identification
 from aleator.tasks.session import OWN, Session
 from aleator.views import predictions
 
 
 def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
-    """A note where surfaces of new conditions have to be made, by what those of the study took."""
+    """A note on the expected runs for surfaces under new conditions, as many as in the study."""
     surface = document.get("surface") or {}
     if not (surface.get("runs") and surface.get("experiments")):
         return
@@ -67,27 +63,11 @@ def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
     )
 
 
-def made_runs(runner: Runner) -> Iterator[str]:
-    """A note of the runs that were made, if there were any."""
-    if runner.fresh:
-        yield f"note: {runner.fresh} runs of the simulator were made"
-
-
-def fixed_notes(draws: AlphaDraws, session: Session) -> list[str]:
-    """A note where of the uncertainty of some hyperparameters nothing is known."""
-    names = [session.hyperparameters[k].name for k in draws.held.tolist()]
-    if not names:
-        return []
-    return [
-        f"note: the identification tells no uncertainty of {', '.join(names)}, taken as estimated"
-    ]
-
-
 def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
-    """A note for each row of new conditions that is beyond the tested ones."""
+    """A note for each row of new conditions that lies beyond the tested ones."""
     tested, new = value.experiments.table, table.table
-    asked = [*table.conditions, *value.inputs.covariates]
-    names = [name for name in dict.fromkeys(asked) if name in tested and name in new]
+    columns = [*table.conditions, *value.inputs.covariates]
+    names = [name for name in dict.fromkeys(columns) if name in tested and name in new]
     found = compared(tested[names], new[names])
     every = [
         f"note: beyond the tested conditions: {place}: {why}"
@@ -100,7 +80,7 @@ def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """The options of a probability or of limits; none of them asks for the distribution."""
+    """The options for a probability or for limits; without them the distribution is predicted."""
 
     above: float | None
     below: float | None
@@ -113,19 +93,12 @@ class PredictionRequest:
     checks: int
 
     def __post_init__(self) -> None:
-        ways = {
-            "--above": self.above, "--below": self.below, "--between": self.between,
-            "--tolerance": self.tolerance, "--reliability": self.reliability,
-        }  # fmt: skip
-        chosen = [name for name, value in ways.items() if value is not None]
-        if len(chosen) > 1:
-            raise AleatorError(
-                f"{' and '.join(chosen)} contradict each other", "choose one of them"
-            )
+        names = ("above", "below", "between", "tolerance", "reliability")
+        require_at_most_one({f"--{name}": getattr(self, name) for name in names})
 
     @property
     def limits(self) -> Tolerance | None:
-        """The limits that are asked for, if they are."""
+        """The limits that the options choose, or None."""
         if self.tolerance is not None:
             return Tolerance(*self.tolerance)
         if self.reliability is not None:
@@ -134,33 +107,36 @@ class PredictionRequest:
 
     @property
     def distribution(self) -> bool:
-        """Whether nothing else than the distribution is asked for."""
+        """Whether the distribution is predicted."""
         return self.limits is None and not any(
             part is not None for part in (self.above, self.below, self.between)
         )
 
-    def table(self, ground: Ground, draws: AlphaDraws, progress: Progress) -> pd.DataFrame:
-        """The probabilities or the limits, a row for each row of the conditions."""
+    def table(self, answer: Identification, conditions: Conditions, **how: Any) -> pd.DataFrame:
+        """The predictions for conditions; `how` are arguments of all three kinds of prediction."""
+        if self.distribution:
+            return answer.predict(conditions, **how)
+        how["response"] = self.response
         if self.limits is not None:
-            numbers = responses_asked(ground, self.response)
-            which = np.flatnonzero(np.isin(ground.seen.response, numbers))
-            return limits(ground, draws, self.limits, which, progress)
-        events = events_asked(ground, self.response, self.above, self.below, self.between)
-        return probabilities(ground, draws, events, self.checks, progress)
+            return answer.tolerance(conditions, **vars(self.limits), **how)
+        return answer.probability(
+            conditions, above=self.above, below=self.below, between=self.between,
+            checks=self.checks, **how,
+        )  # fmt: skip
 
-    def content(self, found: pd.DataFrame, outcome: str) -> Content:
-        """The table with its title, for the terminal."""
-        columns = found.to_dict("list")
+    def content(self, table: pd.DataFrame, outcome: str) -> Content:
+        """The table of probabilities or limits with its title."""
+        columns = table.to_dict("list")
         if self.limits is None:
             return predictions.probabilities(columns, f"Probability of {outcome} {self._event}")
-        asked = self.limits
-        if asked.side == "both":
-            words = f"Limits that hold {asked.content:g} of {outcome}"
+        limits = self.limits
+        if limits.side == "both":
+            words = f"Limits that hold {limits.content:g} of {outcome}"
         else:
             words = (
-                f"Value that {outcome} is {_SIDES[asked.side]} with reliability {asked.content:g}"
+                f"Value that {outcome} is {_SIDES[limits.side]} with reliability {limits.content:g}"
             )
-        return predictions.limits(columns, f"{words}, with confidence {asked.confidence:g}")
+        return predictions.limits(columns, f"{words}, with confidence {limits.confidence:g}")
 
     @property
     def _event(self) -> str:
@@ -172,8 +148,8 @@ class PredictionRequest:
 _SIDES = {"upper": "below", "lower": "above"}
 
 
-def asks(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options of what is asked for, as the one argument `asked`."""
+def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A decorator that adds the options of a prediction to a command, as its argument `request`."""
 
     @click.option("--above", type=float, metavar="X", help="Probability of outcomes above X.")
     @click.option("--below", type=float, metavar="X", help="Probability of outcomes below X.")
@@ -220,7 +196,7 @@ def asks(command: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(command)
     def collected(**given: Any) -> Any:
         chosen = {field.name: given.pop(field.name) for field in fields(PredictionRequest)}
-        return command(asked=PredictionRequest(**chosen), **given)
+        return command(request=PredictionRequest(**chosen), **given)
 
     return collected
 
@@ -257,7 +233,7 @@ def asks(command: Callable[..., Any]) -> Callable[..., Any]:
     is_flag=True,
     help="Take alpha at its estimate, as if it were known exactly.",
 )
-@asks
+@takes_request
 @makes_runs
 def predict(
     identification: Path,
@@ -267,7 +243,7 @@ def predict(
     of: str | None,
     no_noise: bool,
     no_uncertainty: bool,
-    asked: PredictionRequest,
+    request: PredictionRequest,
     options: RunOptions,
 ) -> None:
     """Predict outcomes of untested conditions.
@@ -309,18 +285,21 @@ def predict(
         running(value, options) if of else nullcontext() as measured,
         shown(options.quiet) as progress,
     ):
-        session = _session(value, document, table, runner, measured, of)
-        draws = _draws(document, session, no_uncertainty)
+        answer = _identification(value, document, table, runner, measured, of)
+        draws = None if no_uncertainty else answer.draws()
         for note in expected_runs(document, runner):
             options.say(note)
         runner.progress = progress
-        who = OWN if of is not None and of == value.table.id else of
-        if asked.distribution:
-            found = session.predict(table, draws, REPORTED.quantiles, progress, who, not no_noise)
-        else:
-            ground = session.ground(table, draws.estimate, who, not no_noise)
-            found = asked.table(ground, draws, progress)
-    for note in (*made_runs(runner), *fixed_notes(draws, session), *untested(value, table)):
+        found = request.table(
+            answer, table, of=OWN if of is not None and of == value.table.id else of,
+            noise=not no_noise, uncertainty=draws or False, progress=progress,
+        )  # fmt: skip
+    if runner.fresh:
+        options.say(f"note: {runner.fresh} runs of the simulator were made")
+    if draws is not None and draws.held.size:
+        names = ", ".join(answer.session.hyperparameters[k].name for k in draws.held.tolist())
+        options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
+    for note in untested(value, table):
         options.say(note)
     if output is not None:
         row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
@@ -330,10 +309,10 @@ def predict(
         click.echo(f"Written: {short(output)}")
     else:
         found["id"] = _labels(found, table)
-        _show(found, asked, value)
+        _show(found, request, value)
 
 
-def _show(found: pd.DataFrame, asked: PredictionRequest, value: Study) -> None:
+def _show(found: pd.DataFrame, request: PredictionRequest, value: Study) -> None:
     """Print a table for each response."""
     responses = value.experiments.observations.responses
     parts = {str(name): part for name, part in found.groupby("response", sort=False)} if (
@@ -344,11 +323,11 @@ def _show(found: pd.DataFrame, asked: PredictionRequest, value: Study) -> None:
         if part is None:
             continue
         name = label(units_in(value), response.name)
-        if asked.distribution:
+        if request.distribution:
             columns, transform = part.to_dict("list"), str(response.transform)
             show_answer(predictions.distributions(columns, name, transform))
         else:
-            show_answer(asked.content(part, name))
+            show_answer(request.content(part, name))
 
 
 def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output: Path) -> None:
@@ -362,49 +341,40 @@ def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
 
 
-def _session(
+def _identification(
     value: Study,
     document: Mapping[str, Any],
     table: Conditions,
     runner: Runner,
     measured: Runner | None,
     of: str | None,
-) -> Session:
-    """What predicts; `measured` runs the experiments that were measured."""
-    found = Result.from_document(document)
+) -> Identification:
+    """The identification with its simulator; `measured` runs the experiments of the study."""
+    found = Identification.from_document(document)
     if of is not None and not found.observations:
         raise AleatorError(
             f"--of {of}: one outcome says too little of the parameters of its experiment",
             "predict new experiments: leave the option out",
         )
 
-    def made(asked: object) -> Runner:
-        return runner if asked is table or measured is None else measured
+    def made(conditions: object) -> Runner:
+        return runner if conditions is table or measured is None else measured
 
-    return Session.again(
+    session = Session.again(
         found, value.file, value.inputs, value.noise, value.experiments, value.propagation,
         value.density, made,
     )  # fmt: skip
-
-
-def _draws(document: Mapping[str, Any], session: Session, known: bool) -> AlphaDraws:
-    """Plausible alphas by the document, or the estimate alone where it counts as known."""
-    found, hyperparameters = Result.from_document(document), session.hyperparameters
-    if known:
-        return AlphaDraws.at(in_order(found.alpha, hyperparameters))
-    return alpha_draws(
-        estimated(found.alpha, found.correlation_names, found.correlation, hyperparameters)
-    )
+    return replace(found, session=session)
 
 
 def _rows_of(found: pd.DataFrame, table: Conditions) -> Indices:
-    """The row of the table of each prediction, where each experiment has one."""
+    """The row in the table of each prediction, where each experiment has one row."""
     place = {name: int(row) for row, name in enumerate(table.ids)}
     return np.array([place[name] for name in found["id"]], dtype=np.intp)
 
 
 def _labels(found: pd.DataFrame, table: Conditions) -> list[str]:
-    """The ids, and of experiments with several rows the conditions that vary."""
+    """Labels of predictions: ids, and for experiments with several rows the varying conditions."""
     if "row" not in found:
         return [str(name) for name in found["id"]]
     cells = table.conditions.iloc[found["row"].to_numpy() - 1]

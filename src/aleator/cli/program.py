@@ -1,4 +1,4 @@
-"""The program: its group of commands, each imported when it is used."""
+"""The program `aleator`: its commands, its help, and how errors are reported."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ GROUPS = {
         "runs": "See, export, import or forget the runs that are kept.",
     },
 }
-"""The commands as `aleator --help` lists them, which imports none of them: by what a user does."""
+"""The commands in the groups and words of `aleator --help`, which imports none of them."""
 
 MODULES = {
     "report": "identify",
@@ -56,10 +56,10 @@ MODULES = {
     **dict.fromkeys(("check", "sensitivity", "box", "next"), "exploring"),
     **dict.fromkeys(("compare", "ceiling", "bootstrap", "posterior", "recover"), "judging"),
 }
-"""The module of a command that is not called as its module is."""
+"""The module of each command whose module has another name."""
 
 COMMANDS = {name: told for group in GROUPS.values() for name, told in group.items()}
-"""All of them, in that order."""
+"""All commands with their help, in the order of `aleator --help`."""
 
 LAST = """
 Options: -h, --help, --version
@@ -69,9 +69,9 @@ Exit codes: 0 done, 1 a defect, 2 mend the input, 130 Ctrl-C, 143 SIGTERM
 
 @contextmanager
 def misuse_as_message(ctx: click.Context) -> Iterator[None]:
-    """Misuse, and what the machine refuses, is one message and exit code 2, Ctrl-C is 130.
+    """A context that turns misuse and errors of the system into one message and exit code 2.
 
-    SIGTERM is 143. A defect keeps its traceback.
+    Ctrl-C gives exit code 130, SIGTERM 143. A defect of Aleator keeps its traceback.
     """
     heard: list[int] = []
     try:
@@ -97,14 +97,14 @@ def misuse_as_message(ctx: click.Context) -> Iterator[None]:
 
 
 class _Commands(click.Group):
-    """Commands that are imported when they are used, and tell misuse in one message."""
+    """A group of commands that are imported when they are used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Their names, the most used first."""
+        """The names of the commands, in the order of the help."""
         return [*COMMANDS]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """The command of that name, in the module of that name."""
+        """The command of this name, imported from its module; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
         with ended_at_once():
@@ -113,7 +113,7 @@ class _Commands(click.Group):
         return command
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Commands and options that begin so; none of the commands is imported."""
+        """Commands and options that begin with a text; no command is imported."""
         known = [
             CompletionItem(name, help=told)
             for name, told in COMMANDS.items()
@@ -122,7 +122,7 @@ class _Commands(click.Group):
         return [*known, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """All of it on one screen: a line for each command."""
+        """Write the help on one screen, with a line for each command."""
         formatter.write(
             "Usage: aleator COMMAND ...   `aleator COMMAND --help` tells all of one.\n\n"
         )
@@ -133,7 +133,7 @@ class _Commands(click.Group):
         formatter.write(LAST)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command."""
+        """Run a command, with errors reported as `misuse_as_message` does."""
         if not faulthandler.is_enabled() and sys.stderr is sys.__stderr__ and sys.stderr:
             faulthandler.enable()  # a crash of compiled code is not silent
         with suppress(OSError):  # it was removed

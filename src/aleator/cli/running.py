@@ -1,4 +1,4 @@
-"""What commands share: options, the workers and store of their runs, progress, and how they end."""
+"""Parts of all commands: options, workers and store of runs, progress, writing of results."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ from aleator.observations.experiments import Conditions
 from aleator.results import documents
 from aleator.results.printed import Content
 from aleator.results.units import seen_label
-from aleator.simulators import Budget, ProcessPool, Runner, Store, notified
+from aleator.simulators import ProcessPool, Runner, Store, notified
 from aleator.simulators.clusters import dask_executor, mpi_executor
 from aleator.study import Study, load_study
 from aleator.tasks.identification import Identification
-from aleator.tasks.identify import UNLIMITED, identify
+from aleator.tasks.identify import identify
 from aleator.views.progress import shown_on
 from aleator.views.terminal import terminal
 
 
 def say(text: str) -> None:
-    """A note on the standard error."""
+    """Print a note on the standard error."""
     click.echo(f"aleator: {text}", err=True)
 
 
 @contextmanager
 def shown(quiet: bool) -> Iterator[Progress]:
-    """Progress on the standard error, or none."""
+    """A context with progress on the standard error, or none where `quiet`."""
     with nullcontext(Silent()) if quiet else shown_on(Console(stderr=True)) as progress:
         yield progress
 
 
 def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = False) -> bool:
-    """Whether matplotlib is there; says what is `missing` where it is not, unless `quiet`."""
+    """Whether matplotlib is installed; else a note says what is `missing`, unless `quiet`."""
     found = importlib.util.find_spec("matplotlib") is not None
     if not (found or quiet):
         say(f"{missing} matplotlib (pip install matplotlib)")
@@ -55,7 +55,7 @@ def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = Fal
 
 
 def can_report(quiet: bool = False) -> bool:
-    """Whether Bokeh is there, which draws the charts of report.html; says so where it is not."""
+    """Whether Bokeh, which draws report.html, is installed; else a note, unless `quiet`."""
     try:
         require_report()
     except AleatorError as error:
@@ -76,7 +76,7 @@ def require_report() -> None:
 
 
 class _Named(click.Path):
-    """A path whose name the system can hold; of any other even the question raises."""
+    """A path argument that refuses names which are too long for the file system."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         try:
@@ -88,7 +88,7 @@ class _Named(click.Path):
 
 
 class _Placed(_Named):
-    """A path from the root: a simulator may change the current folder before it is used."""
+    """A path argument made absolute, as a simulator may change the current folder."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path: Path = super().convert(value, param, ctx)
@@ -96,37 +96,50 @@ class _Placed(_Named):
 
 
 FILE = _Named(path_type=Path)
-"""A file, there or not, that is read before anything is simulated."""
+"""The type of a file that is read before the simulator runs."""
 RESULT = _Placed(path_type=Path, dir_okay=False)
-"""A file, there or not."""
+"""The type of a file that is written, or read later."""
 FOLDER = _Placed(path_type=Path, file_okay=False)
-"""A folder, there or not."""
+"""The type of a folder."""
 STUDY = click.argument("study", type=FILE, metavar="STUDY.toml")
 NO_FIGURES = click.option("--no-figures", is_flag=True, help="Draw no figure.")
 NO_VERIFY = click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
 SEED = click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of everything random [default: the study's]."
 )
-OUTPUT = click.option(
-    "--output",
-    type=FOLDER,
-    metavar="DIR",
-    help="Folder of the results [default: out/ and the name of the study's folder].",
-)
-"""Where a command of one study writes; `folder_of` says where that is."""
+
+
+def output_option(help: str) -> Callable[..., Any]:
+    """The option --output for a folder."""
+    return click.option("--output", type=FOLDER, metavar="DIR", help=help)
+
+
+OUTPUT = output_option("Folder of the results [default: out/ and the name of the study's folder].")
+"""The option for the folder of results; `folder_of` gives its default."""
 
 
 def whole_number(name: str, default: int, help: str, least: int = 1) -> Callable[..., Any]:
-    """An option that is a whole number, `least` or more."""
+    """A click option for a whole number of at least `least`."""
     kind = click.IntRange(min=least)
     return click.option(name, type=kind, default=default, show_default=True, help=help)
 
 
+def require_at_most_one(options: Mapping[str, Any]) -> None:
+    """Raise AleatorError where several of these options are given, None being for one that is not.
+
+    >>> require_at_most_one({"--above": 1.0, "--below": None})
+    """
+    chosen = [name for name, value in options.items() if value is not None]
+    if len(chosen) > 1:
+        raise AleatorError(f"{' and '.join(chosen)} contradict each other", "choose one of them")
+
+
 @dataclass(frozen=True)
 class RunOptions:
-    """The user's choice: the file of the runs (None: the study's), or none, and who makes them.
+    """Where runs are kept and who makes them.
 
-    At most one of `workers`, `dask` and `mpi`; without any, this process.
+    `store` is the file of runs; None for that of the study. At most one of `workers`, `dask` and
+    `mpi` is given; without any of them this process makes the runs.
     """
 
     store: Path | None
@@ -137,13 +150,13 @@ class RunOptions:
     quiet: bool
 
     def say(self, text: str) -> None:
-        """A note, unless they are not wanted."""
+        """Print a note, unless the command is quiet."""
         if not self.quiet:
             say(text)
 
 
 def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options of its runs, as the one argument `options`."""
+    """A decorator that adds the options of runs to a command, as its argument `options`."""
 
     @click.option(
         "--store",
@@ -186,13 +199,12 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
 def running(
     study: Study, options: RunOptions, conditions: Conditions | None = None
 ) -> Iterator[Runner]:
-    """The study's simulator with its workers and the store of its runs; all closed in the end.
+    """A context with the runner of a study, its workers and its store, which are closed at the end.
 
-    The current folder is then what it was, wherever the simulator went. Raises SimulatorError
-    where the first run of a function would end this process; a later one's end is said.
+    At the end the current folder is restored too. Raises SimulatorError where the first run of a
+    function would end this process.
     """
-    if options.no_store and options.store is not None:
-        raise AleatorError("--store and --no-store contradict each other", "leave one of them out")
+    require_at_most_one({"--store": options.store, "--no-store": options.no_store or None})
     with (
         _workers(options) as executor,
         nullcontext() if options.no_store else Store(options.store or study.store) as kept,
@@ -214,11 +226,10 @@ def identified(
     runner: Runner,
     progress: Progress,
     *,
-    consistency: bool = True,
     best_law: bool = False,
-    budget: Budget = UNLIMITED,
+    **further: Any,
 ) -> Identification:
-    """The identification that a study asks for, with what a command makes use of."""
+    """The identification of a study, made by a runner; `further` are arguments of `identify`."""
     runner.progress = progress
     return identify(
         runner,
@@ -231,25 +242,14 @@ def identified(
         verification=study.verification,
         seed=study.seed,
         progress=progress,
-        consistency=consistency,
         best_law=best_law,
-        budget=budget,
         units=study.units,
+        **further,
     )
 
 
-def described(study: Study) -> dict[str, Any]:
-    """What a document says of the simulator."""
-    simulator = study.simulator
-    return {
-        "name": simulator.name,
-        "notes": study.simulator_notes(),
-        "fingerprint": simulator.fingerprint(),
-    }
-
-
 def units_in(study: Study) -> dict[str, Any]:
-    """What a document needs to tell units: they, and the responses with their transforms."""
+    """The entries of a document that its units depend on: units, and transforms of responses."""
     responses = study.experiments.observations.responses
     return {
         "units": dict(study.units),
@@ -257,34 +257,35 @@ def units_in(study: Study) -> dict[str, Any]:
     }
 
 
-def outcome_of(study: Study) -> str:
-    """What the likelihood sees of an experiment, as reports and figures call it."""
-    known = units_in(study)
-    return ", ".join(seen_label(known, name) for name in known["responses"])
-
-
 def linked(
     result: Mapping[str, Any], study: Study, study_file: Path, folder: Path
 ) -> dict[str, Any]:
-    """The document of a result of a study that is written to `folder`."""
-    return documents.linked(
-        result, study.title, study_file, study.sha256, outcome_of(study), folder
-    )
+    """The document of a result in `folder`, with title, file and hash of its study.
+
+    The file is named relative to the folder, so that both can be moved together.
+    """
+    known = units_in(study)
+    entry = {
+        "file": Path(os.path.relpath(study_file, folder)).as_posix(),
+        "sha256": study.sha256,
+        "outcome": ", ".join(seen_label(known, name) for name in known["responses"]),
+    }
+    return {"title": study.title, "study": entry, **result}
 
 
 def name_of(study: Path) -> str:
-    """What a study is called: its file, or its folder if the file is just study.toml."""
+    """The name of a study: that of its file, or of its folder if the file is study.toml."""
     return study.resolve().parent.name if study.stem == "study" else study.stem
 
 
 def folder_of(output: Path | None, study: Path) -> Path:
-    """Where the results of a study go: into `output`, or into out/ and what the study is called."""
+    """The folder of the results: `output`, or out/ and the name of the study."""
     return output or (Path("out") / name_of(study)).absolute()
 
 
 @contextmanager
 def _folder_kept() -> Iterator[None]:
-    """Go back to where the command was given, which the import of a simulator may have left."""
+    """A context that restores the current folder, which importing a simulator may change."""
     here = click.get_current_context().obj
     try:
         yield
@@ -295,7 +296,7 @@ def _folder_kept() -> Iterator[None]:
 
 
 def make_place(result: Path, study: Path | None = None) -> None:
-    """Make the folder of a file that a command writes, and say so where an older one is replaced.
+    """Make the folder of a result, and print a note where an older result will be replaced.
 
     Raises AleatorError where that is the result of another study than this one.
     """
@@ -305,11 +306,10 @@ def make_place(result: Path, study: Path | None = None) -> None:
 
 
 def _workers(options: RunOptions) -> AbstractContextManager[Executor | None]:
-    """Those that the options ask for; None is this process."""
-    ways = {"--workers": options.workers, "--dask": options.dask, "--mpi": options.mpi}
-    chosen = [name for name, value in ways.items() if value]
-    if len(chosen) > 1:
-        raise AleatorError(f"{' and '.join(chosen)} contradict each other", "choose one of them")
+    """The executor that the options choose; None for this process."""
+    require_at_most_one(
+        {"--workers": options.workers, "--dask": options.dask, "--mpi": options.mpi or None}
+    )
     if options.dask:
         return dask_executor(options.dask, options.say)
     if options.mpi:
@@ -319,7 +319,7 @@ def _workers(options: RunOptions) -> AbstractContextManager[Executor | None]:
 
 @contextmanager
 def _processes(number: int) -> Iterator[Executor]:
-    """What was at work at Ctrl-C has been waited for, as far as was wanted."""
+    """A pool of processes; Ctrl-C cancels the runs that have not begun."""
     pool = ProcessPool(number)
     try:
         yield pool
@@ -335,9 +335,9 @@ Document = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Work:
-    """A command at work on a study: what it works on, and where its answer goes.
+    """A command with its study, its options and the folder of its results.
 
-    `name` is that of the files that are written to `folder`; without a folder none are.
+    `name` is the stem of the files that are written; without a `folder` none are.
     """
 
     name: str
@@ -357,15 +357,15 @@ class Work:
         seed: int | None,
         verified: bool = False,
     ) -> Work:
-        """The study of a file, with another seed, and with its check on the simulator or not."""
+        """The work on a study file, with another seed, with or without its check."""
         study = load_study(file).overridden(seed, verified=verified)
         return cls(name, study, file.absolute(), folder, options)
 
     @contextmanager
     def running(self, conditions: Conditions | None = None) -> Iterator[tuple[Runner, Progress]]:
-        """The simulator and the progress, both closed in the end; the place of the answer is made.
+        """A context with runner and progress; it makes the folder of the results.
 
-        What is wrong with a question is best told before, as a simulator may be slow.
+        A command checks its arguments before, as a simulator may be slow.
         """
         if self.folder is not None:
             make_place(self.folder / f"{self.name}.json", self.file)
@@ -376,7 +376,7 @@ class Work:
             yield runner, progress
 
     def end(self, made: Document, content: Callable[[Document], Content], **files: Any) -> None:
-        """Write what was made, as `write` does, and show the content of its document."""
+        """Write a result as `write` does, and print the content of its document."""
         document, names = self.write(made, **files)
         show_answer(content(document), names, self.options.quiet)
 
@@ -388,10 +388,10 @@ class Work:
         beside: Sequence[Path] = (),
         draw: Callable[[Document, Path], Path] | None = None,
     ) -> tuple[Document, list[str]]:
-        """Write what was made as a document; this, and the names of the files.
+        """Write a result; returns its document and the names of all files.
 
-        `texts` are written as files of these endings, `beside` files that are there already;
-        `draw` writes a figure of the document where matplotlib is installed.
+        `texts` are further files by their endings, `beside` files that exist already; `draw` writes
+        a figure of the document if matplotlib is installed.
         """
         made, files = {**units_in(self.study), **made}, []
         if self.folder is None:
@@ -409,7 +409,7 @@ class Work:
 
 
 def show_answer(content: Content, files: Sequence[str] = (), quiet: bool = False) -> None:
-    """The report, or of a quiet command the verdict alone."""
+    """Print a report, or for a quiet command its verdict only."""
     if quiet:
         click.echo(content.verdict)
     else:

@@ -23,20 +23,20 @@ TARGET = click.argument("target", type=FILE, metavar="STUDY.toml|STORE")
 
 @dataclass(frozen=True)
 class Target:
-    """A store, and the simulator of the study that it was named by, if it was."""
+    """A store, with the simulator of the study if a study was named in place of the store."""
 
     store: Store
     simulator: Simulator | None
 
     @cached_property
     def fingerprint(self) -> str | None:
-        """That of the study's simulator."""
+        """The fingerprint of the study's simulator."""
         return None if self.simulator is None else self.simulator.fingerprint()
 
 
 @contextmanager
 def opened(target: Path, new: bool = False) -> Iterator[Target]:
-    """The store of a study, or a store named itself; made if it is not there and may be `new`."""
+    """A context with the store of a study, or with a named store, which may be `new`."""
     path, simulator = target, None
     if target.suffix == ".toml" or target.is_dir():
         study = load_study(target)

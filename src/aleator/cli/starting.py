@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: how the program ends, and at once while modules are imported."""
+"""How Ctrl-C and SIGTERM end the program, also while modules are imported."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 
 def ending(signum: int) -> tuple[str, int]:
-    """What the program says when a signal ended it, and the exit code that shells report then."""
+    """The message and the exit code of a program that a signal ended."""
     name = "Ctrl-C" if signum == signal.SIGINT else signal.Signals(signum).name
     return f"aleator: stopped by {name}", 128 + signum
 
 
 @contextmanager
 def termination_heard() -> Iterator[list[int]]:
-    """Let SIGTERM, which a batch system sends when the time is up, end a command as Ctrl-C does.
+    """A context in which SIGTERM ends a command as Ctrl-C does; yields the signals received.
 
-    Yields the signals that came.
+    A batch system sends SIGTERM when the time of a job is over.
     """
     heard: list[int] = []
 
@@ -30,37 +31,35 @@ def termination_heard() -> Iterator[list[int]]:
             raise KeyboardInterrupt
         answer(signum, frame)
 
-    try:
-        plain = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-        if plain:
-            signal.signal(signal.SIGTERM, end)
-    except ValueError:  # not the main thread, which answers signals
-        plain = False
-    try:
+    with _handled(signal.SIGTERM, signal.SIG_DFL, end):
         yield heard
-    finally:
-        if plain:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextmanager
 def ended_at_once() -> Iterator[None]:
-    """Where Ctrl-C would raise KeyboardInterrupt, let it end this process.
+    """A context in which Ctrl-C ends the process at once, in place of raising KeyboardInterrupt.
 
-    For imports: an exception there comes out of modules of others as a traceback, or as another
-    one, or not at all. Nothing is open yet that would have to be closed.
+    It is for imports: there an exception may come out of other modules as a traceback, as another
+    exception, or not at all, and no file is open yet.
     """
-    try:
-        plain = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        if plain:
-            signal.signal(signal.SIGINT, _end)
-    except ValueError:  # not the main thread, which answers Ctrl-C
-        plain = False
+    with _handled(signal.SIGINT, signal.default_int_handler, _end):
+        yield
+
+
+@contextmanager
+def _handled(signum: int, default: Any, handler: Any) -> Iterator[None]:
+    """A context in which a signal has another handler, if it has its default handler now."""
+    plain = signal.getsignal(signum) is default
+    if plain:
+        try:
+            signal.signal(signum, handler)
+        except ValueError:  # not the main thread, which answers signals
+            plain = False
     try:
         yield
     finally:
         if plain:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signum, default)
 
 
 def _end(signum: int, _frame: object) -> None:

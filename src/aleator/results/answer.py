@@ -1,7 +1,7 @@
-"""What an identification says in short, from its document: estimates, warnings, verdicts.
+"""The short report of an identification, from its document: estimates, warnings, verdicts.
 
-`answer` is what a notebook and `print` show. A report (`aleator.views.identification`) begins with
-the same sentences and tables.
+`answer` is shown by `print` and in a notebook. The long report (`aleator.views.identification`)
+begins with the same sentences and tables.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ COLUMNS = heads("alpha", ">estimate", ">std. error", ">95 % interval", "~note")
 
 
 def answer(document: Document) -> Content:
-    """The answer in short: alpha, log-likelihood, warnings, verdicts."""
+    """The short report: alpha, log-likelihood, warnings, verdicts."""
     return Content(
         str(document.get("title") or ""),
         lead(document),
@@ -44,7 +44,7 @@ def answer(document: Document) -> Content:
 
 
 def is_individual(document: Document) -> bool:
-    """Whether the experiments have individual parameters: then it has their observations."""
+    """Whether experiments have several observations each, and thus individual parameters."""
     return bool(document.get("observations"))
 
 
@@ -57,7 +57,7 @@ def words(name: object) -> str:
 
 
 def lead(document: Document) -> tuple[Sentence, ...]:
-    """What was identified from what, and how."""
+    """Two sentences: what was identified from which data, and by which method."""
     free = sum(not entry.get("fixed") for entry in document["alpha"].values())
     seen = document.get("observations") or ()
     bounds = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
@@ -127,7 +127,7 @@ def _note(entry: Document, thresholds: Thresholds = THRESHOLDS) -> str:
 
 
 def _to_limit(cut: str, drops: Sequence[float] | None) -> str:
-    """Which ends of an interval are limits, and how far the profile has dropped there.
+    """A note on ends of an interval that are limits, with the drop of the profile there.
 
     >>> _to_limit("lower", (1.263, 1.92)), _to_limit("both", (0.5, 0.004))
     ('to its lower limit (drop 1.26)', 'from limit to limit (drops 0.50, 0.00)')
@@ -139,7 +139,7 @@ def _to_limit(cut: str, drops: Sequence[float] | None) -> str:
 
 
 def log_likelihood(document: Document) -> Sentence:
-    """The log-likelihood, by what, with the log prior and what the check says."""
+    """A sentence with the log-likelihood, its error, the log prior and the check."""
     value, density = document["log_likelihood"], document.get("density")
     line = f"log-likelihood {to_three(value.get('estimated'))}"
     line += "" if value.get("error") is None else f" +- {number(value['error'], 2)}"
@@ -156,7 +156,7 @@ def log_likelihood(document: Document) -> Sentence:
 
 
 def verdicts(document: Document) -> tuple[Sentence, ...]:
-    """Whether alpha can be used, and whether the experiments agree with the model, as far as known.
+    """The two verdicts: is the computation sound, and is the model consistent with the experiments?
 
     >>> [str(v) for v in verdicts({"sound": False, "warnings": [{"about": "search"}]})]
     ['NOT computed soundly: do not use alpha before the warnings are dealt with (search).']
@@ -189,7 +189,7 @@ def _soundness(document: Document) -> Sentence:
 
 
 def _agreement(document: Document) -> Sentence:
-    """The second verdict; a probability is that of all tests together."""
+    """The verdict on consistency; its probability is that of all tests together."""
     second, verdict = document["consistency"], document["consistent"]
     if verdict is None:
         reason = second["reason"]
@@ -207,7 +207,7 @@ def _agreement(document: Document) -> Sentence:
 
 
 def warnings(document: Document) -> tuple[Sentence, ...]:
-    """Everything to know before the numbers are used, each with its remedy."""
+    """All warnings, contradictions and outliers, each with its remedy."""
     warned: list[Sentence] = []
     for entry in document.get("warnings") or ():
         head = f"Warning, {entry.get('about', '')}"
@@ -239,7 +239,7 @@ def _contradiction(row: Document) -> str:
 
 
 def _numbered(rows: Sequence[Document]) -> Iterator[tuple[str, Document]]:
-    """Rows with a number before each; one alone needs none."""
+    """Rows, each with its number in parentheses; a single row has none."""
     for place, row in enumerate(rows, start=1):
         yield f"({place}) " if len(rows) > 1 else "", row
 

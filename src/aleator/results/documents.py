@@ -1,4 +1,4 @@
-"""Results as JSON files: strict, in a fixed order, the same bytes for the same numbers."""
+"""Results as JSON files, whose keys have a fixed order: equal numbers give equal bytes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from aleator.errors import AleatorError, short
 
-# What a reader looks for first comes first; keys that are not named here follow as they came.
+# The order of keys in a file: the most important first. Other keys follow in their own order.
 _ORDER = (
     "title", "study", "sound", "consistent", "alpha", "correlation", "parameter_correlations",
     "log_likelihood", "baselines", "warnings", "consistency", "simulator",
@@ -25,7 +25,7 @@ _ORDER = (
 
 
 def plain(value: Any) -> Any:
-    """A result as JSON knows it: NumPy's numbers and arrays as Python's, NaN and infinity as null.
+    """A value in the types of JSON: NumPy's numbers become Python's, NaN and infinity None.
 
     Raises TypeError for anything that is not a mapping, a sequence, a number, a text or None.
 
@@ -61,19 +61,8 @@ def to_json(result: Mapping[str, Any]) -> str:
     return json.dumps(ordered, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def linked(
-    result: Mapping[str, Any], title: str, study: Path, sha256: str, outcome: str, folder: Path
-) -> dict[str, Any]:
-    """The document of a result that is written to `folder`, with its title and its study file.
-
-    The file is named relative to the folder, so that both can be moved together.
-    """
-    file = Path(os.path.relpath(study, folder)).as_posix()
-    return {"title": title, "study": {"file": file, "sha256": sha256, "outcome": outcome}, **result}
-
-
 def study_entry(document: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What a document says of its study file; empty where it says nothing that can be read."""
+    """The entry `study` of a document; empty where it is missing or damaged."""
     entry = document.get("study")
     return entry if isinstance(entry, Mapping) else {}
 
@@ -101,10 +90,9 @@ def _is_file(path: Path) -> bool:
 
 
 def replaced(path: Path, study: Path | None = None) -> str | None:
-    """What is said before a file takes the place of an older one; None where there is none.
+    """A note that an older file will be replaced; None where there is no such file.
 
-    Raises AleatorError where the older one is the result of another study than this one: it is not
-    lost silently.
+    Raises AleatorError where the older file is the result of another study.
     """
     try:
         older = study_entry(json.loads(path.read_text(encoding="utf-8"))).get("file")
@@ -122,7 +110,7 @@ def replaced(path: Path, study: Path | None = None) -> str | None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder of the results, before anything that should go there is computed.
+    """Make the folder of results. Commands do so before they compute anything.
 
     Raises AleatorError where that is not possible.
     """
@@ -136,7 +124,7 @@ def make_folder(folder: Path) -> None:
 
 
 def write_text(text: str, path: str | Path) -> None:
-    """Write a file whole or not at all, making its folder.
+    """Write a file completely or not at all, and make its folder.
 
     Raises AleatorError where the file cannot be written.
     """
@@ -156,7 +144,7 @@ def write_text(text: str, path: str | Path) -> None:
 
 
 def write_json(result: Mapping[str, Any], path: str | Path) -> None:
-    """Write a result as a JSON file, whole or not at all.
+    """Write a result as a JSON file, completely or not at all.
 
     Raises AleatorError where the file cannot be written.
     """

@@ -1,4 +1,4 @@
-"""The identified joint law of the parameters, to sample from and to ask."""
+"""The identified joint law of the parameters: samples, densities, probabilities, quantiles."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class JointLaw:
         return found.reshape(shape)[()]
 
     def _correlated_cdf(self, points: Array, far: float = 40.0) -> Array:
-        """Of those that depend on each other; `far` is the score of infinity, of 1e-300 beyond."""
+        """The joint cdf of the correlated parameters; `far` stands for an infinite normal score."""
         tied = list(self.inputs.correlated)
         marginals = [*self.marginals.values()]
         scores = [marginals[i].family.normal_score(marginals[i].values, points[:, i]) for i in tied]

@@ -1,7 +1,7 @@
-"""What a result says, made once: sentences and tables in sections, and their plain writers.
+"""Contents: sentences and tables in sections, and their writers as plain text and as HTML.
 
-A `Content` is made of a document by pure functions; it is written as text that fits a width, and as
-HTML for a notebook (`aleator.views` has the terminal, the page and the charts).
+Pure functions make a `Content` from a document. Here it becomes text of a given width, and HTML for
+a notebook; `aleator.views` prints it on a terminal, and makes pages with charts.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ class TextSettings:
     whole: float = 1e7
     """A number below this that has more digits than are shown is written whole."""
     least: float = 1e-4
+    """A value below this is written with an exponent, in place of the digits of its error."""
     largest: float = 1e6
-    """A value between these is written to the digits of its error, any other with an exponent."""
+    """A value above this is written with an exponent, too."""
     decimals: int = 9
     """The most decimals of a value with an error."""
     gap: int = 2
@@ -78,7 +79,7 @@ def with_error(
 
 
 def between(ends: Sequence[float | None] | None, error: float | None) -> str:
-    """An interval, its ends as an estimate with this standard error; "-" for none.
+    """An interval, its ends rounded as an estimate with this standard error; "-" for none.
 
     >>> between((0.88816, 0.93653), 0.01234), between(None, 0.1), between((None, 1.0), 0.1)
     ('0.888 .. 0.937', '-', '-')
@@ -113,7 +114,7 @@ def to_three(value: float | None) -> str:
 
 
 def count(size: int, what: str) -> str:
-    """So many of something.
+    """A count with its noun, in the plural where needed.
 
     >>> count(1, "experiment"), count(1200, "run")
     ('1 experiment', '1,200 runs')
@@ -122,9 +123,10 @@ def count(size: int, what: str) -> str:
 
 
 def outside(probabilities: Sequence[float], share: float = 0.05) -> str:
-    """How many independent values lie in the outer `share` of their laws, and would if these hold.
+    """A sentence on how many values lie in the outer `share` of their predicted laws.
 
-    By their `probabilities` P(below), of which none is missing; the count is binomial.
+    `probabilities` are the predicted ones of smaller values. If the laws are right the count is
+    binomial: the sentence has its 95 % range.
 
     >>> outside([0.01, 0.5, 0.99, 0.6])
     '2 of 4 are, and 0 to 1 would be of a right model, in 95 % of all cases.'
@@ -142,11 +144,11 @@ def outside(probabilities: Sequence[float], share: float = 0.05) -> str:
 
 Side = Literal["left", "right", "fold"]
 Column = tuple[str, Side]
-"""The head of a column, and where its cells stand; the last column may "fold", at words."""
+"""The head of a column and the side of its cells; the last column may "fold" at words."""
 
 
 def heads(*names: str) -> list[Column]:
-    """Columns by their heads: numbers stand on the right of ">", sentences behind "~" fold.
+    """Columns by their heads: ">" marks a column of numbers, "~" one whose sentences fold.
 
     >>> heads("alpha", ">estimate", "~note")
     [('alpha', 'left'), ('estimate', 'right'), ('note', 'fold')]
@@ -157,14 +159,14 @@ def heads(*names: str) -> list[Column]:
 
 Depth = int
 SHORT, WHOLE, DETAILS, PAGE = range(4)
-"""How much a writer shows: the answer in short, a report, a report with details, the page."""
+"""How much is shown: a short report, a report, a report with details, a page."""
 Kind = Literal["plain", "strong", "good", "bad", "open", "warning", "missing", "heading", "code"]
-"""What a sentence is."""
+"""The role of a sentence, which decides its look."""
 
 
 @dataclass(frozen=True)
 class Amounts:
-    """How much is shown before the rest is counted, all by judgement: no answer depends on it."""
+    """How many entries tables and charts show at most; by judgement, no answer depends on it."""
 
     notebook: int = 20
     """Rows of a table in a notebook."""
@@ -173,43 +175,37 @@ class Amounts:
     experiments: int = 1000
     """Rows of the table of experiments on a page; of more, the least expected."""
     conditions: int = 8
-    """Conditions in that table."""
+    """Conditions in the table of experiments on a page."""
     failed: int = 20
     """Experiments with failed runs that are named."""
-    points: int = 12
-    """Points of the best possible law."""
     gaining: int = 5
-    """Experiments that gain most by that law."""
-    out_of_reach: int = 12
-    """Experiments out of reach of the first runs."""
+    """Experiments named as those that gain most by the best possible law."""
     pairs: int = 5
-    """Pairs of parameters that act alike."""
+    """Pairs of parameters in the report of a sensitivity."""
     candidates: int = 10
-    """Candidates for the next experiment."""
+    """Candidates in the report on the next experiment."""
     chosen: int = 30
-    """Experiments of a chosen set."""
+    """Experiments of a chosen set in that report."""
     failure: int = 10_000
-    """Letters of the message or the log of a run."""
+    """Characters of the message or the log of a run."""
     marks: int = 600
     """Marks in a chart."""
     farthest: int = 150
-    """Of these, the ones that lie farthest out."""
+    """Marks of a chart that are kept because they lie farthest out."""
     hovered: int = 6
-    """Conditions that are told of a mark under the mouse."""
+    """Conditions in the tooltip of a mark."""
     series: int = 200
-    """Experiments whose series a page has."""
+    """Experiments whose series a page shows."""
     observations: int = 20_000
-    """Observations in these series."""
+    """Observations in all series of a page."""
     named: int = 12
-    """Experiments or outliers that a figure has room to name."""
-    panels: int = 12
-    """Panels of series in a figure."""
+    """Experiments, points of a law or panels that a table or a figure has room for."""
     across: int = 4
-    """Panels beside each other."""
+    """Panels in a row of a figure."""
     farthest_panels: int = 4
-    """Of the panels, those with the largest residuals."""
+    """Panels that are kept because of their large residuals."""
     letters: int = 18
-    """Letters of an id over a panel."""
+    """Characters of an id over a panel."""
 
 
 AMOUNTS = Amounts()
@@ -217,10 +213,10 @@ AMOUNTS = Amounts()
 
 @dataclass(frozen=True)
 class Thresholds:
-    """From where on something is said of an answer, by judgement unless a source is named."""
+    """Thresholds beyond which a report mentions a fact; by judgement unless a source is named."""
 
     sandwich: tuple[float, float] = (0.7, 1.4)
-    """Ratios of a sandwich error to the standard error that are near one."""
+    """Ratios of the sandwich error to the standard error between which it is not mentioned."""
     strong: float = 0.9
     """Correlation of two estimates that a report names."""
     chance: float = 3.0
@@ -228,7 +224,7 @@ class Thresholds:
     large: float = 0.25
     """Bias over the standard error from which 95 % intervals hold 94 % or less."""
     piled: float = 0.01
-    """Share of replicates on a limit."""
+    """Share of replicates on a limit from which on it is mentioned."""
     small: float = 4.0
     """Difference of models that is small, whatever its error (Sivula, Magnusson, Vehtari 2020)."""
     paired: float = 2.0
@@ -239,6 +235,12 @@ class Thresholds:
     """Times the volume of the box from which leaving an experiment out is worth a thought."""
     rare: float = 1e-3
     """Probabilities below are written with a power of ten."""
+    missed: float = 0.01
+    """Share of the variance that a good expansion of a screening misses at most."""
+    confounded: float = 0.96
+    """Alignment above which two parameters are hard to tell apart: their collinearity index
+    1/sqrt(1 - |alignment|) is then above 5, from where on Brun, Reichert and Kuensch (Water Resour.
+    Res. 37 (2001)) see trouble."""
 
 
 THRESHOLDS = Thresholds()
@@ -246,10 +248,10 @@ THRESHOLDS = Thresholds()
 
 @dataclass(frozen=True)
 class Sentence:
-    """Words, with what they are of (`head`) before them, and what to do (`remedy`) after them.
+    """A sentence, with a `head` before it and a `remedy` after it.
 
-    `ids` are experiments that can be marked in charts; what needs more `depth` than a writer has
-    is left out.
+    `ids` are experiments that a page can mark in its charts. `depth` is the least depth of a report
+    that shows the sentence.
     """
 
     text: str
@@ -266,9 +268,9 @@ class Sentence:
 
 @dataclass(frozen=True)
 class TextTable:
-    """Cells as they are read, each row as long as the columns; `folded` until it is opened.
+    """A table of texts. On a page a `folded` table is closed until a reader opens it.
 
-    A column, after the first, in which nothing stands is left out.
+    Columns without any text are left out, except the first.
     """
 
     columns: Sequence[Column]
@@ -280,16 +282,16 @@ class TextTable:
 
 
 class Part(Protocol):
-    """What stands in a section: a sentence, a table, or a chart of `aleator.views`."""
+    """A part of a section: a sentence, a table, or a chart of `aleator.views`."""
 
     @property
     def depth(self) -> Depth:
-        """How much a writer must show to show it."""
+        """The least depth of a report that shows the part."""
 
 
 @dataclass(frozen=True)
 class Chapter:
-    """Parts that are read together, under a heading where there is room for one."""
+    """A section: parts under a heading, which only a page shows."""
 
     name: str
     title: str
@@ -298,7 +300,7 @@ class Chapter:
 
 @dataclass(frozen=True)
 class Content:
-    """Everything that a result says: its title, what was done, sections, warnings, verdicts."""
+    """A whole report: title, lead, sections, warnings, verdicts."""
 
     title: str
     lead: Sequence[Sentence] = ()
@@ -308,7 +310,7 @@ class Content:
 
     @classmethod
     def of(cls, title: str, lead: str, parts: Sequence[Part], verdict: str) -> Content:
-        """One section, and one verdict."""
+        """A content of one section and one verdict."""
         section = Chapter("all", title, parts)
         return cls(title, [Sentence(lead)], [section], (), [Sentence(verdict, "strong")])
 
@@ -319,7 +321,7 @@ class Content:
 
 
 def paragraphs(content: Content, depth: Depth) -> Iterator[list[Sentence | TextTable]]:
-    """The sentences and tables of a text in the order of reading: the verdicts come last."""
+    """The sentences and tables of a report, in the order of reading: the verdicts come last."""
 
     def shown(parts: Sequence[Part]) -> list[Sentence | TextTable]:
         return [
@@ -356,7 +358,7 @@ def text(content: Content, width: int = 80, depth: Depth = SHORT) -> str:
 
 
 def prose(words: str) -> str:
-    """Plain text as HTML; what stands in backticks is code.
+    """Plain text as HTML; text in backticks becomes code.
 
     >>> prose("a < b, see `aleator box`")
     'a &lt; b, see <code>aleator box</code>'
@@ -365,7 +367,7 @@ def prose(words: str) -> str:
 
 
 def cells(table: TextTable) -> str:
-    """The head and the rows of a table as HTML; a column in which nothing stands is left out.
+    """The head and the rows of a table as HTML, without empty columns.
 
     >>> '<td class="n">2</td>' in cells(TextTable([("a", "left"), ("b", "right")], [["1", "2"]]))
     True
@@ -404,7 +406,7 @@ def _paragraph(part: Sentence) -> str:
 
 
 def shown(head: str, table: pd.DataFrame, *sentences: str, amounts: Amounts = AMOUNTS) -> str:
-    """A result in HTML: its head, the first rows of its table, and sentences, the last one bold.
+    """HTML of a head, the first rows of a table, and sentences, of which the last is bold.
 
     >>> import pandas as pd
     >>> text = shown("40 replicates", pd.DataFrame({"bias": [0.123456]}, ["a <b>"]), "No bias.")
@@ -428,7 +430,7 @@ def shown(head: str, table: pd.DataFrame, *sentences: str, amounts: Amounts = AM
 def _filled(
     columns: Sequence[Column], rows: Sequence[Sequence[str]]
 ) -> tuple[Sequence[Column], Sequence[Sequence[str]]]:
-    """Without the columns, after the first, in which nothing stands."""
+    """Columns and rows without the columns that are empty, except the first."""
     kept = [k for k in range(len(columns)) if not k or any(row[k] for row in rows)]
     return [columns[k] for k in kept], [[row[k] for k in kept] for row in rows]
 
@@ -474,8 +476,8 @@ def laid_out(
     ]
 
 
-def _least(cells: Sequence[str], settings: TextSettings = TEXT) -> int:
-    """The least width of a folding column: no less than its longest word."""
+def _least(cells: Sequence[str], settings: TextSettings) -> int:
+    """The least width of a folding column, at least that of its longest word."""
     words = [len(word) for cell in cells for word in cell.split()]
     return max(min(settings.narrowest, max(map(len, cells))), *words)
 
@@ -488,7 +490,7 @@ def _row(
     width: int,
     settings: TextSettings = TEXT,
 ) -> list[str]:
-    """A row whose folding cell begins at the column `beside`, or on a line of its own."""
+    """The lines of a row, whose folding cell begins at the column `beside`, or on a new line."""
     fixed = len(wide)
     note = row[-1] if fixed < len(columns) else ""
     cells = [*row[:fixed]]
@@ -510,7 +512,7 @@ def _row(
 def _stacked(
     names: Sequence[str], row: Sequence[str], width: int, settings: TextSettings = TEXT
 ) -> list[str]:
-    """A row with a line for each cell."""
+    """The lines of a row with one line for each cell."""
     lines = _folded(row[0], 0, width)
     for name, cell in zip(names[1:], row[1:], strict=True):
         lines += (
@@ -520,7 +522,7 @@ def _stacked(
 
 
 def _folded(text: str, indent: int, width: int) -> list[str]:
-    """Paragraphs folded at words; every line begins with `indent` spaces."""
+    """The lines of a text wrapped at words, each with `indent` leading blanks."""
     margin = " " * indent
     return [
         line

@@ -1,4 +1,4 @@
-"""The result of an identification as plain data: it is written, read back, and the same again."""
+"""The result of an identification as plain data, equal to what is read back from its file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from aleator.results.values import (
 )
 
 Entry = Mapping[str, Any]
-"""An object of a document that was read."""
+"""A JSON object of a document."""
 NOT_ASKED = Consistency.untested("it was not asked for")
 
 
@@ -47,7 +47,7 @@ class Result(Plain):
     `pictures` are as a document has them: None stands for a number that JSON cannot hold.
 
     Every field is made what is read back from its document: Python's numbers, tuples, dicts. Two
-    results are equal where all of their values are, NaN equal to NaN.
+    results are equal where their documents are.
     """
 
     alpha: Mapping[str, Estimate]
@@ -95,7 +95,7 @@ class Result(Plain):
 
     @classmethod
     def from_document(cls, document: Entry) -> Self:
-        """The result of a document that was read; what JSON cannot hold (null) is NaN again.
+        """The result that a document describes; null, for what JSON cannot hold, becomes NaN.
 
         A log-density that is null because the outcome lies outside the support is minus infinity.
         """
@@ -110,7 +110,7 @@ class Result(Plain):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result):
             return NotImplemented
-        return all(same(getattr(self, name), getattr(other, name)) for name in plain_fields(Result))
+        return documents.to_json(self.to_dict()) == documents.to_json(other.to_dict())
 
     def __repr__(self) -> str:
         return printed.text(answer(self.to_dict()))
@@ -206,25 +206,6 @@ class Result(Plain):
         }
         document["consistent"] = document["consistency"].pop("consistent")
         return document
-
-
-def same(one: Any, other: Any) -> bool:
-    """Whether two values of results are equal, NaN equal to NaN.
-
-    >>> same({"x": (1.0, float("nan"))}, {"x": (1.0, float("nan"))}), same((1.0,), [1.0])
-    (True, False)
-    """
-    if isinstance(one, float) and isinstance(other, float):
-        return one == other or (math.isnan(one) and math.isnan(other))
-    if type(one) is not type(other):
-        return bool(one == other)
-    if is_dataclass(one):
-        return same(vars(one), vars(other))
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, tuple | list):
-        return len(one) == len(other) and all(map(same, one, other))
-    return bool(one == other)
 
 
 def _in_document(value: Any) -> Any:

@@ -1,7 +1,7 @@
-"""What identification.json and ceiling.json hold: read once, and checked for all their readers.
+"""The keys and types of identification.json and ceiling.json, checked when a file is read.
 
-The entries that have a data class are checked by its fields, so that a new field is known here at
-once. In JSON null stands for a number that JSON cannot hold, NaN or infinity.
+Entries that have a data class are checked against its fields. In JSON null stands for a number that
+JSON cannot hold, NaN or infinity.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ Number = Finite | None
 Series = list[Number]
 Grid = list[Series]
 FORMER = (Any, None)
-"""A key of files that earlier versions wrote, which nobody reads."""
+"""The type of a key that only earlier versions wrote, and that is not read."""
 NEEDED = ("alpha", "log_likelihood", "experiments")
-"""Keys by which an identification is known as one."""
+"""Keys that every identification has."""
 
 
 def fault(key: str, problem: str) -> PydanticCustomError:
-    """What is wrong with a key within an entry."""
+    """A pydantic error about a key of an entry."""
     return PydanticCustomError("disagrees", "{problem}", {"key": key, "problem": problem})
 
 
 class DocumentEntry(BaseModel):
-    """An object of the document; it may have keys that nobody reads."""
+    """A JSON object of a document; further keys are allowed."""
 
     model_config = ConfigDict(strict=True, extra="allow")
 
 
 class ExactEntry(DocumentEntry):
-    """An entry of a data class: each key is a field of it."""
+    """A JSON object that is the entry of a data class; each key is one of its fields."""
 
     model_config = ConfigDict(extra="forbid")
 
 
 def require_equal(key: str, *columns: Sequence[Any] | None) -> None:
-    """Raise a fault unless the columns that are there have one length."""
+    """Raise a fault unless all columns that are given have the same length."""
     lengths = {len(column) for column in columns if column is not None}
     if len(lengths) > 1:
         raise fault(key, f"has series of unequal lengths: {', '.join(map(str, sorted(lengths)))}")
@@ -135,7 +135,7 @@ class Circe(DocumentEntry):
 
 
 class Baselines(DocumentEntry):
-    """What simpler methods find."""
+    """The results of simpler methods."""
 
     least_squares: LeastSquaresEntry | None = None
     circe: Circe | None = None
@@ -149,7 +149,7 @@ class Quadrature(DocumentEntry):
 
 
 class BestPossible(DocumentEntry):
-    """What a law of any family could reach."""
+    """The best possible law of any family."""
 
     log_likelihood: Number
     gap: Number
@@ -274,7 +274,7 @@ class Simulated(DocumentEntry):
 
 
 class Pictures(DocumentEntry):
-    """What a report draws beside the answer."""
+    """The data of the charts of a report."""
 
     conditions: dict[str, list[Number | str]] = {}
     laws: dict[str, Curve] = {}
@@ -290,7 +290,7 @@ class Pictures(DocumentEntry):
 
 
 class _Answer(DocumentEntry):
-    """What identification.json has beside the fields of `Result`, and what must agree."""
+    """The keys of identification.json that are no fields of `Result`, and checks of agreement."""
 
     title: str = ""
     study: StudyEntry | None = None
@@ -307,7 +307,7 @@ class _Answer(DocumentEntry):
 
 
 def _disagreement(answer: Any) -> tuple[str, str] | None:
-    """A key of which the names or lengths are not those of another, and what is wrong with it."""
+    """The first key whose names or lengths disagree with another key, and what is wrong."""
     pictures, seen = answer.pictures, answer.observations or ()
     for key, names in (
         ("correlation.names", answer.correlation.names),
@@ -349,7 +349,7 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
 
 
 class _Ceiling(DocumentEntry):
-    """What a report takes from ceiling.json."""
+    """The keys of ceiling.json that a report uses."""
 
     study: StudyEntry = StudyEntry()
     log_likelihood: dict[str, Number] = {}
@@ -370,9 +370,9 @@ class _Ceiling(DocumentEntry):
 def entry_of(
     kind: type, base: type[DocumentEntry] = ExactEntry, required: tuple[str, ...] = (), **own: Any
 ) -> type[DocumentEntry]:
-    """The entry of a data class; those of its fields that have a default need not be there.
+    """The pydantic model of a data class; fields with a default may be missing in a document.
 
-    `own` are types and defaults of fields that differ in it; None for one that is not there.
+    `own` holds types and defaults of keys that differ from the fields; None for a missing key.
     """
     hints = hints_of(kind)
     known = {
@@ -388,12 +388,12 @@ def entry_of(
 
 
 def _default(field: Field[Any]) -> Any:
-    """What stands for a field that an earlier version did not write."""
+    """The default of a key that an earlier version did not write."""
     return ... if (field.default, field.default_factory) == (MISSING, MISSING) else None
 
 
 def _in_json(hint: Any) -> Any:
-    """The type of a value in a document, by that of a field."""
+    """The type of a key, by the type of its field."""
     if hint is float:
         return Number
     if isinstance(hint, type) and is_dataclass(hint):
@@ -409,7 +409,7 @@ def _in_json(hint: Any) -> Any:
 
 @cache
 def _answer(individual: bool) -> type[DocumentEntry]:
-    """The entry of an identification, of outcomes or of experiments with several observations."""
+    """The model of identification.json, for one or several observations an experiment."""
     estimate = entry_of(
         Estimate, estimate=(Finite, ...), interval=(tuple[Number, Number] | None, None)
     )
@@ -438,7 +438,7 @@ def _answer(individual: bool) -> type[DocumentEntry]:
 
 
 def read_answer(path: str | Path) -> Document:
-    """The document of an identification, with all that its readers take as they take it.
+    """Read the document of an identification, and check all of its keys.
 
     Raises AleatorError, naming the file and the key, where it is absent, not JSON, no
     identification, or not as an identification writes it.
@@ -455,7 +455,7 @@ def read_answer(path: str | Path) -> Document:
 
 
 def read_ceiling(path: Path) -> Document:
-    """The document of a ceiling, as `read_answer` that of an identification."""
+    """Read the document of a ceiling, and check the keys that a report uses."""
     document = _read(path, "ceiling")
     _check(_Ceiling, document, path, "ceiling")
     return document
@@ -477,12 +477,12 @@ def _read(path: Path, command: str) -> Document:
 
 
 def _whole(digits: str, most: int = 19) -> float:
-    """A whole number that was written: one with more digits is infinite, as a float may be."""
+    """A whole number of a JSON file; infinity for one with very many digits."""
     return int(digits) if len(digits) <= most else math.inf
 
 
 def _check(entry: type[DocumentEntry], document: Document, path: str | Path, command: str) -> None:
-    """Raise AleatorError, naming the key, where a document is not as its entry says."""
+    """Raise AleatorError, naming the key, where a document does not match its model."""
     try:
         entry.model_validate_json(json.dumps(document))
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""What a number is shown as: its name with its unit, `stiffness [N/mm]`, decided here only."""
+"""Names with their units, `stiffness [N/mm]`, as tables and axes show them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from aleator.errors import InputsError, nearest
 
 Document = Mapping[str, Any]
 Units = Mapping[str, str]
-"""The units of outcomes, conditions and parameters by name; what has none is not there."""
+"""Units of outcomes, conditions and parameters by name; names without a unit are left out."""
 
-# A hyperparameter of a law that has the parameter's unit: `k.mean`, `k.2.sd`, `k.mean[supplier=B]`.
+# Hyperparameters that have the unit of their parameter: `k.mean`, `k.2.sd`, `k.mean[supplier=B]`.
 _OF_LAW = re.compile(r"^(?P<of>.+?)(\.\d+)?\.(mean|sd|value)(\[(?P<term>.*)\])?$")
 _NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?sd$")
 
@@ -27,7 +27,7 @@ def with_unit(name: str, unit: str | None) -> str:
 
 
 def label(document: Document, name: str) -> str:
-    """An outcome, a condition, a parameter or a hyperparameter as axes and tables call it.
+    """The name of an outcome, condition, parameter or hyperparameter, with its unit.
 
     >>> document = {"units": {"travel": "mm", "k": "N/mm"}, "outcome": "travel"}
     >>> [label(document, name) for name in ("travel", "k.sd", "noise.sd", "k.mean[t]", "force")]
@@ -37,7 +37,7 @@ def label(document: Document, name: str) -> str:
 
 
 def seen_label(document: Document, name: str) -> str:
-    """An outcome as the likelihood sees it: of a logarithm `log(cycles / kcycles)`.
+    """The name of an outcome on the scale of the likelihood, such as `log(cycles / kcycles)`.
 
     >>> document = {"units": {"cycles": "kcycles"}, "outcome": "cycles", "transform": "log"}
     >>> seen_label(document, "cycles"), seen_label({**document, "transform": "none"}, "cycles")
@@ -50,7 +50,7 @@ def seen_label(document: Document, name: str) -> str:
 
 
 def unit_of(document: Document, name: str) -> str | None:
-    """The unit of what has this name, None where it is not known or there is none."""
+    """The unit that belongs to a name; None where there is none."""
     known = units(document)
     if not known or name in known:
         return known.get(name)
@@ -79,23 +79,23 @@ def transforms(document: Document) -> Mapping[str, str]:
     return {str(document.get("outcome") or ""): str(document.get("transform") or "none")}
 
 
-def checked_units(given: Units | None, known: Iterable[str]) -> dict[str, str]:
-    """The units that are given, those that are empty left out.
+def checked_units(units: Units | None, names: Iterable[str]) -> dict[str, str]:
+    """The units of a user, checked, without empty ones.
 
     Raises InputsError for a name that is none of the `known` ones, and for a unit that is no text.
 
     >>> checked_units({"travel": "mm", "ratio": ""}, ["travel", "ratio"])
     {'travel': 'mm'}
     """
-    names = [*known]
-    for name, unit in (given or {}).items():
-        if name not in names:
+    known, stated = [*names], dict(units or {})
+    for name, unit in stated.items():
+        if name not in known:
             raise InputsError(
-                f"units: nothing is called '{name}'{nearest(name, names)}",
-                f"there are {', '.join(names)}",
+                f"units: nothing is called '{name}'{nearest(name, known)}",
+                f"there are {', '.join(known)}",
             )
         if not isinstance(unit, str):
             raise InputsError(
                 f"units: the unit of '{name}' is {unit!r}", f'write a text: {{"{name}": "mm"}}'
             )
-    return {name: unit.strip() for name, unit in (given or {}).items() if unit.strip()}
+    return {name: unit.strip() for name, unit in stated.items() if unit.strip()}

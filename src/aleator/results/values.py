@@ -1,4 +1,4 @@
-"""The parts of an identification: plain values, with their places in its document."""
+"""The parts of a result as data classes; their fields are the keys of its document."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ OUTSIDE = Status.OUTSIDE_SUPPORT.name.lower()
 
 
 class Plain:
-    """Data that is read back as it was: each field is made what a document gives for its type.
+    """Base of data classes that are equal to what is read back from their JSON file.
 
-    NumPy's numbers become Python's, sequences tuples, and a number that JSON cannot hold is NaN, or
-    None where that may be.
+    On creation NumPy's numbers become Python's, sequences become tuples, and numbers that JSON
+    cannot hold become NaN, or None where the type of the field allows it.
     """
 
     def __post_init__(self) -> None:
@@ -51,13 +51,13 @@ class Plain:
 
 @cache
 def plain_fields(kind: Any) -> Mapping[str, Any]:
-    """The fields of a data class with their types; those that are not compared are no data."""
+    """The fields of a data class with their types, except those that are left out of comparison."""
     known = hints_of(kind)
     return {f.name: known[f.name] for f in fields(kind) if f.compare}
 
 
 def typed(hint: Any, value: Any) -> Any:
-    """A value as a field of this type has it, from a program or from a document.
+    """A value converted to the type of a field, from a program or from a document.
 
     >>> typed(tuple[float, ...], [1.0, None]), typed(float | None, np.inf), typed(Any, np.int64(3))
     ((1.0, nan), None, 3)
@@ -178,7 +178,7 @@ class ExperimentReport(Plain):
 
 @dataclass(frozen=True)
 class IndividualReport(Plain):
-    """What is known of one experiment with several observations.
+    """The individual law of one experiment with several observations.
 
     `log_density` is the logarithm of the density of all its observations together. `mode`, `mean`
     and `sd` are those of its parameters given its observations (the individual law), by name;
@@ -200,7 +200,7 @@ class IndividualReport(Plain):
 
 
 def _log_density(value: float, status: str) -> float:
-    """That of an outcome outside the support is minus infinity."""
+    """A log-density; minus infinity where the outcome lies outside the support."""
     return -math.inf if math.isnan(value) and status == OUTSIDE else value
 
 
@@ -243,10 +243,9 @@ class ObservationReport(Plain):
 
 @dataclass(frozen=True)
 class Diagnostic(Plain):
-    """Something to know before the numbers are used: about what, and what to do.
+    """A warning: its subject, a message, and a remedy.
 
-    `concerns` are the names of what is concerned: ids of experiments, hyperparameters, or the
-    parameters of the simulator.
+    `concerns` names the experiments, hyperparameters or parameters of the simulator concerned.
     """
 
     about: str
@@ -292,7 +291,7 @@ class DensityDistance(Plain):
 
 @dataclass(frozen=True)
 class Statistic(Plain):
-    """One test: what it looks at, where, and its probability under the model.
+    """One test of consistency, with its probability under the model.
 
     `kind` is its statistic and `of` what of the model it looks at: "outcomes", "scatter" or a
     hyperparameter. `column` and `where` say on what that may depend; None: on nothing, or along
@@ -311,7 +310,7 @@ class Statistic(Plain):
 
 @dataclass(frozen=True)
 class Discrepancy(Plain):
-    """A test that contradicts the model: what it says of it, and what may mend that."""
+    """A test that contradicts the model, with its interpretation and a remedy."""
 
     test: Statistic
     message: str
@@ -320,7 +319,7 @@ class Discrepancy(Plain):
 
 @dataclass(frozen=True)
 class Outlier(Plain):
-    """An observation that was not expected: its own p, and that of the farthest of all."""
+    """An unexpected observation: its probability `p`, and `corrected` for the number of tests."""
 
     id: str
     row: int
@@ -378,7 +377,7 @@ class Consistency(Plain):
 
     @classmethod
     def untested(cls, reason: str) -> Consistency:
-        """No verdict, and why.
+        """A consistency without verdict, for a reason.
 
         >>> Consistency.untested("it was not asked for").consistent is None
         True
@@ -392,7 +391,7 @@ class Consistency(Plain):
 def in_order(
     alpha: Mapping[str, float | Estimate], hyperparameters: Sequence[Hyperparameter]
 ) -> Array:
-    """The values (K,) of named hyperparameters, in the order of the model.
+    """The values (K,) of hyperparameters given by name, in the order of the model.
 
     Raises InputsError where one is missing or unknown, and for a value beyond its limits: surfaces
     and nodes are made for what lies between these.

@@ -1,4 +1,4 @@
-"""study.toml to the values that an identification takes; every mistake in it is one StudyError."""
+"""Reading study.toml: its values for an identification, and its mistakes as one StudyError."""
 
 from __future__ import annotations
 
@@ -35,10 +35,9 @@ from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
 from aleator.simulators.derived import Derivation, Derived, derived
 from aleator.simulators.fmu import FMUSimulator
-from aleator.study.kinds import TOLD, ChosenKind, in_toml
+from aleator.study.kinds import FAULT, ChosenKind, LawSection, in_toml
 from aleator.study.sections import (
     ExperimentsSection,
-    LawSection,
     StudyFile,
     columns_of,
     pairs,
@@ -53,7 +52,7 @@ if TYPE_CHECKING:
 
 
 def study_error(error: ValidationError, document: Mapping[str, Any], path: Path) -> StudyError:
-    """One message for everything that is wrong with the keys."""
+    """One error that lists everything that is wrong with the keys."""
     faults = [_fault(details, document) for details in error.errors(include_url=False)]
     lines = [f"{path}: {problem}" for problem, _ in faults]
     if len(faults) == 1:
@@ -65,14 +64,14 @@ def study_error(error: ValidationError, document: Mapping[str, Any], path: Path)
 
 
 def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str]:
-    """What is wrong with one key, and what to do about it."""
+    """The problem with one key, and its remedy."""
     context: dict[str, Any] = dict(details.get("ctx", {}))
     kind = details["type"]
     location = key_path(details["loc"], document, missing=kind == "missing")
     if context.get("key"):
         location = f"{location}.{context['key']}" if location else str(context["key"])
     key = f"key '{location}'"
-    if kind == TOLD:
+    if kind == FAULT:
         return f"{key}{context['problem']}", str(context["remedy"])
     if kind == "missing":
         name = location.rpartition(".")[2]
@@ -88,7 +87,7 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
 
 
 def _unknown(location: str, expected: str, value: object) -> tuple[str, str]:
-    """A value that is none of those that there are; pydantic tells them as one text."""
+    """The problem of an unknown value, and its remedy; pydantic lists the known ones as a text."""
     known = [word.strip(" '") for word in expected.replace(" or ", ", ").split(",")]
     return (
         f"key '{location}' = {in_toml(value)} is not known{nearest(str(value), known)}",
@@ -107,7 +106,7 @@ _FORMS = {
     "sd": "sd = NUMBER, or sd = {lower = NUMBER, upper = NUMBER} to identify it",
     "value": "value = NUMBER, or value = {lower = NUMBER, upper = NUMBER} to identify it",
 }
-"""How a key that a table needs is written."""
+"""How a required key is written."""
 
 _WANTED = {
     "float_type": "write a number without quotes, such as 0.5",
@@ -142,7 +141,7 @@ def units_of(
 def _of_fmu(
     simulator: Simulator, responses: tuple[str, ...], names: tuple[str, ...]
 ) -> Mapping[str, str]:
-    """What the variables of an FMU say; empty for every other simulator."""
+    """The units that the variables of an FMU state; empty for any other simulator."""
     inner = simulator.inner if isinstance(simulator, Derived) else simulator
     return inner.units(responses, names) if isinstance(inner, FMUSimulator) else {}
 
@@ -152,12 +151,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Study:
-    """A study file, read and checked: what `aleator.identify` takes, and where it came from.
+    """A study file, read and checked: the arguments of `aleator.identify`, and their origin.
 
-    `file` is the study file, `sha256` the hash of its bytes, `store` the file of the simulator's
-    runs, which need not exist; a run that fails is tried again `retries` times, and a share of
-    failures above `max_failed` stops a study. `units` are those of the outcomes, the conditions and
-    the parameters, the file's own before those that an FMU states.
+    `file` is the study file, `sha256` the hash of its bytes, and `store` the file of the
+    simulator's runs, which need not exist. A failed run is repeated `retries` times; a share of
+    failures above `max_failed` stops a study. `units` are those of outcomes, conditions and
+    parameters; those that the file states come before those of an FMU.
     """
 
     file: Path
@@ -185,7 +184,7 @@ class Study:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All that the study identifies or knows, in the order of alpha."""
+        """All hyperparameters of the study, free and fixed, in the order of alpha."""
         return Choices.of(
             self.experiments, self.inputs, self.noise, self.propagation, self.density, self.search
         ).hyperparameters
@@ -224,10 +223,7 @@ class Study:
         )  # fmt: skip
 
     def simulator_notes(self) -> tuple[str, ...]:
-        """What its user should know of the simulator: how an FMU is bound, and how runs of it went.
-
-        Empty for what has nothing to tell.
-        """
+        """Notes on an FMU: how its variables are bound, and how its runs went; empty for others."""
         simulator, names = self.simulator, self.inputs.names
         tried = [*map(str, self.experiments.conditions.columns)]
         if isinstance(simulator, Derived):
@@ -237,13 +233,13 @@ class Study:
         return (*simulator.bindings(tried, names), *simulator.notes)
 
     def close(self) -> None:
-        """End the processes that the simulator holds; a later run starts them again."""
+        """End the processes of the simulator; a later run starts them again."""
         close = getattr(self.simulator, "close", None)
         if close is not None:
             close()
 
     def read_conditions(self, path: str | Path) -> Conditions:
-        """Read a table of new conditions, written as the study's table is; it has no outcomes.
+        """Read a table of new conditions, which has the form of the study's table without outcomes.
 
         Conditions that the simulator does not ask for may be missing; what was a number in the
         study's table must be one here. Rows with the same id are one new experiment. Raises
@@ -284,7 +280,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def _check(study: Study, file: StudyFile) -> None:
-    """Hold what names columns of the table against it."""
+    """Check the formulas and derived quantities that name columns of the table."""
     if study.inputs.regressed:
         names = _made(study.file, "parameters", lambda: study.inputs.covariates)
         table = covariates(study.experiments, names)
@@ -294,7 +290,7 @@ def _check(study: Study, file: StudyFile) -> None:
 
 
 def _made(path: Path, key: str, make: Callable[[], T]) -> T:
-    """What a section makes; its errors tell the key."""
+    """The value that a section makes; an error names the file and the key."""
     try:
         return make()
     except AleatorError as error:
@@ -336,7 +332,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     experiments = table.read(folder, columns_of(errors))
     if errors is not None:
         made("noise", lambda: MeasurementErrors.of(errors, experiments))
-    # last, and from the root: a simulator may change the current folder, even when it is imported
+    # last, with absolute paths: importing a simulator may change the current folder
     folder = folder.absolute()
     simulator = built(f"simulator.{file.simulator.kind}", file.simulator)
     if file.derived:
@@ -405,7 +401,7 @@ def _parse(raw: bytes, path: Path) -> dict[str, Any]:
 
 
 def _line(message: str, text: str, most: int = 60) -> str:
-    """The line that a message of tomllib speaks of, to be printed after it."""
+    """The line of the file to which a message of tomllib refers."""
     _, found, rest = message.partition("at line ")
     number = rest.partition(",")[0]
     lines = text.splitlines()

@@ -1,4 +1,4 @@
-"""Keys of study.toml: a section's, and those of the kinds that it may choose, plug-ins too."""
+"""Sections of study.toml, the kinds that a section chooses by name, plug-ins too, and the laws."""
 
 from __future__ import annotations
 
@@ -37,16 +37,32 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import PydanticCustomError
+from scipy import stats
 
 from aleator.errors import AleatorError, StudyError, nearest
-from aleator.laws import By, Free, Specification
+from aleator.laws import (
+    OPEN,
+    Beta,
+    By,
+    Constant,
+    Free,
+    Gamma,
+    Law,
+    LogNormal,
+    Mixture,
+    Normal,
+    ScipyLaw,
+    Specification,
+    TruncatedNormal,
+    Uniform,
+)
 
-TOLD = "told"
-"""The type of the errors that say themselves what is wrong with a key."""
+FAULT = "fault"
+"""The type of pydantic's errors that have a message and a remedy of their own."""
 
 
 class Section(BaseModel):
-    """A table of the file: known keys only, values of the right type, numbers not as text."""
+    """A table of study.toml: unknown keys and values of another type are refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -63,14 +79,12 @@ class Section(BaseModel):
         return value
 
     def stated(self) -> dict[str, Any]:
-        """The keys that the file gives; the library's defaults stand for the others."""
+        """The keys that the file states; all others keep the default of the library."""
         return {key: getattr(self, key) for key in self.model_fields_set}
 
 
-def _law(value: Any) -> Any:
-    """A law by its keys; the table of laws is made with these sections, and therefore later."""
-    from aleator.study.sections import LAWS
-
+def _law(value: Any) -> ChosenKind[Law]:
+    """The law that a table chooses. `LAWS` is defined below, as it is made with these sections."""
     return LAWS.read(value)
 
 
@@ -100,29 +114,29 @@ class FreeSection(Section):
 
 
 def fault(problem: str, remedy: str, key: str = "") -> PydanticCustomError:
-    """What is wrong with a table, or with a key of it, and what to do about it."""
-    return _told(key, f": {problem}", remedy)
+    """A pydantic error about a table or a key of it, with its remedy."""
+    return _error(key, f": {problem}", remedy)
 
 
 def missing(key: str, remedy: str) -> PydanticCustomError:
-    """A key that a table lacks."""
-    return _told(key, " is missing", remedy)
+    """A pydantic error about a key that is missing in a table."""
+    return _error(key, " is missing", remedy)
 
 
-def unknown(key: str, value: object, known: Sequence[str], group: str) -> PydanticCustomError:
-    """A key whose value is none of those that there are, nor of the plug-ins' in the group."""
-    problem = f" = {in_toml(value)} is not known{nearest(str(value), known)}"
-    remedy = f"choose one of {', '.join(known)}, or install the plug-in with this entry point"
-    return _told(key, problem, f"{remedy} of {group}")
+def unknown(key: str, value: object, kinds: Sequence[str], group: str) -> PydanticCustomError:
+    """A pydantic error about a key that names no kind, neither built in nor of a plug-in."""
+    problem = f" = {in_toml(value)} is not known{nearest(str(value), kinds)}"
+    remedy = f"choose one of {', '.join(kinds)}, or install the plug-in with this entry point"
+    return _error(key, problem, f"{remedy} of {group}")
 
 
-def _told(key: str, problem: str, remedy: str) -> PydanticCustomError:
+def _error(key: str, problem: str, remedy: str) -> PydanticCustomError:
     context = {"key": key, "problem": problem, "remedy": remedy}
-    return PydanticCustomError(TOLD, "{key}{problem}", context)
+    return PydanticCustomError(FAULT, "{key}{problem}", context)
 
 
 def in_toml(value: object, most: int = 60) -> str:
-    """A value as it is written in TOML, cut to so many letters at most.
+    """A value as it is written in TOML, cut to `most` characters.
 
     >>> in_toml(True), in_toml("text"), in_toml([1.0, "a"])
     ('true', '"text"', '[1.0, "a"]')
@@ -133,7 +147,7 @@ def in_toml(value: object, most: int = 60) -> str:
 
 
 def form(value: Any) -> str:
-    """What a value of the file is: a table, a list, a text or a number.
+    """The form of a value of the file: a table, a list, a text or a number.
 
     >>> form({"lower": 0.0}), form([1]), form("a"), form(1)
     ('table', 'list', 'text', 'number')
@@ -144,7 +158,7 @@ def form(value: Any) -> str:
 
 
 BY_FORM = Discriminator(form)
-"""Tells alternatives apart, whose tags are forms."""
+"""A discriminator of alternatives that differ in their form."""
 
 Spec = Annotated[
     Annotated[FiniteFloat, Tag("number")] | Annotated[FreeSection, Tag("table")], BY_FORM
@@ -198,7 +212,7 @@ LawSpec = Annotated[
 
 
 def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
-    """A number fixes a hyperparameter, a table frees it within its limits, a text is a formula.
+    """The specification of a hyperparameter: a number, limits of a free one, or a formula.
 
     >>> specification(FreeSection(lower=0.0, upper=1.0))
     Free(lower=0.0, upper=1.0, start=None, prior=None)
@@ -219,14 +233,14 @@ def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
 T = TypeVar("T")
 
 FOLDER = "folder"
-"""The argument of this name is the study's folder; it is no key."""
+"""The name of an argument that is the folder of the study, and no key."""
 
 
 @dataclass(frozen=True)
 class ChosenKind(Generic[T]):
-    """One kind of a section, with its keys checked; `keys` holds those of every kind too.
+    """The kind that a section chose, with its checked keys, those common to all kinds included.
 
-    `origin` names the plug-in that it is of; it is empty for what comes along.
+    `origin` names the plug-in that offers the kind; it is empty for a built-in kind.
     """
 
     kind: str
@@ -253,17 +267,17 @@ class ChosenKind(Generic[T]):
 
 @dataclass(frozen=True)
 class Kinds(Generic[T]):
-    """What a section may choose by name: the makers that come along, and those of entry points.
+    """The kinds that a section can choose by name: the built-in ones, and those of plug-ins.
 
-    A maker is a class or a function, or its name, "module:name", to be imported when it is chosen.
-    The keys of its section are its arguments, by name: one with a
-    default may be left out, and the annotation is the type (`Specification`: a number or a table;
-    `tuple`: a list; `Path`: a file relative to the study). An argument `folder` is the study's
-    folder. An argument with a default whose type TOML does not have is no key.
+    A kind has a maker: a class or a function, or its name "module:name", imported when the kind is
+    chosen. The keys of the section are the arguments of the maker, and their types those of the
+    annotations (`Specification`: a number or a table; `tuple`: a list; `Path`: a file relative to
+    the study). A key whose argument has a default may be left out. An argument `folder` is the
+    folder of the study. An argument with a default and a type that TOML lacks is no key.
 
-    `group` is the group of entry points and `key` the key that names the kind, `default` where it
-    is left out. Without a `key` the kind is named by the key that bears its name. `common` are keys
-    of every kind. What comes along cannot be replaced by a plug-in.
+    `group` is the group of entry points, `key` the key that names the kind, and `default` the kind
+    where the key is left out. Without a `key`, the key with the name of a kind chooses it. `common`
+    has the keys of every kind. A plug-in cannot replace a built-in kind.
 
     >>> from aleator.laws import Normal
     >>> laws = Kinds("aleator.laws", "law", {"normal": Normal})
@@ -280,14 +294,14 @@ class Kinds(Generic[T]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all kinds; those of plug-ins come last."""
+        """The names of all kinds, the built-in ones first."""
         return (*self.built_in, *sorted({*entry_points(group=self.group).names} - {*self.built_in}))
 
     def read(self, value: Any) -> ChosenKind[T]:
         """The kind that a table chooses, with its keys checked.
 
-        Raises what pydantic makes a message of: a table without a kind, a kind that nobody offers,
-        a plug-in that cannot be imported, an unknown key, a value of the wrong type.
+        Raises errors of pydantic: for a missing or unknown kind, a plug-in that cannot be imported,
+        an unknown key, and a value of the wrong type.
         """
         if not isinstance(value, Mapping):
             self.common.model_validate(value)
@@ -299,7 +313,7 @@ class Kinds(Generic[T]):
         return ChosenKind(kind, section.model_validate(value), maker, origin)
 
     def section(self, kind: str) -> type[Section]:
-        """The keys of a kind. Raises what `read` does for one that nobody offers."""
+        """The model of the keys of a kind. Raises as `read` does for an unknown kind."""
         return self._section(*self._maker(kind))
 
     def _section(self, maker: Callable[..., T], origin: str) -> type[Section]:
@@ -330,7 +344,7 @@ class Kinds(Generic[T]):
         )
 
     def _maker(self, kind: str) -> tuple[Callable[..., T], str]:
-        """The maker of a kind, and the plug-in that it is of."""
+        """The maker of a kind, and the plug-in that offers it."""
         if kind in self.built_in:
             return _imported(self.built_in[kind]), ""
         found = [*entry_points(group=self.group, name=kind)]
@@ -341,23 +355,20 @@ class Kinds(Generic[T]):
                 f"'{kind}' is offered by {' and by '.join(_origin(point) for point in found)}",
                 "uninstall one of them",
             )
-        return self._loaded(found[0]), _origin(found[0])
-
-    def _loaded(self, point: EntryPoint) -> Callable[..., T]:
+        origin = _origin(found[0])
         try:
-            maker = point.load()
+            maker: Callable[..., T] = found[0].load()
         except (Exception, SystemExit) as error:
             raise self._fault(
-                f"{_origin(point)} cannot be imported: {_described(error)}",
+                f"{origin} cannot be imported: {_described(error)}",
                 "mend it, install what it needs, or uninstall it",
             ) from error
         if not callable(maker):
-            raise self._fault(f"{_origin(point)} is no class or function", "mend its entry point")
-        loaded: Callable[..., T] = maker
-        return loaded
+            raise self._fault(f"{origin} is no class or function", "mend its entry point")
+        return maker, origin
 
     def _not_of_another(self, key: str, kind: str, section: type[Section]) -> None:
-        """Raise where a key belongs to another kind that comes along."""
+        """Raise where a key belongs to another built-in kind."""
         if key in section.model_fields:
             return
         for other, maker in self.built_in.items():
@@ -384,9 +395,9 @@ def _imported(maker: Callable[..., T] | str) -> Callable[..., T]:
 
 @lru_cache(maxsize=64)
 def _section(maker: Callable[..., Any], key: str, common: type[Section]) -> type[Section]:
-    """The keys that a maker takes, beside those of every kind.
+    """The model of the keys of a maker, with those of every kind.
 
-    Raises NameError or TypeError for annotations that cannot be understood.
+    Raises NameError or TypeError for annotations that have no meaning here.
     """
     keys: dict[str, Any] = {key: (str, "")} if key else {}
     for name, parameter in inspect.signature(maker).parameters.items():
@@ -398,7 +409,7 @@ def _section(maker: Callable[..., Any], key: str, common: type[Section]) -> type
         if name in keys or name in common.model_fields:
             raise TypeError(f"its argument '{name}' is a key of every kind")
         required = parameter.default is parameter.empty
-        kind = _in_toml(_types(maker).get(name, Any))
+        kind = _key_type(_types(maker).get(name, Any))
         if _is_known(kind):
             keys[name] = (kind, ... if required else parameter.default)
         elif required:
@@ -415,26 +426,22 @@ def _types(maker: Callable[..., Any]) -> dict[str, Any]:
     return get_type_hints(made, include_extras=True)
 
 
-def _in_toml(hint: Any) -> Any:
-    """The type of the key for an argument of this type; what is read becomes the argument."""
+def _key_type(hint: Any) -> Any:
+    """The pydantic type of a key, by the type of the argument that it becomes."""
     parts = get_args(hint)
     if hint is Path:
-        return Annotated[str, AfterValidator(_path)]
+        return Annotated[str, AfterValidator(lambda text: Path(text))]
     if get_origin(hint) is tuple:
         least, most = (0, None) if parts[-1] is ... else (len(parts), len(parts))
         size = Field(min_length=least, max_length=most)
-        item = _in_toml(parts[0])
+        item = _key_type(parts[0])
         return Annotated[list[item], size, AfterValidator(tuple)]  # type: ignore[valid-type]
     if get_origin(hint) not in (Union, UnionType):
         return hint
     if Free in parts:
         rest = [part for part in parts if part not in (Free, float)]
         return Union[Annotated[LawSpec, AfterValidator(specification)], *rest]
-    return Union[*(_in_toml(part) for part in parts)]
-
-
-def _path(text: str) -> Path:
-    return Path(text)
+    return Union[*(_key_type(part) for part in parts)]
 
 
 def _is_known(kind: Any) -> bool:
@@ -446,10 +453,90 @@ def _is_known(kind: Any) -> bool:
 
 
 def _origin(point: EntryPoint) -> str:
-    """A plug-in as messages name it."""
+    """The name of a plug-in in messages."""
     of = f" of {point.dist.name} {point.dist.version}" if point.dist else ""
     return f"the plug-in '{point.name}' ({point.value}{of})"
 
 
 def _described(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".rstrip(": ")
+
+
+# ------------------------------------------------------------------------------------ laws
+
+
+def uniform(
+    box: tuple[float, float] | None = None,
+    mean: Specification | None = None,
+    sd: Specification | None = None,
+) -> Uniform:
+    """A uniform law: known between the ends of a box, or identified by its mean and sd."""
+    if box is None:
+        return Uniform(OPEN if mean is None else mean, OPEN if sd is None else sd)
+    if mean is not None or sd is not None:
+        raise StudyError(
+            "a uniform law has either a box, and is then known, or mean and sd",
+            "delete box, or mean and sd",
+        )
+    return Uniform.between(*box)
+
+
+def scipy_law(
+    distribution: str,
+    args: dict[str, float] | None = None,
+    mean: Specification | None = None,
+    sd: Specification | None = None,
+) -> ScipyLaw:
+    """A continuous distribution of scipy.stats, known or moved and scaled."""
+    kind = getattr(stats, distribution, None)
+    if not isinstance(kind, stats.rv_continuous):
+        names = [name for name, one in vars(stats).items() if isinstance(one, stats.rv_continuous)]
+        raise StudyError(
+            f'distribution = "{distribution}": scipy.stats has no continuous '
+            f"distribution of that name{nearest(distribution, names)}",
+            'write its name in scipy.stats, such as distribution = "weibull_min"',
+        )
+    given, shapes = args or {}, (kind.shapes or "").replace(",", " ").split()
+    lacking = [name for name in shapes if name not in given]
+    strange = [name for name in given if name not in (*shapes, "loc", "scale")]
+    for name in strange + lacking:
+        problem = "needs it" if name in lacking else "does not take it"
+        raise StudyError(
+            f'args.{name}: "{distribution}" {problem}',
+            f"its arguments are {', '.join([*shapes, 'loc', 'scale'])}",
+        )
+    return ScipyLaw(kind(**given), mean, sd)
+
+
+def mixture(
+    components: tuple[Annotated[ChosenKind[Law], PlainValidator(_law)], ...],
+    shares: tuple[Specification, ...] | None = None,
+    folder: Path = Path(),
+) -> Mixture:
+    """A mixture of laws, each a table of its own."""
+    return Mixture(tuple(component.build(folder) for component in components), shares)
+
+
+class LawSection(Section):
+    """Keys of every law: `unit` is that of the parameter, shown on axes and in tables."""
+
+    unit: str = ""
+
+
+LAWS: Kinds[Law] = Kinds(
+    "aleator.laws",
+    "law",
+    {
+        "truncated_normal": TruncatedNormal,
+        "normal": Normal,
+        "uniform": uniform,
+        "beta": Beta,
+        "gamma": Gamma,
+        "lognormal": LogNormal,
+        "scipy": scipy_law,
+        "mixture": mixture,
+        "constant": Constant,
+    },
+    common=LawSection,
+)
+"""`law = "..."`: the kinds of law that a parameter can have."""

@@ -1,4 +1,4 @@
-"""What a simulator can be given, and what it returns, before anything of it is run."""
+"""The inputs and outputs of a simulator, found out without running it."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from aleator.simulators.function import load_function
 
 
 def is_array(annotation: object) -> bool:
-    """Whether an annotation says that an argument is an array."""
+    """Whether the annotation of an argument is an array."""
     return any(word in str(annotation) for word in ("Array", "ndarray"))
 
 
 def arrays_among(function: Callable[..., Any]) -> frozenset[str]:
-    """The arguments that can only be arrays where others are numbers.
+    """The arguments of a function that must be arrays, while its other arguments are numbers.
 
-    Those that are annotated so while others are not, and those that the function subscripts, loops
-    over, measures by `len`, or hands to an integrator as its times. Empty where all are annotated
-    as arrays, and where the source is not at hand.
+    These are annotated as arrays while others are not, or the function subscripts them, loops over
+    them, calls `len` on them, or passes them to an integrator as times. Empty where all arguments
+    are annotated as arrays, and where the source is not available.
 
     >>> def level(time, rate):
     ...     return [time[0] * rate]
@@ -46,9 +46,9 @@ def arrays_among(function: Callable[..., Any]) -> frozenset[str]:
 
 
 def returned_by(function: Callable[..., Any]) -> tuple[str, ...]:
-    """The names of several responses: the texts that a function returns numbers under.
+    """The names of the responses of a function that returns a dictionary.
 
-    Empty where it returns no such table, and where the source is not at hand.
+    Empty where it returns anything else, and where the source is not available.
 
     >>> def coasting(time, drag):
     ...     return {"speed": time, "way": drag}
@@ -62,7 +62,7 @@ def returned_by(function: Callable[..., Any]) -> tuple[str, ...]:
 
 
 def _nodes(function: Callable[..., Any]) -> list[ast.AST]:
-    """All nodes of the source; none where it is not at hand."""
+    """All syntax nodes of a function; none where its source is not available."""
     try:
         return [*ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))]
     except (OSError, TypeError, SyntaxError):
@@ -70,7 +70,7 @@ def _nodes(function: Callable[..., Any]) -> list[ast.AST]:
 
 
 def _sequences(node: ast.AST) -> Iterator[ast.AST]:
-    """What a node of the source takes for a sequence."""
+    """The expressions that a syntax node uses as a sequence."""
     if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Load):
         yield node.value
     if isinstance(node, ast.For | ast.comprehension):
@@ -85,15 +85,15 @@ def _sequences(node: ast.AST) -> Iterator[ast.AST]:
 
 
 INPUT = "input"
-"""The placeholder of a program's input file."""
+"""The name of the placeholder for the input file of a program."""
 
 
 @dataclass(frozen=True)
 class SimulatorInput:
-    """Something that a simulator is given: its name, and what is known of its value.
+    """An input or output of a simulator.
 
     `nominal` is the default of a function's argument, or the start value of an FMU's variable;
-    `lower` and `upper` are limits that an FMU states. `required` is what has no default.
+    `lower` and `upper` are limits that an FMU states. `required`: there is no default.
     """
 
     name: str
@@ -107,16 +107,16 @@ class SimulatorInput:
 
 @dataclass(frozen=True)
 class Offer:
-    """A simulator as study.toml names it, what it takes, and names that its outcome may have.
+    """A simulator as study.toml names it, with its inputs and the possible names of its outcome.
 
-    `kind` is the key of `[simulator]`, `value` what stands there. `stop_time` is the end of a
-    simulation that an FMU states, `variables` say what names stand for in an FMU. `arrays` are
-    arguments of a function that can only be arrays, while others are numbers.
+    `kind` is the key of `[simulator]` and `value` its value. `stop_time` is the end of simulation
+    that an FMU states; `variables` maps names to variables of an FMU. `arrays` are the arguments of
+    a function that must be arrays while others are numbers.
     """
 
     kind: str
     value: str
-    given: tuple[SimulatorInput, ...]
+    inputs: tuple[SimulatorInput, ...]
     returned: tuple[SimulatorInput, ...]
     vectorized: bool = False
     stop_time: float | None = None
@@ -125,17 +125,17 @@ class Offer:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all that it can be given."""
-        return tuple(each.name for each in self.given)
+        """The names of all inputs."""
+        return tuple(each.name for each in self.inputs)
 
 
 def offered_by_function(reference: str, folder: Path) -> Offer:
-    """The arguments of a Python function, "model.py:name" relative to a folder.
+    """The offer of a Python function, "model.py:name" relative to a folder.
 
     Raises SimulatorError where it cannot be imported.
 
     >>> offer = offered_by_function("math:isclose", Path())
-    >>> offer.names, offer.given[2].nominal
+    >>> offer.names, offer.inputs[2].nominal
     (('a', 'b', 'rel_tol', 'abs_tol'), 1e-09)
     """
     function = load_function(reference, folder)
@@ -161,12 +161,7 @@ def offered_by_function(reference: str, folder: Path) -> Offer:
 
 
 def functions_in(file: Path) -> tuple[str, ...]:
-    """The functions that a Python file defines, by name; a name with an underscore is private.
-
-    The file is read, not run. Empty where it is no Python.
-    """
-    import ast
-
+    """The names of the public functions in a Python file, which is read and not run."""
     try:
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError):
@@ -176,7 +171,7 @@ def functions_in(file: Path) -> tuple[str, ...]:
 
 
 def offered_by_fmu(file: Path, value: str) -> Offer:
-    """The numbers that can be set in an FMU, and its outputs; `value` is how the study names it.
+    """The offer of an FMU: its numeric inputs and outputs; `value` is its name in the study.
 
     Parameters come before inputs and start values. Raises SimulatorError as `read_description`.
     """
@@ -193,10 +188,10 @@ def offered_by_fmu(file: Path, value: str) -> Offer:
 
 
 def bound(offer: Offer, columns: Sequence[str]) -> Offer:
-    """An FMU with names for its variables that a study can have; any other simulator as it is.
+    """The offer of an FMU with names of its variables that a study can use; others unchanged.
 
-    A column stands for the only variable whose last name it is. Another variable whose name is no
-    identifier is called by its last name, or by all of it with underscores.
+    A column is bound to the variable whose last name it has, if there is only one. Any other
+    variable whose name is no identifier gets its last name, or its whole name with underscores.
 
     >>> given = (SimulatorInput("spring.force"), SimulatorInput("spring.k"), SimulatorInput("mass"))
     >>> found = bound(Offer("fmu", "a.fmu", given, ()), ["Force", "travel"])
@@ -214,12 +209,12 @@ def bound(offer: Offer, columns: Sequence[str]) -> Offer:
         if name not in called and name not in columns and not name.isidentifier():
             good = short.isidentifier() and short not in taken and last.count(short) == 1
             called[name] = short if good else re.sub(r"\W", "_", name)
-    given = tuple(replace(each, name=called.get(each.name, each.name)) for each in offer.given)
-    return replace(offer, given=given, variables={short: name for name, short in called.items()})
+    given = tuple(replace(each, name=called.get(each.name, each.name)) for each in offer.inputs)
+    return replace(offer, inputs=given, variables={short: name for name, short in called.items()})
 
 
 def offered_by_command(command: str) -> Offer:
-    """The placeholders of a command line, `./spring {force} {stiffness}`.
+    """The offer of a command line: its placeholders, `./spring {force} {stiffness}`.
 
     Raises SimulatorError where it has none.
 
@@ -239,7 +234,7 @@ def offered_by_command(command: str) -> Offer:
 
 
 def _recorded(description: Description) -> list[Variable]:
-    """Variables whose values can be taken, the outputs first."""
+    """The numeric variables that a simulation can record, the outputs first."""
     known = [v for v in description.variables.values() if v.recordable and v.type in REALS]
     changing = [v for v in known if v.causality in ("output", "local")]
     return sorted(changing, key=lambda v: v.causality != "output")
@@ -257,14 +252,14 @@ def _variable(variable: Variable) -> SimulatorInput:
 
 
 def _number(default: object) -> float | None:
-    """A default that is a number; True is none."""
+    """A default value if it is a finite number, and not True or False."""
     if isinstance(default, bool) or not isinstance(default, (int, float)):
         return None
     return float(default) if math.isfinite(default) else None
 
 
 def _takes_arrays(function: Callable[..., Any], arguments: list[inspect.Parameter]) -> bool:
-    """Whether the annotations say that every argument is an array."""
+    """Whether the annotations of all arguments and of the result are arrays."""
     kinds = [p.annotation for p in arguments if p.annotation is not p.empty]
     returned = inspect.signature(function).return_annotation
     return bool(kinds) and all(map(is_array, [*kinds, returned]))

@@ -1,4 +1,4 @@
-"""A first study of a table and a simulator: what is proposed where the user says nothing."""
+"""The proposal of a first study from a table and a simulator, for all that a user leaves open."""
 
 from __future__ import annotations
 
@@ -30,14 +30,15 @@ Limits = tuple[float, float]
 
 @dataclass(frozen=True)
 class ProposalRules:
-    """What a first study is made by; chosen by tests/test_cli_new.py on published tables.
+    """The numbers of a proposal; chosen by tests/test_cli_new.py on published tables.
 
-    factor: the box of a parameter reaches from its nominal value over this to this many times it.
-    experiments: for each law, half as many where they have several rows; most: laws at most.
-    alike: similarity from where on a name is taken for a slip of another. spans, log: decades of an
-    outcome whose logarithm may be the outcome, and whose logarithm is proposed. noise: its limits
-    over the standard deviation of all measured values: where no parameter scatters the noise is all
-    of it, and its interval reaches beyond. assumed: the same share as a noise that must be known.
+    factor: the box of a parameter reaches from its nominal value divided by this factor to its
+    nominal value times the factor. experiments: those needed for each law; half as many suffice
+    where experiments have several rows. most: the largest number of laws. alike: the similarity of
+    two names from which on one may be a misspelling of the other. spans, log: decades of an outcome
+    from which on its logarithm is mentioned, and proposed. noise: limits of the noise over the
+    standard deviation of all measured values; where no parameter scatters all of that is noise.
+    assumed: a noise that must be known, over the same standard deviation.
     """
 
     factor: float = 3.0
@@ -55,12 +56,13 @@ RULES = ProposalRules()
 
 @dataclass(frozen=True)
 class Proposed:
-    """One parameter: `scatters` with limits, or a constant at `value`; None has to be filled in.
+    """A proposed parameter: it `scatters` within `limits`, or is a constant of a `value`.
 
-    `nominal` is what the limits were made of; None where the user gave them.
+    Limits or a value of None have to be filled in. `nominal` is the value about which the limits
+    were made; None where the user gave the limits.
     """
 
-    given: SimulatorInput
+    input: SimulatorInput
     scatters: bool
     limits: Limits | None = None
     value: float | None = None
@@ -69,11 +71,11 @@ class Proposed:
     @property
     def name(self) -> str:
         """The parameter's name."""
-        return self.given.name
+        return self.input.name
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is left to be filled in."""
+        """Whether nothing has to be filled in."""
         return self.limits is not None or (not self.scatters and self.value is not None)
 
 
@@ -83,14 +85,14 @@ def parameters_of(
     most: int,
     chosen: Mapping[str, Limits | float | None],
 ) -> tuple[tuple[Proposed, ...], tuple[SimulatorInput, ...]]:
-    """The parameters, and what keeps the value that the simulator gives it.
+    """The proposed parameters, and the inputs that keep their value in the simulator.
 
-    Those `chosen` scatter between their limits, or, where these are None, about the nominal value;
-    a number makes a constant. Where none is chosen it is those without a default value, else all
-    that have a nominal value, but `most` at most. What has no default and does not scatter is a
-    constant. Raises SimulatorError for a name that the simulator does not take.
+    A `chosen` parameter scatters between its limits, or about its nominal value where these are
+    None; a number makes it a constant. If none is chosen the inputs without a default scatter, or
+    else those with a nominal value, `most` at most. Other inputs without a default are constants.
+    Raises SimulatorError for a name that the simulator does not take.
     """
-    free = [each for each in offer.given if each.name not in roles.conditions]
+    free = [each for each in offer.inputs if each.name not in roles.conditions]
     known = {each.name for each in free}
     for name in chosen:
         if name not in known:
@@ -113,7 +115,7 @@ def parameters_of(
 
 
 def laws_for(experiments: int, rows: int) -> int:
-    """How many laws are proposed at most.
+    """The largest number of laws that is proposed.
 
     >>> laws_for(10, 10), laws_for(18, 180), laws_for(108, 108)
     (1, 3, 3)
@@ -122,23 +124,23 @@ def laws_for(experiments: int, rows: int) -> int:
     return min(max(experiments // each, 1), RULES.most)
 
 
-def nominal_limits(given: SimulatorInput) -> Limits | None:
-    """Limits of a factor of three about the nominal value, within those that an FMU states.
+def nominal_limits(of: SimulatorInput) -> Limits | None:
+    """Limits of a factor of three about the nominal value, within the limits that an FMU states.
 
     >>> nominal_limits(SimulatorInput("stiffness", 2.0))
     (0.67, 6.0)
     """
-    if not given.nominal:
+    if not of.nominal:
         return None
-    ends = (given.nominal / RULES.factor, given.nominal * RULES.factor)
+    ends = (of.nominal / RULES.factor, of.nominal * RULES.factor)
     low, high = sorted(float(f"{end:.2g}") for end in ends)
-    low = low if given.lower is None else max(low, given.lower)
-    high = high if given.upper is None else min(high, given.upper)
+    low = low if of.lower is None else max(low, of.lower)
+    high = high if of.upper is None else min(high, of.upper)
     return (low, high) if low < high else None
 
 
 def _scattering(free: Sequence[SimulatorInput], most: int) -> list[SimulatorInput]:
-    """Those that a law is proposed for."""
+    """The inputs for which a law is proposed."""
     required = [each for each in free if each.required]
     return (required or [each for each in free if nominal_limits(each)] or [*free])[:most]
 
@@ -152,24 +154,22 @@ def _proposed(given: SimulatorInput, scatters: bool, asked: Limits | float | Non
 
 
 TIMES = ("time", "Time", "t")
-"""What a column of times is called; T is rather a temperature."""
+"""Names of a column of times; T is rather a temperature."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """Everything that a study file is written from.
+    """The contents of a proposed study file.
 
-    `parameters` come as the simulator has them; `untouched` are those that keep the value that the
-    simulator gives them. `noise` has limits for the sd of each outcome, or the name of the column
-    that tells it, or an assumed number where it must be known: one value an experiment hardly tells
-    it from the law. It is empty where each experiment has one exact outcome. `decades` are outcomes
-    that span some, and `log` is whether there is one only, whose logarithm is taken. `units` are
-    those that heads of columns or the FMU state. `unlike` names columns that look like something
-    that the simulator takes.
-    `censored` says of each outcome how the table tells bounds, `covariates` has the columns that a
-    law may follow with their terms in a formula. `series` is whether the simulator is to be called
-    once for all rows of an experiment; `within` are the conditions that vary there.
-    `returned` is the variable of an FMU that is the outcome, `time` the column of its times.
+    `parameters` are in the order of the simulator; `untouched` inputs keep their value there.
+    `noise` has limits of the standard deviation of each outcome, or the column that holds it, or an
+    assumed number where it must be known; it is empty where each experiment has one exact outcome.
+    `decades` are the outcomes that span several decades; with `log` the only one is transformed.
+    `units` are those of the heads of columns and of the FMU. `unlike` maps columns to inputs of the
+    simulator with a similar name. `censored` has the rules of censoring of each outcome, and
+    `covariates` the terms of columns that a law may follow. `series`: one call of the simulator
+    serves all rows of an experiment; `within` are the conditions that vary there. `returned` is the
+    variable of an FMU that is the outcome, `time` the column with the times of its simulation.
     """
 
     title: str
@@ -201,12 +201,12 @@ class Proposal:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The columns that the simulator is given, the times of a simulation among them."""
+        """The columns that the simulator takes, times of a simulation included."""
         return self.roles.conditions
 
     @property
     def incomplete(self) -> tuple[str, ...]:
-        """What the user must fill in before the study runs, as keys of the file."""
+        """The keys of the file that the user must fill in before the study can run."""
         lacking = [f"parameters.{p.name}" for p in self.parameters if not p.complete]
         if self.offer.kind == "fmu" and self.returned is None:
             lacking.insert(0, "simulator.outcome")
@@ -214,17 +214,17 @@ class Proposal:
 
 
 def responses_of(sheet: Sheet, offer: Offer) -> tuple[str, ...]:
-    """The columns that a function returns under these names, where there are several."""
+    """The columns with the names of the responses of a function, if there are several."""
     possible = roles_in(sheet.table, offer.names).outcomes
     called = tuple(one.name for one in offer.returned if one.name in possible)
     return called if offer.kind == "function" and len(called) > 1 else ()
 
 
 def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]:
-    """The column that seems to be the outcome, or None, and all that may be.
+    """The column that seems to be the outcome, or None, and all columns that may be it.
 
-    The only column of numbers that the simulator does not take, or the one that is called as the
-    function or as an output of the FMU, or the one with bounds in its cells.
+    It is the only column of numbers that the simulator does not take, or the only one with the name
+    of the function or of an output of the FMU, or the only one with signs of bounds in its cells.
     """
     possible = roles_in(sheet.table, offer.names).outcomes
     named = {each.name for each in offer.returned}
@@ -235,7 +235,7 @@ def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]
 
 
 def roles_of(sheet: Sheet, offer: Offer, outcomes: Sequence[str]) -> Roles:
-    """The roles of the columns besides the outcomes, which must be there.
+    """The roles of all columns of a table whose outcomes are known.
 
     Raises ExperimentsError for an outcome that is no column, or that the simulator takes.
     """
@@ -260,10 +260,10 @@ def proposed(
     chosen: Mapping[str, Limits | float | None],
     series: bool = False,
 ) -> Proposal:
-    """The study of a table and a simulator; `file` is how the study names the table.
+    """The proposal for a table and a simulator; `file` is the name of the table in the study.
 
-    `series` says that the simulator wants all rows of an experiment at once; a function that treats
-    as an array what varies within experiments is seen to.
+    `series`: the simulator takes all rows of an experiment at once. This is recognized for a
+    function that uses conditions as arrays.
 
     Raises ExperimentsError and SimulatorError for names that are not there.
     """
@@ -301,7 +301,7 @@ def proposed(
 
 
 def noise_limits(spread: float) -> Limits:
-    """Round limits of the noise: from a thousandth of the spread of all values to twice as much.
+    """Rounded limits of the noise: a thousandth and twice the standard deviation of all values.
 
     >>> noise_limits(3.73)
     (0.003, 8.0)
@@ -320,12 +320,12 @@ def _units(
     table: Table, roles: Roles, outcomes: Sequence[str], parameters: Sequence[Proposed]
 ) -> dict[str, str]:
     heads = {name: table.units.get(name, "") for name in (*outcomes, *roles.conditions)}
-    own = {each.name: each.given.unit for each in parameters}
+    own = {each.name: each.input.unit for each in parameters}
     return {name: unit for name, unit in {**heads, **own}.items() if unit}
 
 
 def _unlike(sheet: Sheet, offer: Offer, roles: Roles, used: Sequence[str | None]) -> dict[str, str]:
-    """Columns not used yet that would be an argument if they were called as it is."""
+    """Unused columns whose name is similar to that of an input of the simulator."""
     taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
     left = [name for name in sheet.names if name not in (*roles.conditions, *used)]
     near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=RULES.alike) for name in left}
@@ -333,7 +333,7 @@ def _unlike(sheet: Sheet, offer: Offer, roles: Roles, used: Sequence[str | None]
 
 
 def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:
-    """The variable of an FMU that is called as the outcome, or its only output."""
+    """The variable of an FMU with the name of the outcome, or its only output."""
     names = [each.name for each in offer.returned]
     wanted = {name.lower() for name in outcomes}
     for name in names:
@@ -343,15 +343,15 @@ def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:
 
 
 def _time(sheet: Sheet, offer: Offer, taken: Sequence[str]) -> str | None:
-    """The column of times of an FMU's simulation, if there is one that is no variable of it."""
+    """The column with the times of an FMU's simulation, if it is no variable of the FMU."""
     wanted = [name for name in sheet.names if name in TIMES and name not in (*offer.names, *taken)]
     return wanted[0] if offer.kind == "fmu" and wanted else None
 
 
-def require_outcome(found: str | None, possible: Sequence[str]) -> str:
-    """The outcome. Raises ExperimentsError where several columns may be it, or none."""
-    if found is not None:
-        return found
+def require_outcome(outcome: str | None, possible: Sequence[str]) -> str:
+    """The outcome; raises ExperimentsError where several columns may be it, or none."""
+    if outcome is not None:
+        return outcome
     if not possible:
         raise ExperimentsError(
             "no column is left for the outcome: the simulator takes every column of numbers",

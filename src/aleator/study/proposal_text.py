@@ -1,4 +1,4 @@
-"""A proposed study as the text of study.toml, with a reason at every key, and as notes."""
+"""The text of a proposed study.toml, with a reason at every key, and notes about it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from aleator.study.offers import Offer, SimulatorInput
 from aleator.study.proposal import Proposal, Proposed
 
 LAST = r"(\S+)\s*\Z"
-"""What a program prints last."""
+"""A regular expression for the last word that a program prints."""
 KNOWN = "the number that is known: one value an experiment hardly tells it from the law"
 FILL_IN = "FILL IN"
 
@@ -19,7 +19,7 @@ FILL_IN = "FILL IN"
 class ProposalSettings:
     """How a proposed study is written; by what a reader sees at once.
 
-    variables: those of an FMU that are listed. column: letters before a remark.
+    variables: the most variables of an FMU that are listed. column: the column of remarks.
     """
 
     variables: int = 20
@@ -30,9 +30,9 @@ WRITTEN = ProposalSettings()
 
 
 def study_text(proposal: Proposal, schema: str | None = None) -> str:
-    """The study file; what has to be filled in stands there as a remark that says so.
+    """The text of the study file, with a comment FILL IN where a key has to be filled in.
 
-    `schema` is the file of its JSON schema, which editors look for.
+    `schema` is the name of the file with its JSON schema, which editors read.
     """
     sections = [
         _experiments(proposal),
@@ -47,7 +47,7 @@ def study_text(proposal: Proposal, schema: str | None = None) -> str:
 
 
 def notes(proposal: Proposal) -> list[str]:
-    """What was recognized, a sentence a line."""
+    """Notes on what was recognized in the table and the simulator."""
     roles = proposal.roles
     said = [f"outcome: {', '.join(proposal.outcomes)}"]
     said.append(f"conditions: {', '.join(proposal.conditions) or 'none'}")
@@ -83,12 +83,12 @@ def notes(proposal: Proposal) -> list[str]:
     return said
 
 
-def variables(given: Sequence[SimulatorInput], offer: Offer) -> list[tuple[str, str, str, str]]:
-    """Rows of what a simulator can be given: name, unit, value at the start, what it is."""
+def variables(inputs: Sequence[SimulatorInput], offer: Offer) -> list[tuple[str, str, str, str]]:
+    """Rows about inputs of a simulator: name, unit, nominal value, meaning."""
     return [
         (each.name, each.unit, "" if each.nominal is None else f"{each.nominal:g}",
          ", ".join(filter(None, (offer.variables.get(each.name), each.description))))
-        for each in given
+        for each in inputs
     ]  # fmt: skip
 
 
@@ -123,7 +123,7 @@ def _experiments(proposal: Proposal) -> list[str]:
 
 
 def _censored(proposal: Proposal) -> list[str]:
-    """Of which values there are bounds only."""
+    """The line on censored values, if there are any."""
     told = {
         name: {key: value for key, value in asdict(one).items() if value}
         for name, one in proposal.censored.items()
@@ -135,7 +135,7 @@ def _censored(proposal: Proposal) -> list[str]:
 
 
 def _units(proposal: Proposal) -> str:
-    """Those of the columns, as far as their heads say."""
+    """The line on units, with those that the heads of columns state."""
     names = (*proposal.outcomes, *proposal.conditions)
     known = {name: proposal.units[name] for name in names if name in proposal.units}
     remark = "shown on every axis and in every table"
@@ -168,7 +168,7 @@ def _simulator(proposal: Proposal) -> list[str]:
 
 
 def _of_command(proposal: Proposal) -> list[str]:
-    """Where the outcome of a program is."""
+    """The lines on where the outcome of a program is read."""
     if proposal.series:
         several = off("output", {"file": "result.txt"}, "else all numbers that it prints")
         return [line("series", True, "one run serves all rows of an experiment"), several]
@@ -177,7 +177,7 @@ def _of_command(proposal: Proposal) -> list[str]:
 
 
 def _could_be_series(proposal: Proposal) -> list[str]:
-    """A line that makes one run serve a whole experiment."""
+    """A comment on how one run can serve a whole experiment."""
     if not proposal.within or proposal.offer.vectorized:
         return []
     names = ", ".join(proposal.within)
@@ -219,8 +219,8 @@ def _parameter(each: Proposed, proposal: Proposal) -> list[str]:
         return _constant(each)
     head = remarked(f"[parameters.{key(each.name)}]", "differs between experiments")
     lines = [head, line("law", "truncated_normal", "a normal law, cut at the ends of the box")]
-    if each.given.unit:
-        lines.insert(1, line("unit", each.given.unit, "shown on every axis and in every table"))
+    if each.input.unit:
+        lines.insert(1, line("unit", each.input.unit, "shown on every axis and in every table"))
     if each.limits is None:
         box = fill("box", "[..., ...]", "where the simulator works; mean and sd are sought inside")
         return [*lines, box, *_follows(proposal)]
@@ -233,7 +233,7 @@ def _parameter(each: Proposed, proposal: Proposal) -> list[str]:
 
 
 def _follows(proposal: Proposal) -> list[str]:
-    """A formula of covariates that the mean may follow."""
+    """A comment with a formula of covariates that the mean may follow."""
     if not proposal.covariates:
         return []
     formula = " + ".join(["1", *proposal.covariates.values()])
@@ -254,7 +254,7 @@ def _constant(each: Proposed) -> list[str]:
 
 
 def _untouched(proposal: Proposal) -> list[str]:
-    """What keeps its value, so that it can be taken as a parameter."""
+    """Comments that list the inputs which keep their value in the simulator."""
     if not proposal.untouched:
         return []
     rest = len(proposal.untouched) - WRITTEN.variables
@@ -271,7 +271,7 @@ def _untouched(proposal: Proposal) -> list[str]:
 
 
 def _variable(offer: Offer, each: SimulatorInput) -> str:
-    """The line that lets a name stand for a variable, where it has to be named."""
+    """The key `variables` that binds a name to a variable of an FMU, where it is needed."""
     called = offer.variables.get(each.name)
     return f"  (variables = {{{each.name} = {written(called)}}})" if called else ""
 
@@ -305,22 +305,22 @@ def _noise(proposal: Proposal) -> list[str]:
 
 
 def line(key: str, value: object, remark: str) -> str:
-    """A key with its value."""
+    """A line of the file: a key, its value, and a remark."""
     return remarked(f"{key} = {written(value)}", remark)
 
 
 def off(key: str, value: object, remark: str) -> str:
-    """The same as a remark: it holds where the user takes the sign away."""
+    """A line that is commented out: it becomes valid when the user deletes the sign."""
     return remarked(f"# {key} = {written(value)}", remark)
 
 
 def fill(key: str, form: str, remark: str) -> str:
-    """What the user has to fill in."""
+    """A line that the user has to fill in."""
     return remarked(f"# {key} = {form}", f"{FILL_IN}: {remark}")
 
 
 def remarked(text: str, remark: str) -> str:
-    """A line with its remark beside it, or above where it is long."""
+    """A line with its remark beside it, or above it where the line is long."""
     return (
         f"{text:<{WRITTEN.column}} # {remark}"
         if len(text) <= WRITTEN.column
@@ -335,7 +335,7 @@ def key(name: str) -> str:
 
 
 def written(value: object) -> str:
-    """A value as TOML has it.
+    """A value in the notation of TOML.
 
     >>> written([1.0, 0.5]), written("a\\tb"), written({"file": "x"})
     ('[1.0, 0.5]', '"a\\\\tb"', '{file = "x"}')
@@ -350,5 +350,5 @@ def written(value: object) -> str:
 
 
 def ends(limits: tuple[float, float]) -> str:
-    """Limits as a table."""
+    """Limits as a table of TOML."""
     return f"{{lower = {written(limits[0])}, upper = {written(limits[1])}}}"

@@ -1,4 +1,4 @@
-"""What the columns of a table may be: outcome, condition, id, error, covariate, bound."""
+"""The possible roles of the columns of a table: outcome, condition, id, error, covariate, bound."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from aleator.observations.tables import Table
 
 @dataclass(frozen=True)
 class RoleRules:
-    """What columns are told by; chosen by tests/test_cli_new.py on published tables.
+    """How roles of columns are recognized; chosen by tests/test_cli_new.py on published tables.
 
-    levels: a column of texts with more different ones is no covariate. each: experiments for each
-    covariate that is proposed. words: a column of more words does not tell what is censored.
-    naming: experiments from where on a column whose name does not say so may name them: of fewer
-    values it is rather a supplier or a bench.
+    levels: the most different texts of a covariate. each: experiments for each covariate that is
+    proposed. words: the most different words of a column that marks censored values. naming: the
+    fewest experiments that a column may identify if its name does not say that it does; fewer
+    values are rather suppliers or benches.
     """
 
     levels: int = 6
@@ -38,9 +38,9 @@ RULES = RoleRules()
 
 
 def numbers_of(table: Table, name: str) -> Array | None:
-    """The numbers of a column, NaN where blank, and of "> 20" the 20.
+    """The numbers of a column: NaN for a blank cell, 20 for "> 20".
 
-    None where it has none, or anything else.
+    None for a column with other texts, and for one without any number.
     """
     try:
         numbers, _ = table.bounds(name)
@@ -50,7 +50,7 @@ def numbers_of(table: Table, name: str) -> Array | None:
 
 
 def varies_within(table: Table, name: str, id: str | None) -> bool:
-    """Whether a column has several values within any experiment."""
+    """Whether a column has different values within an experiment."""
     if id is None:
         return False
     texts = table.texts(name)
@@ -58,11 +58,11 @@ def varies_within(table: Table, name: str, id: str | None) -> bool:
 
 
 def covariates_in(table: Table, names: Sequence[str], id: str | None) -> dict[str, str]:
-    """Of these columns those that a law may follow, each with its term in a formula.
+    """The columns that may be covariates of a law, each with its term in a formula.
 
-    They have no blank cell and one value an experiment. Texts have few levels, each of two
-    experiments or more; numbers differ, and do not merely count the rows. One for each ten
-    experiments at most, but one always.
+    A covariate has no blank cell, and one value for each experiment. Texts have few levels, with
+    two experiments or more at each level; numbers differ, and do not merely count the rows. There
+    is at most one covariate for ten experiments, and one in any case.
 
     >>> cells = {"by": ["a", "a", "b", "b"], "t": ["20", "25", "20", "30"]}
     >>> covariates_in(Table("a.csv", cells, ["row"] * 4), ["by", "t"], None)
@@ -77,14 +77,14 @@ def covariates_in(table: Table, names: Sequence[str], id: str | None) -> dict[st
 
 
 def _first_rows(table: Table, id: str | None) -> list[int]:
-    """The first row of each experiment."""
+    """The index of the first row of each experiment."""
     if id is None:
         return [*range(len(table))]
     return [*{text: row for row, text in reversed([*enumerate(table.texts(id))])}.values()]
 
 
 def _term(table: Table, name: str, rows: Sequence[int]) -> str:
-    """The column as a term of a formula; empty where it is no covariate."""
+    """The term of a column in a formula; empty where the column is no covariate."""
     texts = [table.texts(name)[row] for row in rows]
     numbers = numbers_of(table, name)
     if "" in texts or len({*texts}) < 2:
@@ -97,7 +97,7 @@ def _term(table: Table, name: str, rows: Sequence[int]) -> str:
 
 
 def _can_be_named(name: str) -> bool:
-    """Whether a formula can name the column."""
+    """Whether a formula can contain the name of the column."""
     return name.isidentifier() and not keyword.iskeyword(name)
 
 
@@ -113,18 +113,18 @@ _FLAG = re.compile(r"(right-?)?censored|cens|run-?out|suspended")
 _EVENT = re.compile(r"event|fail(ed|ure)|broken|died")
 _NO, _YES = ("0", "no", "false", "n"), ("1", "yes", "true", "y")
 _LETTERS = ({"f", "s"}, {"f", "c"})
-"""Failed and suspended, failed and censored, as tables of reliability programs have them."""
+"""The letters of tables of reliability programs: failed and suspended, failed and censored."""
 _UPPER = re.compile(r"(?:(?P<stem>.+)_)?(upper|upper_end|high|max|to|until|latest)", re.IGNORECASE)
 _LOWER = re.compile(r"(?:(?P<stem>.+)_)?(lower|lower_end|low|min|from|since|earliest)",
                     re.IGNORECASE)  # fmt: skip
 
 
 def censoring_of(table: Table, outcome: str, columns: Iterable[str]) -> Censoring | None:
-    """How bounds of an outcome are told: by signs in its cells, or by one of the columns.
+    """How a table marks censored values of an outcome: by signs in its cells, or by a column.
 
-    A column of words tells it where some but not all of its words are such as "run-out" or "<LOD",
-    or where it is called "censored" or "event" and has two values; a column of numbers where its
-    name is that of an upper end and it is never below the outcome. None where nothing tells it.
+    A column of words does so if some but not all of its words are like "run-out" or "<LOD", or if
+    its name is like "censored" or "event" and it has two values. A column of numbers does so if its
+    name is that of an upper end and it is never below the outcome. None where nothing is marked.
 
     >>> table = Table("a.csv", {"y": ["1", "2"], "s": ["", "Run-out"]}, ("row 2", "row 3"))
     >>> censoring_of(table, "y", ["s"]).right
@@ -141,19 +141,19 @@ def censoring_of(table: Table, outcome: str, columns: Iterable[str]) -> Censorin
 
 
 def shows_bounds(table: Table, name: str) -> bool:
-    """Whether cells of a column say themselves that they are bounds: "> 20"."""
+    """Whether a column has cells with the sign of a bound, as "> 20"."""
     return any(text.startswith((">", "<", "≥", "≤")) for text in table.texts(name))
 
 
 def tells_bounds(table: Table, name: str, among: Sequence[str]) -> bool:
-    """Whether a column of numbers is the upper end of another one, or a flag of bounds."""
+    """Whether a column is the upper end of another one, or marks censored values."""
     return _by_words(table, name) is not None or any(
         is_upper_end(table, other, name) for other in among if other != name
     )
 
 
 def is_upper_end(table: Table, outcome: str, name: str) -> bool:
-    """Whether a column is called as the upper end of another one, and is never below it."""
+    """Whether a column has the name of an upper end of another one, and is never below that."""
     upper = _UPPER.fullmatch(name)
     lower = _LOWER.fullmatch(outcome)
     if upper is None:
@@ -203,7 +203,7 @@ _NAMING = re.compile(
 
 @dataclass(frozen=True)
 class Sheet:
-    """A delimited file as it was read, with the signs that it turned out to be written with."""
+    """A table that was read from a file, with the delimiter and the decimal sign of the file."""
 
     table: Table
     delimiter: str
@@ -217,13 +217,12 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Roles:
-    """What each column of a table with N rows may be, given what the simulator takes.
+    """The possible roles of the columns of a table, for a simulator with known inputs.
 
-    `conditions` are columns that the simulator takes. `outcomes` are other columns of numbers that
-    vary, within experiments if any does, `errors` those whose name says that they tell a
-    measurement error. `id` is the column that names experiments, with `repeated` where rows share a
-    name; None where nothing seems to.
-    `constant` columns have one value, and `others` are none of all these.
+    `conditions` are inputs of the simulator. `outcomes` are other columns of numbers that vary, if
+    possible within experiments; `errors` have the name of a measurement error. `id` identifies the
+    experiments, with `repeated` where several rows share an id; None where no column seems to.
+    `constant` columns have one value, and `others` are all that remain.
     """
 
     conditions: tuple[str, ...]
@@ -236,11 +235,9 @@ class Roles:
 
 
 def sheet_of(path: Path, head: int = 10_000) -> Sheet:
-    """Read a delimited file by the delimiter that its header has most of, and by its decimals.
+    """Read a file with the most frequent delimiter of its header, and its decimal sign.
 
-    The header is looked for in so many bytes of its `head`.
-
-    Raises ExperimentsError as `tables.read` does.
+    The header lies within the first `head` bytes. Raises ExperimentsError as `tables.read` does.
     """
     try:
         header = path.read_bytes()[:head].decode("utf-8", "replace").partition("\n")[0]
@@ -256,12 +253,12 @@ def sheet_of(path: Path, head: int = 10_000) -> Sheet:
 
 
 def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) -> Roles:
-    """The roles of the columns; `taken` are names that the simulator takes.
+    """The roles of the columns; `taken` are the inputs of the simulator.
 
-    The `outcome`, where it is known already, has no other role. A column names experiments if it is
-    called "id", or if it is no condition, holds texts or whole numbers, and has a name that says
-    so, another text in each row, the number of the row, or values that tell rows with equal
-    conditions apart. Of several the finest does.
+    A known `outcome` has no other role. The id is the column "id", or else a column of texts or
+    whole numbers that is no condition and has a name like "specimen", a different text in each row,
+    the numbers of the rows, or values that separate rows with equal conditions. Of several such
+    columns the one with the most values is the id.
     """
     numbers = {name: numbers_of(table, name) for name in table.columns}
     distinct = {name: len({*table.texts(name)}) for name in table.columns}
@@ -287,7 +284,7 @@ def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) 
 
 
 def _measured(table: Table, numbers: list[str], id: str) -> tuple[str, ...]:
-    """Of columns of numbers those that may be outcomes: of repeated rows those that vary there."""
+    """The columns of numbers that may be outcomes; if any varies within experiments, only these."""
     values = [name for name in numbers if not tells_bounds(table, name, numbers)]
     varying = [name for name in values if varies_within(table, name, id or None)]
     return tuple(varying or values)
@@ -305,7 +302,7 @@ def spread_of(table: Table, column: str, *, log: bool = False) -> float:
 
 
 def count_of(table: Table, id: str | None) -> int:
-    """How many experiments the rows are."""
+    """The number of experiments in a table."""
     return len(table) if id is None else len({*table.texts(id)})
 
 
@@ -343,7 +340,7 @@ def _names_experiments(
 
 
 def _counts_or_text(table: Table, name: str) -> bool:
-    """Whether a column has texts, or numbers that count the rows."""
+    """Whether a column has texts, or consecutive numbers."""
     numbers = numbers_of(table, name)
     return numbers is None or bool(np.all(np.diff(numbers) == 1.0))
 

@@ -1,4 +1,4 @@
-"""study.toml as a JSON schema, for editors: made from the sections that check it."""
+"""The JSON schema of study.toml for editors, made from the sections that check the file."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-from aleator.study.kinds import Kinds
-from aleator.study.sections import LAWS, StudyFile
+from aleator.study.kinds import LAWS, Kinds
+from aleator.study.sections import StudyFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _KINDS = "x-kinds"
@@ -18,10 +18,10 @@ _TEMPLATE = "#/$defs/{model}"
 
 
 def study_schema() -> dict[str, Any]:
-    """The schema of the whole file, with the kinds that come along and those of plug-ins.
+    """The schema of the whole file, with the built-in kinds and those of plug-ins.
 
-    An editor that follows it accepts what `load_study` reads; what needs the table, the simulator
-    or arithmetic (a box whose ends are swapped) only `load_study` sees.
+    It accepts all that `load_study` reads. Mistakes that depend on the table, the simulator or
+    arithmetic, such as a box whose ends are swapped, are found by `load_study` only.
 
     >>> found = study_schema()
     >>> found["required"]
@@ -44,7 +44,7 @@ def study_schema() -> dict[str, Any]:
 def _kind(
     kinds: Kinds[Any], name: str, defined: dict[str, Any], open_: dict[str, Kinds[Any]]
 ) -> dict[str, Any] | None:
-    """The section of one kind; None of a plug-in that cannot be used, which the study will tell."""
+    """The schema of one kind; None for a plug-in that cannot be imported."""
     try:
         section = kinds.section(name)
     except Exception:
@@ -61,26 +61,26 @@ def _kind(
 
 
 def _noting(open_: dict[str, Kinds[Any]]) -> type[GenerateJsonSchema]:
-    """A generator that writes kinds as a mark of their group, and notes which they are."""
+    """A schema generator that writes a mark in place of kinds, and collects these in `open_`."""
 
     class Generator(GenerateJsonSchema):
         def function_plain_schema(
             self, schema: core_schema.PlainValidatorFunctionSchema
         ) -> JsonSchemaValue:
             read = schema["function"]["function"]
-            # a function of the laws' own sections stands for their table, which is made with them
+            # the function `_law` stands for LAWS, which is defined after the sections that use it
             kinds = getattr(read, "__self__", LAWS)
             open_[kinds.group] = kinds
             return {_KINDS: kinds.group}
 
         def emit_warning(self, kind: Any, detail: str) -> None:
-            """Defaults that are values of the library have no place in a schema."""
+            """No warning: defaults that are objects of the library are left out of a schema."""
 
     return Generator
 
 
 def _resolved(value: Any) -> Any:
-    """The schema with references in place of marks, without defaults that JSON lacks."""
+    """The schema with references in place of marks, and without infinite defaults."""
     if isinstance(value, dict):
         if _KINDS in value:
             return {"$ref": _TEMPLATE.format(model=value[_KINDS])}
@@ -94,5 +94,5 @@ def _kept(value: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     for key, part in value.items():
         endless = isinstance(part, float) and not math.isfinite(part)
         if not (key == "default" and endless):
-            # what tells alternatives apart may be read as two of them: {variable = "x"}
+            # one value may fit two alternatives, as {variable = "x"} does
             yield "anyOf" if key == "oneOf" else key, _resolved(part)

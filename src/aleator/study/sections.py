@@ -1,4 +1,4 @@
-"""The sections of study.toml, each checked and made into the library's value."""
+"""The sections of study.toml, and the values of the library that are made from them."""
 
 from __future__ import annotations
 
@@ -15,24 +15,10 @@ from pydantic import (
     Tag,
     model_validator,
 )
-from scipy import stats
 
-from aleator.errors import StudyError, nearest
+from aleator.errors import StudyError
 from aleator.inference.check import Check
-from aleator.laws import (
-    OPEN,
-    Beta,
-    Constant,
-    Gamma,
-    Law,
-    LogNormal,
-    Mixture,
-    Normal,
-    ScipyLaw,
-    Specification,
-    TruncatedNormal,
-    Uniform,
-)
+from aleator.laws import Law, Specification
 from aleator.laws.correlation import full
 from aleator.observations import tables
 from aleator.observations.errors import Noise
@@ -50,6 +36,7 @@ from aleator.search import (
 from aleator.simulators import Simulator
 from aleator.study.kinds import (
     BY_FORM,
+    LAWS,
     ChosenKind,
     FreeSection,
     Kinds,
@@ -68,12 +55,12 @@ TransformName = Annotated[Transform, Field(strict=False)]
 
 
 def _words(value: Any) -> Any:
-    """A word or a number in place of a list of them."""
+    """A list; a single word or number becomes a list of one."""
     return value if isinstance(value, list) else [value]
 
 
 def _one(value: Any) -> Any:
-    """Not several: these are another key."""
+    """A single outcome; raises for a list, which belongs to the key `outcomes`."""
     if isinstance(value, list):
         raise fault(f"{in_toml(value)} is a list", f"write outcomes = {in_toml(value)}")
     return value
@@ -85,7 +72,7 @@ Words = Annotated[
 
 
 class CensoringSection(Section):
-    """`censored = {column = "status", right = ["Runout"]}`: of which values there are bounds."""
+    """`censored = {column = "status", right = ["Runout"]}`: how a table marks censored values."""
 
     column: str | None = None
     right: Words = Field(default_factory=list)
@@ -95,12 +82,12 @@ class CensoringSection(Section):
     signs: bool = False
 
     def build(self) -> Censoring:
-        """The library's choice."""
+        """The rules of censoring that the keys state."""
         return Censoring(**self.stated())
 
 
 def _of_each(value: Any) -> str:
-    """Whether a table is of responses, and not of the keys of one."""
+    """Whether a table `censored` holds a table for each response, or the keys of one response."""
     keys = {*CensoringSection.model_fields}
     return "each" if isinstance(value, Mapping) and value and not {*value} & keys else "one"
 
@@ -162,100 +149,12 @@ class ExperimentsSection(Section):
         return {**heads, **self.units}
 
     def censoring(self) -> Censored:
-        """The library's choices; raises ExperimentsError for keys that say nothing together."""
+        """The rules of censoring; raises ExperimentsError for keys that contradict each other."""
         if isinstance(self.censored, CensoringSection):
             return self.censored.build()
         if self.censored is None:
             return None
         return {name: one.build() for name, one in self.censored.items()}
-
-
-def uniform(
-    box: tuple[float, float] | None = None,
-    mean: Specification | None = None,
-    sd: Specification | None = None,
-) -> Uniform:
-    """A uniform law: known between the ends of a box, or identified by its mean and sd."""
-    if box is None:
-        return Uniform(OPEN if mean is None else mean, OPEN if sd is None else sd)
-    if mean is not None or sd is not None:
-        raise StudyError(
-            "a uniform law has either a box, and is then known, or mean and sd",
-            "delete box, or mean and sd",
-        )
-    return Uniform.between(*box)
-
-
-def scipy_law(
-    distribution: str,
-    args: dict[str, float] | None = None,
-    mean: Specification | None = None,
-    sd: Specification | None = None,
-) -> ScipyLaw:
-    """A continuous distribution of scipy.stats, known or moved and scaled."""
-    kind = getattr(stats, distribution, None)
-    if not isinstance(kind, stats.rv_continuous):
-        known = [
-            name for name in dir(stats) if isinstance(getattr(stats, name), stats.rv_continuous)
-        ]
-        raise StudyError(
-            f'distribution = "{distribution}": scipy.stats has no continuous '
-            f"distribution of that name{nearest(distribution, known)}",
-            'write its name in scipy.stats, such as distribution = "weibull_min"',
-        )
-    shapes = [name.strip() for name in (kind.shapes or "").split(",") if name.strip()]
-    given = args or {}
-    for name in given:
-        if name not in (*shapes, "loc", "scale"):
-            raise StudyError(
-                f'args.{name}: "{distribution}" has no such argument',
-                f"its arguments are {', '.join([*shapes, 'loc', 'scale'])}",
-            )
-    for name in shapes:
-        if name not in given:
-            raise StudyError(
-                f'args.{name} is missing: "{distribution}" needs it',
-                f"write args = {{{name} = ...}}",
-            )
-    return ScipyLaw(kind(**given), mean, sd)
-
-
-def _of_component(value: Any) -> ChosenKind[Law]:
-    return LAWS.read(value)
-
-
-def mixture(
-    components: tuple[Annotated[ChosenKind[Law], PlainValidator(_of_component)], ...],
-    shares: tuple[Specification, ...] | None = None,
-    folder: Path = Path(),
-) -> Mixture:
-    """A mixture of laws, each a table of its own."""
-    return Mixture(tuple(component.build(folder) for component in components), shares)
-
-
-class LawSection(Section):
-    """Keys of every law: `unit` is that of the parameter, shown on axes and in tables."""
-
-    unit: str = ""
-
-
-LAWS: Kinds[Law] = Kinds(
-    "aleator.laws",
-    "law",
-    {
-        "truncated_normal": TruncatedNormal,
-        "normal": Normal,
-        "uniform": uniform,
-        "beta": Beta,
-        "gamma": Gamma,
-        "lognormal": LogNormal,
-        "scipy": scipy_law,
-        "mixture": mixture,
-        "constant": Constant,
-    },
-    common=LawSection,
-)
-"""`law = "..."`: the laws of a parameter."""
 
 
 Sd = Annotated[
@@ -264,7 +163,7 @@ Sd = Annotated[
     | Annotated[str, Tag("text")],
     BY_FORM,
 ]
-"""A number, limits, or the column of known sds."""
+"""The key `sd`: a number, limits, or the name of a column with known standard deviations."""
 
 
 class NoiseSection(Section):
@@ -297,7 +196,7 @@ OneNoise = Annotated[ChosenKind[ObservationModel], PlainValidator(OBSERVATIONS.r
 
 
 def _form(value: Any) -> str:
-    """Which: it is of responses where there is none of the keys of every kind, but tables only."""
+    """Whether `[noise]` holds a table for each response, or the keys of one noise."""
     own = {*NoiseSection.model_fields, OBSERVATIONS.key}
     if not isinstance(value, Mapping) or not value or {*value} & own:
         return "one"
@@ -314,7 +213,7 @@ NoiseChoice = Annotated[
 def scales_of(
     choice: ChosenKind[ObservationModel],
 ) -> tuple[Specification | str | None, Specification | None]:
-    """The sd and the relative part, as the library takes them."""
+    """The specifications of the standard deviation and of the relative part of a noise."""
     assert isinstance(choice.keys, NoiseSection)
     sd, relative = choice.keys.sd, choice.keys.relative
     return (
@@ -324,7 +223,7 @@ def scales_of(
 
 
 def columns_of(noise: Noise | Mapping[str, Noise] | None) -> tuple[str, ...]:
-    """The columns of known sds, which are no conditions."""
+    """The columns with known standard deviations, which are no conditions."""
     noises = noise.values() if isinstance(noise, Mapping) else [noise]
     return tuple(one.column for one in noises if one is not None and one.column is not None)
 
@@ -357,7 +256,7 @@ def response_surface(
     nodes: Nodes | None = None,
     surfaces: Surfaces | None = None,
 ) -> ResponseSurface:
-    """One surface an experiment, in rounds or of one tolerance."""
+    """Response surfaces in place of the simulator, one for each experiment."""
     return ResponseSurface(
         tolerance=tolerance, max_runs=max_runs, nodes=_nodes(nodes, folder), surfaces=surfaces
     )
@@ -371,7 +270,7 @@ def collocation(
     fit: Literal["projection", "regression"] | None = None,
     terms: Literal["total_degree", "hyperbolic"] | None = None,
 ) -> Any:
-    """The simulator runs at the nodes of the law for every alpha."""
+    """Collocation: the simulator runs at the nodes of the law for every alpha."""
     from aleator.moments.expansion import Hyperbolic, IndexSet, TotalDegree
     from aleator.moments.projection import Projection, Regression
     from aleator.moments.propagation import Collocation
@@ -404,7 +303,7 @@ PROPAGATIONS: Kinds[Any] = Kinds(
 
 
 ALL = "all"
-"""The key of `[correlation]` that ties every pair of a list."""
+"""The key of `[correlation]` that correlates every pair of a list."""
 
 
 def _paired(section: Any) -> Any:
@@ -423,13 +322,13 @@ Tied = Annotated[
     BY_FORM,
 ]
 CorrelationSection = Annotated[dict[str, Tied], BeforeValidator(_paired)]
-"""`[correlation]`: `a.b = {lower = -0.9, upper = 0.9}` ties the parameters a and b."""
+"""`[correlation]`: `a.b = {lower = -0.9, upper = 0.9}` correlates the parameters a and b."""
 
 
 def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
-    """The correlations by pair of parameters, as the library takes them.
+    """The correlations by pair of parameters.
 
-    `all` ties every pair of a list; one with a key of its own is what that says.
+    `all` correlates every pair of a list; a pair that has a key of its own follows that key.
 
     >>> from aleator.study.kinds import FreeSection
     >>> pairs({"a": {"b": 0.5, "c": FreeSection()}})
@@ -446,7 +345,7 @@ def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
 
 
 def automatic() -> None:
-    """No density of moments: the likelihood is exact, by level sets or an integral."""
+    """No density made of moments: the likelihood is an integral over level sets or parameters."""
 
 
 DENSITIES: Kinds[Any] = Kinds(
@@ -476,12 +375,12 @@ SEARCHES: Kinds[Search] = Kinds(
 
 
 class VerificationSection(Section):
-    """`[verification]`: runs of each row or series for the check on the simulator; 0 is none."""
+    """`[verification]`: runs of each row or series for the check on the simulator; 0 for none."""
 
     samples: int | None = None
 
     def build(self) -> Check:
-        """The library's choice."""
+        """The check on the simulator."""
         return Check(self.samples)
 
 

@@ -1,4 +1,4 @@
-"""`[simulator]` of study.toml: a function, a program or an FMU, and what it needs."""
+"""The section `[simulator]` of study.toml: a Python function, a program or an FMU."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _CROSSING = ("value", "direction", "after", "interpolation")
 
 
 class OutcomeSection(Section):
-    """`outcome = {...}`: a variable and what is taken of it, or a Python function."""
+    """`outcome = {...}` of an FMU: a variable and its reduction to a number, or a function."""
 
     variable: str | None = None
     reduce: Literal["final", "maximum", "minimum", "crossing"] = "final"
@@ -77,7 +77,7 @@ class OutcomeSection(Section):
         return self
 
     def build(self, folder: Path) -> Reduction:
-        """The library's choice; `folder` is the study's."""
+        """The reduction of a simulation to an outcome; `folder` is that of the study."""
         if self.function is not None:
             return Hook(self.function, tuple(self.record or ()), str(folder))
         signal = str(self.variable)
@@ -96,7 +96,7 @@ def _written(value: Any) -> Any:
 
 
 def _several(value: Any) -> str:
-    """A table without any key of an outcome names responses; so does a table of tables."""
+    """Whether a table `outcome` holds an outcome for each response, or the keys of one outcome."""
     if not isinstance(value, Mapping) or not value:
         return "one"
     tables = all(isinstance(each, (Mapping, OutcomeSection)) for each in value.values())
@@ -110,13 +110,13 @@ FmuOutcome = Annotated[
     Annotated[_FmuOutcome, Tag("one")] | Annotated[dict[str, _FmuOutcome], Tag("several")],
     Discriminator(_several),
 ]
-"""`outcome = "variable"`, `"module.py:function"` or `{...}`; of several by response."""
+"""`outcome = "variable"`, `"module.py:function"` or `{...}`; one for each of several responses."""
 
 
 def reductions(
     outcome: OutcomeSection | Mapping[str, OutcomeSection], folder: Path
 ) -> Reduction | dict[str, Reduction]:
-    """The library's choice of each outcome; `folder` is the study's."""
+    """The reductions to the outcomes; `folder` is that of the study."""
     if isinstance(outcome, OutcomeSection):
         return outcome.build(folder)
     return {response: each.build(folder) for response, each in outcome.items()}
@@ -126,7 +126,7 @@ FmuTime = Annotated[
     Annotated[float, Tag("number")] | Annotated[str, Tag("text")],
     BY_FORM,
 ]
-"""A time in s, or the name of the condition that has it."""
+"""A time in seconds, or the name of the condition that has it."""
 
 
 def _named(value: Any) -> Any:
@@ -136,11 +136,11 @@ def _named(value: Any) -> Any:
 FmuInputs = Annotated[
     dict[str, str], BeforeValidator(_named, json_schema_input_type=dict[str, str] | str)
 ]
-"""`inputs = {variable = "file.csv:column"}`, or a file with a column for every such input."""
+"""`inputs = {variable = "file.csv:column"}`, or a file with a column for each input over time."""
 
 
 def signals(section: Mapping[str, str], folder: Path, fmu: Description) -> dict[str, Signal]:
-    """The inputs over time by variable. Raises SimulatorError, see `read_signal`."""
+    """The inputs over time by variable. Raises SimulatorError as `read_signal` does."""
     if "*" in section:
         file = section["*"]
         section = dict.fromkeys(columns_of(folder / file, fmu), file)
@@ -148,10 +148,10 @@ def signals(section: Mapping[str, str], folder: Path, fmu: Description) -> dict[
 
 
 class RunsSection(Section):
-    """Keys of every kind of simulator: how its runs are kept and retried.
+    """Keys of every kind of simulator.
 
-    `store` is the file of its runs, `retries` how often a failed run is tried again, `max_failed`
-    the share of failed runs that stops a study.
+    `store` is the file that keeps its runs, `retries` how often a failed run is repeated, and
+    `max_failed` the share of failed runs above which a study stops.
     """
 
     store: str = "runs.sqlite"
@@ -172,7 +172,7 @@ def function(
     return FunctionSimulator.named(function, folder, vectorized, version, block, series, timeout)
 
 
-# Of each way to find a program's outcome: the library's choice, and the keys beside the way's own.
+# How the outcome of a program is found: by the key of each way, its class and its further keys.
 _OUTPUTS: dict[str, tuple[Callable[..., Output], tuple[str, ...]]] = {
     "regex": (RegexOutput, ("file", "match")),
     "column": (CsvOutput, ("file", "row", "delimiter", "skip")),
@@ -212,7 +212,7 @@ class OutputSection(Section):
         return self
 
     def build(self, folder: Path) -> Output:
-        """The library's choice."""
+        """The way in which the outcome is read."""
         if self.hook is not None:
             return HookOutput(self.hook, folder)
         way = next((way for way in _OUTPUTS if way in self.model_fields_set), None)
@@ -224,7 +224,7 @@ def _listed(value: Any) -> Any:
 
 
 def _has_sections(value: Any) -> bool:
-    """Whether it is a table of tables: an output for each response."""
+    """Whether a table `output` holds a table for each response."""
     return isinstance(value, dict) and any(isinstance(v, (dict, Section)) for v in value.values())
 
 
@@ -271,7 +271,7 @@ def command(
     series: bool = False,
     rows: str = "rows.csv",
 ) -> CommandSimulator:
-    """An external program, started once a run."""
+    """A program that is started once for each run."""
     outputs = output if isinstance(output, dict) else {"": output}
     for key in ("match", "row"):
         if series and any(key in one.model_fields_set for one in outputs.values()):
@@ -356,4 +356,4 @@ SIMULATORS: Kinds[Simulator] = Kinds(
     {"function": function, "command": command, "fmu": fmu},
     common=RunsSection,
 )
-"""`[simulator]`: the kinds of simulator, each named by its own key."""
+"""The kinds of simulator in `[simulator]`, each chosen by the key with its name."""

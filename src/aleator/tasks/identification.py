@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from aleator.core.progress import Progress
+from aleator.core.progress import Progress, Silent
 from aleator.errors import InputsError
 from aleator.fit.question import DEFAULT_PROPAGATION
 from aleator.inference.alpha_draws import DRAWING, AlphaDraws, alpha_draws, estimated
 from aleator.inference.fit import Fit
+from aleator.inference.pictures import PICTURES, pictures
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.observations.errors import Noise
@@ -30,27 +30,15 @@ from aleator.surrogates import ResponseSurface
 from aleator.tasks.decide.limits import Tolerance, limits
 from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
 from aleator.tasks.decide.sample import SAMPLE
-from aleator.tasks.pictures import pictured
 from aleator.tasks.session import Runners, Session, kept, missing, runners, runners_like
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
     from aleator.moments.propagation import Collocation
+    from aleator.views.page import HtmlReport
 
 NO_SESSION = Session()
 """That of an identification that was read from a file, with nothing given again."""
-
-
-class Report(Protocol):
-    """A page to look at; `aleator.views.page` makes it."""
-
-    text: str
-
-    def save(self, path: str | Path) -> Path:
-        """Write the page to a file."""
-
-    def _repr_html_(self) -> str:
-        """The page in a notebook."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -255,7 +243,7 @@ class Identification(Result):
             )
         return known
 
-    def report(self, *, progress: Progress | None = None) -> Report:
+    def report(self, *, progress: Progress | None = None) -> HtmlReport:
         """A page of charts that needs no network: a notebook shows it, `.save(path)` writes it.
 
         What it draws beside the answer is computed where the fit is at hand, in seconds and without
@@ -265,10 +253,26 @@ class Identification(Result):
         whole = self
         if not self.pictures and self.session.fit is not None:
             whole = pictured(self, progress)
-        # a room above, by its name: imports run downward only
-        above = import_module("aleator.views.page")
-        made: Report = above.report_of(whole.to_dict())
-        return made
+        from aleator.views.page import report_of  # imported where a page is wanted
+
+        return report_of(whole.to_dict())
+
+
+def pictured(found: Identification, progress: Progress | None = None) -> Identification:
+    """The identification with what its report draws, `pictures`; see `inference.pictures`.
+
+    Raises AleatorError where the identification was read from a file.
+
+    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
+    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
+    >>> law = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
+    >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
+    ...                  verification=Check(0))
+    >>> sorted(pictured(found).pictures)
+    ['conditions', 'contours', 'laws', 'predicted', 'profiles', 'response', 'roughness', 'surface']
+    """
+    fit, draws = found.fit, found.draws(PICTURES.laws)
+    return replace(found, pictures=pictures(found, fit, draws, progress or Silent()))
 
 
 def load(

@@ -19,6 +19,7 @@ from aleator.moments.expansion import Basis, Expansion, SobolIndices, TotalDegre
 from aleator.moments.projection import Regression
 from aleator.observations.experiments import Conditions
 from aleator.results import printed
+from aleator.results.printed import THRESHOLDS
 from aleator.simulators import Runner
 from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
 from aleator.tasks.first_look import SingleValues, of_values, one_each
@@ -35,13 +36,8 @@ class ScreenSettings:
     runs_per_term: int = 2
     first_runs: int = 10
     """Runs a parameter that the screening begins with; doubled until the expansions are good."""
-    good: float = 0.01
     quantile: float = 0.9
-    """Share of the variance that this share of the expansions may miss at most."""
-    confounded: float = 0.96
-    """Alignment above which two parameters are hard to tell apart: their collinearity index
-    1/sqrt(1 - |alignment|) is then above 5, from where on Brun, Reichert and Kuensch (Water Resour.
-    Res. 37 (2001)) see trouble."""
+    """Share of the expansions that may miss no more of the variance than a good one."""
     rounding: float = 1e-10
     """Error of an effect by rounding, over the outcome's sd."""
     lost: float = 3.0
@@ -140,7 +136,7 @@ class Sensitivity:
                 "alignment": self.alignment[first, second],
             }
         )
-        table["confounded"] = table["alignment"].abs() > SCREEN.confounded
+        table["confounded"] = table["alignment"].abs() > THRESHOLDS.confounded
         return table.sort_values("explained", ascending=False, kind="stable", ignore_index=True)
 
     def table(self) -> pd.DataFrame:
@@ -256,7 +252,7 @@ def _expanded(
 
 
 def _good(expansion: Expansion) -> bool:
-    return bool(np.quantile(expansion.unexplained, SCREEN.quantile) <= SCREEN.good)
+    return bool(np.quantile(expansion.unexplained, SCREEN.quantile) <= THRESHOLDS.missed)
 
 
 def _terms(n: int, runs: int | None, settings: ScreenSettings) -> TotalDegree:

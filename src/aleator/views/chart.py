@@ -1,7 +1,7 @@
-"""A chart: marks on axes, drawn from named columns, whoever draws it.
+"""A chart as data: marks on axes, drawn from named columns.
 
-Bokeh draws it in report.html (`interactive`), matplotlib on axes (`axes`). The data stand in a
-`Series`; charts that share one show the same experiment where it is marked.
+Bokeh draws it in report.html (`interactive`), matplotlib as a figure (`axes`). The data of a chart
+are a `Series`. An experiment that a reader marks is marked in all charts of the same series.
 """
 
 from __future__ import annotations
@@ -15,68 +15,55 @@ import numpy as np
 from aleator.core.types import Array
 from aleator.results.printed import PAGE, Depth
 
-# Okabe and Ito's palette, told apart in every form of color blindness, and grays; each for light
-# and for dark. The page changes one for the other, so that all are distinct.
-BLUE, BLUE_DARK = "#0072b2", "#56b4e9"
-VERMILION, VERMILION_DARK = "#d55e00", "#ff8f3f"
-PICKED, PICKED_DARK = "#c77700", "#ffd166"
-GREEN, GREEN_DARK = "#009e73", "#2fd1a2"
-INK, INK_DARK = "#262626", "#e6e6e6"
-TEXT, TEXT_DARK = "#404040", "#c6cdd5"
-GRAY, GRAY_DARK = "#767676", "#9aa3ad"
-LINE, LINE_DARK = "#a0a0a0", "#5d6772"
-GRID, GRID_DARK = "#e9e9e9", "#2b333c"
-WIDE, WIDE_DARK = "#cfe3f1", "#1d3d55"
-NARROW, NARROW_DARK = "#7fb8dc", "#2f6f9f"
-BAND, BAND_DARK = "#e4e4e4", "#303841"
-PAPER, PAPER_DARK = "#ffffff", "#14181d"
-# From the maximum of a likelihood outward.
+# The palette of Okabe and Ito, whose colors remain distinct in every form of color blindness, and
+# grays. Each color has one value for a light page and one for a dark page; all values differ, for
+# the page replaces the one by the other.
+BLUE = "#0072b2"
+VERMILION = "#d55e00"
+PICKED = "#c77700"
+GREEN = "#009e73"
+INK = "#262626"
+TEXT = "#404040"
+GRAY = "#767676"
+LINE = "#a0a0a0"
+GRID = "#e9e9e9"
+WIDE = "#cfe3f1"
+NARROW = "#7fb8dc"
+BAND = "#e4e4e4"
+PAPER = "#ffffff"
+# Colors between the contours of a likelihood, from its maximum outward.
 HEIGHTS = ("#9ecae8", "#c6dff0", "#e3eff8", "#f6fafd")
-HEIGHTS_DARK = ("#2d6b96", "#234f70", "#1b394f", "#162734")
 PAIRS = (
-    (BLUE, BLUE_DARK), (VERMILION, VERMILION_DARK), (PICKED, PICKED_DARK), (GREEN, GREEN_DARK),
-    (INK, INK_DARK), (TEXT, TEXT_DARK), (GRAY, GRAY_DARK), (LINE, LINE_DARK), (GRID, GRID_DARK),
-    (WIDE, WIDE_DARK), (NARROW, NARROW_DARK), (BAND, BAND_DARK), (PAPER, PAPER_DARK),
-    *zip(HEIGHTS, HEIGHTS_DARK, strict=True),
+    (BLUE, "#56b4e9"), (VERMILION, "#ff8f3f"), (PICKED, "#ffd166"), (GREEN, "#2fd1a2"),
+    (INK, "#e6e6e6"), (TEXT, "#c6cdd5"), (GRAY, "#9aa3ad"), (LINE, "#5d6772"),
+    (GRID, "#2b333c"), (WIDE, "#1d3d55"), (NARROW, "#2f6f9f"), (BAND, "#303841"),
+    (PAPER, "#14181d"),
+    *zip(HEIGHTS, ("#2d6b96", "#234f70", "#1b394f", "#162734"), strict=True),
 )  # fmt: skip
-"""(light, dark) of each color."""
+"""Each color for a light page and for a dark page."""
 
 
 @dataclass(frozen=True)
 class ChartSettings:
     """Sizes of marks and charts, in pixels of a page; by what the eye sees.
 
-    thin, line, strong: widths of a thin line, of a curve, and of the curve within which lies half
-    of a law. halo: the width of what is under a line of width `over` over a map, so that it is
-    seen; cross: the same under a cross. faint: how dense a color is that others are seen through.
-    dot, large: sizes of a mark and of one that is to be seen first. tick, target, node, failed:
-    those of ticks and crosses, of what the mouse meets, of values at nodes and of failed runs.
-    low, map, series, predicted: heights of charts.
-    cell: size of a cell of a map over the step to the next: no seams. bar: width of a bar over the
-    step to the next. spans: the width of all bars of predictions together, and the least and the
-    largest of one.
-    sd: standard deviations of a normal law beyond which lie 5 %.
+    thin: width of a thin line. over: width of a line over a map, which is seen because the wider
+    line `halo` lies under it. faint: opacity of a color that others are seen through. dot: size of
+    a mark. tick: size of ticks and crosses. low, high: heights of a chart that needs little room,
+    and of one that needs much. cell: width of a cell of a map over the step to the next, so that no
+    seams are seen. spans: the width of all bars of predictions together, and the least and the
+    largest width of one. sd: standard deviations of a normal law beyond which lie 5 %.
     """
 
     thin: float = 1.2
-    line: float = 1.6
-    strong: float = 2.2
-    halo: float = 5.0
     over: float = 2.5
-    cross: float = 6.0
+    halo: float = 5.0
     faint: float = 0.7
     dot: float = 6.0
-    large: float = 10.0
     tick: float = 14.0
-    target: float = 12.0
-    node: float = 5.0
-    failed: float = 9.0
     low: int = 250
-    map: int = 380
-    series: int = 360
-    predicted: int = 400
+    high: int = 400
     cell: float = 1.15
-    bar: float = 0.84
     spans: tuple[float, float, float] = (500.0, 1.5, 12.0)
     sd: float = 1.96
 
@@ -86,9 +73,9 @@ CHARTS = ChartSettings()
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Named columns of numbers and texts, a row each; a cell may be a list, of one curve.
+    """Named columns of equal length, the data of a chart. A cell may be a list: a curve.
 
-    `each` has for some experiments the columns that take their place where one is marked.
+    `each` holds other columns for some experiments: those that are shown when one is marked.
     """
 
     name: str
@@ -102,7 +89,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Axis:
-    """What lies along an axis, with its unit; logarithmic where `log`, in percent a `share`."""
+    """The title of an axis, with its unit. `log`: a logarithmic axis; `share`: ticks in percent."""
 
     title: str
     log: bool = False
@@ -114,14 +101,14 @@ Shape = Literal["line", "lines", "band", "spans", "points", "bars", "cells", "co
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """One layer of a chart: columns of its series as a shape.
+    """One layer of a chart: columns of a series, drawn as a shape.
 
-    A "line" goes through (x, y), "lines" have one in each row; a "band" lies between y and `high`
-    over x, "spans" are such ends for each x alone, "bars" stand on zero. "cells" are colored by the
-    column "value", and as large as `step`. A "contour" has the `grid` (x, y, height) with
-    curves at `levels`. A color, marker, size, width or dash is what all have, or a column.
-    `hover` says what is told of a mark: a title, and columns in braces. `right` puts it on the
-    scale on the right.
+    A "line" goes through (x, y); "lines" are one line for each row; a "band" fills the range from y
+    to `high` over x; "spans" are vertical bars from y to `high`; "bars" stand on zero; "cells" are
+    rectangles of size `step`, colored by the column "value"; a "contour" shows the `grid` (x, y,
+    height) by curves at `levels`. Color, marker, size, width and dash are one value for all rows,
+    or the name of a column. `hover` lists what a tooltip shows: a title, and column names in
+    braces. `pick`: a click marks the experiment. `right`: the scale is that on the right.
     """
 
     shape: Shape
@@ -132,7 +119,7 @@ class Mark:
     color: str = BLUE
     width: float | str = 1.5
     dash: str = "solid"
-    size: float | str = 6.0
+    size: float | str = CHARTS.dot
     marker: str = "circle"
     alpha: float = 1.0
     legend: str = ""
@@ -144,9 +131,13 @@ class Mark:
     grid: tuple[Array, Array, Array] | None = None
     levels: Sequence[float] = ()
 
+    def array(self, end: str) -> Array:
+        """The numbers of its column "x", "y" or "high"; NaN for none."""
+        return self.series.array(getattr(self, end))
+
 
 def looks(mark: Mark) -> dict[tuple[str, str], list[int]]:
-    """The rows of a mark by their color and marker, each the same for all or that of a column."""
+    """The rows of a mark, grouped by color and marker."""
     columns, every = mark.series.columns, range(len(mark.series.columns[mark.x]))
     colors = columns.get(mark.color) or [mark.color for _ in every]
     markers = columns.get(mark.marker) or [mark.marker for _ in every]
@@ -157,7 +148,7 @@ def looks(mark: Mark) -> dict[tuple[str, str], list[int]]:
 
 
 def meaning(color: str, marker: str) -> str:
-    """What a measured value is that has this look."""
+    """The legend of measured values with this color and marker."""
     bounds = {"triangle": "at least", "inverted_triangle": "at most", "square": "between bounds"}
     exact = {VERMILION: "measured, outside the 95 %", GRAY: "measured, no density"}
     return bounds.get(marker) or exact.get(color) or "measured"
@@ -165,7 +156,10 @@ def meaning(color: str, marker: str) -> str:
 
 @dataclass(frozen=True)
 class GuideLine:
-    """A straight line over the whole chart, across at a y or up at an x: dashed where gray."""
+    """A straight line through the whole chart: horizontal at a y, or vertical at an x.
+
+    A gray line is dashed.
+    """
 
     at: float
     across: bool = True
@@ -176,9 +170,10 @@ class GuideLine:
 class Chart:
     """Marks on axes, with a caption that says how to read them.
 
-    `source` has the data, whose `columns` (column to heading) are saved as CSV. `switched` says
-    that the reader of a page chooses what its x is, `wide` that it has a row for itself, `marked`
-    is the experiment that it shows before another is marked.
+    `columns` names the columns of its data that a reader can save as CSV, with their headings.
+    `switched`: the reader of a page chooses the quantity on the x axis. `wide`: the chart fills a
+    row of the page. `marked`: the experiment that is shown before a reader marks another one.
+    `foot`: the y axis begins at zero.
     """
 
     name: str
@@ -196,21 +191,21 @@ class Chart:
     right: Axis | None = None
     foot: bool = False
     depth: Depth = PAGE
-    own: Series | None = field(default=None, repr=False)
+    data: Series | None = field(default=None, repr=False)
 
     @property
     def source(self) -> Series:
-        """The data behind it: those of its first mark, unless it says otherwise."""
-        return self.own or self.marks[0].series
+        """The data of the chart: `data`, or those of its first mark."""
+        return self.data or self.marks[0].series
 
     @property
     def spoken(self) -> str:
-        """What a screen reader says of it."""
+        """The text that a screen reader speaks in place of the chart."""
         return f"{self.title}. {self.caption}"
 
 
 def numbers(values: Iterable[Any]) -> Array:
-    """Numbers of a document: JSON's null is NaN, and so is a text.
+    """Numbers of a document as an array; null and texts become NaN.
 
     >>> numbers([1, None, "a"])
     array([ 1., nan, nan])
@@ -221,7 +216,7 @@ def numbers(values: Iterable[Any]) -> Array:
 
 
 def evenly(count: int, most: int) -> list[int]:
-    """Places of at most so many of `count`, evenly chosen.
+    """Indices of at most `most` of `count` things, evenly spaced.
 
     >>> evenly(5, 3), evenly(2, 3)
     ([0, 2, 4], [0, 1])

@@ -39,11 +39,11 @@ from aleator.views.page import written
 Document = Mapping[str, Any]
 Pair = Mapping[str, Document]
 LOOKS = ((chart.BLUE, "solid"), (chart.VERMILION, "dashed"))
-"""Color and dash of each of the two: for those who see no color, too."""
+"""Color and dash of each model; the dash serves readers who do not see colors."""
 
 
 def compared_page(documents: Pair) -> str:
-    """The text of a page of two identifications, by name; the same documents give the same text."""
+    """The HTML page of two identifications, given by name; equal documents give equal text."""
     choices: dict[str, Sequence[AxisChoice]] = {}
     predicted: list[Part] = []
     number = 0
@@ -102,7 +102,7 @@ def _estimates(documents: Pair) -> Iterator[Part]:
             "The two did not see the same outcomes: their log-likelihoods cannot be compared.",
             "Identify both from the same table, with the same transform.",
         )
-    yield Sentence("Which model is to be believed is asked with aleator compare.")
+    yield Sentence("To judge which model is to be believed, use aleator compare.")
 
 
 def _same_data(documents: Pair) -> bool:
@@ -138,7 +138,7 @@ def _two(
     lines: Mapping[str, tuple[Any, Any]],
     behind: Sequence[Mark] = (),
 ) -> Chart:
-    """A line for each model that has one, in its color."""
+    """A chart with a line for each model that has one."""
     marks = []
     for model, (color, dash) in zip(names, LOOKS, strict=True):
         if model in lines:
@@ -149,12 +149,12 @@ def _two(
     clear = Mark("lines", every, alpha=0.0)
     return Chart(
         name, title, caption, Axis(heads[0]), Axis(heads[1]), [*behind, *marks, clear],
-        {"of": "of", "x": heads[0], "y": heads[1]}, own=every,
+        {"of": "of", "x": heads[0], "y": heads[1]}, data=every,
     )  # fmt: skip
 
 
 def _experiments(documents: Pair, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
-    """The log-density of each experiment under the one and under the other."""
+    """The difference of the log-density of each experiment between the two models."""
     each = [
         {str(e["id"]): e["log_density"] for e in d["experiments"] if e["log_density"] is not None}
         for d in documents.values()

@@ -1,7 +1,7 @@
-"""Figures as files: charts of an identification on a sheet, and those of other answers.
+"""The figures that commands write: of an identification, a check, a sensitivity, a comparison.
 
-Each is a pure function of a document, drawn with matplotlib; AleatorError is raised where that is
-not installed.
+Each figure is a pure function of a document, drawn with matplotlib. AleatorError is raised where
+matplotlib is not installed.
 """
 
 from __future__ import annotations
@@ -54,28 +54,15 @@ Draw = Callable[[Document], "Figure"]
 
 @dataclass(frozen=True)
 class SheetSettings:
-    """Heights, widths and sizes in each figure; by what the eye sees.
+    """Heights of figures in inches, and what of the gradient function is drawn; by what is seen.
 
-    Heights are inches: of all but the panels, then of each row of panels or of each line of bars;
-    of `sensitivity` and `compare` the least height is first.
+    Heights are those of all but the panels, then of each row of panels or of each line of bars; of
+    `sensitivity` and `compare` the least height is first. letters: those of all ids that have room
+    beside each other; else they are turned by `turned` degrees.
 
-    nbins: parts of an axis between its ticks. small: points of small letters, and of those in the
-    cells of a matrix. edge: room beside the first and the last experiment. letters: those of all
-    ids that have room beside each other; else they are turned by `turned` degrees; names of columns
-    of a matrix are turned by `steep`. margin: room over and under values with ids at them, and
-    above: points between a value and its id. lines: experiments of which lines are drawn as dark as
-    `dark`; of more they are lighter, to `light`; lines out of reach are at least `out`.
-    largest: part of the largest number to which axes reach.
-    bars, inner: heights of bars of totals, and of bars within them. split: widths of two panels.
-    tick: points of a tick at a value, and its width. beyond: the end of an axis of shares.
-    white: alignment from which letters are white.
-    row: room above the first and under the last model.
-    tallest: the gradient function is cut there: what matters is where it is above zero. nothing: a
-    gradient below it; no experiment has anything there. linear: gradients up to which colors are
-    linear. density: share of the largest density from which an axis shows it, with `pad` of its
-    width beside. curve, ring: points of lines of curves, and of rings around points of the best
-    law, whose areas are the least one and what a probability of one adds. top: the end of an axis
-    of probabilities. bar: the length of a scale of colors over its width.
+    tallest: the gradient function is cut there, as what matters is where it is above zero. linear:
+    gradients up to which colors are linear. nothing: a gradient below it says that no experiment
+    has anything there. density: share of the largest density from which on an axis shows it.
     """
 
     experiments: tuple[float, float] = (1.0, 3.6)
@@ -86,47 +73,23 @@ class SheetSettings:
     sensitivity: tuple[float, float, float] = (3.2, 1.6, 0.34)
     compare: tuple[float, float, float] = (2.6, 1.5, 0.36)
     ceiling: float = 5.0
-    nbins: int = 5
-    small: tuple[float, float] = (8.0, 7.5)
-    edge: float = 0.6
     letters: int = 60
     turned: int = 20
-    steep: int = 45
-    margin: float = 0.09
-    above: int = 5
-    lines: float = 8.0
-    light: float = 0.15
-    dark: float = 0.9
-    out: float = 0.6
-    largest: float = 8.0
-    bars: float = 0.72
-    inner: float = 0.36
-    split: tuple[float, float] = (1.5, 1.0)
-    tick: tuple[float, float] = (7.0, 0.7)
-    beyond: float = 1.02
-    white: float = 0.6
-    row: tuple[float, float] = (0.6, 0.4)
     tallest: float = 10.0
-    nothing: float = -0.99
     linear: float = 0.2
+    nothing: float = -0.99
     density: float = 1e-3
-    pad: float = 0.05
-    curve: float = 1.4
-    ring: float = 1.3
-    areas: tuple[float, float] = (12.0, 300.0)
-    top: float = 1.05
-    bar: int = 40
 
 
 SHEETS = SheetSettings()
 
 
 def save_figures(document: Document, directory: str | Path) -> list[Path]:
-    """Write experiments.png and calibration.png into a folder, which is made if need be.
+    """Write experiments.png and calibration.png into a folder, which is made if necessary.
 
-    With individual parameters parameters.png too. Returns the paths written. The bytes depend on
-    nothing but the document and the version of matplotlib. Raises AleatorError where matplotlib is
-    not installed or a file cannot be written.
+    Where experiments have individual parameters, parameters.png is written too. Returns the paths
+    written. The bytes depend on the document and the version of matplotlib only. Raises
+    AleatorError where matplotlib is not installed or a file cannot be written.
     """
     figures: dict[str, Draw] = {"experiments": experiments_figure}
     if document.get("observations"):
@@ -139,10 +102,10 @@ def save_figures(document: Document, directory: str | Path) -> list[Path]:
 
 
 def experiments_figure(document: Document) -> Figure:
-    """Each measured value in the distribution that is predicted for it, ordered by its median.
+    """Measured values beside their predicted distributions, ordered by the predicted median.
 
-    Where a number varies within experiments each of some of them has a panel, with its own
-    prediction: the four with the largest residuals, and others evenly chosen.
+    Where a condition varies within experiments, as time does, each experiment has a panel. Of many
+    experiments there are the four with the largest residuals, and others evenly chosen.
 
     >>> quantiles = {"0.025": 0.0, "0.25": 0.7, "0.5": 1.0, "0.75": 1.3, "0.975": 2.0}
     >>> one = {"id": "7", "outcome": 1.2, "quantiles": quantiles, "pit": 0.65}
@@ -169,8 +132,8 @@ def experiments_figure(document: Document) -> Figure:
 
 
 def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
-    """The identified law of each parameter, and the means of the individual laws below it."""
-    names, own = [*law_curves(document)], individuals_of(document)
+    """The identified law of each parameter, with the means of the individual laws as ticks."""
+    names, individuals = [*law_curves(document)], individuals_of(document)
     with styled():
         rows = max(-(-len(names) // amounts.across), 1)
         figure = _figure(document, _high(SHEETS.parameters, rows))
@@ -178,19 +141,19 @@ def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
         for axes in grid[len(names) :]:
             axes.set_axis_off()
         for axes, name in zip(grid, names, strict=False):
-            draw(law_chart(document, name, own), axes)
+            draw(law_chart(document, name, individuals), axes)
             share = (document.get("shrinkage") or {}).get(name)
             axes.set_title("" if share is None else f"shrinkage {percent(share)}")
             axes.set_yticks([])
             axes.set_ylabel("")
             axes.spines["left"].set_visible(False)
-            axes.locator_params(axis="x", nbins=SHEETS.nbins)
+            axes.locator_params(axis="x", nbins=4)
         legend(figure)
     return figure
 
 
 def calibration_figure(document: Document) -> Figure:
-    """How the probabilities of what was measured compare with a uniform sample.
+    """The predicted probabilities of smaller values, compared with a uniform sample.
 
     Left their histogram, with the range that each bin of a uniform sample has in 95 % of all
     samples (binomial). Right their cumulative distribution minus that of the uniform law, with the
@@ -223,7 +186,7 @@ def _series(
 ) -> Figure:
     """A panel for each of some experiments and each response."""
     responses = len(all_measured)
-    most = max(amounts.across, amounts.panels // responses // amounts.across * amounts.across)
+    most = max(amounts.across, amounts.named // responses // amounts.across * amounts.across)
     ids = chosen(document["observations"], most)
     across = min(amounts.across, len(ids))
     blocks = -(-len(ids) // across)
@@ -257,7 +220,7 @@ def _series(
 
 
 def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> list[str]:
-    """Ids of experiments to be shown: those with the largest residuals, others evenly chosen."""
+    """Ids of at most `most` experiments: those with the largest residuals, others evenly chosen."""
     size: dict[str, float] = {}
     for entry in seen:
         size[entry["id"]] = max(size.get(entry["id"], 0.0), abs(entry["residual"] or 0.0))
@@ -271,25 +234,25 @@ def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> l
 
 
 def _name(axes: Axes, seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> None:
-    """The ids of few experiments on the axis; of many, those outside where these are few."""
+    """Name the experiments on the x axis, or, of many, those outside their predicted 95 %."""
     ids, place, size = seen.columns["id"], seen.columns["order"], len(seen)
-    axes.set_xlim(1.0 - SHEETS.edge, size + SHEETS.edge)
+    axes.set_xlim(0.5, size + 0.5)
     if size <= amounts.named:
         ordered = [ids[k] for k in np.argsort(place)]
         long = sum(map(len, ids)) > SHEETS.letters
         axes.set_xticks(range(1, size + 1), ordered, rotation=SHEETS.turned if long else 0)
     elif seen.outside.sum() <= amounts.named:
-        axes.margins(y=SHEETS.margin)
+        axes.margins(y=0.1)
         value, high = seen.array("value"), seen.array(seen.ends[1])
         for k in np.flatnonzero(seen.outside):
             side = 1 if value[k] > high[k] else -1
-            axes.annotate(ids[k], (place[k], value[k]), (0, SHEETS.above * side), color=VERMILION,
-                          textcoords="offset points", fontsize=SHEETS.small[0], ha="center",
+            axes.annotate(ids[k], (place[k], value[k]), (0, 4 * side), color=VERMILION,
+                          textcoords="offset points", fontsize="small", ha="center",
                           va="bottom" if side > 0 else "top")  # fmt: skip
 
 
 def _high(inches: Sequence[float], count: int) -> float:
-    """The height of a figure by that of all else and that of each of `count` rows."""
+    """The height of a figure: that of its frame, and of each of `count` rows."""
     other, each = inches
     return other + each * count
 
@@ -311,8 +274,8 @@ def check_figure(document: Document) -> Figure:
     """The outcome of each observation over each parameter, a panel a parameter and response.
 
     `document` is the content of check.json. The other parameters are in the middle of the region.
-    The gray band is the range of the measured outcomes, and what no point reaches is drawn in
-    another color.
+    The gray band is the range of the measured outcomes. Experiments whose measured value no run
+    reaches have another color.
     """
     rows, responses = document["parameters"], [*document["measured"]]
     across = min(len(rows), 3)
@@ -337,14 +300,13 @@ def _panel(axes: Axes, document: Document, response: str, k: int, row: Document)
     low, high = _drawable(document["measured"][response])
     axes.axhspan(low, high, color="#e8e8e8", lw=0.0, label="measured", zorder=0)
     lost = set(document["out_of_reach"])
-    alpha = SHEETS.lines / max(len(document["observations"]), 1)
-    alpha = float(np.clip(alpha, SHEETS.light, SHEETS.dark))
+    alpha = min(1.0, 2.0 / np.sqrt(max(len(document["observations"]), 1)))
     for each in (e for e in document["observations"] if e["response"] == response):
         outside = each["id"] in lost
         axes.plot(
             row["values"], _drawable(each["by_parameter"][k]), "-", lw=1.0, marker=".", ms=3.0,
             color=VERMILION if outside else BLUE,
-            alpha=max(alpha, SHEETS.out) if outside else alpha,
+            alpha=1.0 if outside else alpha,
             label="of an experiment out of reach" if outside else "of an experiment",
             zorder=3 if outside else 2,
         )  # fmt: skip
@@ -355,7 +317,7 @@ def _panel(axes: Axes, document: Document, response: str, k: int, row: Document)
 
 def _drawable(values: ArrayLike) -> Array:
     """Values cut where matplotlib ends: no axis is longer than the largest number."""
-    most = np.finfo(np.float64).max / SHEETS.largest
+    most = np.finfo(np.float64).max / 10.0
     return np.clip(np.asarray(values, dtype=np.float64), -most, most)
 
 
@@ -363,7 +325,7 @@ def _drawable(values: ArrayLike) -> Array:
 
 
 def sensitivity_figure(document: Document) -> Figure:
-    """Shares of the variance by parameter, and which parameters act alike.
+    """Sobol' indices of each parameter, and the alignment of each pair of parameters.
 
     `document` is the content of sensitivity.json. Left the mean first-order and total Sobol'
     indices over the experiments with the range of the total, right the alignment of the linear
@@ -374,20 +336,17 @@ def sensitivity_figure(document: Document) -> Figure:
     least, *each = SHEETS.sensitivity
     with styled():
         figure = _figure(document, max(least, _high(each, len(names))))
-        left, right = figure.subplots(1, 2, width_ratios=SHEETS.split)
+        left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         place = np.arange(len(rows))[::-1]
-        for key, thick, color, text in (
-            ("mean_total", SHEETS.bars, WIDE, "mean total"),
-            ("mean_first", SHEETS.inner, BLUE, "mean alone"),
-        ):
-            left.barh(place, [row[key] for row in rows], thick, color=color, label=text)
-        size, thick = SHEETS.tick
+        total, alone = ([row[key] for row in rows] for key in ("mean_total", "mean_first"))
+        left.barh(place, total, color=WIDE, label="mean total")
+        left.barh(place, alone, 0.5, color=BLUE, label="mean alone")
         for y, name in zip(place.tolist(), names, strict=True):
             shares = numbers(each["total"][name] for each in document["experiments"])
-            left.plot(shares, np.full(shares.size, y), "|", color=VERMILION, ms=size, mew=thick,
+            left.plot(shares, np.full(shares.size, y), "|", color=VERMILION,
                       label="total in each experiment")  # fmt: skip
         left.set_yticks(place, names)
-        left.set(xlim=(0.0, SHEETS.beyond), xlabel="share of the outcome's variance")
+        left.set(xlim=(0.0, 1.0), xlabel="share of the outcome's variance")
         left.set_title("Sobol' indices")
         _alignment(right, names, document["pairs"])
         legend(figure)
@@ -402,7 +361,7 @@ def _alignment(
         i, j = names.index(pair["first"]), names.index(pair["second"])
         matrix[i, j] = matrix[j, i] = numbers([pair["alignment"]])[0]
     axes.imshow(matrix, cmap="RdBu", vmin=-1.0, vmax=1.0)
-    axes.set_xticks(range(len(names)), names, rotation=SHEETS.steep, ha="right",
+    axes.set_xticks(range(len(names)), names, rotation=SHEETS.turned, ha="right",
                     rotation_mode="anchor")  # fmt: skip
     axes.set_yticks(range(len(names)), names)
     axes.spines[:].set_visible(False)
@@ -411,16 +370,16 @@ def _alignment(
         return
     for (i, j), value in np.ndenumerate(matrix):
         if i != j and np.isfinite(value):
-            color = "white" if abs(value) > SHEETS.white else "black"
+            color = "white" if abs(value) > 0.5 else "black"
             axes.text(j, i, f"{value:.2f}", ha="center", va="center", color=color,
-                      fontsize=SHEETS.small[1])  # fmt: skip
+                      fontsize="small")  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------ models
 
 
 def compare_figure(document: Document) -> Figure:
-    """How much worse each model predicts than the best, and by which experiments.
+    """The predictive log-likelihood of each model minus that of the best, in all and by experiment.
 
     `document` is the content of compare.json. Left the difference of the predictive log-likelihood
     with two standard errors, right that of each experiment.
@@ -432,21 +391,19 @@ def compare_figure(document: Document) -> Figure:
         figure = empty_figure(None, FIGURES.width, max(least, _high(each, len(models))))
         left, right = figure.subplots(1, 2, sharey=True)
         for axes in (left, right):
-            axes.axvline(0.0, color=GRAY, lw=FIGURES.hairline)
+            axes.axvline(0.0, color=GRAY, lw=1)
         for place, model in zip(places, models, strict=True):
             error = 2.0 * (model["difference_error"] or 0.0)
             color = BLUE if model["sound"] else VERMILION
             left.errorbar(model["difference"], place, xerr=error, fmt="o", color=color, capsize=3.0)
             gaps = [row[model["name"]] - row[best] for row in document["left_out"]]
-            right.plot(gaps, np.full(len(gaps), place), "|", color=BLUE, ms=10.0,
-                       mew=FIGURES.hairline)  # fmt: skip
+            right.plot(gaps, np.full(len(gaps), place), "|", color=BLUE)
         left.set_xlabel("predictive log-likelihood minus that of the best")
         left.set_title("Left out, with two standard errors")
         right.set_xlabel("the same of each experiment")
         right.set_title("Each experiment")
         left.set_yticks(places, [model["name"] for model in models])
-        under, over = SHEETS.row
-        left.set_ylim(-under, len(models) - over)
+        left.set_ylim(-0.5, len(models) - 0.5)
     return figure
 
 
@@ -454,7 +411,7 @@ LACKING = "#f6d5c3"
 
 
 def ceiling_figure(document: Document) -> Figure:
-    """Where the chosen law lacks mass, over each parameter, and over two parameters as a map.
+    """The chosen law, the points of the best possible law, and where the chosen law lacks mass.
 
     `document` is the content of ceiling.json. Above the density of the chosen law with the points
     of the best one as stems, below the gradient function: where it is above zero, more mass would
@@ -479,19 +436,19 @@ def ceiling_figure(document: Document) -> Figure:
 
 
 def _mass(axes: Axes, name: str, document: Document) -> None:
-    """The density, and the probabilities of points as stems on a scale of their own."""
+    """The density of the chosen law over its maximum, and the probabilities of points as stems."""
     curve = document["curves"][name]
     x, density = numbers(curve["x"]), numbers(curve["density"])
     tall = np.nanmax(density, initial=0.0) or 1.0
     axes.fill_between(x, density / tall, color=WIDE, lw=0.0)
-    axes.plot(x, density / tall, color=BLUE, lw=SHEETS.curve,
+    axes.plot(x, density / tall, color=BLUE,
               label="chosen law (its largest density is 1)")  # fmt: skip
     at = numbers(point[name] for point in document["points"])
     share = numbers(point["probability"] for point in document["points"])
-    axes.vlines(at, 0.0, share, color=BLACK, lw=FIGURES.thin)
+    axes.vlines(at, 0.0, share, color=BLACK, lw=1)
     axes.plot(at, share, color=BLACK, marker="o", ms=4.0, mew=0.0, ls="none", clip_on=False,
               label="points of the best law")  # fmt: skip
-    axes.set_ylim(0.0, SHEETS.top)
+    axes.set_ylim(bottom=0.0)
     axes.set_title(label(document, name))
 
 
@@ -499,18 +456,17 @@ def _gradient(axes: Axes, name: str, document: Document) -> None:
     curve = document["curves"][name]
     x, density, gradient = (numbers(curve[key]) for key in ("x", "density", "gradient"))
     value = np.minimum(gradient, SHEETS.tallest)
-    axes.axhline(0.0, color=GRAY, lw=FIGURES.hairline)
+    axes.axhline(0.0, color=GRAY, lw=1)
     axes.fill_between(x, value, where=value > 0.0, interpolate=True, color=LACKING, lw=0.0,
                       label="the chosen law lacks mass here")  # fmt: skip
-    axes.plot(x, value, color=VERMILION, lw=SHEETS.curve)
-    # from where to where there is density, gain, or a point, with a margin
+    axes.plot(x, value, color=VERMILION)
+    # from where to where there is density, gain, or a point
     some = density > SHEETS.density * np.nanmax(density, initial=0.0)
     some |= gradient > SHEETS.nothing
     at = np.concatenate([x[some], [point[name] for point in document["points"]]])
-    margin = SHEETS.pad * np.ptp(at)
-    axes.set_xlim(max(x[0], at.min() - margin), min(x[-1], at.max() + margin))
+    axes.set_xlim(at.min(), at.max())
     axes.set_xlabel(label(document, name))
-    axes.locator_params(axis="x", nbins=SHEETS.nbins)
+    axes.locator_params(axis="x", nbins=4)
 
 
 def _map(figure: Figure, axes: Axes, names: list[str], document: Document) -> None:
@@ -525,13 +481,11 @@ def _map(figure: Figure, axes: Axes, names: list[str], document: Document) -> No
         norm=AsinhNorm(SHEETS.linear, -most, most),
     )  # fmt: skip
     ticks = [-1.0, 0.0, 1.0, most]
-    bar = figure.colorbar(mesh, ax=axes, ticks=ticks, format="{x:.2g}", aspect=SHEETS.bar)
+    bar = figure.colorbar(mesh, ax=axes, ticks=ticks, format="{x:.2g}")
     bar.outline.set_visible(False)
     share = numbers(point["probability"] for point in document["points"])
     x, y = (numbers(point[name] for point in document["points"]) for name in names)
-    least, more = SHEETS.areas
-    axes.scatter(x, y, least + more * share, facecolors="none", edgecolors=BLACK, lw=SHEETS.ring,
-                 clip_on=False, zorder=3)  # fmt: skip
+    axes.scatter(x, y, 10.0 + 100.0 * share, "none", edgecolors=BLACK, clip_on=False, zorder=3)
     axes.set(xlabel=label(document, names[0]), ylabel=label(document, names[1]))
     axes.set_title("gradient function")
 

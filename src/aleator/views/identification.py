@@ -1,6 +1,6 @@
-"""What a report says of an identification, from its document: for the terminal and for the page.
+"""The report of an identification, made from its document, for the terminal and for the page.
 
-Each section is made once. The page has charts in it too, and what only a page has room for.
+The sections are the same in both. The page has charts and further tables too.
 """
 
 from __future__ import annotations
@@ -61,20 +61,20 @@ SCATTER = "the outcome's scatter"
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What the charts of a page are drawn from: the series that they share, and the best law."""
+    """The data of the charts of a page: their series, the best possible law, the study file."""
 
     measured: Sequence[MeasuredValues]
     sources: Sequence[Series]
-    own: Individuals | None
+    individuals: Individuals | None
     ceiling: Document | None
     study: str | None
 
 
 def render(document: Document, files: Sequence[str] = (), details: bool = False) -> RenderableType:
-    """The report of an identification on a terminal; `files` are named at its end.
+    """The report of an identification for a terminal, with the names of the `files` at its end.
 
-    It has what helps to decide; `details` are the rest: what other densities would change, all
-    tests, optima, runs and seconds by stage. Keys that the document lacks are left out.
+    With `details` it has the effect of other densities, all tests of consistency, all optima, and
+    runs and seconds by stage too. What the document lacks is left out.
     """
     return terminal(_content(document, None), files, DETAILS if details else WHOLE)
 
@@ -82,23 +82,23 @@ def render(document: Document, files: Sequence[str] = (), details: bool = False)
 def identification(
     document: Document, ceiling: Document | None = None, study: str | None = None
 ) -> tuple[Content, dict[str, Sequence[AxisChoice]]]:
-    """The content of a page, and what can be chosen for the x of its series, by their names.
+    """The content of a page, and the choices of the x axis by the name of each series.
 
-    `ceiling` is the content of ceiling.json, `study` the text of the study file, where known.
+    `ceiling` is the content of ceiling.json, `study` the text of the study file, where they exist.
     """
     seen = measured(document)
     sources = [one.thinned().series(place) for place, one in enumerate(seen)]
-    own = outcome_charts.individuals_of(document)
+    individuals = outcome_charts.individuals_of(document)
     choices: dict[str, Sequence[AxisChoice]] = {
         source.name: one.choices for source, one in zip(sources, seen, strict=True)
     }
-    if own is not None:
-        choices[own.series.name] = own.choices
-    return _content(document, Drawn(seen, sources, own, ceiling, study)), choices
+    if individuals is not None:
+        choices[individuals.series.name] = individuals.choices
+    return _content(document, Drawn(seen, sources, individuals, ceiling, study)), choices
 
 
 def _content(document: Document, drawn: Drawn | None) -> Content:
-    """All sections, those without parts left out; charts where they are to be `drawn`."""
+    """All sections that have parts; with charts where `drawn` has their data."""
     short = answer(document)
     name = varying(document)
     sections = {
@@ -123,7 +123,7 @@ def _content(document: Document, drawn: Drawn | None) -> Content:
 
 
 def missing(what: str, remedy: str) -> Sentence:
-    """What a reader of a page would look for, why it is not there, and what brings it."""
+    """A sentence that says why something is missing on a page, and how to obtain it."""
     return Sentence(f"{what} {remedy}", "missing", depth=PAGE)
 
 
@@ -140,9 +140,9 @@ def _law(document: Document, drawn: Drawn | None) -> Iterator[Part]:
             "Identify again with this version: aleator identify writes them.",
         )
     for name in curves:
-        yield law_charts.law_chart(document, name, drawn.own, drawn.ceiling)
+        yield law_charts.law_chart(document, name, drawn.individuals, drawn.ceiling)
     for pair in (document.get("pictures") or {}).get("contours") or ():
-        yield law_charts.joint_chart(document, pair, drawn.own)
+        yield law_charts.joint_chart(document, pair, drawn.individuals)
     ceiling = drawn.ceiling
     if ceiling is None:
         yield missing(
@@ -157,7 +157,7 @@ def _law(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 
 
 def _gap(best: Document) -> str:
-    """By how much the best of all laws is above this one, and whether chance explains it."""
+    """The gap to the best possible law, and whether chance explains it."""
     gap = f"at most {number(best['gap'], 3)} more log-likelihood"
     if best.get("p_value") is None:
         return gap
@@ -188,7 +188,7 @@ def _estimates(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 
 
 def _correlations(document: Document, thresholds: Thresholds = THRESHOLDS) -> Iterator[Part]:
-    """Those of the estimates where one is strong, and those of the parameters."""
+    """The strongest correlation of two estimates, and the correlations of parameters."""
     correlation = document.get("correlation") or {}
     names, matrix = correlation.get("names") or [], correlation.get("matrix") or []
     pairs = [
@@ -218,7 +218,7 @@ def _correlations(document: Document, thresholds: Thresholds = THRESHOLDS) -> It
 
 
 def _likelihoods(document: Document) -> Iterator[Part]:
-    """Log-likelihoods beside that of the answer, and what other densities would change."""
+    """Log-likelihoods of other models, and the effect of densities made of moments."""
     rows = [*_other_likelihoods(document)]
     columns = heads("log-likelihood of", ">", "~what it is")
     yield TextTable(columns, rows, "likelihoods", "Log-likelihoods of simpler models", WHOLE)
@@ -296,7 +296,7 @@ def _predicted(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 
 
 def _worst(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
-    """The experiments that the law expects least, in the unit of the outcome."""
+    """A table of the experiments that are least probable under the law."""
 
     def surprise(entry: Document) -> tuple[bool, float, float]:
         pit, log_density = entry.get("pit"), entry.get("log_density")
@@ -321,7 +321,7 @@ def _worst(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
 
 
 def _worst_observed(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
-    """The observations that lie farthest from what the individual law predicts, in scales."""
+    """A table of the observations with the largest residuals, in scales of the error."""
     seen = [entry for entry in document["observations"] if entry["residual"] is not None]
     worst = sorted(seen, key=lambda entry: -abs(entry["residual"]))[: amounts.worst]
     responses = transforms(document)
@@ -397,8 +397,8 @@ def _individuals(document: Document, drawn: Drawn | None) -> Iterator[Part]:
     if not is_individual(document):
         return
     yield from shrinkage(document)
-    if drawn is not None and drawn.own is not None:
-        yield from outcome_charts.individual_charts(document, drawn.own)
+    if drawn is not None and drawn.individuals is not None:
+        yield from outcome_charts.individual_charts(document, drawn.individuals)
     relations = (document.get("consistency") or {}).get("relations")
     if not relations:
         return
@@ -420,7 +420,7 @@ def _individuals(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 
 
 def shrinkage(document: Document) -> Iterator[Part]:
-    """How much the observations of single experiments say of their parameters, if any scatters."""
+    """The shrinkage and the scatter of the individual parameters, and the most probable classes."""
     experiments = document["experiments"]
     rows = []
     for name, share in document["shrinkage"].items():
@@ -455,7 +455,7 @@ def shrinkage(document: Document) -> Iterator[Part]:
 def _simulator(
     document: Document, drawn: Drawn | None, amounts: Amounts = AMOUNTS
 ) -> Iterator[Part]:
-    """What stood for it, over its parameters, and where its runs failed."""
+    """The response surfaces, the simulator over its parameters, and its failed runs."""
     simulator = document.get("simulator") or {}
     for note in simulator.get("notes") or ():
         yield Sentence(str(note), head=str(simulator.get("name", "simulator")), depth=WHOLE)
@@ -509,7 +509,7 @@ def _surfaces(surface: Document, experiments: int) -> str:
 
 
 def _effort(document: Document) -> Iterator[Part]:
-    """What the search met, and runs and seconds, stage by stage."""
+    """The optima of the search, and runs and seconds of each stage."""
     search = document.get("search") or {}
     optima = search.get("optima") or ()
     if search:
@@ -550,7 +550,7 @@ def _effort(document: Document) -> Iterator[Part]:
 def _experiments(
     document: Document, drawn: Drawn | None, amounts: Amounts = AMOUNTS
 ) -> Iterator[Part]:
-    """A row for each experiment, with what was measured or what is known of it."""
+    """A table with a row for each experiment; of very many, for the least probable ones."""
     if drawn is None:
         return
     entries = document["experiments"]
@@ -581,7 +581,7 @@ def _experiments(
 
 
 def _head(document: Document, name: str) -> str:
-    """The head of a column, with the unit of what stands there."""
+    """The head of a column of the table of experiments, with its unit."""
     if name in ("measured", "predicted median"):
         return with_unit(name, unit_of(document, str(document.get("outcome"))))
     of, comma, sd = name.partition(", ")
@@ -589,7 +589,7 @@ def _head(document: Document, name: str) -> str:
 
 
 def _outcome(entry: Document, log: bool) -> dict[str, str]:
-    """What is predicted of an experiment of one outcome, in the unit of that."""
+    """The cells of an experiment with one outcome: measured value and prediction, in its unit."""
     quantiles = entry.get("quantiles") or {}
 
     def shown(value: float | None) -> str:
@@ -638,7 +638,7 @@ def _cell(value: Any, digits: int = 4) -> str:
 
 
 def _origin(document: Document, drawn: Drawn | None) -> Iterator[Part]:
-    """What another would need to compute the same."""
+    """Versions, seed, study file and commands: what is needed to compute the same again."""
     if drawn is None:
         return
     columns = heads("what", "~value")

@@ -1,4 +1,4 @@
-"""Charts drawn with Bokeh, for a page that needs no network: they answer to the mouse."""
+"""Charts drawn with Bokeh for report.html, with tooltips and with marks that a click selects."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ import bokeh.plotting
 import numpy as np
 from bokeh.document import Document
 
-from aleator.core.types import Array
 from aleator.views import chart as colors
-from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, looks, meaning
+from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, looks, meaning
 
 # Bokeh's own types know fewer arguments than it takes.
 models: Any = bokeh.models
@@ -26,50 +25,32 @@ Sources = dict[int, Any]
 
 @dataclass(frozen=True)
 class BokehSettings:
-    """How Bokeh draws charts; by what the eye sees.
+    """How Bokeh draws charts, in pixels; by what the eye sees.
 
-    powers: the first and the last power of ten that has ticks, at these `digits`; decades: powers
-    of ten that have no room for ticks between them. row: entries of a legend that a narrow screen
-    has room for. Others are pixels.
-    border: half of the last number under the axis. spacing: room between entries of a legend.
-    sample: size of a mark in a legend. picked: width of a line that was picked; ring, disc: width
-    of the line about a mark that was picked, and its size; stroke: the same of a mark of strokes.
-    scale: width of a scale of colors. top: end of a scale on the right over the largest value.
+    row: entries of a legend that a narrow screen has room for. border: room for half of the last
+    number under the axis. picked: width of the line about what was picked. scale: width of a scale
+    of colors. top: the end of a scale on the right, over the largest value.
     """
 
-    powers: tuple[int, int] = (-12, 12)
-    digits: tuple[int, ...] = (1, 2, 5)
-    decades: int = 5
     row: int = 4
     border: int = 14
-    spacing: int = 14
-    sample: float = 8.0
     picked: float = 3.5
-    ring: float = 1.5
-    disc: float = 13.0
-    stroke: tuple[float, float] = (4.0, 22.0)
     scale: int = 12
     top: float = 1.15
 
 
 BOKEH = BokehSettings()
-DECADES = tuple(
-    float(f"{digit}e{power}")
-    for power in range(BOKEH.powers[0], BOKEH.powers[1] + 1)
-    for digit in BOKEH.digits
-)
-"""Ticks of a logarithmic axis: Bokeh's own are few within a decade."""
 PALETTE = "Cividis256"
 TOOLS = "pan,box_zoom,wheel_zoom,reset"
 TEX = re.compile(r'\[(?:\{start:"[^"]+",end:"[^"]+",inline:![01]\},?)+\]')
-"""The delimiters of TeX that Bokeh looks for in each title and label."""
+"""The part of Bokeh's script that lists the delimiters of TeX in titles and labels."""
 RENDERER = re.compile(r"https://cdn\.jsdelivr\.net/npm/mathjax[^\"]*")
-"""Where Bokeh would fetch what renders TeX."""
+"""The address from which Bokeh would fetch a renderer of TeX."""
 ID = re.compile(r'"id":"(p[0-9]+)"')
 
 
 def drawable(charts: Iterable[Chart]) -> dict[str, Any]:
-    """What Bokeh's `embed_items` takes: one document of all charts, and where each goes.
+    """The argument of Bokeh's `embed_items`: one document of all charts, and the place of each.
 
     Models are numbered from 1, so that the same charts give the same text.
     """
@@ -87,9 +68,9 @@ def drawable(charts: Iterable[Chart]) -> dict[str, Any]:
 
 
 def bokeh_script() -> str:
-    """Bokeh's JavaScript, which its wheel carries: all that the charts need, without network.
+    """Bokeh's JavaScript from its wheel, changed so that it treats no text as TeX.
 
-    It takes no text for TeX, for which it would fetch another script from a public address.
+    For TeX it would fetch another script from a public address.
     """
     script = (files("bokeh") / "server/static/js/bokeh.min.js").read_text(encoding="utf-8")
     return RENDERER.sub("data:,", TEX.sub("[]", script))
@@ -99,12 +80,10 @@ def bokeh_script() -> str:
 
 
 def drawn(chart: Chart, sources: Sources) -> Any:
-    """The plot of a chart; `sources` are those of series that were drawn before, by their id."""
+    """The Bokeh plot of a chart. `sources` collects Bokeh's data by the id of their series."""
     plot = axes(chart.x, chart.y, chart.height)
     if chart.marked:
         plot.title.text, plot.title.text_color = chart.marked, colors.TEXT
-    if chart.y.log:
-        fewer_ticks(plot, np.concatenate([_values(mark) for mark in chart.marks]))
     for mark in chart.marks:
         if mark.right:
             _right(plot, mark, chart.right)
@@ -116,7 +95,7 @@ def drawn(chart: Chart, sources: Sources) -> Any:
     for mark in chart.marks:
         if mark.marker in mark.series.columns:
             for color, marker in looks(mark):
-                plot.scatter([np.nan], [np.nan], marker=marker, color=color, size=BOKEH.sample,
+                plot.scatter([np.nan], [np.nan], marker=marker, color=color,
                              legend_label=meaning(color, marker))  # fmt: skip
     if plot.legend:
         _legend_below(plot)
@@ -142,29 +121,15 @@ def axes(x: Axis, y: Axis, height: int = 320) -> Any:
         _style(axis)
     for grid in plot.grid:
         grid.grid_line_color = colors.GRID
-    plot.yaxis.formatter = models.BasicTickFormatter(precision="auto", use_scientific=not y.log)
     if y.share:
         plot.yaxis.formatter = models.NumeralTickFormatter(format="0.[0000] %")
     if y.log:
-        plot.yaxis.ticker = plot.ygrid.ticker = models.FixedTicker(ticks=list(DECADES))
+        plot.yaxis.ticker = plot.ygrid.ticker = models.LogTicker(mantissas=[1, 2, 5])
     return plot
 
 
-def fewer_ticks(plot: Any, values: Array) -> None:
-    """Whole decades, at most ten of them, on a logarithmic axis on which values span many."""
-    known = values[np.isfinite(values) & (values > 0.0)]
-    if not known.size:
-        return
-    low, high = (int(end) for end in np.floor(np.log10([known.min(), known.max()])))
-    if high - low > BOKEH.decades:
-        step = -(-(high - low) // 10)
-        ticks = [10.0**power for power in range(low, high + 2, step)]
-        plot.yaxis.ticker = plot.ygrid.ticker = models.FixedTicker(ticks=ticks)
-        plot.yaxis.formatter = models.LogTickFormatter()
-
-
 def straight(plot: Any, rule: GuideLine) -> None:
-    """A line across the plot, or up."""
+    """Draw a horizontal or vertical line through the plot."""
     plot.add_layout(
         models.Span(
             location=rule.at, dimension="width" if rule.across else "height",
@@ -185,7 +150,7 @@ def _style(axis: Any) -> None:
 
 
 def _source(series: Series, sources: Sources) -> Any:
-    """The data of a series, one model for all charts that share it."""
+    """Bokeh's data of a series: one object for all charts that share the series."""
     if id(series) not in sources:
         each = [] if series.each is None else [series.each]
         columns = {
@@ -196,15 +161,8 @@ def _source(series: Series, sources: Sources) -> Any:
     return sources[id(series)]
 
 
-def _values(mark: Mark) -> Array:
-    """The ordinates of a mark."""
-    column = mark.series.columns[mark.y]
-    flat = [v for row in column for v in row] if mark.shape == "lines" else column
-    return np.array([np.nan if v is None else v for v in flat], dtype=float)
-
-
 def _legend_below(plot: Any) -> None:
-    """The legend under the axes, where it hides no number."""
+    """Put the legend under the axes, where it hides no data."""
     legend = plot.legend[0]
     plot.add_layout(legend, "below")
     legend.orientation = "horizontal"
@@ -213,7 +171,7 @@ def _legend_below(plot: Any) -> None:
     legend.background_fill_color = None
     legend.label_text_color = colors.TEXT
     legend.label_text_font_size = "12px"
-    legend.padding, legend.margin, legend.spacing = 2, 0, BOKEH.spacing
+    legend.padding, legend.margin, legend.spacing = 2, 0, 10
 
 
 # ------------------------------------------------------------------------------------ shapes
@@ -263,12 +221,11 @@ def _points(plot: Any, mark: Mark, source: Any) -> None:
     if not stroked and mark.alpha < 1.0:
         found.glyph.fill_alpha = mark.alpha
     if mark.pick:
-        ring = {"line_color": colors.INK, "line_width": BOKEH.ring, "size": BOKEH.disc,
-                "fill_alpha": 1.0}  # fmt: skip
-        if stroked:
-            width, size = BOKEH.stroke
-            ring = {"line_color": colors.PICKED, "line_width": width, "size": size}
-        found.selection_glyph = found.glyph.clone(fill_color=colors.PICKED, **ring)
+        line = colors.PICKED if stroked else colors.INK
+        found.selection_glyph = found.glyph.clone(
+            fill_color=colors.PICKED, fill_alpha=1.0, line_color=line, size=CHARTS.tick,
+            line_width=BOKEH.picked if stroked else CHARTS.thin,
+        )  # fmt: skip
     if mark.hover:
         _answers(plot, found, mark)
 
@@ -311,7 +268,7 @@ def _look(mark: Mark, of: tuple[str, ...] = ("color", "alpha", "legend_label")) 
 
 
 def _answers(plot: Any, renderer: Any, mark: Mark, snap: bool = True) -> None:
-    """Hovering tells of a mark, and clicking marks its experiment in every chart."""
+    """Add a tooltip; with `pick` a click marks the experiment in every chart."""
     more = {"point_policy": "snap_to_data"} if snap else {}
     plot.add_tools(models.HoverTool(renderers=[renderer], tooltips=_tooltips(mark), **more))
     if not mark.pick:
@@ -324,7 +281,7 @@ def _answers(plot: Any, renderer: Any, mark: Mark, snap: bool = True) -> None:
 
 
 def _tooltips(mark: Mark) -> list[tuple[str, str]]:
-    """What is told, in Bokeh's words: columns begin with @, shares have their form behind."""
+    """The tooltips of a mark in Bokeh's notation: @ before a column, a format after a share."""
     return [
         (title, words.replace("{", "@{").replace(":%}", "}{0.[0000] %}"))
         for title, words in mark.hover
@@ -332,9 +289,9 @@ def _tooltips(mark: Mark) -> list[tuple[str, str]]:
 
 
 def _right(plot: Any, mark: Mark, axis: Axis | None) -> None:
-    """A scale of its own on the right for a mark that stands on zero."""
+    """Add a scale on the right, from zero, for a mark."""
     plot.y_range.renderers = list(plot.renderers)  # else the mark stretches the scale on the left
-    top = BOKEH.top * float(np.max(_values(Mark("line", mark.series, y=mark.high))))
+    top = BOKEH.top * float(np.max(mark.array("high")))
     plot.extra_y_ranges = {"right": models.Range1d(0.0, top)}
     scale = models.LinearAxis(y_range_name="right", axis_label=axis.title if axis else "")
     _style(scale)

@@ -8,34 +8,38 @@ from typing import Any
 import contourpy
 import numpy as np
 from scipy import stats
+from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGridInterpolator
 
 from aleator.core.types import Array
+from aleator.inference.pictures import PICTURES, PictureSettings
 from aleator.inference.profile_end import DROP
 from aleator.results.units import label, transforms
-from aleator.tasks.pictures import PICTURES, finer, profile_line
 from aleator.views import chart
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, numbers
 from aleator.views.outcome_charts import Individuals
 
 Document = Mapping[str, Any]
 LEVELS = tuple(float(stats.chi2.ppf(share, 2)) / 2.0 for share in PICTURES.contours)
-"""How far the log-likelihood has dropped at the ends of 50, 80 and 95 % of two together."""
+"""Drops of the log-likelihood at the ends of joint confidence regions of two hyperparameters."""
 DASHES = {"first": "dotted", "middle": "dashed", "last": "solid"}
-"""How lines of rows of a series are drawn, by their place in it."""
+"""Dash of a line by the place of its row in a series."""
 
 # ------------------------------------------------------------------------------------ the law
 
 
 def law_curves(document: Document) -> Mapping[str, Document]:
-    """The density of each parameter's law, with its band where that is known."""
+    """The density of each parameter's law, with its 95 % band if the document has it."""
     pictures = document.get("pictures") or {}
     return pictures.get("laws") or document.get("law_curves") or {}
 
 
 def law_chart(
-    document: Document, name: str, own: Individuals | None = None, best: Document | None = None
+    document: Document,
+    name: str,
+    individuals: Individuals | None = None,
+    best: Document | None = None,
 ) -> Chart:
-    """The density of a law, the means of single experiments, the points of the `best` of all."""
+    """The density of a law, with the individual means and the points of the `best` possible law."""
     curve, head = law_curves(document)[name], label(document, name)
     source = Series(f"law-{name}", {key: numbers(curve[key]) for key in curve})
     marks, columns = [], {"x": name, "density": "density"}
@@ -46,10 +50,11 @@ def law_chart(
         columns |= {"lower": "density, lower", "upper": "density, upper"}
         caption += " The band holds 95 % of the densities of plausible laws, at each value."
     marks.append(Mark("line", source, y="density", width=2.0, legend="identified law"))
-    if own is not None and name in own.parameters:
+    if individuals is not None and name in individuals.parameters:
         mean = f"mean_{name}"
-        marks.append(Mark("points", own.series, mean, "foot", color=chart.INK, marker="tick",
-                          size=CHARTS.tick, width=CHARTS.thin, pick=True, legend="experiments",
+        marks.append(Mark("points", individuals.series, mean, "foot", color=chart.INK,
+                          marker="tick", size=CHARTS.tick, width=CHARTS.thin, pick=True,
+                          legend="experiments",
                           hover=[("experiment", "{id}"), (head, f"{{{mean}}}")]))  # fmt: skip
         caption += " Ticks are the means of single experiments."
     masses = [point for point in (best or {}).get("points", ()) if name in point]
@@ -69,8 +74,8 @@ def law_chart(
     )  # fmt: skip
 
 
-def joint_chart(document: Document, pair: Document, own: Individuals | None) -> Chart:
-    """Curves within which lie half of the law of two parameters, and 95 % of it."""
+def joint_chart(document: Document, pair: Document, individuals: Individuals | None) -> Chart:
+    """Curves that enclose 50 % and 95 % of the law of two parameters."""
     first, second = pair["between"]
     rows = [(share, *curve) for share, curve in pair["curves"].items()]
     source = Series(
@@ -79,14 +84,14 @@ def joint_chart(document: Document, pair: Document, own: Individuals | None) -> 
             "mass": [f"{100 * float(share):g} %" for share, _, _ in rows],
             "x": [numbers(x).tolist() for _, x, _ in rows],
             "y": [numbers(y).tolist() for _, _, y in rows],
-            "width": [CHARTS.strong if share == "0.5" else CHARTS.thin for share, _, _ in rows],
+            "width": [2.0 if share == "0.5" else CHARTS.thin for share, _, _ in rows],
         },
     )
     marks = [Mark("lines", source, width="width")]
     caption = "Within the thick curve lies half of the law, within the thin one 95 %."
-    if own is not None and {first, second} <= {*own.parameters}:
+    if individuals is not None and {first, second} <= {*individuals.parameters}:
         x, y = f"mean_{first}", f"mean_{second}"
-        marks.append(Mark("points", own.series, x, y, color=chart.INK, pick=True,
+        marks.append(Mark("points", individuals.series, x, y, color=chart.INK, pick=True,
                           hover=[("experiment", "{id}"), (first, f"{{{x}}}"),
                                  (second, f"{{{y}}}")]))  # fmt: skip
         caption += " Dots are the means of single experiments."
@@ -100,7 +105,7 @@ def joint_chart(document: Document, pair: Document, own: Individuals | None) -> 
 
 
 def profile_chart(document: Document, name: str) -> Chart:
-    """The largest log-likelihood for each value of a hyperparameter, and its 95 % interval."""
+    """The profile log-likelihood of a hyperparameter, with its 95 % interval."""
     curve = document["pictures"]["profiles"][name]
     entry = (document.get("alpha") or {}).get(name, {})
     at, below = numbers(curve["at"]), numbers(curve["below"])
@@ -119,12 +124,12 @@ def profile_chart(document: Document, name: str) -> Chart:
         ],
         {"at": name, "below": "log-likelihood minus its maximum"},
         [GuideLine(-DROP), *(GuideLine(end, across=False) for end in ends), *best],
-        height=CHARTS.low, own=source,
+        height=CHARTS.low, data=source,
     )  # fmt: skip
 
 
 def surface_chart(document: Document) -> Chart | None:
-    """The likelihood over the two estimates that are told apart worst; None where none is known."""
+    """The likelihood over the two most correlated estimates; None where it is not known."""
     surface = (document.get("pictures") or {}).get("surface")
     if not surface:
         return None
@@ -148,19 +153,56 @@ def surface_chart(document: Document) -> Chart | None:
         [
             Mark("contour", source, grid=(finer(x), finer(y), finer(below)), levels=LEVELS),
             Mark("points", cross, color=chart.INK, marker="cross", size=CHARTS.tick, width=2.0),
-            Mark("points", source, alpha=0.0, size=CHARTS.target, pick=True,
+            Mark("points", source, alpha=0.0, size=CHARTS.tick, pick=True,
                  hover=[(first, "{x}"), (second, "{y}"), ("below", "{below}")]),
         ],
         {"x": first, "y": second, "below": "log-likelihood minus its maximum"},
-        height=CHARTS.map,
+        height=CHARTS.high,
     )  # fmt: skip
+
+
+def profile_line(
+    at: Array, below: Array, settings: PictureSettings = PICTURES
+) -> tuple[Array, Array]:
+    """A line through the points of a profile: its signed root is nearly straight.
+
+    `below` is how far the log-likelihood is below its maximum at the values `at`, in ascending
+    order; the line's ordinate is minus that.
+
+    >>> x, y = profile_line(np.array([-3.0, 0.0, 2.0]), np.array([4.5, 0.0, 2.0]))
+    >>> bool(np.allclose(y, -0.5 * x**2))
+    True
+    """
+    known = np.isfinite(below) & (np.diff(at, prepend=-np.inf) > 0.0)
+    at, below = at[known], below[known]
+    if at.size < 2:
+        return at, -below
+    root = np.sign(at - at[np.argmin(below)]) * np.sqrt(2.0 * np.maximum(below, 0.0))
+    x = np.union1d(np.linspace(at[0], at[-1], settings.curve), at)
+    return x, -0.5 * PchipInterpolator(at, root)(x) ** 2
+
+
+def finer(grid: Array, settings: PictureSettings = PICTURES) -> Array:
+    """A square grid with steps between its points: smooth, or straight where some are unknown.
+
+    >>> side = np.arange(4.0)
+    >>> steps = PICTURES.steps
+    >>> bool(np.allclose(finer(np.add.outer(side, side**2))[::steps, 1], side + 1 / steps**2))
+    True
+    """
+    at = np.arange(float(len(grid)))
+    fine = np.linspace(0.0, at[-1], settings.steps * (len(grid) - 1) + 1)
+    if np.all(np.isfinite(grid)):
+        return np.asarray(RectBivariateSpline(at, at, grid)(fine, fine))
+    between = np.meshgrid(fine, fine, indexing="ij")
+    return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
 
 
 # ------------------------------------------------------------------------------------ the simulator
 
 
 def simulator_charts(document: Document) -> Iterator[Chart]:
-    """What is known of the simulator over its parameters: curves, and a map of two."""
+    """Charts of the simulator over each parameter, and maps over two parameters."""
     drawn = (document.get("pictures") or {}).get("response") or {}
     for number, response in enumerate(responses_drawn(drawn)):
         shown = [entry for entry in drawn["shown"] if entry["response"] == response]
@@ -171,12 +213,12 @@ def simulator_charts(document: Document) -> Iterator[Chart]:
 
 
 def responses_drawn(drawn: Document) -> list[str]:
-    """The responses of which curves or values of the simulator are known."""
+    """The responses whose simulated values are in the document."""
     return list(dict.fromkeys(entry["response"] for entry in drawn.get("shown", ())))
 
 
 def response_chart(document: Document, name: str, response: str, number: int = 0) -> Chart:
-    """The simulator over a parameter: a line for each of some experiments, or marks at nodes."""
+    """The simulator over one parameter: a line for each of some experiments, or marks at nodes."""
     drawn = document["pictures"]["response"]
     shown = [entry for entry in drawn["shown"] if entry["response"] == response]
     log = transforms(document).get(response) == "log"
@@ -201,7 +243,7 @@ def response_chart(document: Document, name: str, response: str, number: int = 0
         )
         hover = [("experiment", "{id}"), (name, "{x}"), (response, "{y}"),
                  ("measured", "{measured}")]  # fmt: skip
-        mark = Mark("points", source, size=CHARTS.node, pick=True, hover=hover)
+        mark = Mark("points", source, pick=True, hover=hover)
         caption = (
             "What the simulator returned at the nodes of the law, for some experiments. The other "
             "parameters differ from mark to mark."
@@ -230,7 +272,7 @@ def _map(
     entries: Sequence[Document],
     place: str,
 ) -> Chart:
-    """A response over two parameters in color, of rows that have this place in their series."""
+    """A color map of a response over two parameters, at this place of each series."""
     shown = [entry for entry in entries if _place(entry) == place]
     row = "" if len(shown) == len(entries) else f"-{place}"
     (first, x), (second, y) = ((name, numbers(side)) for name, side in sides.items())
@@ -266,10 +308,10 @@ def _map(
                 second,
                 color=color,
                 marker="x",
-                size=CHARTS.failed,
+                size=CHARTS.tick,
                 width=width,
             )
-            for color, width in ((chart.PAPER, CHARTS.cross), (chart.VERMILION, CHARTS.over))
+            for color, width in ((chart.PAPER, CHARTS.halo), (chart.VERMILION, CHARTS.over))
         ]
         caption += " Crosses: failed runs of all experiments."
     return Chart(
@@ -280,18 +322,18 @@ def _map(
 
 
 def _place(entry: Document) -> str:
-    """Where in its series an observation is; the last one in documents of earlier versions."""
+    """The place of an observation in its series; "last" where an old document does not tell."""
     return str(entry.get("place", "last"))
 
 
 def _measured(entry: Document) -> float | None:
-    """What was measured of an observation; of a bound, that."""
+    """The measured value of an observation, or its bound."""
     low, high = entry.get("lower"), entry.get("upper")
     return high if low is None else low
 
 
 def _level(x: Array, y: Array, entry: Document) -> dict[str, list[list[float]]]:
-    """The curve of the map on which the measured value lies; none for a map without it."""
+    """The level curves of a map at the measured value."""
     value = _measured(entry)
     plane = np.ma.masked_invalid(np.array([numbers(row) for row in entry["map"]]).T)
     lines: Any = () if value is None else contourpy.contour_generator(x, y, plane).lines(value)

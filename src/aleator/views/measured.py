@@ -1,4 +1,4 @@
-"""What was measured beside what is predicted, as columns for charts, a row an observation."""
+"""Measured values and their predictions as columns for charts, one row for each observation."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ Bools = NDArray[np.bool_]
 Document = Mapping[str, Any]
 QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
 SHAPES = {"at least": "triangle", "at most": "inverted_triangle", "between": "square"}
-"""Marks of values of which only bounds are known, by their kind."""
+"""Markers of values of which only bounds are known."""
 
 
 @dataclass(frozen=True)
 class AxisChoice:
-    """What can be chosen for x: a column, its title, and of texts what stands for 0, 1, 2 ...
+    """A quantity that a reader can choose for the x axis: its column `key` and its title.
 
-    `name` is that of a condition, without its unit.
+    A column of texts holds numbers 0, 1, 2, ..., and `labels` their texts. `name` is the name of a
+    condition without its unit; empty for any other quantity.
     """
 
     key: str
@@ -37,13 +38,13 @@ class AxisChoice:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredValues:
-    """The observations of one response, a row each, in its own unit.
+    """The M observations of one response, in its unit, with what is predicted for them.
 
-    `columns` have M values each: `id`, `value` (of a bound, that), `kind` ("measured", "at least",
-    "at most", "between"), `low` and `high` ends of what is known, quantiles `q0.025` to `q0.975` of
-    the law's prediction, `own` (the individual prediction) with `own_low` and `own_high`, `pit`,
-    and a column for each condition. `log` tells that its axis is logarithmic, `label` is its
-    name with its unit.
+    `columns` have M values each: `id`; `value` (of a bound, the bound); `kind` ("measured", "at
+    least", "at most", "between"); the ends `low` and `high` of what is known; quantiles `q0.025` to
+    `q0.975` predicted by the law; `own`, `own_low` and `own_high`, the prediction by the
+    parameters of the experiment with 95 % of the measurement errors; `pit`; and a column for each
+    condition. `log`: the axis is logarithmic. `label` is the name of the response with its unit.
     """
 
     response: str
@@ -61,7 +62,7 @@ class MeasuredValues:
 
     @property
     def by_law(self) -> bool:
-        """Whether there are predictions by the law; if not, there are those of each experiment."""
+        """Whether the law's predictions are known; else there are individual predictions only."""
         return "q0.5" in self.columns
 
     @property
@@ -78,7 +79,7 @@ class MeasuredValues:
 
     @property
     def exact_probabilities(self) -> list[float]:
-        """The known probabilities of smaller values of what was measured exactly."""
+        """The known predicted probabilities of values below the exactly measured ones."""
         pit = self.array("pit")
         return [float(p) for p in pit[self.exact & np.isfinite(pit)]]
 
@@ -88,7 +89,7 @@ class MeasuredValues:
         return ("q0.025", "q0.975") if self.by_law else ("own_low", "own_high")
 
     def thinned(self, amounts: Amounts = AMOUNTS) -> MeasuredValues:
-        """At most so many rows: those farthest out, and others evenly chosen."""
+        """The same with a limited number of rows: those farthest out, and others evenly chosen."""
         if len(self) <= amounts.marks:
             return self
         away = np.abs(np.nan_to_num(self.array("pit"), nan=0.5) - 0.5)
@@ -98,7 +99,7 @@ class MeasuredValues:
         return replace(self, columns=part)
 
     def series(self, number: int = 0) -> Series:
-        """The rows as charts share them: x is chosen, and marks have their shape and color."""
+        """The data that charts share, with color, marker and size of each row's mark."""
         exact, outside = self.exact, self.outside
         known = np.isfinite([self.array(key) for key in self.ends]).all(axis=0)
         inside = np.where(known, INK, GRAY)
@@ -109,13 +110,16 @@ class MeasuredValues:
                 SHAPES.get(kind, "diamond" if out else "circle")
                 for kind, out in zip(self.columns["kind"], outside, strict=True)
             ],
-            "size": np.where(outside | ~exact, CHARTS.large, CHARTS.dot).tolist(),
+            "size": np.where(outside | ~exact, 10.0, CHARTS.dot).tolist(),
         }
         return Series(f"measured-{number}", {**self.columns, **marks})
 
 
 def measured(document: Document, seen: bool = False) -> list[MeasuredValues]:
-    """What was measured, of each response; as the likelihood has `seen` it: maybe a logarithm."""
+    """The measured values of each response; with `seen` on the scale of the likelihood.
+
+    The likelihood may see the logarithm of a response.
+    """
     conditions = conditions_of(document)
     if document.get("observations"):
         return _observed(document, conditions, seen)
@@ -123,7 +127,7 @@ def measured(document: Document, seen: bool = False) -> list[MeasuredValues]:
 
 
 def varying(document: Document) -> str | None:
-    """The condition that varies within experiments, is a number, and has the most values.
+    """The numeric condition with the most different values of those that vary within experiments.
 
     >>> varying({"observations": [{"conditions": {"time": 1.0}}, {"conditions": {"time": 2.0}}]})
     'time'
@@ -137,7 +141,7 @@ def varying(document: Document) -> str | None:
 
 
 def conditions_of(document: Document) -> Mapping[str, Sequence[Any]]:
-    """Columns (N,) of what is the same in all rows of an experiment; none in old documents."""
+    """Columns (N,) of the conditions that are constant within each experiment."""
     found: Mapping[str, Sequence[Any]] = (document.get("pictures") or {}).get("conditions") or {}
     count = len(document["experiments"])
     return {name: column for name, column in found.items() if len(column) == count}
@@ -224,7 +228,7 @@ def _finished(
     conditions: Mapping[str, Sequence[Any]],
     seen: bool,
 ) -> MeasuredValues:
-    """With the orders and the conditions as axes."""
+    """The values of a response, completed by the quantities that may be chosen for the x axis."""
     middle = numbers(columns["q0.5"]) if "q0.5" in columns else numbers(columns.get("own", []))
     rank = np.empty(len(middle), dtype=int)
     rank[np.lexsort((numbers(columns["value"]), np.nan_to_num(middle, nan=np.inf)))] = np.arange(
@@ -235,17 +239,27 @@ def _finished(
     found = [AxisChoice("order", f"order of the {what}")]
     if "q0.5" in columns:
         found.append(AxisChoice("q0.5", f"{what} of {label(document, response)}"))
-    for k, (name, column) in enumerate(conditions.items()):
-        key = f"c{k}"
-        texts = sorted({v for v in column if isinstance(v, str)})
-        columns[f"{key}_shown"] = [v if isinstance(v, str) else _short(v) for v in column]
-        if texts:
-            columns[key] = [texts.index(v) if isinstance(v, str) else None for v in column]
-        else:
-            columns[key] = list(column)
-        found.append(AxisChoice(key, label(document, name), tuple(texts) or None, name))
+    found += add_conditions(document, columns, conditions)
+    for one in found:
+        if one.name:
+            texts = [v if isinstance(v, str) else _short(v) for v in conditions[one.name]]
+            columns[f"{one.key}_shown"] = texts
     named = seen_label(document, response) if seen else label(document, response)
     return MeasuredValues(response, log, columns, tuple(found), named)
+
+
+def add_conditions(
+    document: Document, columns: dict[str, list[Any]], conditions: Mapping[str, Sequence[Any]]
+) -> list[AxisChoice]:
+    """Add conditions to the columns of a chart, texts as numbers; returns the choices of x."""
+    choices = []
+    for k, (name, column) in enumerate(conditions.items()):
+        texts = sorted({v for v in column if isinstance(v, str)})
+        columns[f"c{k}"] = [
+            texts.index(v) if isinstance(v, str) else None if texts else v for v in column
+        ]
+        choices.append(AxisChoice(f"c{k}", label(document, name), tuple(texts) or None, name))
+    return choices
 
 
 def _short(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""What a comparison of models says, and the best possible law beside the chosen one."""
+"""The reports of `aleator compare` and `aleator ceiling`, made from their documents."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Document = Mapping[str, Any]
 
 
 def comparison(document: Document) -> Content:
-    """The tables of compare.json: criteria, predictions of what was left out, ratios."""
+    """The report of compare.json: criteria, predictions of experiments left out, ratios."""
     models = document["models"]
     lead = (
         f"N = {document['experiments']} experiments, M = {models[0]['observations']} observations."
@@ -49,7 +49,7 @@ def comparison(document: Document) -> Content:
 
 
 def _best(document: Document) -> str:
-    """Which model predicts best, and which others may be as good.
+    """A sentence that names the model that predicts best, and those that may be as good.
 
     >>> best, other = {"name": "a", "sound": True}, {"name": "b", "sound": True}
     >>> other |= {"difference": -9.0, "difference_error": 2.0}
@@ -77,7 +77,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _alike(model: Document, thresholds: Thresholds = THRESHOLDS) -> bool:
-    """Whether chance explains how much worse it is than the best."""
+    """Whether chance explains the difference of a model to the best one."""
     gap, error = model["difference"], model["difference_error"]
     if gap is None or error is None or not math.isfinite(gap + error):
         return True
@@ -159,7 +159,7 @@ def _to_two(value: float | None) -> str:
 
 
 def ceiling(document: Document) -> Content:
-    """How far any law could go, the points of the best one, and what the gap means."""
+    """The report of ceiling.json: log-likelihoods, points of the best law, meaning of the gap."""
     names = ", ".join(document["region"])
     lead = (
         f"The largest log-likelihood that any law of {names} can have with these experiments: a "
@@ -178,7 +178,7 @@ def ceiling(document: Document) -> Content:
 
 
 def ceiling_verdict(document: Document) -> str:
-    """One sentence: both log-likelihoods, and what the gap means."""
+    """A sentence with both log-likelihoods and the p value of the gap."""
     value, test = document["log_likelihood"], document["bootstrap"]
     least = "" if document["covered"] else "at least "
     text = (
@@ -191,7 +191,7 @@ def ceiling_verdict(document: Document) -> str:
 def meaning(
     document: Document, amounts: Amounts = AMOUNTS, thresholds: Thresholds = THRESHOLDS
 ) -> str:
-    """What the gap says of the family of the chosen law."""
+    """A sentence on whether the gap speaks against the family of the chosen law."""
     test, value = document["bootstrap"], document["log_likelihood"]
     if test is None:
         return (
@@ -236,8 +236,8 @@ def _values(document: Document, least: float = 1e-4) -> TextTable:
 def _points(document: Document, amounts: Amounts = AMOUNTS) -> list[Part]:
     """The points of most probability, in the order of their parameters."""
     points: Sequence[Mapping[str, float]] = document["points"]
-    least = sorted((point["probability"] for point in points), reverse=True)[: amounts.points][-1]
-    kept = [point for point in points if point["probability"] >= least][: amounts.points]
+    least = sorted((point["probability"] for point in points), reverse=True)[: amounts.named][-1]
+    kept = [point for point in points if point["probability"] >= least][: amounts.named]
     columns: list[Column] = [(label(document, name), "right") for name in points[0]]
     rows = [[number(value) for value in point.values()] for point in kept]
     more = len(points) - len(kept)
@@ -246,7 +246,7 @@ def _points(document: Document, amounts: Amounts = AMOUNTS) -> list[Part]:
 
 
 def _conditions(document: Document) -> list[str]:
-    """What the value stands on."""
+    """Sentences on the conditions under which the best possible law was computed."""
     notes = []
     if held := document["held"]:
         named = ", ".join(f"{name} {number(value)}" for name, value in held.items())

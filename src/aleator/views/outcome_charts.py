@@ -1,4 +1,4 @@
-"""Charts of what was measured: in its prediction, its probabilities, over time, its parameters."""
+"""Charts of measured values: against predictions, as probabilities, over time, by parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from aleator.results.printed import AMOUNTS, Amounts, outside, percent
 from aleator.results.units import label
 from aleator.views import chart
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, evenly, numbers
-from aleator.views.measured import SHAPES, AxisChoice, MeasuredValues, conditions_of
+from aleator.views.measured import SHAPES, AxisChoice, MeasuredValues, add_conditions, conditions_of
 
 Document = Mapping[str, Any]
 IN_A_SERIES = (
@@ -26,7 +26,7 @@ PROBABILITY = "probability of a smaller value"
 
 
 def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
-    """Each value in the distribution that is predicted for it, or beside its own prediction.
+    """Measured values against their predicted distributions, or against individual predictions.
 
     `source` has the rows that are drawn, which may be fewer than those of `seen`.
     """
@@ -54,12 +54,12 @@ def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
                  hover=hover(seen), pick=True),
         ],
         columns | {f"{one.key}_shown": one.title for one in seen.choices if one.name},
-        height=CHARTS.predicted, switched=True, wide=True,
+        height=CHARTS.high, switched=True, wide=True,
     )  # fmt: skip
 
 
 def hover(seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
-    """What is told of a value under the mouse."""
+    """The tooltip of a measured value."""
     lines = [("experiment", "{id}"), (seen.label, "{value} ({kind})")]
     if seen.by_law:
         lines += [("predicted median", "{q0.5}"), ("95 %", "{q0.025} .. {q0.975}")]
@@ -89,7 +89,7 @@ def _outside(seen: MeasuredValues, source: Series) -> str:
 
 
 def probabilities(all_measured: Sequence[MeasuredValues]) -> tuple[Array, list[str]]:
-    """The known probabilities of smaller values, in ascending order, and their experiments."""
+    """The known predicted probabilities of smaller values, ascending, and their experiments."""
     pit = np.concatenate([seen.array("pit") for seen in all_measured])
     ids = [one for seen in all_measured for one in seen.columns["id"]]
     order = [k for k in np.argsort(pit, kind="stable").tolist() if np.isfinite(pit[k])]
@@ -97,7 +97,7 @@ def probabilities(all_measured: Sequence[MeasuredValues]) -> tuple[Array, list[s
 
 
 def histogram_chart(pit: Array) -> Chart:
-    """The counts of probabilities (N,) in bins, with the range of each of a uniform sample."""
+    """The histogram of probabilities (N,), with the 95 % range of a bin of a uniform sample."""
     bins = counted(pit)
     left, right = bins.edges[:-1], bins.edges[1:]
     source = Series(
@@ -114,10 +114,10 @@ def histogram_chart(pit: Array) -> Chart:
             Mark("band", Series("range", level), y="low", high="high", color=chart.BAND,
                  legend="95 % of uniform samples"),
             Mark("bars", source, "middle", "count", color=chart.NARROW,
-                 width=float(CHARTS.bar * bins.edges[1])),
+                 width=float(0.8 * bins.edges[1])),
         ],
         {"left": "from", "right": "to", "count": "count"}, [GuideLine(bins.expected)], foot=True,
-        own=source,
+        data=source,
     )  # fmt: skip
 
 
@@ -143,19 +143,19 @@ def cumulative_chart(pit: Array, ids: Sequence[str] = (), amounts: Amounts = AMO
             *(dots if ids else ()),
         ],
         {"id": "id", "pit": PROBABILITY, "difference": "cumulative share - uniform"},
-        [GuideLine(0.0)], own=source,
+        [GuideLine(0.0)], data=source,
     )  # fmt: skip
 
 
 def curve_and_band(pit: Array) -> tuple[Mark, Mark]:
-    """Where the difference of 95 % of all uniform samples stays, and that of these."""
+    """The 95 % band of a uniform sample, and the curve of these probabilities."""
     curve = cumulated(pit)
     around = {"x": curve.band_x, "low": curve.band_low, "high": curve.band_high}
     line = Series("pit", {"x": curve.x, "y": curve.difference})
     return (
         Mark("band", Series("band", around), y="low", high="high", color=chart.BAND,
              legend="95 % of uniform samples"),
-        Mark("line", line, width=CHARTS.line),
+        Mark("line", line),
     )  # fmt: skip
 
 
@@ -165,7 +165,7 @@ def curve_and_band(pit: Array) -> tuple[Mark, Mark]:
 def series_charts(
     seen: MeasuredValues, name: str, number: int, amounts: Amounts = AMOUNTS
 ) -> Iterator[Chart]:
-    """All series over the condition `name`, and the marked one with its predictions."""
+    """A chart of all series over the condition `name`, and one of the marked experiment."""
     choice = next((one for one in seen.choices if one.name == name), None)
     if choice is None:
         return
@@ -184,7 +184,7 @@ def series_charts(
         Axis(choice.title), Axis(seen.label, seen.log),
         [Mark("lines", Series(f"series-{number}", every), color=chart.LINE,
               width=CHARTS.thin, alpha=CHARTS.faint, hover=[("experiment", "{id}")], pick=True)],
-        {"id": "id", "x": choice.title, "y": seen.response}, height=CHARTS.series,
+        {"id": "id", "x": choice.title, "y": seen.response}, height=CHARTS.high,
     )  # fmt: skip
     yield single_series_chart(seen, choice, number, lines, _least_probable(lines))
 
@@ -192,7 +192,7 @@ def series_charts(
 def single_series_chart(
     seen: MeasuredValues, choice: AxisChoice, number: int, lines: Mapping[str, Any], one: str
 ) -> Chart:
-    """The observations of an experiment with its own prediction, and what the law expects."""
+    """The observations of one experiment, with its individual prediction and that of the law."""
     line = lines[one]
     source = Series(f"marked-{number}", {"id": [one] * len(line["x"]), **line}, lines)
     by_law = [Mark("band", source, y="q0.025", high="q0.975", color=chart.BAND, legend="law, 95 %")]
@@ -211,14 +211,14 @@ def single_series_chart(
                  hover=hover(seen)[:4], pick=True),
         ],
         columns | {"q0.025": "law 0.025", "q0.5": "law 0.5", "q0.975": "law 0.975"},
-        height=CHARTS.series, marked=one,
+        height=CHARTS.high, marked=one,
     )  # fmt: skip
 
 
 def lines_of(
     seen: MeasuredValues, choice: AxisChoice, ids: Sequence[str]
 ) -> dict[str, dict[str, list[Any]]]:
-    """Of each of these experiments its observations in the order of a condition."""
+    """The observations of each of these experiments, in the order of a condition."""
     at, columns = seen.array(choice.key), seen.columns
     rows: dict[str, list[int]] = {one: [] for one in ids}
     for k, one in enumerate(columns["id"]):
@@ -247,7 +247,7 @@ def _least_probable(lines: Mapping[str, Mapping[str, list[Any]]]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Individuals:
-    """The individual parameters of the experiments, in a series that charts share."""
+    """The individual parameters of `count` experiments, as data that charts share."""
 
     parameters: tuple[str, ...]
     series: Series
@@ -256,9 +256,9 @@ class Individuals:
 
 
 def individuals_of(document: Document, amounts: Amounts = AMOUNTS) -> Individuals | None:
-    """Means and 95 % given the observations; None where experiments have no parameters of theirs.
+    """Means and 95 % ranges of the individual laws; None where experiments have one outcome each.
 
-    A few hundred experiments are drawn of more.
+    Of very many experiments some hundreds are drawn.
     """
     entries = document["experiments"]
     if not document.get("observations") or not entries:
@@ -273,18 +273,16 @@ def individuals_of(document: Document, amounts: Amounts = AMOUNTS) -> Individual
         columns |= {f"mean_{name}": mean.tolist(), f"low_{name}": (mean - reach).tolist(),
                     f"high_{name}": (mean + reach).tolist()}  # fmt: skip
     columns["order"] = [k + 1 for k in kept]
+    drawn = {name: [column[j] for j in kept] for name, column in conditions_of(document).items()}
     choices = [AxisChoice("order", "order of the table")]
-    for k, (name, column) in enumerate(conditions_of(document).items()):
-        texts = sorted({v for v in column if isinstance(v, str)})
-        columns[f"c{k}"] = [texts.index(column[j]) if texts else column[j] for j in kept]
-        choices.append(AxisChoice(f"c{k}", label(document, name), tuple(texts) or None, name))
+    choices += add_conditions(document, columns, drawn)
     columns["x"] = list(columns["order"])
     return Individuals(names, Series("individuals", columns), tuple(choices), len(entries))
 
 
-def individual_charts(document: Document, own: Individuals) -> Iterator[Chart]:
-    """Each parameter of the experiments over a condition."""
-    for name in own.parameters:
+def individual_charts(document: Document, individuals: Individuals) -> Iterator[Chart]:
+    """A chart for each parameter: the individual laws of the experiments over a condition."""
+    for name in individuals.parameters:
         share = (document.get("shrinkage") or {}).get(name)
         caption = (
             "Mean and 95 % of each experiment's own law, given its observations. A trend over a "
@@ -292,16 +290,16 @@ def individual_charts(document: Document, own: Individuals) -> Iterator[Chart]:
         )
         if share is not None:
             caption += f" Shrinkage {percent(share)}: with much of it single means say little."
-        drawn = len(own.series.columns["id"])
-        if drawn < own.count:
-            caption += f" {drawn} of {own.count:,} experiments are drawn."
+        drawn = len(individuals.series.columns["id"])
+        if drawn < individuals.count:
+            caption += f" {drawn} of {individuals.count:,} experiments are drawn."
         mean, low, high = f"mean_{name}", f"low_{name}", f"high_{name}"
         head = label(document, name)
         yield Chart(
-            f"individual-{name}", name, caption, Axis(own.choices[0].title), Axis(head),
+            f"individual-{name}", name, caption, Axis(individuals.choices[0].title), Axis(head),
             [
-                Mark("spans", own.series, y=low, high=high, color=chart.WIDE, width=3.0),
-                Mark("points", own.series, y=mean, color=chart.INK, pick=True,
+                Mark("spans", individuals.series, y=low, high=high, color=chart.WIDE, width=3.0),
+                Mark("points", individuals.series, y=mean, color=chart.INK, pick=True,
                      hover=[("experiment", "{id}"), (head, f"{{{mean}}}")]),
             ],
             {"id": "id", "x": "x", mean: f"{name}, mean", low: f"{name}, lower",
@@ -311,7 +309,7 @@ def individual_charts(document: Document, own: Individuals) -> Iterator[Chart]:
 
 
 def roughness_chart(seen: MeasuredValues, source: Series, against: str) -> Chart | None:
-    """The error of each surface over a condition; None where that is not known."""
+    """The errors of the response surfaces over a condition; None where they are not known."""
     if all(value is None for value in seen.columns.get("error", ())):
         return None
     return Chart(

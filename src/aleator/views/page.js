@@ -69,7 +69,7 @@
       source.selected.indices = found;
     }
     byId("marked").value = id ?? "";
-    byId("told").textContent = id === null ? "" : `${id} is marked in every chart`;
+    byId("status").textContent = id === null ? "" : `${id} is marked in every chart`;
     marking = false;
   }
   function show(source, id, line) {
@@ -212,7 +212,7 @@
     byId("marked").addEventListener("change", (event) => {
       const { value } = event.target;
       if (value === "" || listed().includes(value)) mark(value === "" ? null : value);
-      else byId("told").textContent = `there is no experiment ${value}`;
+      else byId("status").textContent = `there is no experiment ${value}`;
     });
     document.addEventListener("keydown", (event) => { if (event.key === "Escape") mark(null); });
     for (const source of sources()) {

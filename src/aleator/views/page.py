@@ -1,7 +1,7 @@
-"""report.html: a content as one file that needs no network, with charts that answer to the mouse.
+"""report.html: a content as one HTML file that needs no network, with interactive charts.
 
-The page opens with the verdicts; sections follow, each with its sentences, tables and charts. A bar
-marks an experiment in every chart. The same content gives the same text.
+The page begins with the verdicts; sections follow, with sentences, tables and charts. A bar at the
+top selects an experiment, which is then marked in every chart. Equal contents give equal text.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from aleator.views.measured import AxisChoice
 
 @dataclass(frozen=True)
 class HtmlReport:
-    """The text of a page that needs no network; a notebook shows it in a frame.
+    """An HTML page as text, which needs no network; a notebook shows it in a frame.
 
     `height` is that of the frame in pixels.
 
@@ -45,7 +45,7 @@ class HtmlReport:
         return Path(path)
 
     def _repr_html_(self) -> str:
-        """A frame of its own, so that the notebook's styles and scripts are not touched."""
+        """The page in a frame, which keeps its styles and scripts apart from the notebook's."""
         return (
             f'<iframe srcdoc="{escape(self.text)}" title="Report" '
             f'style="width:100%;height:{self.height}px;border:1px solid #ccc"></iframe>'
@@ -63,7 +63,7 @@ def report_of(document: Mapping[str, Any]) -> HtmlReport:
 def page(
     document: Mapping[str, Any], ceiling: Mapping[str, Any] | None = None, study: str | None = None
 ) -> str:
-    """The text of report.html for an identification; the same documents give the same text.
+    """The text of report.html for an identification; equal documents give equal text.
 
     `document` is the content of identification.json, `ceiling` that of ceiling.json, and `study`
     the text of the study file, where they are known. Raises AleatorError where Bokeh is not
@@ -73,7 +73,7 @@ def page(
 
 
 def written(content: Content, choices: Mapping[str, Sequence[AxisChoice]]) -> str:
-    """The text of a page; `choices` say by the name of a series what its x can be.
+    """The text of a page; `choices` are those of the x axis, by the name of a series.
 
     Raises AleatorError where Bokeh is not installed.
     """
@@ -120,7 +120,7 @@ def written(content: Content, choices: Mapping[str, Sequence[AxisChoice]]) -> st
 
 
 def opening(content: Content) -> str:
-    """Both verdicts, a sentence each, in a color that its words do not need, and what was done."""
+    """The head of a page: both verdicts, each with a color, and the lead of the content."""
     verdicts = []
     for verdict in content.verdicts:
         head, colon, rest = verdict.text.partition(":")
@@ -130,7 +130,7 @@ def opening(content: Content) -> str:
 
 
 def safe(value: Any) -> str:
-    """JSON that can stand in a script element.
+    """A value as JSON text that is safe within a script element.
 
     >>> safe({"a": "</script>"})
     '{"a":"\\\\u003c/script>"}'
@@ -142,7 +142,7 @@ def safe(value: Any) -> str:
 
 
 def _parts(parts: Sequence[Part]) -> str:
-    """Sentences, tables and charts in the order of reading; charts that follow share a row."""
+    """Sentences, tables and charts as HTML; consecutive charts that are not wide share a row."""
     text = ""
     for beside, group in groupby(parts, lambda part: isinstance(part, Chart) and not part.wide):
         each = "".join(map(_part, group))
@@ -174,7 +174,7 @@ def _sentence(part: Sentence) -> str:
 
 
 def _table(part: TextTable) -> str:
-    """A table with a button that copies it; what few look for is under a line that opens it."""
+    """A table with a button that copies it; a folded table is opened by a click on its title."""
     if not part.rows:
         return ""
     name, title = escape(part.name), escape(part.title)
@@ -187,7 +187,7 @@ def _table(part: TextTable) -> str:
 
 
 def _figure(chart: Chart) -> str:
-    """The place of a chart, with its title, how to read it, and what can be saved."""
+    """The frame of a chart, with title, caption and the buttons that save it."""
     name = escape(chart.name)
     return (
         f'<figure id="figure-{name}"><h3>{escape(chart.title)}</h3>'
@@ -203,7 +203,7 @@ def _figure(chart: Chart) -> str:
 
 
 def _choices(choices: Mapping[str, Sequence[AxisChoice]]) -> list[dict[str, Any]]:
-    """What can be chosen for x, by title: in each series the column that has it."""
+    """The choices of the x axis by title, each with its column in every series that has it."""
     titles: dict[str, dict[str, Any]] = {}
     for series, own in choices.items():
         for choice in own:
@@ -213,7 +213,7 @@ def _choices(choices: Mapping[str, Sequence[AxisChoice]]) -> list[dict[str, Any]
 
 
 def _switch(section: Chapter) -> str:
-    """A choice of x where a chart of the section has one; the page fills it."""
+    """The menu of x axes, if a chart of the section has one; the script of the page fills it."""
     charts = [part for part in section.parts if isinstance(part, Chart) and part.switched]
     if not charts:
         return ""
@@ -231,7 +231,7 @@ def _ids(charts: Iterable[Chart]) -> Iterator[str]:
 
 
 def _bar(charts: Iterable[Chart]) -> str:
-    """What marks an experiment, by keyboard too."""
+    """The bar that selects the marked experiment, by mouse or keyboard."""
     listed = "".join(f"<option>{escape(one)}</option>" for one in dict.fromkeys(_ids(charts)))
     return (
         '<div class="bar" role="toolbar" aria-label="Marked experiment"><label>Experiment '
@@ -241,7 +241,7 @@ def _bar(charts: Iterable[Chart]) -> str:
         '<button type="button" id="next" aria-label="next experiment">▶</button>'
         '<button type="button" id="clear">Clear</button>'
         '<button type="button" id="scheme">Light or dark</button>'
-        '<span id="told" role="status"></span></div>'
+        '<span id="status" role="status"></span></div>'
     )
 
 

@@ -1,4 +1,4 @@
-"""What is said before an identification and after it: first runs, box, sensitivity, next."""
+"""The reports of `aleator check`, `box`, `sensitivity` and `next`, from their documents."""
 
 from __future__ import annotations
 
@@ -23,8 +23,6 @@ from aleator.results.printed import (
     percent,
 )
 from aleator.results.units import label
-from aleator.tasks.first_look import LOOK
-from aleator.tasks.screen import SCREEN
 
 Document = Mapping[str, Any]
 
@@ -32,7 +30,7 @@ Document = Mapping[str, Any]
 
 
 def first_look(document: Document) -> Content:
-    """What was run, what each parameter does, what is out of reach, and what comes."""
+    """The report of check.json: effects of parameters, values out of reach, expected cost."""
     seen, every = document["conditions"]["looked_at"], document["conditions"]["all"]
     under = f"all {every} conditions" if seen == every else f"{seen} of {every} conditions"
     took = number(document["seconds_a_run"], 2)
@@ -66,7 +64,7 @@ def first_look(document: Document) -> Content:
 
 
 def duration(hours: float) -> str:
-    """A time in the unit that suits it.
+    """A duration in days, hours, minutes or seconds.
 
     >>> duration(0.0001), duration(0.2), duration(5.0), duration(100.0)
     ('less than a second', '12 minutes', '5 hours', '4.2 days')
@@ -98,7 +96,7 @@ def _out_of_reach(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
     known = {row["id"]: row for row in document["observations"]}
     columns = heads("out of reach", ">measured", ">reached from", ">to", ">beyond by")
     rows = []
-    for name in document["out_of_reach"][: amounts.out_of_reach]:
+    for name in document["out_of_reach"][: amounts.named]:
         row = known[name]
         measured = row["lower"] if row["beyond"] > 0.0 else row["upper"]
         rows.append((name, number(measured), *map(number, row["reached"]),
@@ -110,17 +108,13 @@ def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
     size, of = len(document["out_of_reach"]), len(document["observations"])
     if not size:
         return f"All {of} measured values lie within what the simulator reaches in this region."
-    more = (
-        f" ({size - amounts.out_of_reach} more are in check.json)"
-        if size > amounts.out_of_reach
-        else ""
-    )
+    more = f" ({size - amounts.named} more are in check.json)" if size > amounts.named else ""
     noisy = any(row["margin"] for row in document["observations"])
     by = ", within three standard deviations of the noise, known or in the middle of its limits"
 
     def share(row: Document) -> float:
         widths = {name: ends[1] - ends[0] for name, ends in document["measured"].items()}
-        return max(float(m / max(widths[name], LOOK.tiny)) for name, m in row["moves"].items())
+        return max(float(m / (widths[name] or 1.0)) for name, m in row["moves"].items())
 
     strongest = max(document["parameters"], key=share)["name"]
     return (
@@ -152,7 +146,7 @@ def _cost(document: Document) -> str:
 
 
 def box(document: Document, thresholds: Thresholds = THRESHOLDS) -> Content:
-    """A row for each side of a box document, and the lines that go into the study."""
+    """The report of box.json: each side of the feasible box, and the keys for study.toml."""
     columns = heads("parameter", "side", ">value", "~limited by")
     rows = []
     for side in document["sides"]:
@@ -195,7 +189,7 @@ def box(document: Document, thresholds: Thresholds = THRESHOLDS) -> Content:
 
 
 def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
-    """Shares of the variance by parameter, pairs that act alike, and what to make of it."""
+    """The report of sensitivity.json: Sobol' indices, and pairs of parameters that act alike."""
     expansion, outcome = document["expansion"], document["study"]["outcome"]
     missed = expansion["unexplained"]
     lead = (
@@ -228,7 +222,7 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
                 "linear effect is the straight part of what one standard deviation does, in the "
                 "outcome's unit; what bends, as x^2 about zero, is seen in the shares only. "
                 "Alignment is the cosine between the linear effects of two parameters over the "
-                f"experiments: beyond {SCREEN.confounded:g} the experiments hardly tell them apart."
+                f"experiments: beyond {THRESHOLDS.confounded:g} these hardly tell them apart."
             ),
         ]
     rough = ""
@@ -236,7 +230,7 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
         rough = "; the expansions are rough"
         parts.append(
             Sentence(
-                f"more than one in ten misses over {SCREEN.good:.0%} of the variance. Shares "
+                f"more than one in ten misses over {THRESHOLDS.missed:.0%} of the variance. Shares "
                 f"smaller than that mean little; allow more runs (--runs {4 * expansion['runs']}).",
                 "warning", "The expansions are rough",
             )
@@ -250,11 +244,11 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
 # ------------------------------------------------------------------------------------ next
 
 BESIDE = ("id", "standard_error", "chosen", "ties")
-"""Columns of a candidate that are no condition."""
+"""Keys of a candidate that are not conditions."""
 
 
 def next_experiments(document: Document) -> Content:
-    """What it is about, the best candidates, the best set, and what it does to each."""
+    """The report of next.json: the best candidates, the best set, and errors after that set."""
     laws = "" if document["laws"] == 1 else f", in the mean over {document['laws']} possible laws"
     lead = (
         f"About {document['about']}{laws}: {_error(document)} now {_value(document['now'])}. "
@@ -280,7 +274,7 @@ def next_experiments(document: Document) -> Content:
 
 
 def _gain(document: Document) -> str:
-    """What the set does, and what repeating all experiments would take for it."""
+    """A sentence on the effect of the chosen set, and on repetitions with the same effect."""
     chosen = document["chosen"]
     begin = (
         f"{len(chosen)} experiments: {_error(document)} {_value(document['now'])} -> "
@@ -300,7 +294,7 @@ def _error(document: Document) -> str:
 
 
 def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
-    """What a reader must know of the plan: in a few words, and in a sentence."""
+    """Warnings about a plan, each as a head and a sentence."""
     notes = [
         (f"{name} ended on its limit", f"no experiment tells anything of it there. Planned for "
          f"{number(value)}, the end of its interval.")

@@ -1,4 +1,4 @@
-"""What `aleator predict` says: distributions, probabilities, limits; a row for each condition."""
+"""The tables of `aleator predict`: distributions, probabilities and limits by condition."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Columns = Mapping[Any, Sequence[Any]]
 
 
 def distributions(columns: Columns, outcome: str, transform: str = "none") -> Content:
-    """Mean, sd and ranges of an outcome; of a logarithm ranges in the unit of the outcome."""
+    """A table of mean, sd and ranges; ranges of a logarithm are in the unit of the outcome."""
     log = transform == "log"
     back: Callable[[float], float] = exponential if log else float
 
@@ -46,7 +46,7 @@ def distributions(columns: Columns, outcome: str, transform: str = "none") -> Co
 
 
 def probabilities(columns: Columns, title: str) -> Content:
-    """Probabilities with their intervals, and what is not settled of them."""
+    """A table of probabilities with their intervals, and notes on what limits them."""
     shown = heads(
         "id", ">probability", ">95 % interval", ">+-", ">estimate alone", ">beyond", "~note"
     )
@@ -78,7 +78,7 @@ def probabilities(columns: Columns, title: str) -> Content:
 
 
 def limits(columns: Columns, title: str) -> Content:
-    """Tolerance limits, or design values."""
+    """A table of tolerance limits or of design values."""
     ends = [name for name in ("lower", "upper") if name in columns]
     shown = heads("id", *(f">{end} limit" for end in ends), ">+-", ">beyond")
     rows = [
@@ -92,7 +92,7 @@ def limits(columns: Columns, title: str) -> Content:
 
 
 def beyond(value: float | None) -> str:
-    """How far a row is beyond the tested conditions; nothing for one within.
+    """How far a row lies beyond the tested conditions, in ranges of these; empty for one within.
 
     >>> beyond(0.0), beyond(0.512), beyond(float("inf"))
     ('', '0.51 ranges', 'untested')
@@ -111,7 +111,7 @@ def _rows(columns: Columns) -> list[dict[Any, Any]]:
 
 
 def _chance(value: float, digits: int = 3, thresholds: Thresholds = THRESHOLDS) -> str:
-    """A probability, near zero and one with the digits that differ."""
+    """A probability; one near zero or one with the digits that differ from these."""
     if math.isnan(value):
         return NONE
     if 0.0 < value < thresholds.rare:

@@ -1,4 +1,4 @@
-"""Progress as it is seen: a line that moves, on a terminal or in a notebook, or lines elsewhere."""
+"""Progress on the screen: one moving line on a terminal or in a notebook, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from datetime import timedelta
 from html import escape
 from importlib import import_module
-from types import TracebackType
 from typing import Any, Self
 
 from rich.console import Console
@@ -19,9 +18,8 @@ from rich.text import Text
 class ProgressSettings:
     """How often progress is shown; by judgement.
 
-    first: seconds until the first plain line about a stage that takes long. every: seconds between
-    two changes of the moving line: a notebook keeps each in its file while it runs.
-    bar: letters of the bar.
+    first: seconds until the first line about a stage that takes long. every: seconds between two
+    changes of the line in a notebook, whose file keeps each of them. bar: width in characters.
     """
 
     first: float = 5.0
@@ -33,7 +31,7 @@ PROGRESS = ProgressSettings()
 
 
 class Lines:
-    """Progress as plain lines: one for each stage, and more, ever rarer, of a long stage."""
+    """Progress as plain lines: one for each stage, and ever rarer ones during a long stage."""
 
     def __init__(self, console: Console, interval: float = PROGRESS.first) -> None:
         self._console = console
@@ -55,7 +53,7 @@ class Lines:
         self._say(f"{name} ...")
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:  # noqa: ARG002
-        """Say the text if some time has passed since the last line; it tells the share itself."""
+        """Print the text if enough time has passed since the last line."""
         now = time.monotonic()
         if now >= self._next:
             self._next = now + max(self._interval, 0.5 * (now - self._began))
@@ -67,7 +65,7 @@ class Lines:
 
 
 class _Elapsed(ProgressColumn):
-    """The seconds since the first stage began."""
+    """The time since the first stage began."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -79,7 +77,7 @@ class _Elapsed(ProgressColumn):
 
 
 class Bars:
-    """Progress as one moving line: the stage, a bar where its share is known, and all seconds."""
+    """Progress as one moving line: the stage, a bar where the share is known, the total time."""
 
     def __init__(self, console: Console) -> None:
         self._progress = Progress(
@@ -96,18 +94,13 @@ class Bars:
         self._progress.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self._progress.update(self._task, total=1, completed=1, text="")
         self._progress.stop()
 
     def stage(self, name: str) -> None:
-        """Go on with a stage: what was told of the one before is over."""
+        """Begin a stage, which takes the place of the one before."""
         self._progress.refresh()
         self._progress.remove_task(self._task)
         self._task = self._progress.add_task(name, total=None, text="")
@@ -118,16 +111,15 @@ class Bars:
 
 
 def shown_on(console: Console) -> Bars | Lines:
-    """What suits a console: bars that move on a terminal, lines elsewhere."""
+    """Progress for a console: a moving line on a terminal, plain lines elsewhere."""
     return Bars(console) if console.is_terminal else Lines(console)
 
 
 class ProgressLine:
-    """Says where a long call is: `identify(..., progress=ProgressLine())`.
+    """Shows the progress of a long call: `identify(..., progress=ProgressLine())`.
 
-    In a notebook it is one line under the cell, which is written anew and in the end tells the
-    seconds of the last stage; in a script it is a line for each stage on the standard error, and
-    more of a stage that takes long. It needs no widgets.
+    In a notebook it is one line under the cell, which changes as the call goes on. In a script each
+    stage prints a line to the standard error, and a long stage prints more. No widgets are needed.
 
     >>> from aleator import ProgressLine
     >>> line = ProgressLine()
@@ -149,7 +141,7 @@ class ProgressLine:
         self._show("")
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
-        """Say something of the stage, at most four times a second."""
+        """Show a text about the stage, at most four times a second in a notebook."""
         if self._handle is None:
             self._lines.update(text, done, total)
         elif time.monotonic() - self._last >= PROGRESS.every:
@@ -176,7 +168,7 @@ class _Line:
 
 
 def _notebook() -> Any:
-    """Where a notebook shows a line that changes; None outside of one."""
+    """The handle of a line that a notebook can change; None outside of a notebook."""
     try:
         shell = import_module("IPython").get_ipython()
         if shell is None or not hasattr(shell, "kernel"):

@@ -1,4 +1,4 @@
-"""The store of runs on the terminal."""
+"""The tables of `aleator runs`: the store's simulators, its runs, and one run."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from aleator.views.terminal import terminal
 class RunListSettings:
     """How runs are listed; by judgement.
 
-    moment: letters of a time to the minute. fingerprint: letters of a fingerprint that are shown,
-    and suffice to name it.
+    moment: characters of a time, up to the minute. fingerprint: characters of a fingerprint that
+    are shown, enough to identify it.
     """
 
     moment: int = 16
@@ -40,9 +40,9 @@ HOLDINGS = heads("simulator", "fingerprint", ">runs", ">failed", ">seconds", "la
 RUNS = heads(">run", "when", ">outcome", "~of")
 
 
-def holdings(found: Sequence[Holding], current: str | None, store: str) -> RenderableType:
-    """A row for each simulator; the one with the fingerprint `current` is the study's."""
-    if not found:
+def holdings(stored: Sequence[Holding], current: str | None, store: str) -> RenderableType:
+    """A table of the simulators in a store; that with the fingerprint `current` is the study's."""
+    if not stored:
         return terminal(Content(f"{store} holds no runs."))
     rows = [
         (
@@ -54,14 +54,14 @@ def holdings(found: Sequence[Holding], current: str | None, store: str) -> Rende
             "-" if held.last is None else moment(held.last)[: LISTED.moment],
             "this study's" if held.simulator.fingerprint == current else "",
         )
-        for held in found
+        for held in stored
     ]
     return _shown(f"Runs in {store}", TextTable(HOLDINGS, rows))
 
 
-def runs(found: Sequence[StoredRun], more: int) -> RenderableType:
-    """A row for each run; `more` are not shown."""
-    if not found:
+def runs(stored: Sequence[StoredRun], more: int) -> RenderableType:
+    """A table of runs; `more` is the number of earlier runs that are not shown."""
+    if not stored:
         return terminal(Content("There is no such run."))
     rows = [
         (
@@ -70,14 +70,14 @@ def runs(found: Sequence[StoredRun], more: int) -> RenderableType:
             "failed" if run.outcome is None else _outcome(run.outcome),
             _values_of(run),
         )
-        for run in found
+        for run in stored
     ]
     note = [Sentence(f"and {more:,} before these")] if more else []
     return _shown("", TextTable(RUNS, rows), *note)
 
 
 def one(run: StoredRun) -> RenderableType:
-    """All of one run, with what it printed."""
+    """A table with everything known of one run, and its log."""
     simulator = run.simulator
     rows = [
         ("simulator", f"{simulator.name} ({simulator.description}) {simulator.version}".strip()),
@@ -100,14 +100,14 @@ def _shown(title: str, *parts: TextTable | Sentence) -> RenderableType:
 
 
 def _outcome(outcome: float | tuple[float, ...]) -> str:
-    """A number, or the first of several values and how many there are."""
+    """An outcome, or the first of several values and their number."""
     if isinstance(outcome, float):
         return f"{outcome:.6g}"
     return f"{outcome[0]:.6g}, ... ({len(outcome)} values)"
 
 
 def _outcomes(run: StoredRun) -> list[tuple[str, str]]:
-    """A line for the outcome, or one for each response with its values row by row."""
+    """The outcome of a run, or the values of each response."""
     if not isinstance(run.outcome, tuple):
         return [("outcome", "none" if run.outcome is None else repr(run.outcome))]
     names = [f"outcome {name}" for name in run.responses] or ["outcome"]
@@ -116,12 +116,12 @@ def _outcomes(run: StoredRun) -> list[tuple[str, str]]:
 
 
 def moment(seconds: float) -> str:
-    """A time of the clock on the wall."""
+    """A time as local date and time of day."""
     return datetime.fromtimestamp(seconds).strftime("%Y-%m-%d %H:%M:%S")
 
 
 def _cut(text: str, start: bool = True, amounts: Amounts = AMOUNTS) -> str:
-    """A text that somebody may read: programs that fail may print millions of letters."""
+    """A text cut to a readable length: a failing program may print millions of characters."""
     if len(text) <= amounts.failure:
         return text
     left_out = f"... ({len(text) - amounts.failure:,} letters are left out) ..."
@@ -133,7 +133,7 @@ def _cut(text: str, start: bool = True, amounts: Amounts = AMOUNTS) -> str:
 
 
 def _values_of(run: StoredRun) -> str:
-    """Conditions and parameters of a run, and why it failed."""
+    """Conditions and parameters of a run, and the reason of its failure."""
     parts = [_values(run.conditions), _values(run.parameters), _cut(run.failure or "")]
     return "; ".join(part for part in parts if part)
 
@@ -143,7 +143,7 @@ def _values(values: dict[str, Any]) -> str:
 
 
 def _short(value: Any) -> str:
-    """A value, or the first and the last of a series."""
+    """A value, or the first and the last value of a series."""
     if isinstance(value, list) and len(value) > 1:
         return f"{_value(value[0])}...{_value(value[-1])}"
     return _value(value)

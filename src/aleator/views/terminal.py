@@ -1,4 +1,4 @@
-"""A content on a terminal, as wide as that is, with or without color."""
+"""A content printed on a terminal, in its width, with or without color."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STYLES = {
 
 
 def terminal(content: Content, files: Sequence[str] = (), depth: Depth = WHOLE) -> RenderableType:
-    """The content as a report, a line empty between its parts; `files` are named at its end."""
+    """The content as a report with a blank line between its parts, and the `files` at its end."""
     shown = [part for part in paragraphs(content, depth) if part]
     last = shown.pop() if content.verdicts else []
     lines: list[RenderableType] = []
@@ -38,13 +38,13 @@ def terminal(content: Content, files: Sequence[str] = (), depth: Depth = WHOLE) 
 
 
 def written(files: Sequence[str]) -> list[Text]:
-    """A line for each file; a path is never folded, so that it can be copied."""
+    """A line for each file that was written; paths are not wrapped, so that they can be copied."""
     return [Text(f"Written: {file}", no_wrap=True, overflow="ignore") for file in files]
 
 
 @dataclass(frozen=True)
 class TerminalTable:
-    """A table that cuts no word, with a line under its head."""
+    """A table in the width of the terminal, with a rule under its head; no word is cut."""
 
     columns: Sequence[Column]
     rows: Sequence[Sequence[str]]
@@ -60,7 +60,7 @@ class TerminalTable:
 
 
 def _part(part: Sentence | TextTable) -> list[RenderableType]:
-    """A table, or a sentence whose first words have its color."""
+    """The lines of a table or of a sentence, whose words up to the colon are colored."""
     if isinstance(part, TextTable):
         title = [Text(), Text(part.title, style="bold")] if part.folded else []
         return [*title, TerminalTable(part.columns, part.rows)]

@@ -1,4 +1,4 @@
-"""What a bootstrap, a posterior and a recovery study say of how sure the estimates are."""
+"""The reports of `aleator bootstrap`, `posterior` and `recover`, from their documents."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from aleator.results.printed import (
     with_error,
 )
 from aleator.results.units import label
-from aleator.tasks.bootstrap import ARRIVED, PARAMETRIC
 
 Document = Mapping[str, Any]
 
@@ -31,9 +30,9 @@ Document = Mapping[str, Any]
 
 
 def bootstrap(document: Document) -> Content:
-    """Estimate, standard error, bias and interval of each hyperparameter, of bootstrap.json."""
-    arrived, size = document["statuses"].get(ARRIVED, 0), document["replicates"]
-    parametric = document["kind"] == PARAMETRIC
+    """The report of bootstrap.json: error, bias and interval of each hyperparameter."""
+    arrived, size = document["statuses"].get("arrived", 0), document["replicates"]
+    parametric = document["kind"] == "parametric"
     drawn = (
         "drawn under the identified law and noise"
         if parametric
@@ -75,7 +74,7 @@ def _bias(row: Document, thresholds: Thresholds = THRESHOLDS) -> str:
 
 
 def posterior(document: Document) -> Content:
-    """The table of a posterior document (see `Posterior.to_dict`), its warnings and its verdict."""
+    """The report of posterior.json: mean, sd and interval of each hyperparameter, warnings."""
     rows = []
     for name, row in document["hyperparameters"].items():
         error, ess = row["sd"], min(row["ess_bulk"], row["ess_tail"])
@@ -117,7 +116,7 @@ MEANING = {
 
 
 def recovery(document: Document) -> Content:
-    """Truth, mean estimate, bias, scatter and coverage of each hyperparameter."""
+    """The report of recovery.json: bias, scatter and coverage of each hyperparameter."""
     replicates = document["replicates"]
     converged = sum(replicate["converged"] for replicate in replicates)
     rows, verdicts = [], []
@@ -152,7 +151,7 @@ def recovery(document: Document) -> Content:
 
 
 def _unexplained(row: Document, replicates: int, thresholds: Thresholds = THRESHOLDS) -> str:
-    """What chance does not explain."""
+    """A note on a bias or a coverage that chance does not explain."""
     notes = []
     if row["bias_error"] and abs(row["bias"]) > thresholds.chance * row["bias_error"]:
         notes.append(f"biased by {row['bias'] / row['scatter']:+.1f} scatter")

@@ -1,19 +1,18 @@
-"""The pictures of an identification: what is drawn of it, computed once and kept beside it."""
+"""The data of the charts of an identification: curves, bands, contours, maps, quantiles."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 from scipy import stats
-from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGridInterpolator
 
-from aleator.core.progress import Progress, Silent
+from aleator.core.progress import Progress
 from aleator.core.types import Array, Indices
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.fit import Fit
@@ -28,24 +27,23 @@ from aleator.inference.likelihood_shape import (
 from aleator.laws import Law, Mixture
 from aleator.laws.inputs import Inputs
 from aleator.laws.inputs import drawn as of_law
+from aleator.results.result import Result
 from aleator.results.values import REPORTED, Estimate
-
-if TYPE_CHECKING:
-    from aleator.tasks.identification import Identification
 
 
 @dataclass(frozen=True)
 class PictureSettings:
-    """How much is drawn, and in how many digits: by what the eye sees."""
+    """How many points, curves and digits the charts of a report have; by what the eye sees."""
 
     digits: int = 5
+    """Significant digits of a value."""
     places: int = 10
-    """Digits of where something is: an interval may be narrow beside its place."""
+    """Significant digits of a position: an interval may be narrow beside its position."""
     curve: int = 80
     """Points of the line of a profile."""
-    """Standard normal variates where a curve ends: all but a thousandth of the law."""
     band_points: int = 101
-    few: int = 40
+    """Points of the density of a law."""
+    laws_averaged: int = 40
     """Experiments whose laws are averaged where each has its own."""
     steps: int = 5
     """Steps between two points of a surface."""
@@ -53,12 +51,14 @@ class PictureSettings:
     """Probabilities of a law between which its density is drawn."""
     wide: tuple[float, float] = (0.25, 0.75)
     """Quantiles of the ends of other laws to which it is drawn at least."""
-    around: int = 73
+    contour: int = 73
     """Points of a contour."""
     masses: tuple[float, float] = (0.5, 0.95)
+    """Probabilities that the contours of the law of two parameters enclose."""
     contours: tuple[float, float, float] = (0.5, 0.8, 0.95)
     """Confidence of the curves of the likelihood of two hyperparameters."""
     pairs: int = 6
+    """Pairs of parameters whose contours are drawn."""
     side: int = 11
     """Points of a side of the surface."""
     profiles: int = 8
@@ -68,15 +68,19 @@ class PictureSettings:
     spread: int = 4000
     """Parameters of which the middle and the ends of the charts are taken."""
     spread_ends: tuple[float, float, float] = (0.002, 0.5, 0.998)
+    """Probabilities of the ends and the middle of these."""
     along: int = 41
+    """Points of a curve of the simulator."""
     map_side: int = 21
-    """Points of a curve, and of a side of a map."""
+    """Points of a side of a map of the simulator."""
     curves: int = 3
     """Parameters over which there are curves; over the first two there is a map."""
     experiments: int = 9
+    """Experiments whose curves are drawn, for each response."""
     nodes: int = 200
     """Nodes of collocation that are shown."""
     seed: int = 11
+    """Seed of the parameters and of the nodes that are drawn."""
     map_values: int = 10_000_000
     """Values that are computed for the charts at most."""
     laws: int = 256
@@ -87,7 +91,7 @@ PICTURES = PictureSettings()
 
 
 def drawn(values: ArrayLike, digits: int = PICTURES.digits) -> Any:
-    """Numbers of any shape as nested lists with so many significant digits; None for none.
+    """Numbers of any shape as nested lists, rounded to significant digits; NaN becomes None.
 
     >>> drawn([1.23456789, float("inf"), 0.0]), drawn([1000000.25], 10)
     ([1.2346, None, 0.0], [1000000.25])
@@ -101,51 +105,14 @@ def _shortest(values: Any, digits: int) -> Any:
     return float(f"{values:.{digits}g}") if np.isfinite(values) else None
 
 
-def profile_line(
-    at: Array, below: Array, settings: PictureSettings = PICTURES
-) -> tuple[Array, Array]:
-    """A line through the points of a profile: its signed root is nearly straight.
-
-    `below` is how far the log-likelihood is below its maximum at the values `at`, in ascending
-    order; the line's ordinate is minus that.
-
-    >>> x, y = profile_line(np.array([-3.0, 0.0, 2.0]), np.array([4.5, 0.0, 2.0]))
-    >>> bool(np.allclose(y, -0.5 * x**2))
-    True
-    """
-    known = np.isfinite(below) & (np.diff(at, prepend=-np.inf) > 0.0)
-    at, below = at[known], below[known]
-    if at.size < 2:
-        return at, -below
-    root = np.sign(at - at[np.argmin(below)]) * np.sqrt(2.0 * np.maximum(below, 0.0))
-    x = np.union1d(np.linspace(at[0], at[-1], settings.curve), at)
-    return x, -0.5 * PchipInterpolator(at, root)(x) ** 2
-
-
-def finer(grid: Array, settings: PictureSettings = PICTURES) -> Array:
-    """A square grid with steps between its points: smooth, or straight where some are unknown.
-
-    >>> side = np.arange(4.0)
-    >>> steps = PICTURES.steps
-    >>> bool(np.allclose(finer(np.add.outer(side, side**2))[::steps, 1], side + 1 / steps**2))
-    True
-    """
-    at = np.arange(float(len(grid)))
-    fine = np.linspace(0.0, at[-1], settings.steps * (len(grid) - 1) + 1)
-    if np.all(np.isfinite(grid)):
-        return np.asarray(RectBivariateSpline(at, at, grid)(fine, fine))
-    between = np.meshgrid(fine, fine, indexing="ij")
-    return np.asarray(RegularGridInterpolator((at, at), grid)(tuple(between)))
-
-
 def law_bands(
     inputs: Inputs, draws: AlphaDraws, count: int, settings: PictureSettings = PICTURES
 ) -> dict[str, dict[str, Any]]:
-    """`x`, `density`, and `lower` and `upper` ends of 95 % of the densities under plausible laws.
+    """The density of each scattering parameter, with a pointwise band of 95 % of plausible laws.
 
-    For each parameter that scatters. Where laws follow covariates it is the mean of those of some
-    of the `count` experiments, evenly chosen. The band is that of each x by itself. None of a
-    mixture with points, which has no density.
+    Each entry has `x`, `density`, and the ends `lower` and `upper` of the band. Where laws follow
+    covariates the densities of some of the `count` experiments are averaged. A mixture with points
+    has no density, and no entry.
     """
     here = _values(inputs, draws.estimate, count, settings)
     others = [_values(inputs, alpha, count, settings) for alpha in draws.alpha]
@@ -176,18 +143,18 @@ def law_bands(
 def law_contours(
     inputs: Inputs, alpha: Array, settings: PictureSettings = PICTURES
 ) -> list[dict[str, Any]]:
-    """Curves that hold 50 % and 95 % of the law of two parameters, of some pairs.
+    """Curves that enclose 50 % and 95 % of the joint law of some pairs of parameters.
 
-    The images of the circles that hold as much of two standard normal variates, correlated as the
-    parameters are. Pairs that are correlated come first. None where laws follow covariates, and of
-    a mixture, whose law is no image of one normal variate.
+    They are images of circles of two standard normal variates, correlated as the parameters are.
+    The most correlated pairs come first. There are none where laws follow covariates, and none of a
+    mixture, whose law is no image of one normal variate.
     """
     if inputs.regressed or len(inputs.classes) > 1:
         return []
     matrix = inputs.correlation_matrix(alpha)
     pairs = sorted(combinations(inputs.scattered, 2), key=lambda pair: -abs(matrix[pair]))
     laws = [*inputs.laws.values()]
-    angle = np.linspace(0.0, 2.0 * np.pi, settings.around)
+    angle = np.linspace(0.0, 2.0 * np.pi, settings.contour)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     found = []
     for i, j in pairs[: settings.pairs]:
@@ -208,8 +175,8 @@ def law_contours(
 def _values(
     inputs: Inputs, alpha: Array, count: int, settings: PictureSettings
 ) -> tuple[Array, ...]:
-    """Of each law the values (k, E) of some experiments: one where all have the same law."""
-    chosen = np.unique(np.linspace(0, count - 1, settings.few).round().astype(int))
+    """The hyperparameters (k, E) of each law for E experiments, or for one where all are equal."""
+    chosen = np.unique(np.linspace(0, count - 1, settings.laws_averaged).round().astype(int))
     found = inputs.values(alpha[: inputs.size], slice(0, count))
     return tuple(own[:, None] if own.ndim == 1 else own[:, chosen, 0] for own in found)
 
@@ -228,14 +195,14 @@ def _density(law: Law, values: Array, x: Array) -> Array:
 def likelihood_shapes(
     fit: Fit,
     estimates: Mapping[str, Estimate],
-    told: Callable[[str], None],
+    report: Callable[[str], None],
     settings: PictureSettings = PICTURES,
 ) -> dict[str, Any]:
-    """`profiles` by hyperparameter, and `surface` over the weakest pair; both below the maximum.
+    """Profiles of the log-likelihood, and its surface over the two most correlated estimates.
 
-    A profile is that of the interval: it has its ends, and has dropped there as the estimate says.
-    Empty where there is no maximum with a curvature, or where observations are too many. By the
-    fewest nodes that serve: differences of log-likelihoods hardly depend on these.
+    Both are drops below the maximum. A profile includes the ends of the 95 % interval. Empty where
+    the maximum has no curvature, and for very many observations. Few nodes are used, as differences
+    of log-likelihoods hardly depend on their number.
     """
     inference = fit.inference
     if not inference.positive or len(fit.table.observations) > settings.observations:
@@ -244,7 +211,7 @@ def likelihood_shapes(
     profiles = {}
     for k in _shown(fit, estimates, settings):
         h = fit.hyperparameters[k]
-        told(h.name)
+        report(h.name)
         estimate = estimates[h.name]
         assert estimate.interval is not None
         assert estimate.drops is not None
@@ -254,7 +221,7 @@ def likelihood_shapes(
         for end, drop in zip(estimate.interval, estimate.drops, strict=True):
             below[at == end] = drop
         profiles[h.name] = {"at": drawn(at, settings.places), "below": drawn(below)}
-    return {"profiles": profiles, "surface": _surface(fit, estimates, objective, told, settings)}
+    return {"profiles": profiles, "surface": _surface(fit, estimates, objective, report, settings)}
 
 
 def _shown(fit: Fit, estimates: Mapping[str, Estimate], settings: PictureSettings) -> list[int]:
@@ -268,7 +235,7 @@ def _surface(
     fit: Fit,
     estimates: Mapping[str, Estimate],
     objective: Objective,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
     settings: PictureSettings,
 ) -> dict[str, Any] | None:
     free = [int(k) for k in fit.inference.free]
@@ -279,7 +246,7 @@ def _surface(
         return None
     first, second = (free[rows[r]] for r in weakest)
     names = [fit.hyperparameters[k].name for k in (first, second)]
-    told(" and ".join(names))
+    report(" and ".join(names))
     found = likelihood_surface(
         objective, fit.alpha, fit.hyperparameters, fit.inference, (first, second), settings.side
     )
@@ -293,12 +260,12 @@ def _surface(
 
 
 ROWS = {1: ("last",), 2: ("first", "last")}
-"""Which of so many rows of a series are shown; of more the middle one too."""
+"""The rows of a short series that are shown, by the number of its rows."""
 EVERY = ("first", "middle", "last")
 
 
 def responses(fit: Fit, settings: PictureSettings = PICTURES) -> dict[str, Any]:
-    """Outcomes over each scattering parameter, the others in their middle, and over two of them.
+    """The simulator over each scattering parameter, and over two of them, the others in the middle.
 
     `over` has the values of each parameter, `map` those of the two on the grid of the maps;
     `shown` has for some observations `curves` by parameter, and the `map`, in the original unit.
@@ -349,9 +316,9 @@ def responses(fit: Fit, settings: PictureSettings = PICTURES) -> dict[str, Any]:
 def _at_nodes(
     fit: Fit, columns: list[int], low: Array, high: Array, settings: PictureSettings
 ) -> dict[str, Any]:
-    """Outcomes of the runs of collocation at the nodes of the law, some of those within its ends.
+    """Outcomes of collocation at some nodes of the law.
 
-    Nodes of Gauss rules lie farther out than any parameter, where a chart would show nothing else.
+    Nodes of Gauss rules that lie beyond all probable parameters are left out.
     """
     known = fit.likelihood.nodes()
     if known is None:
@@ -384,17 +351,17 @@ def _spread(fit: Fit, settings: PictureSettings) -> Array:
 
 
 def _moved(middle: Array, columns: list[int], values: Array) -> Array:
-    """Points (J, n) in the middle but for some columns, whose values (J, k) are given."""
+    """Points (J, n) in the middle of the region, with other values (J, k) in some columns."""
     points = np.tile(middle, (len(values), 1))
     points[:, columns] = values
     return points
 
 
 def _chosen(fit: Fit, middle: Array, settings: PictureSettings) -> list[tuple[int, str]]:
-    """Some observations of each response, with their places in their series.
+    """Observations of some experiments for each response, with their places in their series.
 
-    They are the first, the middle and the last one of some experiments, from low to high last
-    outcomes. The least probable experiment is among them.
+    These are the first, the middle and the last observation of experiments from low to high
+    outcomes, the least probable experiment included.
     """
     seen = fit.table.observations
     each, found = np.nan_to_num(fit.scored().each, nan=-np.inf), []
@@ -415,14 +382,14 @@ def _chosen(fit: Fit, middle: Array, settings: PictureSettings) -> list[tuple[in
 
 
 def _placed(rows: Indices) -> list[tuple[int, str]]:
-    """Of the observations of a series those that are shown, and where in it each is."""
+    """The observations of a series that are shown, each with its place."""
     places = ROWS.get(len(rows), EVERY)
     at = np.linspace(len(rows) - 1, 0, len(places)).round().astype(int)[::-1]
     return [(int(rows[k]), place) for k, place in zip(at, places, strict=True)]
 
 
 def _entry(fit: Fit, m: int, place: str, settings: PictureSettings) -> dict[str, Any]:
-    """What is told of observation m of M."""
+    """The entry of observation m of M: its experiment, its response, its bounds."""
     seen = fit.table.observations
     return {
         "id": str(fit.table.ids[int(seen.experiment[m])]),
@@ -435,7 +402,7 @@ def _entry(fit: Fit, m: int, place: str, settings: PictureSettings) -> dict[str,
 
 
 def _original(fit: Fit, m: int, values: Array, digits: int | None = None) -> Any:
-    """Values of observation m of M in the unit of the table, as they are drawn."""
+    """Values of observation m of M in the unit of the table, rounded for a chart."""
     seen = fit.table.observations
     response = seen.responses[int(seen.response[m])]
     with np.errstate(over="ignore"):
@@ -443,50 +410,35 @@ def _original(fit: Fit, m: int, values: Array, digits: int | None = None) -> Any
     return drawn(shown) if digits is None else drawn(shown, digits)
 
 
-STAGE = "pictures"
+def pictures(
+    result: Result,
+    fit: Fit,
+    draws: AlphaDraws,
+    progress: Progress,
+    settings: PictureSettings = PICTURES,
+) -> dict[str, Any]:
+    """What the report of a result draws beside its numbers, from its fit; no run is made.
 
-
-def pictured(
-    found: Identification, progress: Progress | None = None, settings: PictureSettings = PICTURES
-) -> Identification:
-    """The identification with what its report draws: `pictures`, by its fit, without runs.
-
-    `conditions` of each experiment, `laws` with the uncertainty of alpha, `contours` of two
-    parameters, `profiles` of the likelihood and its `surface` over the two estimates that are told
-    apart worst, the simulator's `response` over the parameters and the `roughness` of its
+    `conditions` of each experiment, `laws` with the uncertainty of alpha by its `draws`, `contours`
+    of two parameters, `profiles` of the likelihood and its `surface` over the two estimates that
+    are told apart worst, the simulator's `response` over the parameters, the `roughness` of its
     surfaces, and `predicted` quantiles of each observation under the law. Cost: seconds.
-    Raises AleatorError where the identification was read from a file.
-
-    >>> import pandas as pd
-    >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
-    >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
-    >>> law = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
-    >>> found = identify(lambda load, x: load * x, table, law, outcome="y", noise=Noise(0.1),
-    ...                  verification=Check(0))
-    >>> sorted(pictured(found).pictures)
-    ['conditions', 'contours', 'laws', 'predicted', 'profiles', 'response', 'roughness', 'surface']
     """
-    progress = progress or Silent()
-    fit = found.fit
-    progress.stage(STAGE)
-    return replace(
-        found,
-        pictures={
-            "conditions": _conditions(fit, settings),
-            "laws": law_bands(fit.inputs, found.draws(settings.laws), fit.count, settings=settings),
-            "contours": law_contours(fit.inputs, fit.alpha, settings=settings),
-            **likelihood_shapes(fit, found.alpha, progress.update, settings=settings),
-            "response": responses(fit, settings=settings),
-            "roughness": []
-            if fit.likelihood.roughness is None
-            else drawn(fit.likelihood.roughness),
-            "predicted": _predicted(fit, settings) if found.observations else {},
-        },
-    )
+    progress.stage("pictures")
+    rough = fit.likelihood.roughness
+    return {
+        "conditions": _conditions(fit, settings),
+        "laws": law_bands(fit.inputs, draws, fit.count, settings),
+        "contours": law_contours(fit.inputs, fit.alpha, settings),
+        **likelihood_shapes(fit, result.alpha, progress.update, settings),
+        "response": responses(fit, settings),
+        "roughness": [] if rough is None else drawn(rough),
+        "predicted": _predicted(fit, settings) if result.observations else {},
+    }
 
 
 def _conditions(fit: Fit, settings: PictureSettings) -> dict[str, list[Any]]:
-    """What is the same in all rows of an experiment, by its name: (N,) numbers or texts."""
+    """Columns (N,), numbers or texts, that are constant within each experiment."""
     table = fit.table.table.reset_index(drop=True)
     owner = pd.Series(fit.table.experiment)
     found = {}
