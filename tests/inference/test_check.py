@@ -19,7 +19,7 @@ from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner, as_runner
-from aleator.surrogates.responses import DirectResponse
+from aleator.simulators.response_functions import DirectResponse
 
 COUNT, ALPHA = 100, np.array([1.0, 0.3, 0.5, 0.2])
 LAW = Inputs(

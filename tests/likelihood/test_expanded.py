@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aleator import Free, Inputs, Normal, TruncatedNormal
+from aleator.laws.quadrature import SobolPoints, TensorGauss
 from aleator.moments.expansion import TotalDegree
 from aleator.moments.projection import Projection, Regression
 from aleator.moments.propagation import (
@@ -13,7 +14,6 @@ from aleator.moments.propagation import (
     ExpandedPropagation,
     QuadraturePropagation,
 )
-from aleator.moments.quadrature import SobolPoints, TensorGauss
 
 TEN = Inputs({f"x{i}": Normal(Free(-1.0, 1.0), Free(0.01, 1.0)) for i in range(10)})
 ALPHA = np.array([value for i in range(10) for value in (0.1 * i - 0.4, 0.05 + 0.03 * i)])

@@ -13,7 +13,7 @@ from scipy import stats
 from aleator import Constant, Free, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
 from aleator.likelihood.level_sets import LevelLikelihood, on_a_grid, traceable
 from aleator.likelihood.level_sets.grid import Grid
-from aleator.surrogates.responses import DirectResponse
+from aleator.simulators.response_functions import DirectResponse
 
 Array = NDArray[np.float64]
 LOADS = np.array([0.5, 1.0, 1.5, 2.0])

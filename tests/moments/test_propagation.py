@@ -23,6 +23,7 @@ from problems import (
 from aleator import Collocation, Free, Inputs, Normal, ResponseSurface
 from aleator.core.types import Array
 from aleator.errors import InputsError
+from aleator.laws.quadrature import SobolPoints, TensorGauss
 from aleator.moments.expansion import TotalDegree
 from aleator.moments.moments import Moments
 from aleator.moments.projection import Regression
@@ -31,9 +32,8 @@ from aleator.moments.propagation import (
     QuadraturePropagation,
     check_nodes,
 )
-from aleator.moments.quadrature import SobolPoints, TensorGauss
+from aleator.simulators.response_functions import DirectResponse
 from aleator.surrogates import build_surface
-from aleator.surrogates.responses import DirectResponse
 
 NAMES = ("mean", "sd", "standardized")
 

@@ -9,7 +9,7 @@ from scipy.stats import qmc
 
 from aleator.surrogates.adaptive import AdaptiveSurfaces, steps
 from aleator.surrogates.choice import ResponseSurface
-from aleator.surrogates.responses import Samples
+from aleator.surrogates.samples import Samples
 
 Array = NDArray[np.float64]
 BOX = np.array([[0.0, 2.0], [-1.0, 1.0]])

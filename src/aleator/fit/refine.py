@@ -39,9 +39,10 @@ from aleator.likelihood.problem import Forward, forward, told
 from aleator.search import SearchResult
 from aleator.search.interface import OPTIMA
 from aleator.simulators import Runner
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
 from aleator.surrogates.adaptive import within
-from aleator.surrogates.responses import Sites, features, moving_parameters
+from aleator.surrogates.samples import Sites, features
 
 
 @dataclass(frozen=True)

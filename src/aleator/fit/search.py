@@ -19,11 +19,10 @@ from aleator.core.types import Array
 from aleator.fit.ledger import SEARCH, Ledger
 from aleator.fit.question import Question, start_point
 from aleator.fit.settle import AnyLikelihood, climbed
-from aleator.laws import Hyperparameter
-from aleator.laws import mixture as classes
+from aleator.laws import Hyperparameter, classes
+from aleator.laws.classes import apart, undivided
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
-from aleator.laws.mixture import apart, undivided
 from aleator.likelihood.individual import (
     Direct,
     GaussHermite,
@@ -34,8 +33,8 @@ from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, Search, SearchResult, WarmStart
 from aleator.search.interface import OPTIMA, LogLikelihood, read, written
 from aleator.simulators import Runner
+from aleator.simulators.response_functions import moving_parameters
 from aleator.simulators.store import keep, kept
-from aleator.surrogates.responses import moving_parameters
 
 
 @dataclass(frozen=True)

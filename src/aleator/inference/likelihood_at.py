@@ -39,7 +39,7 @@ from aleator.likelihood.problem import Problem
 from aleator.observations.responses import Observations
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import Runner
-from aleator.surrogates.responses import DirectResponse, OutcomeDistribution
+from aleator.simulators.response_functions import DirectResponse, OutcomeDistribution
 
 
 @dataclass(frozen=True)

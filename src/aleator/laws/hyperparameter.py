@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from scipy import special
@@ -14,8 +14,26 @@ from scipy import special
 from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 
-if TYPE_CHECKING:
-    from aleator.laws.law import Law
+
+class PriorLaw(Protocol):
+    """What a prior needs of a law: every `Law` has it."""
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """The hyperparameters, all of them known."""
+
+    @property
+    def scatters(self) -> bool:
+        """Whether it is more than one point."""
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """log f(x) at each x (J,), minus infinity outside the support."""
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """Phi^-1(F(x)) at each x (J,)."""
+
+    def quantile(self, values: Array, probability: Array) -> Array:
+        """The quantile at each probability."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +51,7 @@ class Free:
     lower: float | None = None
     upper: float | None = None
     start: float | None = None
-    prior: Law | None = None
+    prior: PriorLaw | None = None
 
 
 @dataclass(frozen=True, init=False)
@@ -309,13 +327,13 @@ class Prior:
     (-0.6163534, -20.0)
     """
 
-    law: Law
+    law: PriorLaw
     step: float
     soft: tuple[float, float]
     hard: tuple[float, float]
 
     @classmethod
-    def of(cls, law: Law, name: str, lower: float, upper: float) -> Prior:
+    def of(cls, law: PriorLaw, name: str, lower: float, upper: float) -> Prior:
         """The prior of the hyperparameter `name` with these limits.
 
         Raises InputsError where the law is not known, is that of a constant, has no density on a
@@ -424,11 +442,11 @@ def has_prior(hyperparameters: Sequence[Hyperparameter]) -> bool:
     return any(h.prior is not None for h in hyperparameters)
 
 
-def _values_of(law: Law) -> Array:
+def _values_of(law: PriorLaw) -> Array:
     return np.array([h.start for h in law.hyperparameters])
 
 
-def _held(law: Law, values: Array, lower: float, upper: float) -> float:
+def _held(law: PriorLaw, values: Array, lower: float, upper: float) -> float:
     """The probability between the limits."""
     score = law.normal_score(values, np.array([lower, upper]))
     return float(special.ndtr(score[1]) - special.ndtr(score[0]))

@@ -18,8 +18,7 @@ from aleator.likelihood.model import Model
 from aleator.search import Objective
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import NoOutcome, Runner
-from aleator.surrogates import ResponseSurface, Surface, build_surface
-from aleator.surrogates.responses import (
+from aleator.simulators.response_functions import (
     Confined,
     DirectResponse,
     Divisible,
@@ -30,6 +29,7 @@ from aleator.surrogates.responses import (
     moving_parameters,
     straight,
 )
+from aleator.surrogates import ResponseSurface, Surface, build_surface
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -274,10 +274,14 @@ def _by_moments(
 ) -> Predictive:
     """The paper's way: moments of the outcome, and a density that is fitted to them."""
     from aleator.moments.likelihood import Predictive
-    from aleator.moments.propagation import propagated
+    from aleator.moments.propagation import collocated, on_surfaces
 
-    order = max(density.order, 4)
-    way = propagated(model.inputs, model.propagation, order, response, region)
+    order, inputs, choice = max(density.order, 4), model.inputs, model.propagation
+    way = (
+        on_surfaces(inputs, choice.nodes, order, response, region)
+        if isinstance(choice, ResponseSurface)
+        else collocated(inputs, choice, order, response)
+    )
     return Predictive(way, density, condition, *ends, model.hyperparameters)
 
 

@@ -23,7 +23,7 @@ from aleator.moments.moments import Moments, joined
 from aleator.moments.propagation import Propagation, QuadraturePropagation, finer
 from aleator.results.values import DensityDistance
 from aleator.search.interface import LogLikelihood
-from aleator.surrogates.responses import Divisible, OutcomeDistribution
+from aleator.simulators.response_functions import Divisible, OutcomeDistribution
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,13 +18,12 @@ import numpy as np
 from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws import Inputs
+from aleator.laws.quadrature import Cubature, CubatureNodes, SobolPoints, TensorGauss
 from aleator.moments.exact_moments import ExpansionMoments, prepare
 from aleator.moments.expansion import Basis, ExpansionDesign, TotalDegree
 from aleator.moments.moments import Moments, NodeOutcomes
 from aleator.moments.projection import Projection, Regression, expansion_map
-from aleator.moments.quadrature import Cubature, CubatureNodes, SobolPoints, TensorGauss
-from aleator.surrogates import ResponseSurface
-from aleator.surrogates.responses import Divisible, ResponseFunction
+from aleator.simulators.response_functions import Divisible, ResponseFunction
 
 Fit = Projection | Regression
 
@@ -351,20 +350,20 @@ class NodeSettings:
 NODE_SETTINGS = NodeSettings()
 
 
-def propagated(
+def on_surfaces(
     inputs: Inputs,
-    choice: ResponseSurface | Collocation,
+    nodes: int | Cubature | None,
     order: int,
     response: ResponseFunction,
     region: Array,
     settings: NodeSettings = NODE_SETTINGS,
 ) -> Propagation:
-    """The way from the law to `order` moments of the outcomes; `region` (n, 2) is known."""
-    if isinstance(choice, Collocation):
-        return _collocated(inputs, choice, order, response)
-    if choice.nodes is not None:
-        return QuadraturePropagation(inputs, response, as_cubature(choice.nodes))
-    # nodes cost no run here: as many as are of use
+    """The way from the law to `order` moments of outcomes that cost no run.
+
+    The surfaces are known on a `region` (n, 2). Without `nodes` there are as many as are of use.
+    """
+    if nodes is not None:
+        return QuadraturePropagation(inputs, response, as_cubature(nodes))
     cubature = default_cubature(inputs, runs=False)
     way = QuadraturePropagation(inputs, response, cubature)
     if isinstance(cubature, TensorGauss):
@@ -372,9 +371,10 @@ def propagated(
     return _enough_degrees(way, region, order, settings)
 
 
-def _collocated(
+def collocated(
     inputs: Inputs, chosen: Collocation, order: int, response: ResponseFunction
 ) -> Propagation:
+    """The way from the law to `order` moments of outcomes that are simulated for every alpha."""
     if chosen.fit is not None:
         return ExpandedPropagation(inputs, response, chosen.fit, order)
     if chosen.nodes is None:

@@ -18,17 +18,11 @@ from scipy.stats import qmc
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.simulators import Account, Runner
+from aleator.simulators.response_functions import Run, attempts, moving_parameters
 from aleator.surrogates.choice import ResponseSurface
 from aleator.surrogates.emulator import Emulator, OwnSurfaces, pairs
 from aleator.surrogates.fit import PLACES, PlacementSettings
-from aleator.surrogates.responses import (
-    FEATURES,
-    Run,
-    Samples,
-    attempts,
-    features,
-    moving_parameters,
-)
+from aleator.surrogates.samples import FEATURES, Samples, features
 from aleator.surrogates.shared import SharedSurface
 from aleator.surrogates.surface import Axes, Surface
 

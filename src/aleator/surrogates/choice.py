@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 from aleator.errors import InputsError
+from aleator.laws.quadrature import Cubature
 from aleator.surrogates.fit import PLACES
-
-if TYPE_CHECKING:
-    from aleator.moments.quadrature import Cubature
 
 Surfaces = Literal["none", "own", "shared"]
 

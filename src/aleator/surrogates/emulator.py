@@ -14,6 +14,7 @@ import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import SimulatorError
+from aleator.simulators.response_functions import Run
 from aleator.surrogates.fit import (
     Judged,
     Piece,
@@ -32,7 +33,7 @@ from aleator.surrogates.fit import (
     shares,
     spread,
 )
-from aleator.surrogates.responses import Run, Samples
+from aleator.surrogates.samples import Samples
 from aleator.surrogates.surface import Axes, Surface, outcomes, products, widened
 
 

@@ -27,9 +27,10 @@ from scipy.optimize import minimize
 
 from aleator.core.threads import single_threaded
 from aleator.core.types import Array, Flags, Indices
+from aleator.simulators.response_functions import Run
 from aleator.surrogates.emulator import Emulator, pairs
 from aleator.surrogates.fit import clustered, fixed_shift, low_discrepancy
-from aleator.surrogates.responses import Run, Samples
+from aleator.surrogates.samples import Samples
 from aleator.surrogates.surface import Axes, Surface, ball, products
 
 

@@ -20,9 +20,9 @@ from aleator.likelihood.scoring import scoring_step
 from aleator.results.values import Diagnostic
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import Account
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, Surface
 from aleator.surrogates.adaptive import Outlook, outlook
-from aleator.surrogates.responses import moving_parameters
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 
 from aleator.core.blocks import blocks
 from aleator.core.types import Array, Flags, Indices
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import Surface
-from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.surface import chained, outcomes, products, products_with_gradient
 
 

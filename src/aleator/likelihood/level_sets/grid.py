@@ -9,7 +9,7 @@ import numpy as np
 
 from aleator.core.types import Array, Indices
 from aleator.likelihood.level_sets.cells import CELLS, CellSettings, crossed
-from aleator.surrogates.responses import Divisible
+from aleator.simulators.response_functions import Divisible
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from aleator.likelihood.level_sets.grid import GRIDS, Grid, GridSettings, Values
 from aleator.likelihood.level_sets.lines import CROSSINGS, Crossings, traced
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.interface import LogLikelihood
-from aleator.surrogates.responses import Divisible
+from aleator.simulators.response_functions import Divisible
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from aleator.core.types import Array, Flags, Indices
 from aleator.laws.inputs import Inputs, parameters_at
 from aleator.likelihood.individual.following import scattered_density
 from aleator.likelihood.individual.rules import RULES
-from aleator.surrogates.responses import Divisible
+from aleator.simulators.response_functions import Divisible
 
 
 @dataclass(frozen=True)

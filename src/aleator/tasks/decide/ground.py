@@ -34,8 +34,9 @@ from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.responses import Observations
 from aleator.simulators import Runner
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
-from aleator.surrogates.responses import Sites, moving_parameters
+from aleator.surrogates.samples import Sites
 
 
 def direct(runner: Runner, box: Array, region: Array) -> Predictor:

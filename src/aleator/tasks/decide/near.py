@@ -15,8 +15,9 @@ from aleator.inference.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Direct, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.problem import told
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces
-from aleator.surrogates.responses import Samples, Sites, moving_parameters
+from aleator.surrogates.samples import Samples, Sites
 from aleator.surrogates.shared import PROCESS, SHARING, Covariance, ProcessPosterior, learned
 from aleator.tasks.decide.ground import (
     GROUND,
