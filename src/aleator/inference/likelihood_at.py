@@ -31,7 +31,7 @@ from aleator.likelihood.individual import (
     OnSurfaces,
     individual_points,
 )
-from aleator.likelihood.individual.modes import AsManyAsNeeded
+from aleator.likelihood.individual.modes import DenseRule
 from aleator.likelihood.individual.posterior import individual_variates, values_under_law
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.individual.rules import standard_points
@@ -432,7 +432,7 @@ class IndividualsAt(LikelihoodAt):
 
         One observation leaves enough of these points near; several may not.
         """
-        if not (self._alone and isinstance(self.fewest, AsManyAsNeeded)):
+        if not (self._alone and isinstance(self.fewest, DenseRule)):
             return self.rough(), False
         points = int(np.clip(self.settings.values // self.count, *self.settings.law_points))
         integral = self.integral.by(LawPoints(points), self.alpha)

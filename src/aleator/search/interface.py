@@ -84,7 +84,7 @@ class Continuable(Protocol):
 class Guiding(Protocol):
     """A log-likelihood that knows where it may be larger, as by expectation and maximization."""
 
-    def toward(self, alpha: Array) -> tuple[float, Array] | None:
+    def expectation_step(self, alpha: Array) -> tuple[float, Array] | None:
         """The total at alpha (K,) and the next alpha, which need not keep limits; None for none."""
 
 

@@ -132,7 +132,7 @@ def approached(
     """
     best, alpha, value = start, start, -np.inf
     for count in range(min(settings.own_steps, most)):
-        found = objective.toward(alpha)
+        found = objective.expectation_step(alpha)
         if found is None:
             return start, 0
         gain = found[0] - value

@@ -212,12 +212,12 @@ class CountedObjective:
         """See `reach_of`."""
         return reach_of(self._objective, alpha, ahead)
 
-    def toward(self, alpha: Array) -> tuple[float, Array] | None:
+    def expectation_step(self, alpha: Array) -> tuple[float, Array] | None:
         """The log-likelihood at alpha (K,) and the next alpha; None where none is known."""
         if not isinstance(self._objective, Guiding):
             return None
         with np.errstate(all="ignore"):
-            found = self._objective.toward(alpha)
+            found = self._objective.expectation_step(alpha)
         if found is None:
             return None
         value, ahead = found

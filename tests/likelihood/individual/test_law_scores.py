@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aleator import Free, Gamma, Inputs, Normal, TruncatedNormal
-from aleator.likelihood.individual.following import law_scores
+from aleator.likelihood.individual.parameters import law_scores
 
 LAWS = {
     "a": TruncatedNormal((0.0, 3.0), Free(0.0, 3.0), Free(0.05, 2.0)),

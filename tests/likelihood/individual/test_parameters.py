@@ -8,7 +8,7 @@ from scipy import stats
 
 from aleator import Beta, Constant, Free, Gamma, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
 from aleator.likelihood.individual import ImportancePoints, Panels
-from aleator.likelihood.individual.following import moving
+from aleator.likelihood.individual.parameters import moving
 
 ONE = Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
 AT = np.array([0.3, 0.7, 0.05])

@@ -1,7 +1,6 @@
 """The likelihood as an integral over each experiment's own parameters, at nodes adapted to it."""
 
-from aleator.likelihood.individual.following import Following
-from aleator.likelihood.individual.likelihood import IndividualLikelihood
+from aleator.likelihood.individual.likelihood import Following, IndividualLikelihood
 from aleator.likelihood.individual.modes import NodeRule
 from aleator.likelihood.individual.panels import Panels, PlanePanels
 from aleator.likelihood.individual.posterior import (

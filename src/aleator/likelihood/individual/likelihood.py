@@ -1,4 +1,4 @@
-"""The likelihood of experiments with any number of observations each."""
+"""The likelihood of experiments with any number of observations each, and what a search climbs."""
 
 from __future__ import annotations
 
@@ -9,18 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.core.status import Status
-from aleator.core.types import Array
-from aleator.laws.hyperparameter import Hyperparameter
+from aleator.core.types import Array, Flags
+from aleator.laws.hyperparameter import Hyperparameter, log_prior
 from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
-from aleator.likelihood.individual.following import Following, Parameters, holds, scattered_density
 from aleator.likelihood.individual.modes import (
     MODES,
-    AsManyAsNeeded,
     Curved,
+    DenseRule,
+    IndividualLaws,
     Modes,
     NodeRule,
     highest,
     modes,
+)
+from aleator.likelihood.individual.parameters import (
+    FOLLOWING,
+    FollowingSettings,
+    Parameters,
+    distance,
+    holds,
+    scattered_density,
 )
 from aleator.likelihood.individual.predictors import Block, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.rules import GaussHermite, Nodes, joined
@@ -141,7 +149,8 @@ class IndividualLikelihood:
             peaks[part], information[part] = found.z, found.information
             x[part] = self._individual(alpha, block, found.z[:, :, 0]).x
             valued = partial(self.log_density, alpha, block)
-            placed.append((part, *self.rule.about(curved, valued, found, part.start)))
+            laws = IndividualLaws(curved, valued, found, part.start)
+            placed.append((part, *self.rule.place(laws)))
         xi, log_weight = joined(placed, self.count, classes)
         nodes = Nodes(xi, log_weight, peaks, information, x)
         parameters = None
@@ -194,7 +203,7 @@ class IndividualLikelihood:
 
     def sums(self, alpha: Array, block: Block, xi: Array) -> Array:
         """log P(class) + sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
-        own, often = alpha[: self.inputs.size], isinstance(self.rule, AsManyAsNeeded)
+        own, often = alpha[: self.inputs.size], isinstance(self.rule, DenseRule)
         x, log_weight = parameters_at(self.inputs, own, xi, block.experiments, often=often)
         return log_weight + self.sums_of(alpha, block, self.predictor.values(block, x))
 
@@ -307,6 +316,72 @@ class IndividualLikelihood:
         return found, found.terms.d_eta[..., None] * slopes, outer
 
 
+class Following:
+    """An objective whose nodes are adapted to every alpha that is asked for.
+
+    Its score is exact but for the error of the quadrature. Modes are sought from the last ones, and
+    nodes that are held as parameters serve until the laws have moved far: the nearest are taken of
+    some that it remembers, and that is all it does. Where an experiment has one mode, the value is
+    a function of alpha alone. Modes are found to `arrived` in log-density.
+    """
+
+    def __init__(
+        self,
+        likelihood: IndividualLikelihood,
+        arrived: float,
+        settings: FollowingSettings = FOLLOWING,
+    ) -> None:
+        self._known, self._arrived, self._settings = [likelihood], arrived, settings
+        self.resolution = settings.resolution * arrived
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """Value and score at alpha (K,)."""
+        return self._adapted(alpha)(alpha)
+
+    def values(self, alphas: Array) -> Array:
+        """The totals (A,) at alphas (A, K)."""
+        return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
+
+    def expectation_step(self, alpha: Array) -> tuple[float, Array]:
+        """log L at alpha, and where it may be larger (see the function of this name)."""
+        return expectation_step(self._adapted(alpha), alpha)
+
+    def reach(self, alpha: Array, ahead: Array) -> float:
+        """The share of the way from alpha (K,) to another that a step may go.
+
+        Where nodes are held as parameters a step far beyond them costs new ones, and what made it
+        so long was seen here only.
+        """
+        nearest, share, settings = self.nearest(alpha), 1.0, self._settings
+        while (
+            nearest.parameters is not None
+            and distance(nearest.inputs, alpha, alpha + share * (ahead - alpha), settings) > 1.0
+        ):
+            share *= settings.shorter
+        return share
+
+    def remember(self, adapted: IndividualLikelihood) -> None:
+        """Take these nodes where they are the nearest."""
+        known = [*self._known, adapted] if adapted.parameters is not None else [adapted]
+        kept = self._settings.kept_nodes
+        while len(known) > 1 and sum(k.nodes.log_weight.size for k in known) > kept:
+            known = known[1:]
+        self._known = known
+
+    def nearest(self, alpha: Array) -> IndividualLikelihood:
+        """That with the nodes nearest to alpha, of those that it remembers."""
+        return min(self._known, key=lambda known: known.distance(alpha))
+
+    def _adapted(self, alpha: Array) -> IndividualLikelihood:
+        nearest = self.nearest(alpha)
+        if nearest.distance(alpha) <= 1.0:
+            return nearest
+        found = nearest.adapted(alpha, self._arrived)
+        if np.all(np.isfinite(found.nodes.mode)):
+            self.remember(found)
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class Evaluated:
     """A block of experiments at their nodes, with all that scores are made of."""
@@ -357,3 +432,116 @@ def mean_of(total: Array) -> tuple[Array, Array]:
 def _status(each: Array) -> NDArray[np.int64]:
     status = np.where(np.isfinite(each), Status.SOLVED, Status.OUTSIDE_SUPPORT)
     return status.astype(np.int64)
+
+
+@dataclass(frozen=True)
+class ExpectationSettings:
+    """How long a step of expectation and maximization may be; chosen by judgement.
+
+    `least_share`: share of a law's information that observations give, at least, so that no step
+    becomes too long. `stretch`: how many times larger or smaller a step may make the sd of a law.
+    `smaller` and `larger`: the same of errors; laws must have time to explain more.
+    """
+
+    least_share: float = 0.05
+    stretch: float = 10.0
+    smaller: float = 0.1
+    larger: float = 2.0
+
+
+EXPECTATION = ExpectationSettings()
+
+
+def expectation_step(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    settings: ExpectationSettings = EXPECTATION,
+) -> tuple[float, Array]:
+    """log L at alpha, where the nodes are adapted, and where it may be larger: alpha (K,).
+
+    A step of expectation and maximization (Dempster, Laird and Rubin, 1977), made longer where
+    observations tell less (Louis, 1982). With m_l and V_l the mean and the variance of x in
+    experiment l given its observations, and mu and v those of the law,
+
+        mu' = mu + sum_l (m_l - mu) / sum_l w_l,                 w_l = 1 - V_l/v,
+        v'  = v + sum_l ((m_l - mu)^2 + V_l - v) / sum_l w_l^2,
+        sd'^2 = sd^2 (1 + sd/M d log L/d sd)                     of the errors of M observations.
+
+    For normal laws and errors its end is the maximum, for others near one. Constants, correlations,
+    shapes and laws without a mean and an sd stay; limits are not kept. Cost: an evaluation without
+    a score.
+    """
+    inputs, errors = likelihood.inputs, likelihood.errors
+    center, spread = _laws(inputs, alpha, likelihood.count)
+    mean, square = np.full(center.shape, np.nan), np.full(center.shape, np.nan)
+    slope, count = np.zeros(len(errors.hyperparameters)), np.zeros(len(errors.hyperparameters))
+    value = log_prior(likelihood.hyperparameters, alpha)
+    for block in likelihood.blocks:
+        part = block.experiments
+        each, share, individual, terms = likelihood.weighed(alpha, block)
+        value += float(each.sum())
+        mean[part] = np.einsum("bj,bjn->bn", share, individual.x)
+        away = individual.x - center[part, None]
+        square[part] = np.einsum("bj,bjn->bn", share, away**2)
+        for p, (rows, derivative) in enumerate(terms.d_values):
+            slope[p] += np.sum(share[block.owner[rows]] * derivative)
+            count[p] += len(rows)
+    found, counted = alpha.copy(), ~np.isnan(mean[:, 0])
+    if not np.isfinite(value) or not np.all(np.isfinite(square[counted])):
+        return value, found
+    for i in _known(inputs):
+        own = (mean[counted, i] - center[counted, i], square[counted, i], spread[counted, i])
+        _place(inputs, i, found, *own, counted, settings)
+    _place_errors(errors, found[inputs.size :], slope / np.maximum(count, 1.0), settings)
+    return value, found
+
+
+def _known(inputs: Inputs) -> list[int]:
+    """The parameters whose laws have a mean and an sd."""
+    names = [[h.name for h in law.hyperparameters] for law in inputs.laws.values()]
+    return [i for i in inputs.scattered if names[i] == ["mean", "sd"]]
+
+
+def _laws(inputs: Inputs, alpha: Array, count: int) -> tuple[Array, Array]:
+    """The means and variances (N, n) of these laws in all experiments; of others zero and one."""
+    values = inputs.values(alpha[: inputs.size], slice(0, count))
+    center, spread = np.zeros((count, len(values))), np.ones((count, len(values)))
+    for i in _known(inputs):
+        center[:, i], spread[:, i] = values[i][0].ravel(), values[i][1].ravel() ** 2
+    return center, spread
+
+
+def _place(
+    inputs: Inputs,
+    i: int,
+    alpha: Array,
+    shift: Array,
+    square: Array,
+    spread: Array,
+    counted: Flags,
+    settings: ExpectationSettings,
+) -> None:
+    """Set the law of parameter i in alpha, by m_l - mu, its mean square and v of experiments."""
+    at, model = inputs.parts[i].start, inputs.covariate_model
+    mean, sd = slice(at, at + 1), slice(at + 1, at + 2)
+    columns = np.ones((len(shift), 1))
+    if model is not None:
+        of_mean, of_sd = model.entries[at], model.entries[at + 1]
+        mean, sd = of_mean.places, of_sd.places
+        columns = columns if of_mean.design is None else of_mean.design.matrix[counted]
+    share = np.clip(1.0 - (square - shift**2) / spread, settings.least_share, 1.0)
+    alpha[mean] += np.linalg.lstsq((columns.T * share) @ columns, columns.T @ shift)[0]
+    if model is None or of_sd.design is None:
+        grown = 1.0 + np.mean(square / spread - 1.0) / np.mean(share**2)
+        stretch = settings.stretch
+        alpha[sd] *= np.sqrt(np.clip(grown, stretch**-2.0, stretch**2.0))
+
+
+def _place_errors(
+    errors: MeasurementErrors, values: Array, slope: Array, settings: ExpectationSettings
+) -> None:
+    """Set the sds of the errors, by the slope (P,) of the log-likelihood an observation."""
+    for p, h in enumerate(errors.hyperparameters):
+        if h.free and h.name.endswith(".sd"):
+            ratio = np.sqrt(np.maximum(1.0 + values[p] * slope[p], 0.0))
+            values[p] *= np.clip(ratio, settings.smaller, settings.larger)

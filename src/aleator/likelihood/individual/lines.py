@@ -110,7 +110,8 @@ class Pieces:
         top = known[self.line]
         top = np.where(np.isfinite(top), top, np.inf)
         halves = np.exp(self.halves - top[:, None])
-        found = np.abs(halves[:, 0] + halves[:, 1] - np.exp(self.whole - top))
+        with np.errstate(over="ignore"):
+            found = np.abs(halves[:, 0] + halves[:, 1] - np.exp(self.whole - top))
         order = np.lexsort((self.low, self.line))
         left, right = order[:-1], order[1:]
         ends = np.exp(self.ends - top[:, None])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -195,81 +196,81 @@ def _within(gradient: Array, information: Array, basis: Array | None) -> tuple[A
     return (across @ gradient[..., None])[..., 0], across @ information @ basis
 
 
-class NodeRule(Protocol):
-    """Nodes of the integral over the s standard normal variates of an experiment."""
+@dataclass(frozen=True, eq=False)
+class IndividualLaws:
+    """The individual laws of experiments first, ..., first + B - 1, as a rule of nodes sees them.
 
-    @property
-    def name(self) -> str:
-        """Name for reports."""
+    The log-density of their variates, with and without its slopes, and M modes (B, C, M, s) of each
+    of C classes, the highest first.
+    """
+
+    curved: Curved
+    valued: Valued
+    modes: Modes
+    first: int
+
+
+class NodeRule(ABC):
+    """Nodes of the integral over the s standard normal variates of an experiment.
+
+    `name` is that of reports. Steps to the modes may have `arrived` left to gain in log-density, at
+    least. A rule `holds_parameters` whose nodes are kept as parameters, and not as variates (see
+    `Parameters`).
+    """
+
+    name: ClassVar[str]
+    arrived: ClassVar[float] = MODES.arrived
+    holds_parameters: ClassVar[bool] = False
 
     @property
     def centers(self) -> int:
         """M, the modes of an experiment that the nodes lie about."""
-
-    @property
-    def arrived(self) -> float:
-        """What the steps to these modes may have left to gain in log-density, at least."""
-
-    @property
-    def holds_parameters(self) -> bool:
-        """Whether its nodes are held as parameters, and not as variates (see `Parameters`)."""
+        return 1
 
     @property
     def rough(self) -> NodeRule:
         """One with few nodes that serves for statistics of many replicates."""
+        return self
 
-    def size(self, dimensions: int) -> int:
-        """J, the number of nodes."""
+    @abstractmethod
+    def size(self, dimensions: int, /) -> int:
+        """J, the number of nodes while they are sought."""
 
-    def finer(self, dimensions: int) -> tuple[NodeRule, ...]:
+    def finer(self, dimensions: int, /) -> tuple[NodeRule, ...]:  # noqa: ARG002
         """The rules that tell how exact this one is."""
-
-    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> NodeRule | None:
-        """One with more nodes, where the finer rules change more than enough by these gaps.
-
-        None where they do not, and where more nodes would be too many.
-        """
-
-    def told(self, gaps: Sequence[float], dimensions: int) -> float:
-        """What more nodes change altogether, by what each of the finer rules changes."""
-
-    def about(
-        self, curved: Curved, valued: Valued, found: Modes, first: int
-    ) -> tuple[Array, Array]:
-        """Nodes xi (B, C J, s) of experiments first, ..., first + B - 1, and log weights (B, C J).
-
-        About the M modes (B, C, M, s) of each of C classes, the highest first, under a log-density
-        that is known with and without its slopes.
-        """
-
-
-class AsManyAsNeeded:
-    """What rules have in common whose panels are halved until they are enough."""
-
-    @property
-    def arrived(self) -> float:
-        """A mode only says where panels begin, or how they lie."""
-        return MODES.near
-
-    @property
-    def holds_parameters(self) -> bool:
-        """Yes: they are where an outcome is not smooth."""
-        return True
-
-    @property
-    def centers(self) -> int:
-        """One mode is known; the panels look for others themselves."""
-        return 1
+        return ()
 
     def refined(
         self,
         gaps: Sequence[float],  # noqa: ARG002
         enough: float,  # noqa: ARG002
         dimensions: int,  # noqa: ARG002
+        /,
     ) -> NodeRule | None:
-        """None: panels are as many as are needed."""
+        """One with more nodes, where the finer rules change more than enough by these gaps.
+
+        None where they do not, and where more nodes would be too many.
+        """
         return None
 
-    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
-        """What more nodes in each panel change."""
+    def gap(self, gaps: Sequence[float], dimensions: int, /) -> float:  # noqa: ARG002
+        """What more nodes change altogether, by what each of the finer rules changes."""
         return float(sum(gaps))
+
+    @abstractmethod
+    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+        """Nodes xi (B, C J, s) of the experiments, class by class, and log weights (B, C J).
+
+        int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) in each class, where the log-density
+        is that of g(xi) exp(-xi^2/2).
+        """
+
+
+class DenseRule(NodeRule):
+    """What rules share whose nodes are as many as are needed, wherever an outcome is not smooth.
+
+    A mode only says where the nodes begin.
+    """
+
+    arrived = MODES.near
+    holds_parameters = True

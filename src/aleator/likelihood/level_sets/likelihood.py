@@ -12,7 +12,7 @@ import numpy as np
 from aleator.core.types import Array, Flags, Indices
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, image_at
-from aleator.likelihood.individual.following import moving
+from aleator.likelihood.individual.parameters import moving
 from aleator.likelihood.level_sets.grid import GRIDS, Grid, GridSettings, Values, in_rows
 from aleator.likelihood.level_sets.lines import CROSSINGS, Crossings, traced
 from aleator.likelihood.level_sets.sets import LevelSets

@@ -18,7 +18,7 @@ from aleator.core.blocks import blocks
 from aleator.core.polynomials import gauss_hermite
 from aleator.core.types import Array, Flags, Indices
 from aleator.laws.inputs import Inputs, parameters_at
-from aleator.likelihood.individual.following import scattered_density
+from aleator.likelihood.individual.parameters import scattered_density
 from aleator.likelihood.individual.rules import RULES
 from aleator.simulators.response_functions import Divisible
 

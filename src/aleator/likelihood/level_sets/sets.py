@@ -10,8 +10,8 @@ from aleator.core.blocks import blocks
 from aleator.core.status import DEGENERATE_VALUE, Status
 from aleator.core.types import Array, Flags, Indices
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual.following import densities, law_scores
 from aleator.likelihood.individual.likelihood import mean_of
+from aleator.likelihood.individual.parameters import densities, law_scores
 from aleator.search.interface import LogLikelihood
 
 
