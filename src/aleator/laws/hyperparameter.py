@@ -271,8 +271,7 @@ def within(hyperparameters: Sequence[Hyperparameter], wanted: Sequence[float]) -
     >>> within([resolve("mean", Free(0.0, 1.0), (None, None))], [3.0]).tolist()
     [1.0]
     """
-    moved: Array = np.clip(np.asarray(wanted, dtype=float), *limits_of(hyperparameters))
-    return moved
+    return np.asarray(np.clip(np.asarray(wanted, dtype=float), *limits_of(hyperparameters)))
 
 
 def limits_of(

@@ -107,26 +107,21 @@ class Law(Protocol):
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """The hyperparameters, resolved and in order."""
-        ...
 
     @property
     def box(self) -> tuple[float, float]:
         """Finite interval that holds every node for every admissible alpha."""
-        ...
 
     @property
     def bounded(self) -> bool:
         """Whether the user stated the box, rather than the law having to guess one."""
-        ...
 
     @property
     def scatters(self) -> bool:
         """Whether the parameter varies between experiments (a constant does not)."""
-        ...
 
     def rule(self, values: Array, nodes: int) -> Rule:
         """The Gauss rule of the law with `nodes` nodes (one for a constant)."""
-        ...
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
         """The first coefficients a (count,), b (count,) of the law's orthonormal polynomials.
@@ -134,19 +129,15 @@ class Law(Protocol):
         They belong to the variable t of `Rule`; see `aleator.core.polynomials`. A constant
         has one pair, whatever the count.
         """
-        ...
 
     def log_density(self, values: Array, x: Array) -> Array:
         """log f(x) at each x (J,), minus infinity outside the support."""
-        ...
 
     def normal_score(self, values: Array, x: Array) -> Array:
         """theta = Phi^-1(F(x)) at each x (J,), the inverse of `standard`; infinite outside."""
-        ...
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """The quantile of the law at each probability; maps uniform samples to the law."""
-        ...
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """The law as the image of standard normal variates of any shape, with derivatives.
@@ -154,11 +145,9 @@ class Law(Protocol):
         `values` are (k,), one law for every theta, or (k, ...) with rows that broadcast against
         theta: laws (k, B, 1) of B experiments for theta (B, J).
         """
-        ...
 
     def mean_and_sd(self, values: Array) -> MeanSd:
         """Mean and standard deviation of the law, with derivatives by its hyperparameters."""
-        ...
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """Hyperparameters (k,) of the law of this family with this center and sd.
@@ -166,7 +155,6 @@ class Law(Protocol):
         They are cut to their limits, and fixed ones keep their values. With `sd` None only the
         location is set; the others are at their starts.
         """
-        ...
 
 
 class ThroughNormal:
@@ -198,7 +186,6 @@ class ByMeanAndSd:
     sd: Specification
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         _ = self.hyperparameters
 
     @cached_property
@@ -300,8 +287,7 @@ def to_score(below: Array, above: Array) -> Array:
     >>> to_score(np.array([0.5, 1.0]), np.array([0.5, special.ndtr(-9.0)])).tolist()
     [0.0, 9.0]
     """
-    score: Array = np.where(below <= above, special.ndtri(below), -special.ndtri(above))
-    return score
+    return np.where(below <= above, special.ndtri(below), -special.ndtri(above))
 
 
 def normal_log_density(theta: Array) -> Array:
@@ -310,8 +296,7 @@ def normal_log_density(theta: Array) -> Array:
     >>> float(normal_log_density(np.array([0.0]))[0].round(6))
     -0.918939
     """
-    log_density: Array = -0.5 * theta**2 - 0.5 * np.log(2.0 * np.pi)
-    return log_density
+    return np.asarray(-0.5 * theta**2 - 0.5 * np.log(2.0 * np.pi))
 
 
 def slope(theta: Array, log_density: Array) -> Array:
@@ -321,8 +306,7 @@ def slope(theta: Array, log_density: Array) -> Array:
     >>> slope(x, -0.5 * x**2 - 0.5 * np.log(2.0 * np.pi)).tolist()
     [1.0, 1.0]
     """
-    dtheta: Array = np.exp(normal_log_density(theta) - log_density)
-    return dtheta
+    return np.asarray(np.exp(normal_log_density(theta) - log_density))
 
 
 def difference(
@@ -340,8 +324,7 @@ def difference(
     h = NUMERICS.step * center if step is None else np.asarray(step)
     near = function(center + h) - function(center - h)
     far = function(center + 2.0 * h) - function(center - 2.0 * h)
-    found: Array = (8.0 * near - far) / (12.0 * h)
-    return found
+    return np.asarray((8.0 * near - far) / (12.0 * h))
 
 
 def by_distinct(

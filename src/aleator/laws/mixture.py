@@ -87,7 +87,6 @@ class QuantileLaw(ThroughNormal, ABC):
     """
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         _ = self.hyperparameters
 
     @property
@@ -134,8 +133,7 @@ class QuantileLaw(ThroughNormal, ABC):
             below = self._image(values, middle) < x
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         outside = ~np.isfinite(self.log_density(values, x))
-        score: Array = np.where(outside, np.sign(low) * np.inf, 0.5 * (low + high))
-        return score
+        return np.where(outside, np.sign(low) * np.inf, 0.5 * (low + high))
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """The quantile at Phi(theta); a loop over the distinct values where they are many."""
@@ -230,7 +228,6 @@ class Mixture(QuantileLaw):
     shares: tuple[Specification, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         object.__setattr__(self, "components", tuple(self.components))
         if len(self.components) < 2:
             raise InputsError(

@@ -89,7 +89,6 @@ class Cubature(Protocol):
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
         """Nodes and weights of the law alpha (K,), with their derivatives by alpha."""
-        ...
 
 
 def check_whole(name: str, value: int, lower: int, upper: int | None) -> None:
@@ -128,7 +127,6 @@ class TensorGauss:
     per_dimension: int
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("per_dimension", self.per_dimension, 1, 100)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
@@ -157,7 +155,6 @@ class SobolPoints:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("points", self.points, 2, 2**20)
         check_whole("seed", self.seed, 0, None)
         if self.points & (self.points - 1):
@@ -189,7 +186,6 @@ class MonteCarloPoints:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("points", self.points, 2, 10**6)
         check_whole("seed", self.seed, 0, None)
 
@@ -215,7 +211,6 @@ class ProbabilityGrid:
     per_dimension: int
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("per_dimension", self.per_dimension, 1, 10_000)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
@@ -285,7 +280,6 @@ class Smolyak:
     level: int
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("level", self.level, 0, 20)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:

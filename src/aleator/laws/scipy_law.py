@@ -55,7 +55,6 @@ class ScipyLaw(ThroughNormal):
     sd: Specification | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         _require_frozen(self.distribution)
         _require_moments(self.distribution)
         _ = self.hyperparameters
@@ -98,8 +97,7 @@ class ScipyLaw(ThroughNormal):
     def log_density(self, values: Array, x: Array) -> Array:
         """The log-density of T, moved and scaled."""
         at, scale = self._back(values, x)
-        log_density: Array = np.asarray(self.distribution.logpdf(at)) - math.log(scale)
-        return log_density
+        return np.asarray(np.asarray(self.distribution.logpdf(at)) - math.log(scale))
 
     def normal_score(self, values: Array, x: Array) -> Array:
         """Phi^-1 of T's distribution function; digits as SciPy has them."""

@@ -144,7 +144,7 @@ class TruncatedNormal(ThroughNormal):
         faint = smaller < TRUNCATION.faint
         with np.errstate(divide="ignore", invalid="ignore"):
             below = special.ndtri(smaller / np.exp(_log_mass(a, b)))
-        score: Array = np.where(u < v, below, -below)
+        score = np.where(u < v, below, -below)
         if np.any(faint):
             score[faint] = _faint_score(
                 t[faint], *(np.broadcast_to(end, t.shape)[faint] for end in (a, b))
@@ -186,8 +186,7 @@ class TruncatedNormal(ThroughNormal):
 
     def _inside(self, values: Array, t: Array) -> Array:
         # rounding must not push a node out of the box
-        x: Array = np.clip(values[0] + values[1] * t, *self.box_limits)
-        return x
+        return np.asarray(np.clip(values[0] + values[1] * t, *self.box_limits))
 
     def _limits_jac(self, values: Array) -> tuple[Array, Array]:
         """d(a, b)/d(mean, sd); an infinite end does not move."""
@@ -230,14 +229,12 @@ def clip(theta: Array, a: Array | float, b: Array | float) -> tuple[Array, Array
 def _apart(t: Array, end: Array | float) -> Array:
     """t^2 - end^2, minus infinity where the end is infinite."""
     near = _finite(end)
-    apart: Array = np.where(np.isfinite(end), (t - near) * (t + near), -np.inf)
-    return apart
+    return np.where(np.isfinite(end), (t - near) * (t + near), -np.inf)
 
 
 def _finite(end: Array | float) -> Array:
     """The end, or zero where it is infinite."""
-    finite: Array = np.where(np.isfinite(end), end, 0.0)
-    return finite
+    return np.where(np.isfinite(end), end, 0.0)
 
 
 def _log_mass(a: float | Array, b: float | Array) -> Array:
@@ -255,8 +252,7 @@ def _faint_score(t: Array, a: Array, b: Array) -> Array:
     """The normal score of t in [a, b] by logarithms: far tails keep digits."""
     log_u, log_v = _log_mass(a, t) - _log_mass(a, b), _log_mass(t, b) - _log_mass(a, b)
     below, above = special.ndtri_exp(np.minimum([log_u, log_v], 0.0))
-    score: Array = np.where(log_u < log_v, below, -above)
-    return score
+    return np.where(log_u < log_v, below, -above)
 
 
 def _truncated_quantile(u: Array, a: Array, b: Array) -> Array:
@@ -274,8 +270,7 @@ def _truncated_quantile_from_logs(
     log_low, log_high = np.where(reflected, (log_u, log_v), (log_v, log_u))
     log_cdf = np.logaddexp(log_low + special.log_ndtr(low), log_high + special.log_ndtr(high))
     t = np.clip(special.ndtri_exp(np.minimum(log_cdf, 0.0)), low, high)
-    unreflected: Array = np.where(reflected, -t, t)
-    return unreflected
+    return np.where(reflected, -t, t)
 
 
 def _effective_limits(a: Array, b: Array) -> tuple[Array, Array]:

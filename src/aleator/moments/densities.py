@@ -120,8 +120,7 @@ class FittedStandardized(ABC):
     @property
     def _scatters(self) -> Flags:
         """(N,): an sd whose square underflows is no scatter."""
-        scatters: Flags = self.moments.sd > 1e-100
-        return scatters
+        return np.asarray(self.moments.sd > 1e-100)
 
     @property
     def degenerate(self) -> Flags:

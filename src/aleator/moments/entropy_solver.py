@@ -44,7 +44,6 @@ class EntropySettings:
 
     Newton's method takes `passes` at most, with a first Levenberg `damping`; undamped from a
     decrement (twice the distance in entropy) below `near`; one step reaches rounding below `close`.
-    From a density nearby it takes `followed` undamped passes, from a decrement below `farthest`.
     `block` experiments are solved at once: their exponentials at the nodes fit a core's cache.
 
     `penalty` is subtracted from the value that a search sees where a density could not be solved: a
@@ -61,8 +60,6 @@ class EntropySettings:
     damping: float = 0.02
     near: float = 1e-6
     close: float = 1e-12
-    followed: int = 6
-    farthest: float = 0.3
     block: int = 128
     penalty: float = 5.0
     touch: float = 1e-12
@@ -210,8 +207,7 @@ def minimize_dual(
 
 
 def _dot(x: Array, y: Array) -> Array:
-    product: Array = np.einsum("nk,nk->n", x, y)
-    return product
+    return np.asarray(np.einsum("nk,nk->n", x, y))
 
 
 @dataclass(frozen=True)
@@ -260,8 +256,7 @@ def orthonormal(probability: Array, u: Array, a: Array, b: Array, order: int) ->
 
 def outcomes_at(rule: LegendreRule, a: Array, b: Array) -> Array:
     """Outcomes u (N, Q) at the nodes of a rule."""
-    u: Array = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * rule.nodes
-    return u
+    return np.asarray(0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * rule.nodes)
 
 
 def density_at(multipliers: Array, rule: LegendreRule) -> Array:
@@ -349,54 +344,7 @@ def _trial(
 
 
 def _weighted(probability: Array, values: Array) -> Array:
-    mean: Array = np.einsum("nq,nq->n", probability, values)
-    return mean
-
-
-def predicted(exponent: Array, powers: Array, change: Array, in_powers: Array) -> Array:
-    """Multipliers (N, M) where the moments have changed by `change` (N, M+1): where Newton begins.
-
-    A search asks for one alpha after the other, and most are near the last one. In powers of u the
-    exponent p(u) = lambda.phi(t(u)) of a density changes with the moments c by
-    dp = sum_k (P_k . dc) psi_k(u), with psi_k orthonormal under it and P_k their coefficients in
-    powers of u. The dual is convex and has one minimum, so that what is found does not depend on
-    where the way began.
-
-    `exponent` (N, M+1) and psi, `powers` (N, M+1, M+1), are in powers of u, `in_powers` (N, M+1,
-    M+1) has phi there on the new support: a triangular matrix.
-    """
-    delta = (powers @ change[:, :, None])[:, 1:]
-    moved = exponent + (delta * powers[:, 1:]).sum(axis=1)
-    multipliers: Array = np.empty_like(moved)
-    for k in reversed(range(moved.shape[1])):
-        multipliers[:, k] = moved[:, k] / in_powers[:, k, k]
-        moved -= multipliers[:, k, None] * in_powers[:, k]
-    return multipliers[:, 1:]
-
-
-def follow(
-    target: Array, start: Array, rule: LegendreRule, settings: EntropySettings = SETTINGS
-) -> tuple[Array, Flags]:
-    """Multipliers (N, M) with E phi = target (N, M), and whether Newton's steps led there.
-
-    They are given up where the start is far, or where the decrement does not shrink to a quarter
-    and less, as it does near a minimum. Cost: some 3 passes of O(N Q M).
-    """
-    position, least = start.copy(), np.full(len(start), settings.farthest)
-    followed = np.isfinite(start).all(axis=1)
-    for _ in range(settings.followed):
-        with np.errstate(all="ignore"):
-            law = expectations(position, rule)
-            gradient = law.mean - target
-            step = -substitute(cholesky(law.covariance)[0], gradient)
-            decrement = -np.einsum("nk,nk->n", gradient, step)
-        followed &= decrement < least
-        np.add(position, step, out=position, where=followed[:, None])
-        arrived = followed & (decrement < settings.close)
-        if np.all(arrived | ~followed):
-            break
-        least = np.maximum(0.25 * decrement, settings.close)
-    return position, arrived
+    return np.asarray(np.einsum("nq,nq->n", probability, values))
 
 
 # ---------------------------------------------------------------------------- solution
@@ -410,11 +358,10 @@ class Solution:
     (N,) tell those that the physical range has set. The others lie at the reach, whose derivatives
     by the standardized moments are `reach_slope` (N, M+1). `psi` and `powers` (N, M+1, M+1) hold
     the polynomials orthonormal under f, in phi_0..phi_M and in the powers of u, so that
-    H^-1 = T^T T with T = psi without row and column 0. `exponent` (N, M+1) is multipliers.phi in
-    powers of u. `order_used` (N,) is M or that of the fallback, whose rows end in zeros, or 0 where
-    none could be solved: then the row is a uniform law that stands for nothing. `standardized`
-    (N, M+1) are the moments asked for, `residual` (N,) what the solve misses of them by `check`, a
-    rule independent of that of the solve.
+    H^-1 = T^T T with T = psi without row and column 0. `order_used` (N,) is M or that of the
+    fallback, whose rows end in zeros, or 0 where none could be solved: then the row is a uniform
+    law that stands for nothing. `residual` (N,) is what the solve misses of the moments by `check`,
+    a rule independent of that of the solve.
     """
 
     a: Array
@@ -426,22 +373,16 @@ class Solution:
     log_z: Array
     psi: Array
     powers: Array
-    exponent: Array
     order_used: Codes
-    standardized: Array
     residual: Array
     status: Codes
     check: LegendreRule
-
-    def take(self, rows: slice) -> Solution:
-        """Some of the densities."""
-        return replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
 
     def with_fallback(self, rows: Codes, lower: Solution, check: LegendreRule) -> Solution:
         """With the densities of a lower order in these rows, where they could be solved."""
         kept = np.flatnonzero(lower.order_used)
         changed = {}
-        for name in _ARRAYS[:-3]:
+        for name in _ARRAYS[:-2]:
             own, other = getattr(self, name).copy(), getattr(lower, name)[kept]
             own[rows[kept]] = 0
             own[(rows[kept], *(slice(size) for size in other.shape[1:]))] = other
@@ -458,12 +399,9 @@ def solve(
     standardized: Array,
     least: float,
     nodes: int,
-    nearby: Solution | None = None,
     settings: EntropySettings = SETTINGS,
 ) -> Solution:
     """Densities with the standardized moments (N, M+1) on lower, upper (N,), each with a status.
-
-    Densities of the same experiments for moments that are `nearby` are the start.
 
     The range, in standard deviations from the mean, is cut at the reach, at least `least`. Where
     the check refutes a solve it is polished in a basis orthonormal under the density itself; where
@@ -471,12 +409,9 @@ def solve(
     failure. Cost O(N nodes M) a Newton step.
     """
     parts = [
-        _solve_block(
-            lower[rows], upper[rows], standardized[rows], least, nodes,
-            nearby and nearby.take(rows), settings,
-        )
+        _solve_block(lower[rows], upper[rows], standardized[rows], least, nodes, settings)
         for rows in blocks(max(lower.size, 1), 1, settings.block)
-    ]  # fmt: skip
+    ]
     if len(parts) == 1:
         return parts[0]
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
@@ -490,38 +425,29 @@ def _solve_block(
     standardized: Array,
     least: float,
     nodes: int,
-    nearby: Solution | None,
     settings: EntropySettings,
 ) -> Solution:
     order = standardized.shape[1] - 1
     a, b, lower_moves, upper_moves, slope = support_of(lower, upper, standardized, least)
     in_powers = legendre_in_powers(a, b, order)
     multipliers, residual, status, finest = _multipliers(
-        a, b, standardized, in_powers, nodes, nearby, settings
+        a, b, standardized, in_powers, nodes, settings
     )
     multipliers[status != Status.SOLVED] = 0.0
     check = panel_rule(order, settings.panels, finest)
     law = expectations(multipliers, check)
     psi, powers = _orthonormal(a, b, multipliers, law, check, in_powers)
-    exponent = (multipliers[:, None] @ in_powers[:, 1:])[:, 0]
     used = np.where(status == Status.SOLVED, order, 0)
     solution = Solution(
-        a, b, lower_moves, upper_moves, slope, multipliers, law.log_z, psi, powers, exponent, used,
-        standardized, residual, status, check,
+        a, b, lower_moves, upper_moves, slope, multipliers, law.log_z, psi, powers, used, residual,
+        status, check,
     )  # fmt: skip
     failed = np.flatnonzero(status)
     if failed.size == 0 or order == 2:
         return solution
     fewer = max(order - 2, 2)
-    second = _solve_block(
-        lower[failed],
-        upper[failed],
-        standardized[failed, : fewer + 1],
-        least,
-        nodes,
-        None,
-        settings,
-    )
+    rows = lower[failed], upper[failed], standardized[failed, : fewer + 1]
+    second = _solve_block(*rows, least, nodes, settings)
     finest = max(finest, _size(second.check) // settings.panels)
     return solution.with_fallback(failed, second, panel_rule(order, settings.panels, finest))
 
@@ -532,7 +458,6 @@ def _multipliers(
     standardized: Array,
     in_powers: Array,
     nodes: int,
-    nearby: Solution | None,
     settings: EntropySettings,
 ) -> tuple[Array, Array, Codes, int]:
     """Multipliers (N, M) of one order on the support, what they miss of the moments (N,), their
@@ -554,12 +479,6 @@ def _multipliers(
         answer[hard[taken]], residual[hard[taken]] = found[taken], missed[taken]
         return hard[~honest]
 
-    if nearby is not None:
-        change = standardized - nearby.standardized
-        guess = predicted(nearby.exponent, nearby.powers, change, in_powers)
-        guess[nearby.status != Status.SOLVED] = np.nan
-        rule = gauss_rule(order, nodes)
-        hard = judge(*follow(target[hard, 1:], guess[hard], rule, settings), settings.exact)
     if hard.size > 0:
         rule = gauss_rule(order, nodes)
         hard = judge(*minimize_dual(target[hard, 1:], start[hard], rule, settings), settings.exact)

@@ -28,15 +28,12 @@ class IndexSet(Protocol):
     @property
     def degree(self) -> int:
         """The largest degree of a polynomial of one parameter (before its limit)."""
-        ...
 
     def lowered(self, degree: int) -> Self:
         """The same choice with another degree."""
-        ...
 
     def indices(self, limits: Sequence[int | None]) -> Indices:
         """Multi-indices (P, n), entry i at most limits[i] (None: as far as the degree goes)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,6 @@ class TotalDegree:
     degree: int
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         _check_degree(self.degree)
 
     def lowered(self, degree: int) -> TotalDegree:
@@ -82,7 +78,6 @@ class Hyperbolic:
     norm: float = 0.5
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         _check_degree(self.degree)
         if not 0.0 < self.norm <= 1.0:
             raise InputsError(
@@ -171,7 +166,6 @@ class Basis:
     values: tuple[Array, ...]
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if len(self.laws) != len(self.values) or not self.laws:
             raise InputsError(
                 f"{len(self.laws)} laws but {len(self.values)} arrays of values",
@@ -357,11 +351,9 @@ class Expanding(Protocol):
 
     def design(self, basis: Basis) -> ExpansionDesign:
         """The points that every experiment is to be run at."""
-        ...
 
     def fit(self, basis: Basis, design: ExpansionDesign, outcomes: Array) -> Expansion:
         """The expansion from outcomes (N, J) at the points of the design."""
-        ...
 
 
 def checked(design: ExpansionDesign, outcomes: Array) -> Array:

@@ -81,19 +81,11 @@ class MaximumEntropy:
         return f"maximum entropy, {self.order} moments"
 
     @single_threaded
-    def fit(
-        self,
-        moments: Moments,
-        lower: ArrayLike,
-        upper: ArrayLike,
-        nearby: FittedMaximumEntropy | None = None,
-    ) -> FittedMaximumEntropy:
+    def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedMaximumEntropy:
         """Fit N densities on the physical ranges lower, upper (N,), each possibly infinite.
 
-        Sooner where those of moments `nearby` and this choice are given: some 3 Newton steps
-        instead of 7 and more; what is solved differs by rounding. Raises InputsError for too few
-        moments or a wrong shape. A mean outside its range, or moments that no density on the
-        support has, are a status.
+        Raises InputsError for too few moments or a wrong shape. A mean outside its range, or
+        moments that no density on the support has, are a status.
         """
         check_moments(moments, self.order, self.name)
         mean, sd = FittedGaussian(moments).safe()
@@ -106,8 +98,7 @@ class MaximumEntropy:
         none = np.array([1.0, 0.0, -1.0, *np.zeros(self.order - 2)])
         standardized = np.where(usable[:, None], standardized, none)
         lower, upper = np.where(usable, lower, -np.inf), np.where(usable, upper, np.inf)
-        start = nearby.solution if nearby else None
-        found = solve(lower, upper, standardized, self.reach, self.nodes, start)
+        found = solve(lower, upper, standardized, self.reach, self.nodes)
         return FittedMaximumEntropy(moments, found)
 
 
@@ -129,8 +120,7 @@ class FittedMaximumEntropy(FittedStandardized):
     @property
     def _normal(self) -> Flags:
         """(N, 1) where the normal density stands in."""
-        normal: Flags = (self.solution.order_used == 0)[:, None]
-        return normal
+        return np.asarray((self.solution.order_used == 0)[:, None])
 
     def log_density(self, u: Array) -> Array:
         """Logarithm of the density of u (N, G); -inf outside the support."""
@@ -336,5 +326,4 @@ def support_partials(solution: Solution, u: Array) -> SupportPartials:
 
 
 def _dot(x: Array, y: Array) -> Array:
-    product: Array = np.einsum("nk,nk->n", x, y)
-    return product
+    return np.asarray(np.einsum("nk,nk->n", x, y))

@@ -48,7 +48,6 @@ class Projection:
     nodes: int | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if self.nodes is not None and self.nodes <= self.terms.degree:
             raise InputsError(
                 f"{self.nodes} nodes do not determine polynomials of degree {self.terms.degree}",
@@ -121,7 +120,6 @@ class Regression:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if self.runs is not None and self.runs < 1:
             raise InputsError(f"{self.runs} runs make no design", "allow at least one run")
 

@@ -55,7 +55,6 @@ class Collocation:
     fit: Fit | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_nodes(self.nodes)
         if self.moments not in ("quadrature", "expansion"):
             raise InputsError(
@@ -163,15 +162,12 @@ class Propagation(Protocol):
     @property
     def inputs(self) -> Inputs:
         """The joint law."""
-        ...
 
     def at(self, alpha: Array) -> Array:
         """The points x (J, n) at which the response is evaluated."""
-        ...
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
         """Moments up to `order`, with jacobians by alpha if asked for."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,6 @@ class CustomSearch(TaskSearch):
     name: str = "custom"
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if not callable(self.function):
             raise InputsError(f"custom search: {self.function!r} is not a function", TAKES)
         try:

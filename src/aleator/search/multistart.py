@@ -371,7 +371,6 @@ class GradientMultistart(TaskSearch):
     most: int | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if self.starts < 1 or self.evaluations < 1:
             raise InputsError(
                 f"search: starts {self.starts} and evaluations {self.evaluations}",

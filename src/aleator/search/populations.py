@@ -126,7 +126,6 @@ class CMAES(TaskSearch):
     polish: bool = True
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         needs("cma", "the CMA-ES search")
         at_least(
             "CMA-ES", runs=(self.runs, 1), evaluations=(self.evaluations, 1),
@@ -224,7 +223,6 @@ class GeneticAlgorithm(TaskSearch):
     polish: bool = True
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         needs("pymoo", "the genetic search")
         at_least(
             "genetic search", population=(self.population, 4),
@@ -292,7 +290,6 @@ class DifferentialEvolution(TaskSearch):
     polish: bool = True
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         at_least(
             "differential evolution", population=(self.population, 5),
             generations=(self.generations, 1),

@@ -328,7 +328,7 @@ def _scores(count: int, dimensions: int, seed: int = 1) -> Array:
     """Normal scores (count, dimensions) of a scrambled Sobol' sequence, always the same."""
     u = qmc.Sobol(dimensions, rng=seed).random_base2(int(np.ceil(np.log2(count))))[:count]
     least = RULES.least_probability
-    found: Array = special.ndtri(np.clip(u, least, 1.0 - least))
+    found = np.asarray(special.ndtri(np.clip(u, least, 1.0 - least)))
     found.flags.writeable = False
     return found
 

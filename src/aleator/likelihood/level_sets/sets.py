@@ -68,8 +68,7 @@ class LevelSets:
     @property
     def empty(self) -> Flags:
         """(N,) whose outcome is not reached."""
-        nothing: Flags = np.all(np.isinf(self.log_weight), axis=1)
-        return nothing
+        return np.asarray(np.all(np.isinf(self.log_weight), axis=1))
 
     @property
     def _blocks(self) -> list[slice]:
