@@ -95,7 +95,7 @@ _HOMES = {
     "laws.inputs": ["Inputs"],
     "surrogates": ["ResponseSurface"],
     "moments.propagation": ["Collocation"],
-    "moments.quadrature": [
+    "laws.quadrature": [
         "TensorGauss", "Smolyak", "SobolPoints", "MonteCarloPoints", "ProbabilityGrid",
     ],
     "moments.projection": ["Projection", "Regression"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Protocol
@@ -405,35 +405,24 @@ class Prior:
 
 def curvatures(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> Array:
     """-d2 log p/dalpha2 (K,) of the priors, zero where there is none."""
-    return np.array(
-        [
-            0.0 if h.prior is None else h.prior.curvature(float(value))
-            for h, value in zip(hyperparameters, alpha, strict=True)
-        ]
-    )
+    return _by_prior(hyperparameters, alpha, Prior.curvature)
 
 
 def log_prior(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> float:
     """sum_k log p(alpha_k) over the hyperparameters with a prior; 0 without any."""
-    return float(
-        sum(
-            h.prior.log_density(float(value))
-            for h, value in zip(hyperparameters, alpha, strict=True)
-            if h.prior is not None
-        )
-    )
+    return float(sum(_by_prior(hyperparameters, alpha, Prior.log_density)))
 
 
 def prior_score(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> Array | None:
     """The derivative (K,) of the log prior by alpha; None where there is no prior."""
-    if not has_prior(hyperparameters):
-        return None
-    return np.array(
-        [
-            0.0 if h.prior is None else h.prior.slope(float(value))
-            for h, value in zip(hyperparameters, alpha, strict=True)
-        ]
-    )
+    return _by_prior(hyperparameters, alpha, Prior.slope) if has_prior(hyperparameters) else None
+
+
+def _by_prior(
+    hyperparameters: Sequence[Hyperparameter], alpha: Array, of: Callable[[Prior, float], float]
+) -> Array:
+    pairs = zip(hyperparameters, alpha.tolist(), strict=True)
+    return np.array([0.0 if h.prior is None else of(h.prior, value) for h, value in pairs])
 
 
 def has_prior(hyperparameters: Sequence[Hyperparameter]) -> bool:

@@ -184,6 +184,7 @@ class ByMeanAndSd:
 
     mean: Specification
     sd: Specification
+    scatters = True
 
     def __post_init__(self) -> None:
         _ = self.hyperparameters
@@ -197,11 +198,6 @@ class ByMeanAndSd:
     def bounded(self) -> bool:
         """The law has no box of its own."""
         return False
-
-    @property
-    def scatters(self) -> bool:
-        """The parameter varies between experiments."""
-        return True
 
     def mean_and_sd(self, values: Array) -> MeanSd:
         """The two hyperparameters."""
@@ -287,7 +283,7 @@ def to_score(below: Array, above: Array) -> Array:
     >>> to_score(np.array([0.5, 1.0]), np.array([0.5, special.ndtr(-9.0)])).tolist()
     [0.0, 9.0]
     """
-    return np.where(below <= above, special.ndtri(below), -special.ndtri(above))
+    return np.asarray(np.where(below <= above, special.ndtri(below), -special.ndtri(above)))
 
 
 def normal_log_density(theta: Array) -> Array:

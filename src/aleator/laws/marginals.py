@@ -83,6 +83,8 @@ class Constant:
     """
 
     value: Specification = OPEN
+    bounded = True
+    scatters = False
 
     def __post_init__(self) -> None:
         _ = self.hyperparameters
@@ -97,16 +99,6 @@ class Constant:
         """The limits of the value."""
         value = self.hyperparameters[0]
         return value.lower, value.upper
-
-    @property
-    def bounded(self) -> bool:
-        """The limits of the value are its box."""
-        return True
-
-    @property
-    def scatters(self) -> bool:
-        """A constant does not vary between experiments."""
-        return False
 
     def rule(self, values: Array, nodes: int) -> Rule:  # noqa: ARG002 (one node suffices)
         """One node at the value."""
@@ -515,6 +507,7 @@ class Beta(ByMeanAndSd):
     box: tuple[float, float]
     mean: Specification = OPEN
     sd: Specification = OPEN
+    bounded = True
 
     def __post_init__(self) -> None:
         lower, upper = float(self.box[0]), float(self.box[1])
@@ -549,11 +542,6 @@ class Beta(ByMeanAndSd):
                 "the mean",
             )
         return mean, sd
-
-    @property
-    def bounded(self) -> bool:
-        """The box is the user's."""
-        return True
 
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss-Jacobi nodes mean + sd t_j(p, q)."""

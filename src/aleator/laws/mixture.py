@@ -86,6 +86,8 @@ class QuantileLaw(ThroughNormal, ABC):
     (2.0, [1.386294])
     """
 
+    scatters = True
+
     def __post_init__(self) -> None:
         _ = self.hyperparameters
 
@@ -120,11 +122,6 @@ class QuantileLaw(ThroughNormal, ABC):
         """The box is a guess."""
         return False
 
-    @property
-    def scatters(self) -> bool:
-        """The parameter varies between experiments."""
-        return True
-
     def normal_score(self, values: Array, x: Array) -> Array:
         """Phi^-1(F(x)), by bisection of the quantile."""
         low, high = np.full(x.shape, -POINTS.deepest), np.full(x.shape, POINTS.deepest)
@@ -133,7 +130,7 @@ class QuantileLaw(ThroughNormal, ABC):
             below = self._image(values, middle) < x
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         outside = ~np.isfinite(self.log_density(values, x))
-        return np.where(outside, np.sign(low) * np.inf, 0.5 * (low + high))
+        return np.asarray(np.where(outside, np.sign(low) * np.inf, 0.5 * (low + high)))
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """The quantile at Phi(theta); a loop over the distinct values where they are many."""

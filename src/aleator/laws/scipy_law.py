@@ -53,6 +53,7 @@ class ScipyLaw(ThroughNormal):
     distribution: Any
     mean: Specification | None = None
     sd: Specification | None = None
+    scatters = True
 
     def __post_init__(self) -> None:
         _require_frozen(self.distribution)
@@ -88,11 +89,6 @@ class ScipyLaw(ThroughNormal):
         """Whether the law is known and has finite ends: they are then the box."""
         lower, upper = _ends(self.distribution)
         return math.isfinite(upper - lower) and not any(h.free for h in self.hyperparameters)
-
-    @property
-    def scatters(self) -> bool:
-        """The parameter varies between experiments."""
-        return True
 
     def log_density(self, values: Array, x: Array) -> Array:
         """The log-density of T, moved and scaled."""

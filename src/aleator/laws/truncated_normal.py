@@ -63,6 +63,7 @@ class TruncatedNormal(ThroughNormal):
     mean: Specification = OPEN
     sd: Specification = OPEN
     basis: Literal["own", "hermite"] = "own"
+    scatters = True
 
     def __init__(
         self,
@@ -110,11 +111,6 @@ class TruncatedNormal(ThroughNormal):
         """Whether both ends of the box are finite."""
         return math.isfinite(self.box_limits[1] - self.box_limits[0])
 
-    @property
-    def scatters(self) -> bool:
-        """A truncated normal parameter varies between experiments."""
-        return True
-
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss rule of the truncated density, or Gauss-Hermite through the clip."""
         own = self.basis == "own"
@@ -149,7 +145,7 @@ class TruncatedNormal(ThroughNormal):
             score[faint] = _faint_score(
                 t[faint], *(np.broadcast_to(end, t.shape)[faint] for end in (a, b))
             )
-        return score
+        return np.asarray(score)
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """mean + sd t with Phi(t) = (1 - u) Phi(a) + u Phi(b)."""
@@ -252,7 +248,7 @@ def _faint_score(t: Array, a: Array, b: Array) -> Array:
     """The normal score of t in [a, b] by logarithms: far tails keep digits."""
     log_u, log_v = _log_mass(a, t) - _log_mass(a, b), _log_mass(t, b) - _log_mass(a, b)
     below, above = special.ndtri_exp(np.minimum([log_u, log_v], 0.0))
-    return np.where(log_u < log_v, below, -above)
+    return np.asarray(np.where(log_u < log_v, below, -above))
 
 
 def _truncated_quantile(u: Array, a: Array, b: Array) -> Array:
@@ -270,7 +266,7 @@ def _truncated_quantile_from_logs(
     log_low, log_high = np.where(reflected, (log_u, log_v), (log_v, log_u))
     log_cdf = np.logaddexp(log_low + special.log_ndtr(low), log_high + special.log_ndtr(high))
     t = np.clip(special.ndtri_exp(np.minimum(log_cdf, 0.0)), low, high)
-    return np.where(reflected, -t, t)
+    return np.asarray(np.where(reflected, -t, t))
 
 
 def _effective_limits(a: Array, b: Array) -> tuple[Array, Array]:

@@ -46,19 +46,6 @@ def earth_movers_distance(a: LawOfOutcome, b: LawOfOutcome) -> Array:
     return _between(first, second, count)
 
 
-def distance_on_grid(first: Array, second: Array, y: Array) -> Array:
-    """The same distance (N,) from values (N, G) of both cdfs at outcomes y (G,) or (N, G).
-
-    By the trapezoidal rule, for cdfs that are expensive; both have reached 0 and 1 at the ends.
-
-    >>> y = np.linspace(-1.0, 4.0, 501)
-    >>> uniform = np.clip(y, 0.0, 1.0)[None]
-    >>> distance_on_grid(uniform, np.clip(y - 2.0, 0.0, 1.0)[None], y).round(6).tolist()
-    [2.0]
-    """
-    return np.asarray(np.trapezoid(np.abs(first - second), y, axis=1))
-
-
 class _Law(Protocol):
     """What the integral needs of a law: its number of experiments, where it bends, its cdf."""
 

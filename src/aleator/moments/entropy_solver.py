@@ -20,6 +20,7 @@ from aleator.moments.densities import Codes
 from aleator.moments.legendre import (
     LegendreRule,
     cholesky,
+    dot,
     forward,
     gauss_rule,
     legendre_in_powers,
@@ -130,7 +131,7 @@ class _Descent:
         """Try the step, keep it where the dual falls as promised, and prepare the next one."""
         trial = self.position + self.step
         law = expectations(trial, rule)
-        trial_value = law.log_z - _dot(trial, self.target)
+        trial_value = law.log_z - dot(trial, self.target)
         # exponents cancel that are as large as the multipliers allow
         largest = np.abs(trial) @ np.sqrt(2.0 * np.arange(1, trial.shape[1] + 1) + 1.0)
         slack = 1e-15 * (1.0 + np.abs(law.log_z) + largest)
@@ -145,8 +146,8 @@ class _Descent:
         identity = np.eye(trial.shape[1])
         factor, _ = cholesky(self.hessian + self.damping[:, None, None] * identity)
         self.step = substitute(factor, -self.gradient)
-        self.decrement = -_dot(self.gradient, self.step)
-        self.extra = self.damping * _dot(self.step, self.step)
+        self.decrement = -dot(self.gradient, self.step)
+        self.extra = self.damping * dot(self.step, self.step)
         rows = np.flatnonzero((ratio > 0.5) & (self.decrement < near))
         if rows.size == 0:
             return
@@ -154,7 +155,7 @@ class _Descent:
         # the next one is damped
         gradient = self.gradient[rows]
         step = substitute(cholesky(self.hessian[rows])[0], -gradient)
-        decrement = -_dot(gradient, step)
+        decrement = -dot(gradient, step)
         sure = decrement < near
         self.step[rows[sure]], self.decrement[rows[sure]] = step[sure], decrement[sure]
         self.extra[rows[sure]] = 0.0
@@ -206,10 +207,6 @@ def minimize_dual(
     return answer, converged
 
 
-def _dot(x: Array, y: Array) -> Array:
-    return np.asarray(np.einsum("nk,nk->n", x, y))
-
-
 @dataclass(frozen=True)
 class Orthonormal:
     """psi_0..psi_M of N measures: `values` (M+1, N, Q) at the nodes, their coefficients in
@@ -237,7 +234,7 @@ def orthonormal(probability: Array, u: Array, a: Array, b: Array, order: int) ->
     legendre[:, 0, 0] = powers[:, 0, 0] = 1.0
     beta = np.zeros(count)
     for k in range(order):
-        alpha = _weighted(probability, values[k] ** 2 * u)
+        alpha = dot(probability, values[k] ** 2 * u)
         previous = max(k - 1, 0)
         raised = (u - alpha[:, None]) * values[k] - beta[:, None] * values[previous]
         by_t = np.zeros((count, order + 1))
@@ -247,7 +244,7 @@ def orthonormal(probability: Array, u: Array, a: Array, b: Array, order: int) ->
         in_phi -= beta[:, None] * legendre[:, previous]
         in_u = -alpha[:, None] * powers[:, k] - beta[:, None] * powers[:, previous]
         in_u[:, 1:] += powers[:, k, :-1]
-        beta = np.maximum(np.sqrt(_weighted(probability, raised**2)), 1e-150)
+        beta = np.maximum(np.sqrt(dot(probability, raised**2)), 1e-150)
         values[k + 1] = raised / beta[:, None]
         legendre[:, k + 1] = in_phi / beta[:, None]
         powers[:, k + 1] = in_u / beta[:, None]
@@ -335,16 +332,12 @@ def _trial(
     delta = (asked - found) / (1.0 + mu)
     change = np.einsum("nk,knq->nq", delta, psi.values[1:])
     top = change.max(axis=1)
-    log_z = np.log(_weighted(density, np.exp(change - top[:, None]))) + top
-    fall = np.einsum("nk,nk->n", delta, asked) - log_z
-    predicted = 0.5 * (1.0 + damping) * np.einsum("nk,nk->n", delta, delta)
+    log_z = np.log(dot(density, np.exp(change - top[:, None]))) + top
+    fall = dot(delta, asked) - log_z
+    predicted = 0.5 * (1.0 + damping) * dot(delta, delta)
     ratio = (fall + rounding) / (predicted + rounding)
     step = np.einsum("nk,nkj->nj", delta, psi.legendre[:, 1:, 1:])
     return step, predicted, ratio
-
-
-def _weighted(probability: Array, values: Array) -> Array:
-    return np.asarray(np.einsum("nq,nq->n", probability, values))
 
 
 # ---------------------------------------------------------------------------- solution

@@ -138,6 +138,11 @@ def realizable(expected: Array, smallest_pivot: float = 1e-13) -> Flags:
     return possible
 
 
+def dot(x: Array, y: Array) -> Array:
+    """Sums (N,) over the rows of x y, both (N, Q)."""
+    return np.asarray(np.einsum("nk,nk->n", x, y))
+
+
 def cholesky(matrices: Array) -> tuple[Array, Array]:
     """Lower factors (M, M, N) of symmetric matrices (N, M, M), and the smallest pivot (N,) of each.
 

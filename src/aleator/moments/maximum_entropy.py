@@ -25,7 +25,7 @@ from aleator.moments.densities import (
     range_end,
 )
 from aleator.moments.entropy_solver import SETTINGS, Solution, density_at, solve
-from aleator.moments.legendre import legendre
+from aleator.moments.legendre import dot, legendre
 from aleator.moments.moments import Moments
 
 
@@ -301,18 +301,18 @@ def support_partials(solution: Solution, u: Array) -> SupportPartials:
     phi, slope, curvature = (
         legendre(t, order, derivative) / half[:, None] ** derivative for derivative in range(3)
     )
-    g = _dot(s.multipliers, slope[:, 1:])
+    g = dot(s.multipliers, slope[:, 1:])
     inside = beyond == 0.0
     falls = np.where(g * beyond < 0.0, 1.0, 0.0)
-    log_f = _dot(s.multipliers, phi[:, 1:]) - s.log_z - np.log(2.0 * half)
+    log_f = dot(s.multipliers, phi[:, 1:]) - s.log_z - np.log(2.0 * half)
     # v in the orthonormal polynomials: those of degree 0 vanish in it
     w = np.einsum("nkj,nj->nk", s.psi[:, 1:], phi + (falls * beyond)[:, None] * slope)
     d_a, d_b = (
         side * np.exp(s.multipliers @ end[1:] - s.log_z) / (2.0 * half)
-        * (1.0 + _dot(w, s.psi[:, 1:] @ end))
+        * (1.0 + dot(w, s.psi[:, 1:] @ end))
         for side, end in zip((1.0, -1.0), legendre(np.array([-1.0, 1.0]), order), strict=True)
     )  # fmt: skip
-    by_edge = (1.0 - falls) * g + falls * beyond * _dot(s.multipliers, curvature[:, 1:]) + beyond
+    by_edge = (1.0 - falls) * g + falls * beyond * dot(s.multipliers, curvature[:, 1:]) + beyond
     powers = np.einsum("nk,nki->ni", w, s.powers[:, 1:])
     powers[:, :3] = 0.0
     return SupportPartials(
@@ -323,7 +323,3 @@ def support_partials(solution: Solution, u: Array) -> SupportPartials:
         d_standardized=powers,
         outside=np.abs(beyond) > SETTINGS.touch * half,
     )
-
-
-def _dot(x: Array, y: Array) -> Array:
-    return np.asarray(np.einsum("nk,nk->n", x, y))

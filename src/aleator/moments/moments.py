@@ -86,13 +86,11 @@ def weighted_moments(y: Array, weights: Array, order: int) -> Moments:
     """
     # as many powers at once as fit a core's cache
     every = blocks(max(len(y), 1), y.shape[1], 64_000)
-    parts = [_moments_of(y[rows], weights, order) for rows in every]
+    parts = []
+    for rows in every:
+        mean, sd, z = _standardize(y[rows], weights)
+        parts.append(Moments(mean, sd, _powers(z, weights, order)))
     return parts[0] if len(parts) == 1 else joined(parts)
-
-
-def _moments_of(y: Array, weights: Array, order: int) -> Moments:
-    mean, sd, z = _standardize(y, weights)
-    return Moments(mean, sd, _powers(z, weights, order))
 
 
 @single_threaded

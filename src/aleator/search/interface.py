@@ -209,17 +209,6 @@ class SearchResult:
         return sum(ascent.evaluations for ascent in self.ascents)
 
     @property
-    def exhaustive(self) -> bool:
-        """Whether another optimum is unlikely, after all starts of a multistart.
-
-        Of n starts that ended at w optima, w (n - 1)/(n - w - 2) optima are to be expected, if
-        before the search any number was as likely (Boender and Rinnooy Kan, 1987): to be less than
-        half an optimum more than w.
-        """
-        w, n = len(self.optima), sum(optimum.starts for optimum in self.optima)
-        return n > w + 2 and w * (n - 1) / (n - w - 2) < w + 0.5
-
-    @property
     def rivals(self) -> list[Array]:
         """The next optima (K,) that a drop of 1.92, that of a 95 % interval, does not rule out."""
         near = [

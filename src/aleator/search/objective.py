@@ -320,6 +320,10 @@ class Task:
     seed: int
     progress: Progress
 
+    def cost(self, u: Array) -> Array:
+        """Minus the log-likelihoods (A,) at points u (A, F) of the unit cube."""
+        return -self.counted.values(self.coordinates.to_alpha(u))
+
 
 class TaskSearch(ABC):
     """A search that is asked only where a hyperparameter is free; it fills `name` and `_search`."""

@@ -15,14 +15,7 @@ from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError
 from aleator.search.interface import OPTIMA, Ascent, Optimum, SearchResult, nowhere_finite
 from aleator.search.multistart import climb, evenly, starting_points
-from aleator.search.objective import (
-    SIGHT,
-    Coordinates,
-    CountedObjective,
-    Task,
-    TaskSearch,
-    gathered,
-)
+from aleator.search.objective import SIGHT, Coordinates, Task, TaskSearch, gathered
 
 
 @dataclass(frozen=True)
@@ -37,17 +30,6 @@ class EvolutionSettings:
 
 
 EVOLUTION = EvolutionSettings()
-
-
-class Cube:
-    """The objective in the unit cube, negative, for optimizers that minimize."""
-
-    def __init__(self, counted: CountedObjective, coordinates: Coordinates) -> None:
-        self._counted, self._coordinates = counted, coordinates
-
-    def __call__(self, u: Array) -> Array:
-        """Minus the log-likelihoods (A,) at u (A, F)."""
-        return -self._counted.values(self._coordinates.to_alpha(u))
 
 
 def first_population(
@@ -149,12 +131,12 @@ class CMAES(TaskSearch):
 
     def _run(self, task: Task, start: Array, rng: np.random.Generator, before: int) -> Ascent:
         coordinates = task.coordinates
-        cube, size = Cube(task.counted, coordinates), coordinates.free.size
+        size = coordinates.free.size
         strategy = self._strategy(coordinates.to_unit(start), rng)
         alpha, value, count = start, SIGHT.floor, 0
         while not (reasons := _quietly(strategy.stop)):
             u = np.array(_quietly(strategy.ask))
-            cost = cube(u[:, :size])
+            cost = task.cost(u[:, :size])
             _quietly(strategy.tell, list(u), cost.tolist())
             count += len(u)
             best = int(np.argmin(cost))
@@ -236,7 +218,6 @@ class GeneticAlgorithm(TaskSearch):
 
     def _search(self, task: Task) -> SearchResult:
         """Let the population evolve, and polish its best."""
-        cube = Cube(task.counted, task.coordinates)
         first = first_population(task.coordinates, task.guesses, self.population, task.seed)
         evolution = _evolution(first, task.seed)
         best: list[float] = []
@@ -247,7 +228,7 @@ class GeneticAlgorithm(TaskSearch):
                 # every child is a copy of its parents
                 converged = True
                 break
-            children.set("F", cube(children.get("X"))[:, None])
+            children.set("F", task.cost(children.get("X"))[:, None])
             evolution.tell(infills=children)
             best.append(float(evolution.opt[0].F[0]))
             stage = f"generation {len(best)} of {self.generations}, {task.counted.standing}"
@@ -302,7 +283,6 @@ class DifferentialEvolution(TaskSearch):
 
     def _search(self, task: Task) -> SearchResult:
         """Let the population evolve, and polish its best."""
-        cube = Cube(task.counted, task.coordinates)
         done = 0
 
         def tell(intermediate_result: optimize.OptimizeResult) -> None:  # noqa: ARG001
@@ -312,7 +292,7 @@ class DifferentialEvolution(TaskSearch):
             task.progress.update(text, done, self.generations)
 
         end = optimize.differential_evolution(
-            lambda u: cube(u.T),
+            lambda u: task.cost(u.T),
             [(0.0, 1.0)] * task.coordinates.free.size,
             init=first_population(task.coordinates, task.guesses, self.population, task.seed),
             # the first population is a generation too

@@ -292,15 +292,13 @@ class AdaptiveSurfaces:
 
     def sharpen(self, members: Flags, draws: Array | None) -> None:
         """A round of runs for the members (N,): where draws (D, n) lie, or all over the box."""
-        self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
-        self.past[-1, members] = self.relative[members]
+        self._remember(members)
         self._run(members, draws)
 
     def sharpen_each(self, draws: Mapping[int, Array]) -> None:
         """A round of runs for some surfaces, each where its own draws (D, n) lie."""
         members = np.isin(np.arange(self.good.size), [*draws])
-        self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
-        self.past[-1, members] = self.relative[members]
+        self._remember(members)
         for surface, own in draws.items():
             self.emulator.sharpen(
                 np.array([surface]), own, self.settings.growth, self.choice.max_runs
@@ -374,6 +372,10 @@ class AdaptiveSurfaces:
             lost = np.isinf(self.emulator.error) & ~self._spent
             if lost.any():
                 self._run(lost, self.everywhere())
+
+    def _remember(self, members: Flags) -> None:
+        self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
+        self.past[-1, members] = self.relative[members]
 
     def _run(self, members: Flags, draws: Array | None) -> None:
         self.emulator.sharpen(
