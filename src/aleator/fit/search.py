@@ -296,7 +296,7 @@ def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -
     Of exact outcomes also the law of the tangent; with noise also much narrower laws, and where
     laws are mixtures, components about groups of the experiments' own parameters.
     """
-    inputs, around = question.inputs, likelihood.inputs.about(fit.x)
+    inputs, around = question.inputs, likelihood.inputs.centered(fit.x)
     if isinstance(likelihood, Problem):
         linear = by_tangent(likelihood, question.choices.search, question.seed)
         return [around, linear.alpha]
@@ -318,7 +318,7 @@ def _grouped(
     """Components about random groups, and the noise that the centers of the groups leave."""
     # wide laws leave each experiment's parameters to its observations
     inputs, alone = likelihood.inputs, undivided(likelihood.inputs)
-    wide = alone.about(fit.x)
+    wide = alone.centered(fit.x)
     for k, h in enumerate(alone.hyperparameters):
         wide[k] = h.upper if h.log else wide[k]
     wide = _with_noise(likelihood, wide, fit.rmse)
@@ -327,7 +327,7 @@ def _grouped(
     )
     x = individual_parameters(one.adapted(wide), wide).mode
     for rng in np.random.default_rng(seed).spawn(GUESSES.groups):
-        alpha, centers = apart(inputs, inputs.about(fit.x), x, rng)
+        alpha, centers = apart(inputs, inputs.centered(fit.x), x, rng)
         residual = np.empty(y.size)
         for block in one.blocks:
             eta = one.predictor.values(block, centers[block.experiments, None])

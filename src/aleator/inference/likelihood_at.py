@@ -276,7 +276,7 @@ class OutcomesAt(LikelihoodAt):
 
     def seeing(self, seen: Observations) -> OutcomesAt:
         """The lower ends are the outcomes."""
-        return replace(self, problem=self.problem.given(seen.lower))
+        return replace(self, problem=self.problem.with_outcomes(seen.lower))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
         """With surfaces values of these, and with level sets of the simulator.

@@ -449,10 +449,10 @@ class CovariateModel:
         count = len(range(*experiments.indices(self.count)))
         return np.stack([np.broadcast_to(value, count) for value in found])[:, :, None]
 
-    def coefficients_for(self, wanted: Array) -> Array:
-        """The alpha whose values (H,) are nearest to the wanted ones in all experiments."""
+    def coefficients_for(self, values: Array) -> Array:
+        """The alpha whose values (H,) are nearest to these in all experiments."""
         found = np.array([h.start for h in self.hyperparameters])
-        for entry, value in zip(self.entries, wanted, strict=True):
+        for entry, value in zip(self.entries, values, strict=True):
             if entry.design is None:
                 found[entry.places] = value
             else:
@@ -470,7 +470,7 @@ class CovariateModel:
             axis=1,
         )
 
-    def held(self, alpha: Array) -> dict[str, Indices]:
+    def on_limits(self, alpha: Array) -> dict[str, Indices]:
         """Which experiments (B,) are held on a limit, by the name of the hyperparameter."""
         found = {}
         for entry in self.entries:

@@ -265,13 +265,13 @@ def filled(hyperparameters: Sequence[Hyperparameter], center: float, sd: float |
     return within(hyperparameters, [center, spread])
 
 
-def within(hyperparameters: Sequence[Hyperparameter], wanted: Sequence[float]) -> Array:
-    """The wanted values (k,), each moved into its limits; a fixed one keeps its value.
+def within(hyperparameters: Sequence[Hyperparameter], values: Sequence[float]) -> Array:
+    """The values (k,), each moved into its limits; a fixed one keeps its value.
 
     >>> within([resolve("mean", Free(0.0, 1.0), (None, None))], [3.0]).tolist()
     [1.0]
     """
-    return np.asarray(np.clip(np.asarray(wanted, dtype=float), *limits_of(hyperparameters)))
+    return np.asarray(np.clip(np.asarray(values, dtype=float), *limits_of(hyperparameters)))
 
 
 def limits_of(

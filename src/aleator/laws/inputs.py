@@ -330,7 +330,7 @@ class Inputs:
         own = [np.ravel(values) for values in one]
         return found, np.concatenate([*own, alpha[self.partials]])
 
-    def about(self, x: Array) -> Array:
+    def centered(self, x: Array) -> Array:
         """The alpha (K,) of laws about the point x (n,), all else at its start."""
         alpha = np.array([h.start for h in self.hyperparameters])
         wanted = [law.filling(value) for law, value in zip(self.laws.values(), x, strict=True)]
@@ -423,7 +423,7 @@ class Individual:
     xi: Array
     theta: Array
     x: Array
-    own: tuple[Standard, ...]
+    images: tuple[Standard, ...]
     log_weight: Array
     mixing: Array
     mixing_slope: Array
@@ -456,7 +456,7 @@ class Individual:
         """dx/dxi (B, J, n, s)."""
         slopes = np.zeros((*self.x.shape, self.xi.shape[2]))
         for s, i in enumerate(self.inputs.scattered):
-            slopes[:, :, i] = self.own[i].dtheta[..., None] * self.mixing[s]
+            slopes[:, :, i] = self.images[i].dtheta[..., None] * self.mixing[s]
         return slopes
 
     @property
@@ -488,7 +488,7 @@ class Individual:
             moved = self.xi @ self.mixing_slope[:, :, k].T
             for s, i in enumerate(self.inputs.scattered):
                 if np.any(self.mixing_slope[s, :, k]):
-                    by_theta = gradient[..., i] * self.own[i].dtheta
+                    by_theta = gradient[..., i] * self.images[i].dtheta
                     found[:, first + k] += np.sum(by_theta * moved[..., s], axis=1)
         return found
 
@@ -497,7 +497,7 @@ class Individual:
         by_values = np.concatenate(
             [
                 np.einsum("bj,bjk->bk", gradient[..., i], own.dvalues)
-                for i, own in enumerate(self.own)
+                for i, own in enumerate(self.images)
             ],
             axis=1,
         )

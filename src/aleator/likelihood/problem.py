@@ -77,7 +77,7 @@ class Forward:
         """How reports name the propagation."""
         return self.model.name
 
-    def given(self, outcomes: Array) -> Problem:
+    def with_outcomes(self, outcomes: Array) -> Problem:
         """The inverse problem that measured outcomes (N,) make of it."""
         own = (self.model, self.predictor, self.response, self.surface, self.region)
         return Problem(*own, self.condition, outcomes, _likelihood(self, outcomes))
@@ -194,9 +194,9 @@ class Problem(Forward):
         """What derivatives by alpha are taken of: the same."""
         return self.continued
 
-    def given(self, outcomes: Array) -> Problem:
+    def with_outcomes(self, outcomes: Array) -> Problem:
         """The same with other outcomes (N,)."""
-        return replace(self, outcomes=outcomes, likelihood=self.likelihood.given(outcomes))
+        return replace(self, outcomes=outcomes, likelihood=self.likelihood.with_outcomes(outcomes))
 
 
 def forward(
@@ -223,7 +223,7 @@ def forward(
         if surface is None:
             surface = build_surface(
                 attempts(runner, region), region[moving_parameters(region)], count, model.surfaces,
-                told(progress),
+                surface_progress(progress),
             )  # fmt: skip
         _require_surfaces(surface, runner, condition)
         # the surface's own error must not shut an outcome out of the reachable range
@@ -252,7 +252,7 @@ def prepare(
     surface: Surface | None = None,
 ) -> Problem:
     """The inverse problem of outcomes (N,), as `forward` builds it."""
-    return forward(runner, model, region, progress, surface).given(outcomes)
+    return forward(runner, model, region, progress, surface).with_outcomes(outcomes)
 
 
 def level_sets(problem: Forward, outcomes: Array) -> LevelLikelihood:
@@ -313,7 +313,7 @@ def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> N
     )
 
 
-def told(progress: Progress | None) -> Callable[[int, int, int], None] | None:
+def surface_progress(progress: Progress | None) -> Callable[[int, int, int], None] | None:
     """A listener to surfaces that become exact."""
     if progress is None:
         return None

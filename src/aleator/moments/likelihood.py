@@ -190,7 +190,7 @@ class Likelihood:
         finer = replace(self, predictive=more).evaluate(alpha)
         return finer.likelihood - self.evaluate(alpha).likelihood
 
-    def given(self, outcomes: Array) -> Likelihood:
+    def with_outcomes(self, outcomes: Array) -> Likelihood:
         """The same distributions with other outcomes (N,)."""
         return replace(self, outcomes=outcomes)
 

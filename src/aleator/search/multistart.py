@@ -54,10 +54,10 @@ class ClimbSettings:
     """Standard errors (outer product of scores) within which two optima cannot be told apart."""
     agrees: float = 0.05
     """... if the log-likelihood between them rises as the slopes at both ends say, to this."""
-    own_gain: float = 1.0
+    guided_gain: float = 1.0
     """Log-likelihood that a step of the objective's own way must gain for another one: near a
     maximum others are faster."""
-    own_steps: int = 10
+    guided_steps: int = 10
     """The most such steps."""
     flat: float = 1e-4
     """Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""
@@ -131,17 +131,17 @@ def approached(
     It is the start itself where no step gains, or none is known (see `Guiding`).
     """
     best, alpha, value = start, start, -np.inf
-    for count in range(min(settings.own_steps, most)):
+    for count in range(min(settings.guided_steps, most)):
         found = objective.expectation_step(alpha)
         if found is None:
             return start, 0
         gain = found[0] - value
         if gain > 0.0:
             best, value = alpha, found[0]
-        if gain < settings.own_gain:
+        if gain < settings.guided_gain:
             return best, count + 1
         alpha = coordinates.filled(found[1][coordinates.free])
-    return best, max(min(settings.own_steps, most), 0)
+    return best, max(min(settings.guided_steps, most), 0)
 
 
 def starting_points(

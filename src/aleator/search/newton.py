@@ -120,7 +120,7 @@ def ascended(
     doubted = another
     for _ in range(settings.steps):
         score = here.score[moving]
-        free = ~held(point, score, lower, upper)
+        free = ~on_limits(point, score, lower, upper)
         step = _newton_step(matrix, score, free)
         if score @ step < 0.0:
             # a matrix that is not positive definite leads downhill
@@ -167,10 +167,10 @@ def outer(scores: Array) -> Array:
     return positive(told.T @ told)
 
 
-def held(point: Array, score: Array, lower: Array, upper: Array) -> Flags:
+def on_limits(point: Array, score: Array, lower: Array, upper: Array) -> Flags:
     """Which of the values (F,) stay on a limit, as their score (F,) leads beyond it.
 
-    >>> held(np.array([0.0, 0.0]), np.array([-1.0, 1.0]), np.zeros(2), np.ones(2)).tolist()
+    >>> on_limits(np.array([0.0, 0.0]), np.array([-1.0, 1.0]), np.zeros(2), np.ones(2)).tolist()
     [True, False]
     """
     return np.asarray(((point <= lower) & (score < 0.0)) | ((point >= upper) & (score > 0.0)))

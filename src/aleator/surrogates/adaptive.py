@@ -264,7 +264,7 @@ class AdaptiveSurfaces:
 
     def add(self, x: Array) -> None:
         """Runs of all experiments at points x (Q, n) of the box, which the surfaces go through."""
-        self.emulator.ask(x, *pairs(np.arange(self.good.size), len(x)))
+        self.emulator.run_at(x, *pairs(np.arange(self.good.size), len(x)))
         self.move(self.box)
 
     def judge(self, where: Array | None) -> None:
@@ -276,7 +276,7 @@ class AdaptiveSurfaces:
         """Compare errors with a scale (N,) from now on, and not with the outcome's scatter."""
         self.scale = scale
 
-    def wanting(self, level: float) -> Flags:
+    def unfinished(self, level: float) -> Flags:
         """Whose error is above `level` of its scatter, where more runs may help and may be made."""
         return self.granted(self._rough(level))
 
@@ -305,12 +305,12 @@ class AdaptiveSurfaces:
             )
         self._judge_again()
 
-    def refine(self, draws: Array | None, level: float, tell: Progress | None = None) -> None:
+    def refine(self, draws: Array | None, level: float, progress: Progress | None = None) -> None:
         """Rounds of runs until no experiment wants more, judged where they were judged last."""
         while True:
-            if tell:
-                tell(self.total_runs, int(self.good.sum()), self.good.size)
-            members = self.wanting(level)
+            if progress:
+                progress(self.total_runs, int(self.good.sum()), self.good.size)
+            members = self.unfinished(level)
             if not members.any():
                 return
             self.sharpen(members, draws)
@@ -455,16 +455,16 @@ def first_runs(n: int, choice: ResponseSurface, settings: RoundSettings = ROUNDS
     return each * n + more
 
 
-def few_runs(
+def linear_runs(
     n: int, choice: ResponseSurface, experiments: int, settings: RoundSettings = ROUNDS
 ) -> int:
     """Runs that are enough where every outcome is linear: two more than such a surface has terms.
 
     With few experiments nothing confirms that.
 
-    >>> few_runs(2, ResponseSurface(), 20), few_runs(2, ResponseSurface(tolerance=0.01), 20)
+    >>> linear_runs(2, ResponseSurface(), 20), linear_runs(2, ResponseSurface(tolerance=0.01), 20)
     (5, 20)
-    >>> few_runs(2, ResponseSurface(), 1)
+    >>> linear_runs(2, ResponseSurface(), 1)
     12
     """
     alone = experiments < settings.confirmed or choice.tolerance
@@ -494,7 +494,7 @@ def _first_emulator(
             f"allow at least {first} runs an experiment",
         )
     return OwnSurfaces(
-        run, box, Samples.none(experiments, n), first, few_runs(n, choice, experiments, settings)
+        run, box, Samples.none(experiments, n), first, linear_runs(n, choice, experiments, settings)
     )
 
 

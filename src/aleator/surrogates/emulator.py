@@ -130,7 +130,7 @@ class Emulator(ABC):
         """Whose error is above `tolerance` of its scatter and `accuracy` of its size."""
         return self.error > np.maximum(tolerance * self.scatter, accuracy * self.level)
 
-    def ask(self, x: Array, index: Indices, place: Indices) -> None:
+    def run_at(self, x: Array, index: Indices, place: Indices) -> None:
         """Run experiments `index` (R,) at the points x[place], for x (Q, n)."""
         outcome = np.asarray(self.run(index, x[place]), dtype=np.float64)
         if outcome.shape != index.shape or np.isinf(outcome).any():
@@ -279,7 +279,7 @@ class OwnSurfaces(Emulator):
         """Run everyone at the points up to `count` of those that are to begin with."""
         fresh = self.start[self.begun : count]
         everyone, place = pairs(np.arange(len(self.prior)), len(fresh))
-        self.ask(fresh, everyone, place)
+        self.run_at(fresh, everyone, place)
         self.begun, self.pool = count, first_priors(len(self.box))
         self.stale[:] = True
 
@@ -305,7 +305,7 @@ class OwnSurfaces(Emulator):
             fresh = continued(known, self.axes.inward(draws), count)
         index, place = pairs(members, count)
         allowed = place < most - self.runs[index]
-        self.ask(self.axes.outward(fresh), index[allowed], place[allowed])
+        self.run_at(self.axes.outward(fresh), index[allowed], place[allowed])
         if draws is None:
             missed = self._guess(members, inside, fresh) - self.samples.outcome[members, -count:]
             unseen = _root_mean_square(missed)
@@ -322,7 +322,7 @@ class OwnSurfaces(Emulator):
     def _common(self, members: Indices, inside: Samples) -> Array:
         """The points that one of the members at least has, but for those of earlier boxes."""
         common = ~np.isin(inside.x[:, 0], self.earlier[:, 0])
-        return self.axes.inward(inside.x[inside.asked[members].any(axis=0) & common])
+        return self.axes.inward(inside.x[inside.attempted[members].any(axis=0) & common])
 
     def judge(self, where: Array | None) -> None:
         """Estimate the errors by what the priors expect, and by leave-one-out residuals."""

@@ -100,8 +100,8 @@ def _greedy(count: int, n: int, settings: PlacementSettings = PLACES) -> Array:
     return clustered(t[chosen], settings)
 
 
-def asymmetric(z: Array, few: int) -> Array:
-    """Return points z (M, n) in another order: the last of `few` is neither mid nor at a face.
+def asymmetric(z: Array, count: int) -> Array:
+    """Return points z (M, n) in another order: the last of `count` is neither mid nor at a face.
 
     The first ones of `spread` are nearly all: at these a cube is as good as a line.
 
@@ -110,8 +110,8 @@ def asymmetric(z: Array, few: int) -> Array:
     """
     away = np.minimum(np.abs(z), 1.0 - np.abs(z)).min(axis=1)
     order = np.arange(len(z))
-    last = few - 1 + int(np.argmax(away[few - 1 :]))
-    order = np.concatenate([order[: few - 1], [last], np.delete(order, last)[few - 1 :]])
+    last = count - 1 + int(np.argmax(away[count - 1 :]))
+    order = np.concatenate([order[: count - 1], [last], np.delete(order, last)[count - 1 :]])
     return np.asarray(z[order])
 
 

@@ -18,17 +18,17 @@ from aleator.simulators.response_functions import Run, moving_parameters
 class Samples:
     """Runs of N experiments at M points `x` (M, n): `outcome` (N, M), NaN where there is none.
 
-    `asked` (N, M) tells a run that failed, asked for and NaN, from one that was never made.
+    `attempted` (N, M) tells a run that failed, attempted for and NaN, from one that was never made.
 
     >>> none = Samples.none(2, 1)
     >>> one = none.joined(np.array([[0.5]]), np.array([1]), np.array([0]), np.array([7.0]))
-    >>> one.outcome.tolist(), one.asked.tolist()
+    >>> one.outcome.tolist(), one.attempted.tolist()
     ([[nan], [7.0]], [[False], [True]])
     """
 
     x: Array
     outcome: Array
-    asked: Flags
+    attempted: Flags
 
     @classmethod
     def none(cls, experiments: int, parameters: int) -> Samples:
@@ -47,7 +47,7 @@ class Samples:
     @property
     def runs(self) -> Indices:
         """Runs of each experiment, (N,)."""
-        return np.asarray(self.asked.sum(axis=1), dtype=np.intp)
+        return np.asarray(self.attempted.sum(axis=1), dtype=np.intp)
 
     @property
     def failed(self) -> Indices:
@@ -63,18 +63,18 @@ class Samples:
     def joined(self, x: Array, index: Indices, place: Indices, outcome: Array) -> Samples:
         """With the runs of experiments `index` (R,) at the points x[place], x (Q, n)."""
         values = np.full((len(self.outcome), len(x)), np.nan)
-        asked = np.zeros(values.shape, dtype=np.bool_)
-        values[index, place], asked[index, place] = outcome, True
+        attempted = np.zeros(values.shape, dtype=np.bool_)
+        values[index, place], attempted[index, place] = outcome, True
         return Samples(
             np.vstack([self.x, x]),
             np.hstack([self.outcome, values]),
-            np.hstack([self.asked, asked]),
+            np.hstack([self.attempted, attempted]),
         )
 
     def inside(self, box: Array) -> Samples:
         """Those at points in the box (n, 2)."""
         kept = np.all((self.x >= box[:, 0]) & (self.x <= box[:, 1]), axis=1)
-        return Samples(self.x[kept], self.outcome[:, kept], self.asked[:, kept])
+        return Samples(self.x[kept], self.outcome[:, kept], self.attempted[:, kept])
 
 
 @dataclass(frozen=True)

@@ -208,7 +208,7 @@ class LevelLikelihood:
             self.cells, settings=self.settings,
         )  # fmt: skip
 
-    def given(self, outcomes: Array) -> LevelLikelihood:
+    def with_outcomes(self, outcomes: Array) -> LevelLikelihood:
         """The same experiments with other outcomes (N,)."""
         return self._with(outcomes, self.cells)
 

@@ -14,7 +14,7 @@ from aleator.fit.regions import hull, padded
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Direct, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.predictors import Block
-from aleator.likelihood.problem import told
+from aleator.likelihood.problem import surface_progress
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces
 from aleator.surrogates.samples import Samples, Sites
@@ -190,7 +190,7 @@ class OneSurface:
         self._trend = self._kriged = None
         where = x[:: max(1, len(x) // self.settings.places)][:, moving_parameters(self.region)]
         self.surfaces.judge(where)
-        self.surfaces.refine(where, self.settings.level, told(self.progress))
+        self.surfaces.refine(where, self.settings.level, surface_progress(self.progress))
 
 
 def _alike(z: Array) -> Indices:
