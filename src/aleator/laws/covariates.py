@@ -391,14 +391,14 @@ class CoefficientPlaces:
     design: DesignMatrix | None
 
     def value(self, alpha: Array, experiments: slice) -> Array:
-        """The value (B,), or () where it is the same in every experiment; within its limits."""
+        """The value (B,) within its limits, or () where it is the same in every experiment."""
         if self.design is None:
             return np.asarray(alpha[self.places.start])
         linear = self.design.matrix[experiments] @ alpha[self.places]
         return np.asarray(np.clip(linear, self.hyperparameter.lower, self.hyperparameter.upper))
 
     def score(self, alpha: Array, by_value: Array, experiments: slice) -> Array:
-        """Derivatives (B, p) by its part of alpha from those by its value (B,)."""
+        """Derivatives (B, p) by its coefficients in alpha, from those by its value (B,)."""
         if self.design is None:
             return by_value[:, None]
         columns = self.design.matrix[experiments]
@@ -411,7 +411,8 @@ class CoefficientPlaces:
 class CovariateModel:
     """All hyperparameters of the laws, each with its part of alpha, for N experiments.
 
-    A value that would leave the limits of its hyperparameter is held on them: no law exists beyond.
+    A value that would leave the limits of its hyperparameter is set to the limit: no law exists
+    beyond.
     """
 
     entries: tuple[CoefficientPlaces, ...]
@@ -471,7 +472,7 @@ class CovariateModel:
         )
 
     def on_limits(self, alpha: Array) -> dict[str, Indices]:
-        """Which experiments (B,) are held on a limit, by the name of the hyperparameter."""
+        """Experiments (B,) whose value is set to a limit, by the name of the hyperparameter."""
         found = {}
         for entry in self.entries:
             if entry.design is not None:

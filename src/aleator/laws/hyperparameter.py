@@ -93,11 +93,11 @@ Specification = float | Free
 
 @dataclass(frozen=True)
 class LimitSettings:
-    """What limits stand for; by judgement, and held by tests/laws/test_images.py.
+    """What limits of hyperparameters stand for; by judgement, checked by tests/laws/test_images.py.
 
-    zero: a scale's lower limit below this share of the upper one stands for zero. nearest: share of
-    the upper limit from which a scale that may be zero is searched. sd: the limits of an sd that
-    has none, over the width of its mean's.
+    zero: a scale's lower limit below this share of the upper one stands for zero. nearest: a scale
+    that may be zero is searched from this share of its upper limit on. sd: the limits of an sd for
+    which none are stated, over the width of the limits of its mean.
     """
 
     zero: float = 1e-6
@@ -110,10 +110,12 @@ LIMITS = LimitSettings()
 
 @dataclass(frozen=True)
 class Beside:
-    """Other hyperparameters, by name with a factor each, and limits of the sum of all.
+    """Hyperparameters, by name and with a factor each, that are added to another one, v; and the
+    limits of the sum.
 
-    The likelihood knows the sum v + sum_j factor_j v_j better than v alone: that of an intercept
-    and a slope at the mean of the covariate, where zero is far from all experiments.
+    Experiments determine the sum v + sum_j factor_j v_j better than v alone. If v is an intercept,
+    which is the value where the covariates are zero, far from all experiments, then the sum is the
+    value at the mean of the covariates.
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -152,7 +154,7 @@ class Hyperparameter:
 
 
 def _with_limits(specification: Free) -> str:
-    """How limits are written, in Python and in a study."""
+    """How limits are written, in Python and in a study.toml."""
     if not isinstance(specification, By):
         return "Free(lower, upper) or {lower = ..., upper = ...}"
     formula = specification.formula
@@ -248,7 +250,8 @@ def require_above(
 def widest_above(
     end: float, pair: Sequence[Hyperparameter], largest_variation: float
 ) -> list[Array]:
-    """The values (mean, sd), two of them, among whose laws above `end` is the one that reaches far.
+    """Two pairs of values (mean, sd): of all laws above `end` within the limits, that of one of
+    them reaches farthest.
 
     The sd goes as far as its limit, but not beyond `largest_variation` times mean - end.
     """
@@ -315,10 +318,9 @@ _ONWARD = np.array([[0.0, 1.0, 2.0, 3.0, 4.0], [-25 / 12, 4.0, -3.0, 4 / 3, -1 /
 class Prior:
     """The prior density p(v) of a hyperparameter v, that of a law whose own values are known.
 
-    `step` is that of its differences, `soft` are the ends of its support to which the log-density
-    is not finite, and `hard` those at which it stops short; infinite where there is none. It is not
-    normalized again on the limits of v: a constant factor moves neither a maximum nor a
-    posterior.
+    `step` is that of its differences. `soft` are the ends of its support where the log-density is
+    not finite, `hard` those where it is; an end that does not exist is infinite. It is not
+    normalized again on the limits of v: a constant factor moves neither a maximum nor a posterior.
 
     >>> from aleator.laws import Normal
     >>> prior = Prior.of(Normal(1.0, 0.1), "x.mean", 0.5, 1.5)

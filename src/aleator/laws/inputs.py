@@ -29,9 +29,10 @@ STANDARD_NORMAL: Law = Normal(0.0, 1.0)
 class Images:
     """How parameters are made of very many variates; chosen by tests/laws/test_images.py.
 
-    knots: of the table of a law, 1/160 apart, which costs less than the law at `worth` times as
-    many variates. exact: error between the knots, as a share of the distance between the quartiles,
-    that is none. region: probability left out at either end of a law's region, 5.2 sds of a normal.
+    knots: number of knots in the table of a law, 1/160 apart; the table costs less than the law at
+    `worth` times as many variates. exact: an error between the knots that counts as none, as a
+    share of the distance between the quartiles. region: the probability left out at either end of a
+    law's region, at 5.2 sds of a normal law.
     """
 
     knots: int = 3041
@@ -331,7 +332,7 @@ class Inputs:
         return found, np.concatenate([*own, alpha[self.partials]])
 
     def centered(self, x: Array) -> Array:
-        """The alpha (K,) of laws about the point x (n,), all else at its start."""
+        """The alpha (K,) of laws whose centers are the point x (n,), all else at its start."""
         alpha = np.array([h.start for h in self.hyperparameters])
         wanted = [law.filling(value) for law, value in zip(self.laws.values(), x, strict=True)]
         own = np.concatenate(wanted)
@@ -340,7 +341,8 @@ class Inputs:
         return alpha
 
     def filling(self, region: Array, widths: float) -> Array:
-        """The alpha (K,) of laws in the middle of a region (n, 2), so many sds wide."""
+        """The alpha (K,) of laws in the middle of a region (n, 2) that is `widths` of their sds
+        wide."""
         alpha = np.array([h.start for h in self.hyperparameters])
         for law, part, (low, high) in zip(self.laws.values(), self.slices, region, strict=True):
             alpha[part] = law.filling(0.5 * (low + high), (high - low) / widths)
@@ -367,9 +369,10 @@ class Inputs:
         return self.log_density_of(range(len(self.laws)), alpha, x, self.normal_scores(alpha, x))
 
     def log_density_of(self, some: Iterable[int], alpha: Array, x: Array, scores: Array) -> Array:
-        """The same (J,) of some parameters by themselves and of what ties the correlated ones.
+        """The sum (J,) of the log-densities of some parameters and of the copula.
 
-        Of these the `scores` (m, J) are given; see `normal_scores`.
+        The `scores` (m, J) are the normal scores of the m correlated parameters (see
+        `normal_scores`).
         """
         found = self.correlation.log_density(alpha[self.partials], scores)
         laws = list(self.laws.values())
@@ -378,19 +381,19 @@ class Inputs:
         return found
 
     def normal_scores(self, alpha: Array, x: Array) -> Array:
-        """Those (m, J) of the m correlated parameters at x (J, n)."""
+        """The normal scores (m, J) of the m correlated parameters at x (J, n)."""
         found = np.empty((len(self.correlated), len(x)))
         for row, i in zip(found, self.correlated, strict=True):
             row[:] = self.normal_score(i, alpha, x)
         return found
 
     def normal_score(self, i: int, alpha: Array, x: Array) -> Array:
-        """That (J,) of parameter i."""
+        """The normal score (J,) of parameter i at x (J, n)."""
         return list(self.laws.values())[i].normal_score(alpha[self.slices[i]], x[:, i])
 
     @cached_property
     def _own(self) -> tuple[Hyperparameter, ...]:
-        """Those of the laws as they are stated."""
+        """The hyperparameters of the laws, before covariates give them coefficients."""
         return tuple(h.named(name) for name, law in self.laws.items() for h in law.hyperparameters)
 
     @property
@@ -461,7 +464,8 @@ class Individual:
 
     @property
     def normal_scores(self) -> Array:
-        """The variates (B, J, s) of the whole laws: theta, but for mixtures, which have parts."""
+        """The normal scores (B, J, s) of the parameters under their whole laws: theta, except for
+        mixtures."""
         found = self.theta
         for s, i in enumerate(self.inputs.scattered):
             law = list(self.inputs.laws.values())[i]
@@ -493,7 +497,7 @@ class Individual:
         return found
 
     def _score_of_laws(self, gradient: Array, share: Array) -> Array:
-        """The part of the score by what is not a correlation."""
+        """The score by all hyperparameters but the correlations."""
         by_values = np.concatenate(
             [
                 np.einsum("bj,bjk->bk", gradient[..., i], own.dvalues)
@@ -526,9 +530,10 @@ class Individual:
 def parameters_at(
     inputs: Inputs, alpha: Array, xi: Array, experiments: slice, *, often: bool
 ) -> tuple[Array, Array]:
-    """`x` and `log_weight` of `Individual.of`, in less time: no derivatives.
+    """Parameters and log weights as `Individual.of` gives them, without derivatives and so in less
+    time.
 
-    `often` is whether the same laws are asked for at many other variates too.
+    `often` says that the same laws are evaluated at many other variates too.
     """
     if inputs.covariate_model is not None or len(inputs.classes) > 1:
         found = Individual.of(inputs, alpha, xi, experiments)
@@ -635,9 +640,9 @@ def _standard(law: Law, values: Array, theta: Array) -> Standard:
 def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool = False) -> Array:
     """x(theta) of the law of parameter i at variates theta of any shape, as `law.standard` has it.
 
-    Of very many by cubic Hermite interpolation, where between its knots that is as exact as a
-    law can be told: a law whose quantile has kinks or runs off to infinity is asked itself. Beyond
-    9.5, where there is no mass, x is that of 9.5. `often`, this law will be asked again and again.
+    Very many variates are interpolated (cubic Hermite), where that is as exact as the law itself; a
+    law whose quantile has kinks or goes to infinity is evaluated directly. Beyond 9.5, where there
+    is no mass, x is that of 9.5. `often` says that this law will be evaluated again and again.
     """
     law = _law(inputs, i)
     if isinstance(law, Normal):

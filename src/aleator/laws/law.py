@@ -20,12 +20,13 @@ from aleator.laws.hyperparameter import Hyperparameter, Specification, filled, l
 class Numerics:
     """How exactly laws are computed; chosen by tests/laws, or by judgement where it says so.
 
-    sds: standard deviations of a box that has no end of its own (by judgement: 1e-15 is beyond).
-    tail: probability left beyond such a box. step: of differences, relative; their error is of
-    the order of its fourth power. farthest, knots: a quantile that is tabulated has so many knots,
-    at standard normal variates up to this size. worth: values of one law for which a table is made,
-    which costs some thousand quantiles (`make bench`). passes, rounding: of `invert`, which ends
-    where a bracket or a step is under this part of the largest end of the bracket.
+    sds: the box of a normal law ends so many standard deviations from its means (by judgement:
+    1e-15 is beyond). tail: the probability beyond the box of another law without an end. step:
+    relative step of differences, whose error is of the order of its fourth power. farthest, knots:
+    a quantile that is tabulated has so many knots, at standard normal variates up to this size.
+    worth: the number of values of one law from which on a table is made, which costs some thousand
+    quantiles (`make bench`). passes, rounding: `invert` takes so many passes at most, and ends
+    where a bracket or a step is below this share of the largest end of the bracket.
     """
 
     sds: float = 8.0
@@ -81,7 +82,8 @@ class MeanSd:
 
     @classmethod
     def of(cls, rule: Rule) -> MeanSd:
-        """Those of a rule of two nodes or more, which are the law's own.
+        """Mean and sd by a quadrature rule of the law with two nodes or more, which is exact for
+        both.
 
         >>> import numpy as np
         >>> half = np.array([0.5, 0.5])
@@ -158,7 +160,8 @@ class Law(Protocol):
 
 
 class ThroughNormal:
-    """What laws share whose polynomials are those of the variate theta that they are made of.
+    """Base of laws whose polynomials are the Hermite polynomials of the standard normal variate
+    theta.
 
     Hermite polynomials of theta are dense whatever the law (Ernst, Mugler, Starkloff and Ullmann,
     2012). A rule of q nodes is exact for polynomials of theta, not of x.
@@ -180,7 +183,7 @@ class ThroughNormal:
 
 
 class ByMeanAndSd:
-    """What laws share whose two hyperparameters are their own mean and standard deviation."""
+    """Base of laws whose two hyperparameters are their own mean and standard deviation."""
 
     mean: Specification
     sd: Specification
@@ -209,7 +212,7 @@ class ByMeanAndSd:
 
 
 Tail = Callable[..., Array]
-"""A quantile of probabilities (J,) and of as many of each shape of the law, or of one for all."""
+"""A quantile function of probabilities (J,) and of the law's shapes, each one number or (J,)."""
 
 
 def from_tails(theta: Array, below: Tail, above: Tail, *shapes: Array) -> Array:
@@ -268,7 +271,7 @@ class Tabulated:
 
 
 def from_probability(probability: Array, below: Tail, above: Tail) -> Array:
-    """F^-1(P) by the tail that is nearer.
+    """F^-1(P), from the smaller of P and 1 - P.
 
     >>> from_probability(np.array([0.25, 0.75]), lambda p: p, lambda p: 1.0 - p).tolist()
     [0.25, 0.75]
@@ -278,7 +281,7 @@ def from_probability(probability: Array, below: Tail, above: Tail) -> Array:
 
 
 def to_score(below: Array, above: Array) -> Array:
-    """Phi^-1(F) from the probabilities F below and 1 - F above, by the tail that is nearer.
+    """Phi^-1(F) from the probabilities F below and 1 - F above, by the smaller of the two.
 
     >>> to_score(np.array([0.5, 1.0]), np.array([0.5, special.ndtr(-9.0)])).tolist()
     [0.0, 9.0]
@@ -326,9 +329,10 @@ def difference(
 def by_distinct(
     of_one: Callable[[Array, Array], Standard], values: Array, theta: Array
 ) -> Standard:
-    """What `of_one(values (k,), theta (M,))` gives, for values (k, ...) that broadcast to theta.
+    """The images of theta under laws whose values (k, ...) broadcast against theta.
 
-    `of_one` is called once for each distinct column of values, so the cost is that of as many laws.
+    `of_one(values (k,), theta (M,))` is the image under one law. It is called once for each
+    distinct column of values, so that the cost is that of as many laws.
 
     >>> def shifted(values, theta):
     ...     return Standard(values[0] + theta, np.ones(theta.shape), np.ones((theta.size, 1)))

@@ -49,14 +49,14 @@ from aleator.laws.law import (
 
 @dataclass(frozen=True)
 class Shapes:
-    """Which shapes of laws are told apart from their limits; chosen by tests/laws.
+    """The most extreme shapes of laws; chosen by tests/laws.
 
-    narrowest: share of its upper limit that stands for a gamma's or a beta's sd of zero, where
-    quantiles keep their digits. widest: largest sd of a beta over that of a law with all its mass
-    on the two ends. lognormal_variation, gamma_variation: sd over distance from the end that a box
-    takes account of (of a gamma shape 0.2). beta_margin, beta_sd: limits of a beta that has none:
-    of the mean, over the width of the box from its ends; of the sd, over the width and over the
-    largest, and over the largest (by judgement).
+    narrowest: an sd of zero of a gamma or a beta is replaced by this share of its upper limit,
+    where quantiles keep their digits. widest: largest sd of a beta over that of a law with all its
+    mass on the two ends. lognormal_variation, gamma_variation: the largest sd, over the distance of
+    the mean from the end, that a box allows for (shape 0.2 of a gamma). beta_margin, beta_sd:
+    limits of a beta that has none: of the mean, over the width of the box from its ends; of the sd,
+    over the width and over the largest, and over the largest (by judgement).
     """
 
     narrowest: float = 1e-3
@@ -654,7 +654,7 @@ def _at_once(
     exactly: Callable[..., Array],
     *shapes: Array,
 ) -> Array:
-    """A law of these shapes at Phi(theta), of one law at many theta by interpolation."""
+    """A law of these shapes at Phi(theta); one law at many theta is interpolated in its table."""
     if (
         all(np.ndim(shape) == 0 for shape in shapes)
         and theta.size >= NUMERICS.worth

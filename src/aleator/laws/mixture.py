@@ -43,8 +43,8 @@ class QuantilePoints:
     """How a law is computed from its quantile; chosen by tests/laws and tests/extensions.
 
     count: points of the rule in theta, by which expectations are computed. widest: theta goes this
-    far on either side, for moments of long tails. deepest, halvings: of the search of a normal
-    score. least: a share of a mixture this small stands for none.
+    far on either side, for moments of long tails. deepest, halvings: a normal score is sought by so
+    many bisections up to this size. least: a share of a mixture this small counts as zero.
     """
 
     count: int = 400
@@ -416,8 +416,8 @@ class Mixture(QuantileLaw):
     def apart(self, x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """The values (k,) of components about groups of points x (N,), and each one's center (N,).
 
-        A step of k-means from random centers (k-means++, Arthur and Vassilvitskii, 2007): every
-        other generator finds other groups.
+        A step of k-means from random centers (k-means++, Arthur and Vassilvitskii, 2007); another
+        generator gives other groups.
 
         >>> from aleator.laws import Normal
         >>> law = Mixture((Normal(Free(0, 9), Free(0.01, 1)), Normal(Free(0, 9), Free(0.01, 1))))

@@ -22,11 +22,11 @@ class Truncation:
     """How a truncated normal law is computed; chosen by tests/laws/test_laws.py.
 
     sds: that the box spans where its end is infinite: holds the nodes to q = 20. drop: the density
-    is cut where it fell by e^-drop below its largest value on the box: the square of a polynomial
-    of degree 20 has no part beyond that its integral would miss. nodes: of the rule that its
-    polynomials are made by. step: of the differences of a rule, over the width of the law.
-    least: probabilities below this are told by their logarithms only. faint: one below which a
-    difference of two has lost more digits than it may.
+    is cut where it is e^-drop times its largest value on the box; beyond, the square of a
+    polynomial of degree 20 adds nothing to its integral. nodes: of the rule that its polynomials
+    are made by. step: of the differences of a rule, over the width of the law. least: smaller
+    probabilities are computed by their logarithms. faint: a difference of two probabilities below
+    this has lost too many digits.
     """
 
     sds: float = 10.0

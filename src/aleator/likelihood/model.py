@@ -1,4 +1,4 @@
-"""The user's choices, and the one place that is asked which likelihood follows from them."""
+"""The user's choices of law, surfaces and density, which say what likelihood is computed."""
 
 from __future__ import annotations
 

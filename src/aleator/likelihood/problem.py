@@ -41,11 +41,11 @@ class OutcomePredictor(Protocol):
 
     @property
     def lower(self) -> Array:
-        """The ends (N,) of what is reached, possibly infinite."""
+        """The lower ends (N,) of what is reached, possibly infinite."""
 
     @property
     def upper(self) -> Array:
-        """See `lower`."""
+        """The upper ends (N,) of what is reached, possibly infinite."""
 
     def under(self, alpha: Array) -> OutcomeDistribution:
         """The distributions of the outcomes."""
@@ -130,7 +130,7 @@ class Problem(Forward):
         return self.likelihood.take(np.linspace(0, self.count - 1, size).astype(np.intp))
 
     def fine(self) -> Problem:
-        """The same by level sets as fine as an answer needs."""
+        """The same problem, by level sets as fine as an answer needs."""
         return self if self.levels is None else replace(self, likelihood=self.levels.fine())
 
     @property
@@ -139,7 +139,7 @@ class Problem(Forward):
         return self.likelihood if isinstance(self.likelihood, LevelLikelihood) else None
 
     def coarse(self) -> Problem:
-        """The same with as little as serves for many data sets in turn."""
+        """The same problem on the coarsest grids that serve, for many data sets in turn."""
         if self.levels is None:
             return self
         assert isinstance(self.predictor, PointPredictor)
@@ -191,7 +191,7 @@ class Problem(Forward):
 
     @property
     def followed(self) -> Objective:
-        """What derivatives by alpha are taken of: the same."""
+        """The objective that is differentiated by alpha: that of the search."""
         return self.continued
 
     def with_outcomes(self, outcomes: Array) -> Problem:
@@ -314,7 +314,7 @@ def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> N
 
 
 def surface_progress(progress: Progress | None) -> Callable[[int, int, int], None] | None:
-    """A listener to surfaces that become exact."""
+    """A function that reports to `progress` how many surfaces have converged; None without one."""
     if progress is None:
         return None
     listener = progress

@@ -464,7 +464,7 @@ def _multipliers(
     first = check = max(settings.panel_nodes, nodes // 15)
 
     def judge(found: Array, converged: Flags, allowed: float) -> Codes:
-        """Keep what is nearer to the moments; the rows whose check does not hold remain."""
+        """Keep multipliers that miss the moments by less, and return the rows whose check fails."""
         rule = panel_rule(order, panels, check)
         missed = _residual(found, rule, a[hard], b[hard], standardized[hard])
         honest = converged & (missed <= allowed)

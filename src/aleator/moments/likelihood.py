@@ -123,7 +123,7 @@ class Predictive:
         return self.propagation.at(alpha)
 
     def take(self, rows: Indices) -> Predictive:
-        """The distributions of some of the experiments, without a thought of the others."""
+        """The distributions of some of the experiments, computed without the others."""
         propagation, condition = self.propagation, self.condition[rows]
         if isinstance(propagation, QuadraturePropagation) and isinstance(
             propagation.response, Divisible

@@ -33,9 +33,9 @@ class CustomSearch(TaskSearch):
 
     All are of the F free hyperparameters, in their own units: `value(alpha)` is the log-likelihood
     at alpha (F,), to be maximized, and never anything but a finite number; `lower`, `upper` and
-    `start` are (F,), the start being the best of the hyperparameters' own and the guesses; `rng`
-    is seeded. The result is the best alpha that was asked for, after a gradient ascent from there
-    if `polish`. What the function raises is not caught.
+    `start` are (F,), the start being the best of the hyperparameters' own and the guesses; `rng` is
+    seeded. The result is the best alpha that was evaluated, after a gradient ascent from there if
+    `polish`. What the function raises is not caught.
 
     Raises InputsError for a function that cannot be called with these five, and where it returns
     anything but F numbers within the limits.

@@ -138,7 +138,8 @@ class OptimaSettings:
     same_value: float = 0.01
     """Two ends within this log-likelihood of each other may be the same optimum."""
     same_place: float = 0.3
-    """... and are, if also within this many standard errors (outer product of scores)."""
+    """Two ends within `same_value` are one optimum, if they are also within this many standard
+    errors (outer product of scores)."""
 
 
 OPTIMA = OptimaSettings()

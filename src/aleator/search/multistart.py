@@ -53,20 +53,22 @@ class ClimbSettings:
     near: float = 0.5
     """Standard errors (outer product of scores) within which two optima cannot be told apart."""
     agrees: float = 0.05
-    """... if the log-likelihood between them rises as the slopes at both ends say, to this."""
+    """Optima within `near` are one, if the log-likelihood between them rises as the slopes at both
+    ends say, to this error."""
     guided_gain: float = 1.0
-    """Log-likelihood that a step of the objective's own way must gain for another one: near a
-    maximum others are faster."""
+    """Log-likelihood that a step of the objective itself (see `Guiding`) must gain for another one;
+    near a maximum quasi-Newton steps are faster."""
     guided_steps: int = 10
-    """The most such steps."""
+    """The most steps of the objective itself."""
     flat: float = 1e-4
     """Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""
     settled: float = 1e-3
-    """... of the leg's end, above which another leg follows: other starts may join this one."""
+    """Slope, in log-likelihood a standard error of the leg's end, above which another leg
+    follows."""
     noise: float = 5.0
     """Roots of the objective's resolution below which a slope is none."""
     leg: int = 10
-    """Evaluations of a leg, where the objective knows a way of its own that may be tried again."""
+    """Evaluations of a leg, where steps of the objective itself may be tried again after it."""
     little: float = 1e-6
     """A leg that gains less than this in log-likelihood is the last."""
     digits: float = 1e-11
@@ -126,9 +128,9 @@ def approached(
     most: int,
     settings: ClimbSettings = CLIMBS,
 ) -> tuple[Array, int]:
-    """The best alpha (K,) on the objective's own way from `start`, and how many evaluations.
+    """The best alpha (K,) by steps of the objective itself from `start`, and how many evaluations.
 
-    It is the start itself where no step gains, or none is known (see `Guiding`).
+    It is the start itself where no step gains, or the objective has none (see `Guiding`).
     """
     best, alpha, value = start, start, -np.inf
     for count in range(min(settings.guided_steps, most)):
@@ -153,10 +155,10 @@ def starting_points(
 ) -> Array:
     """The hyperparameters' own start, the guesses, and scrambled Sobol' points: alphas (count, K).
 
-    The first of more are the same. One that is given twice is one start.
+    Of more starts the first are the same. A guess that is given twice is one start.
 
     Points of a box that is a million times wider than every guess is large would all be far from
-    anything: there they lie around the guesses instead, at distances of every size.
+    anything: there they lie at distances of every size from the guesses.
     """
     given = coordinates.filled(
         np.array([a[coordinates.free] for a in (coordinates.start, *guesses)])
@@ -217,10 +219,10 @@ def climb(
     """Climb from the alpha `start` (K,) with at most so many evaluations.
 
     The variables are steps in units of the standard errors, as the outer product of the scores
-    estimates them. Far from the maximum that estimate is poor: where it no longer holds at the
-    end, another leg begins there in new units. Where the objective knows a way of its own (see
-    `Guiding`), it is tried before every leg. A climb that joins one of those that `reached` an
-    optimum ends with it; the end of any other is added to them.
+    estimates them. Far from the maximum that estimate is poor: where it no longer holds at the end,
+    another leg begins there in new units. Where the objective has steps of its own (see `Guiding`),
+    these are tried before every leg. A climb that joins one of those that `reached` an optimum ends
+    with it; the end of any other is added to them.
     """
     alpha, spent = approached(objective, coordinates, start, evaluations - 1, settings)
     at, count, settled = objective(alpha), spent + 1, False
@@ -270,7 +272,7 @@ class _Leg:
         self.highest, self.best, self.count = start, at, 0
 
     def run(self) -> bool:
-        """Whether it came to its own end within the evaluations."""
+        """Whether the method ended by itself within the evaluations."""
         if self.joined is not None:
             return True
         unit, resolution = self._coordinates.to_unit(self._start), self._objective.resolution
@@ -409,8 +411,8 @@ class WarmStart:
     """Climb from `alpha` (K,), the hyperparameters' start and a guess: `GradientMultistart(3)`.
 
     For a likelihood that costs much, after a search of a cheaper one that is nearly the same. It
-    finds no optimum that the other did not lead to, and how often that was reached, `once` or more,
-    is what the other tells.
+    finds no optimum that the other search did not lead to; whether only one start of that search
+    reached it is `once`.
 
     >>> import numpy as np
     >>> WarmStart(np.array([1.0])).name

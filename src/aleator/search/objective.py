@@ -1,4 +1,4 @@
-"""An objective as a search sees it: scaled, counted, its ends sorted into optima."""
+"""An objective as a search sees it: in scaled coordinates, counted, its ends sorted into optima."""
 
 from __future__ import annotations
 
@@ -144,10 +144,11 @@ def _sums(hyperparameters: Sequence[Hyperparameter], free: Indices) -> tuple[Arr
 
 
 class CountedObjective:
-    """The objective of one search, the `method`: the best alpha it asked for, and what that took.
+    """The objective of one search, the `method`: it counts evaluations and keeps the best alpha
+    met.
 
-    Floating-point warnings of the objective are contained, because a search asks for absurd alpha
-    on purpose; a value, or a score, that is not finite counts as the floor with a score of zero.
+    Floating-point warnings of the objective are contained, because a search tries absurd alpha on
+    purpose; a value, or a score, that is not finite counts as the floor with a score of zero.
     """
 
     def __init__(self, objective: Objective | Scored, method: str = "") -> None:
@@ -308,7 +309,7 @@ def _information(ascent: Ascent, objective: CountedObjective) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a search is given: the counted objective over F > 0 free hyperparameters.
+    """The task of a search: the counted objective over F > 0 free hyperparameters.
 
     `guesses` are alphas (K,) worth a start; `seed` is that of everything random.
     """
@@ -326,7 +327,8 @@ class Task:
 
 
 class TaskSearch(ABC):
-    """A search that is asked only where a hyperparameter is free; it fills `name` and `_search`."""
+    """Base of searches: a subclass gives `name`, and `_search` for at least one free
+    hyperparameter."""
 
     @property
     @abstractmethod

@@ -42,7 +42,7 @@ class RoundSettings:
     """Estimated error of a surface under the law, over the outcome's scatter, that asks for runs.
     """
     shared: float = 2.0
-    """The same of a shared surface, over that: its estimate is more cautious."""
+    """Level `rough` of a shared surface over that of others: its estimate is more cautious."""
     growth: float = 0.3
     """Share by which a round increases the runs of the experiments that need more."""
     patience: int = 6
@@ -62,12 +62,13 @@ class RoundSettings:
     """First runs for each parameter, and beside these, where surfaces are to be exact all over the
     box."""
     first_law: tuple[int, int] = (3, 6)
-    """The same where they will follow a law."""
+    """First runs for each parameter, and beside these, of surfaces that will follow a law."""
     beyond_linear: int = 2
     """Runs more than the terms of a linear surface, that are enough for one."""
     slowest: float = 0.5
+    """The least power of the number of runs by which errors are taken to fall."""
     fastest: float = 6.0
-    """Powers of the number of runs by which errors may be taken to fall."""
+    """The largest power of the number of runs by which errors are taken to fall."""
 
 
 ROUNDS = RoundSettings()
@@ -110,8 +111,9 @@ class JumpSettings:
     large: float = 0.05
     """Difference of two outcomes, over the range of all of that experiment, that may be a step."""
     close: float = 0.4
+    """Share of `near` within which two runs are close."""
     wide: float = 0.8
-    """Shares of `near` within which runs are close, and beyond which they are wide apart."""
+    """Share of `near` beyond which two runs are wide apart."""
     ratio: float = 1.5
     """How many times as much a smooth outcome differs over the wider distance, at least."""
     bulk: tuple[float, float] = (0.005, 0.995)

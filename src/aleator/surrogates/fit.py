@@ -213,10 +213,13 @@ class SurfaceFitSettings:
     """How a polynomial is fitted to runs, thinned and searched for its range; by judgement."""
 
     smoothnesses: tuple[float, ...] = (1.5, 2.5, 4.0, 6.0, 9.0)
+    """Values of the smoothness of a prior that are tried (see `SmoothnessPrior`)."""
     trends: tuple[float, ...] = (0.0, 0.25, 0.5)
+    """Values of the trend that are tried."""
     norms: tuple[float, ...] = (2.0, 1.0, 0.5)
+    """Values of the norm that are tried."""
     noises: tuple[float, ...] = (0.0, 0.03, 0.3)
-    """Values of a prior that are tried (see `SmoothnessPrior`)."""
+    """Values of the noise that are tried (see `SmoothnessPrior`)."""
     first: tuple[tuple[float, float, float], ...] = (
         (2.0, 2.5, 0.0), (2.0, 2.5, 0.5), (2.0, 4.0, 0.0), (2.0, 4.0, 0.5),
         (1.0, 2.5, 0.0), (1.0, 4.0, 0.5), (0.5, 4.0, 0.5), (0.5, 2.5, 0.0),
@@ -225,17 +228,18 @@ class SurfaceFitSettings:
     stretch: float = 1.6
     """Factor by which one parameter is stretched."""
     scales: tuple[float, float] = (0.1, 12.0)
-    """... within these limits."""
+    """Limits of the stretch of a parameter."""
     terms: int = 2
     """Terms of a polynomial for each run."""
     more_terms: int = 10
-    """... and beside these."""
+    """Terms of a polynomial beside those for each run."""
     free: float = 1e6
     """The weight that makes a term of the trend as good as free."""
     keep: tuple[int, int] = (5, 2)
-    """Winners whose neighbors are tried, with at most `keep_runs` runs and with more: then priors
-    change little."""
+    """Winners whose neighbors are tried, with at most `keep_runs` runs, and with more runs, where
+    priors change little."""
     keep_runs: int = 200
+    """Runs up to which the larger number of winners is kept."""
     sweeps: int = 2
     """Rounds of the search for a prior."""
     fall: float = 0.01
@@ -244,7 +248,7 @@ class SurfaceFitSettings:
     nearly: float = 1e-3
     """Share of the variance of a coefficient below which one minus what is known loses digits."""
     nothing: float = 1e-24
-    """... and below which it is rounding."""
+    """Share of the variance of a coefficient below which it is rounding."""
     negligible: float = 0.1
     """A term is left out where all that is left out stays under this part of the error: it then
     adds half a percent to it (root of 1 + 0.1^2)."""
@@ -259,9 +263,9 @@ class SurfaceFitSettings:
     range_points: int = 2048
     """Points of the box at which the range of an outcome is sought."""
     range_block: int = 256
-    """... of which so many are evaluated together."""
+    """Points of the search of a range that are evaluated together."""
     corners: int = 10
-    """... with the corners of the box in so many parameters."""
+    """Parameters of which all corners of the box are points of that search, at most."""
     range_step: float = 0.04
     """First step of the polish, over the width of the box."""
     halvings: int = 10

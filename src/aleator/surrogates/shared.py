@@ -39,16 +39,19 @@ class ProcessSettings:
     """The covariance of the Gaussian process and the limits of its numbers; by judgement."""
 
     constant: float = 30.0
+    """Variance of the constant, over that of the rest: it is all but free."""
     linear: float = 10.0
-    """Variances of the constant and of the linear terms, over that of the rest: all but free."""
+    """Variance of the linear terms, over that of the rest: they are all but free."""
     ridge: float = 0.01
     """Precision of the normal prior on the entries of A."""
     rank: int = 8
     """More directions than this are not distinguished."""
     individual: tuple[float, float] = (1e-4, 3.0)
+    """Limits of the individual part a."""
     scale: tuple[float, float] = (0.05, 10.0)
+    """Limits of the scale s."""
     noise: tuple[float, float] = (3e-4, 0.3)
-    """Limits of the individual part a, of its scale s and of noise."""
+    """Limits of the noise."""
     largest_mix: float = 20.0
     """The largest entry of A."""
     first_mix: float = 0.5

@@ -44,8 +44,8 @@ class IndividualLikelihood:
     quadrature at `nodes` that are adapted to each experiment (Pinheiro and Bates, 1995) and held:
     called, it is smooth in alpha with an exact score (Fisher's identity). Where laws are mixtures
     it is a sum over the classes, each with nodes of its own. `adapted` returns the same with nodes
-    adapted to another alpha; nothing changes in place. Nodes that are held far from where they
-    were adapted integrate poorly.
+    adapted to another alpha; nothing changes in place. Nodes that are held far from where they were
+    adapted integrate poorly.
     """
 
     inputs: Inputs
@@ -159,7 +159,8 @@ class IndividualLikelihood:
         return replace(self, nodes=nodes, parameters=parameters)
 
     def distance(self, alpha: Array) -> float:
-        """How far alpha is from where the nodes serve, up to one; others than parameters do not."""
+        """How far alpha is from that of the nodes; up to one, they serve. Infinite for nodes that
+        are not parameters."""
         return np.inf if self._held is None else self._held.distance(alpha)
 
     def weighed(self, alpha: Array, block: Block) -> tuple[Array, Array, Individual, Terms]:
@@ -171,15 +172,16 @@ class IndividualLikelihood:
         return each, share, individual, terms
 
     def by(self, rule: NodeRule, alpha: Array) -> IndividualLikelihood:
-        """The same with other nodes, adapted to alpha."""
+        """The same by another rule, whose nodes are adapted to alpha."""
         return self.ruled(rule).adapted(alpha)
 
     def ruled(self, rule: NodeRule) -> IndividualLikelihood:
-        """The same with a rule by which nodes are not yet adapted."""
+        """The same by another rule, whose nodes are not yet adapted."""
         return replace(self, rule=rule, parameters=None)
 
     def sampled(self, size: int) -> IndividualLikelihood:
-        """That of about so many of the experiments, spread evenly; the others count as nothing."""
+        """The likelihood of about `size` of the experiments, spread evenly; the others count
+        nothing."""
         return replace(self, layout=self.layout.sampled(size))
 
     @property
@@ -189,14 +191,15 @@ class IndividualLikelihood:
 
     @property
     def followed(self) -> Following:
-        """What derivatives by alpha are taken of: nodes that are held lose a sharp individual law.
+        """The objective that is differentiated by alpha: its nodes follow alpha, about exact modes.
 
-        The law of all experiments moves by more than its width in the least step of alpha.
+        Nodes that stayed would lose a sharp individual law, which the least step of alpha moves by
+        more than its width.
         """
         return Following(self, MODES.arrived)
 
     def at(self, alpha: Array, block: Block, xi: Array) -> Evaluated:
-        """Some experiments at variates xi (B, J, s) of their own, with slopes."""
+        """A block of experiments at variates xi (B, J, s), with slopes."""
         individual = self._individual(alpha, block, xi)
         eta, slopes = self.predictor.with_slopes(block, individual.x)
         return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta), block)
@@ -225,13 +228,13 @@ class IndividualLikelihood:
 
     @property
     def _held(self) -> Parameters | None:
-        """The parameters at the nodes, where they were computed for this law and predictor."""
+        """The nodes as parameters, where they were computed for this law and predictor."""
         held = self.parameters
         known = held and held.inputs is self.inputs and held.predictor is self.predictor
         return held if known else None
 
     def _at_parameters(self, alpha: Array, nodes: Nodes) -> Parameters:
-        """What the simulator says at the nodes under alpha."""
+        """The nodes as parameters under alpha, with the simulated values there."""
         inputs, (count, most) = self.inputs, nodes.log_weight.shape
         x, eta = np.zeros((count, most, len(inputs.names))), np.zeros((self.layout.size, most))
         for block in self.layout.blocks(most):
@@ -244,7 +247,7 @@ class IndividualLikelihood:
         return Parameters(inputs, self.predictor, alpha, there, x[there], log_weight, eta)
 
     def _by_density(self, held: Parameters, alpha: Array, block: Block) -> tuple[Array, Array]:
-        """log L_l (B,) and scores (B, K) with the parameters at the nodes held."""
+        """log L_l (B,) and scores (B, K) with nodes that are kept as parameters."""
         terms = self._terms(alpha, block, held.eta[block.rows])
         of_laws = alpha[: self.inputs.size]
         each, share = mean_of(held.log_weights(of_laws, block) + block.summed(terms.value))
@@ -260,10 +263,10 @@ class IndividualLikelihood:
     def _modes(self, alpha: Array, block: Block, curved: Curved, arrived: float) -> Modes:
         """The modes (B, C, M, s) that the rule's nodes lie about.
 
-        They are sought from the last modes, as variates and as parameters, because where the
-        observations tell more than the law it is the parameters that stay, and from points all
-        about. One mode is sought from the likeliest of these alone; several that only have to be
-        near, from the last ones.
+        They are sought from the last modes, as variates and as parameters (where observations say
+        more than the law it is the parameters that stay), and from points along each axis. One mode
+        is sought from the likeliest of these starts; several that only have to be near, from the
+        last ones.
         """
         several = self.rule.centers > 1
         if several and arrived >= MODES.near and self.nodes.x is not None:
@@ -317,12 +320,12 @@ class IndividualLikelihood:
 
 
 class Following:
-    """An objective whose nodes are adapted to every alpha that is asked for.
+    """An objective that adapts its nodes to every alpha.
 
-    Its score is exact but for the error of the quadrature. Modes are sought from the last ones, and
-    nodes that are held as parameters serve until the laws have moved far: the nearest are taken of
-    some that it remembers, and that is all it does. Where an experiment has one mode, the value is
-    a function of alpha alone. Modes are found to `arrived` in log-density.
+    Its score is exact but for the error of the quadrature. Modes are sought from the last ones.
+    Nodes that are kept as parameters serve until the laws have moved far; of those that it
+    remembers the nearest are taken. Where an experiment has one mode, the value is a function of
+    alpha alone. Modes are found to `arrived` in log-density.
     """
 
     def __init__(
@@ -349,8 +352,8 @@ class Following:
     def reach(self, alpha: Array, ahead: Array) -> float:
         """The share of the way from alpha (K,) to another that a step may go.
 
-        Where nodes are held as parameters a step far beyond them costs new ones, and what made it
-        so long was seen here only.
+        Where nodes are kept as parameters a step far beyond them costs new ones, and only the slope
+        here made it so long.
         """
         nearest, share, settings = self.nearest(alpha), 1.0, self._settings
         while (
@@ -361,7 +364,7 @@ class Following:
         return share
 
     def remember(self, adapted: IndividualLikelihood) -> None:
-        """Take these nodes where they are the nearest."""
+        """Remember these nodes, for every alpha to which they are the nearest."""
         known = [*self._known, adapted] if adapted.parameters is not None else [adapted]
         kept = self._settings.kept_nodes
         while len(known) > 1 and sum(k.nodes.log_weight.size for k in known) > kept:
@@ -369,7 +372,7 @@ class Following:
         self._known = known
 
     def nearest(self, alpha: Array) -> IndividualLikelihood:
-        """That with the nodes nearest to alpha, of those that it remembers."""
+        """The likelihood with the nodes nearest to alpha, of those that are remembered."""
         return min(self._known, key=lambda known: known.distance(alpha))
 
     def _adapted(self, alpha: Array) -> IndividualLikelihood:
@@ -503,7 +506,8 @@ def _known(inputs: Inputs) -> list[int]:
 
 
 def _laws(inputs: Inputs, alpha: Array, count: int) -> tuple[Array, Array]:
-    """The means and variances (N, n) of these laws in all experiments; of others zero and one."""
+    """Means and variances (N, n) in all experiments; zero and one of laws without a mean and an
+    sd."""
     values = inputs.values(alpha[: inputs.size], slice(0, count))
     center, spread = np.zeros((count, len(values))), np.ones((count, len(values)))
     for i in _known(inputs):

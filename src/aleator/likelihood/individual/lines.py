@@ -75,7 +75,8 @@ class Pieces:
         whole: Array,
         points: int,
     ) -> Pieces:
-        """Panels of which the whole is known, with `points` nodes in each half."""
+        """Panels whose integrals by nodes of their own are known, `whole` (T,), with `points` nodes
+        in each half."""
         log_f = _evaluated(log_density, line, in_halves(low, high, points))
         top = np.maximum(log_f.max(axis=1, initial=-np.inf), LOWEST)
         f = np.exp(log_f - top[:, None])

@@ -125,9 +125,10 @@ def _damped_step(information: Array, slope: Array, damping: Array, stiff: float)
 def _of_some(
     log_density: Curved, z: Array, wanted: Flags, classes: int
 ) -> tuple[Array, Array, Array]:
-    """The log-density with its derivatives at those points (B, P) that are wanted; others zero.
+    """The log-density with its derivatives at some of the points, `wanted` (B, P); zeros at the
+    others.
 
-    Each class of each experiment is given as many as the one that wants most.
+    It is evaluated at as many points of each class as the class with most of them has.
     """
     parts = wanted.reshape(len(wanted), classes, -1)
     most = int(parts.sum(axis=2).max())
@@ -145,7 +146,8 @@ def _of_some(
 
 
 def _reached(z: Array, step: Array, everywhere: bool, farthest: float) -> Array:
-    """Where a step ends that goes not too far; those of a few directions do not leave these."""
+    """Where a step from z ends that goes no farther than is allowed; unless it may go `everywhere`,
+    it keeps its direction."""
     if everywhere:
         return np.clip(z + step, -farthest, farthest)
     length = np.max(np.abs(step), axis=-1, keepdims=True)

@@ -148,7 +148,7 @@ class PlanePanels(DenseRule):
 
     @classmethod
     def coarse(cls, settings: PlaneSettings = PLANES) -> PlanePanels:
-        """Half the nodes, which mostly do."""
+        """Panels with half the nodes, which mostly suffice."""
         return cls(settings.points, settings.coarse_enough, settings)
 
     def finer(self, _: int, /) -> tuple[PlanePanels, ...]:
@@ -267,7 +267,8 @@ class _Plane:
 
 
 def _turned(curved: Curved, information: Array, spread: Sequence[float]) -> Array:
-    """Eigenvectors (B C, 2, 2), as columns, of information (B, C, 2, 2): the most told last."""
+    """Eigenvectors (B C, 2, 2), as columns, of information (B, C, 2, 2); that of most information
+    is the last."""
     count, classes = information.shape[:2]
     over = np.array(list(product(spread, repeat=2)))
     points = np.tile(over, (count, classes, 1))
@@ -278,7 +279,8 @@ def _turned(curved: Curved, information: Array, spread: Sequence[float]) -> Arra
 
 
 def _needed(row: Indices, share: Array, rows: int, left: float) -> Flags:
-    """Which parts are needed, by the logarithms (T,) of their shares: not the smallest ones."""
+    """Which parts of an integral are kept, by the logarithms (T,) of their shares; the smallest,
+    with `left` of it, are not."""
     order = np.lexsort((share, row))
     part = np.exp(np.minimum(share[order], 0.0))
     sums = np.cumsum(part)

@@ -18,19 +18,19 @@ QUARTERS = np.array([1, 2, 3]) / 4.0
 
 @dataclass(frozen=True)
 class FollowingSettings:
-    """How far nodes that are kept as parameters serve, and how many are kept; by judgement.
+    """For which laws nodes that are kept as parameters serve, and how many are kept; by judgement.
 
-    Laws and noise: a median moves by the distance between the quartiles at most. `narrower` and
-    `wider`: share of its width that a law, or the noise, may have become; nodes end where a law
-    did. `tied`: what a correlation may have changed by. `shorter`: factor by which a step of alpha
-    beyond these is shortened. `kept_values`: simulated values that are kept with nodes.
-    `kept_nodes`: nodes, kept as parameters, that an objective remembers. `resolution`: error of a
-    log-likelihood over what its modes are exact to.
+    Nodes serve while the median of each law moves by no more than the distance between its
+    quartiles. `narrower` and `wider`: factors by which the width of a law, or the noise, may have
+    changed; beyond the law of the nodes there are none. `tied`: by how much a correlation may have
+    changed. `shorter`: factor by which a step of alpha beyond these is shortened. `kept_values`:
+    simulated values that are kept with nodes. `kept_nodes`: nodes, kept as parameters, that an
+    objective remembers. `resolution`: error of a log-likelihood over what its modes are exact to.
 
     Scores of laws: `step` is that of differences over a hyperparameter, or over the share
     `least_size` of its range if that is more. `points`: points by which the mean of a score is
-    seen. `biased`: its share of their size from where on the support of a law moves. `counted`:
-    share of an integral that a node has at least, to count in its score.
+    seen. `biased`: the mean, over the size of the scores, from which on the support of a law moves.
+    `counted`: share of an integral that a node has at least, to count in its score.
     """
 
     narrower: float = 0.4
@@ -56,10 +56,10 @@ class Parameters:
 
     int p(y | eta(x)) p(x | alpha) dx = sum_j w_j p(y | eta_j) p(x_j | alpha)/p(x_j | alpha0), where
     w_j are the weights of nodes that were adapted to alpha0. It is smooth in alpha whatever the
-    simulator is: with a kink or a jump, the same nodes held as variates are not, and their scores
+    simulator is: with a kink or a jump, the same nodes kept as variates are not, and their scores
     leave out what moves across it. `alpha` is alpha0, `there` (N, J) tells which nodes have a
-    weight, and `log_weight` (T,) is log w_j/p(x_j | alpha0) of these, experiment by experiment.
-    It holds for `inputs` and `predictor` only, and for laws whose support does not move.
+    weight, and `log_weight` (T,) is log w_j/p(x_j | alpha0) of these, experiment by experiment. It
+    holds for `inputs` and `predictor` only, and for laws whose support does not move.
     """
 
     inputs: Inputs
@@ -72,7 +72,7 @@ class Parameters:
     settings: FollowingSettings = FOLLOWING
 
     def distance(self, alpha: Array) -> float:
-        """How far alpha is from that of the nodes: up to one, they serve there."""
+        """How far alpha is from that of the nodes; up to one, they serve there."""
         return distance(self.inputs, self.alpha, alpha, self.settings)
 
     def log_weights(self, alpha: Array, block: Block) -> Array:
@@ -106,7 +106,8 @@ class Parameters:
 def distance(
     inputs: Inputs, alpha: Array, other: Array, settings: FollowingSettings = FOLLOWING
 ) -> float:
-    """How far another alpha is from this one: up to one, nodes that are held serve there too."""
+    """A distance of two alphas; up to one, nodes that are adapted to the first serve for the
+    second."""
     size = inputs.size
     here, there = (_quartiles(inputs, tuple(values[:size].tolist())) for values in (alpha, other))
     width, wider = here[:, 2] - here[:, 0], there[:, 2] - there[:, 0]
@@ -118,7 +119,7 @@ def distance(
 
 
 def holds(inputs: Inputs, values: int, settings: FollowingSettings = FOLLOWING) -> bool:
-    """Whether so many simulated values can be held so under these laws."""
+    """Whether nodes with so many simulated values can be kept as parameters under these laws."""
     return (
         values <= settings.kept_values
         and len(inputs.classes) == 1
@@ -129,10 +130,11 @@ def holds(inputs: Inputs, values: int, settings: FollowingSettings = FOLLOWING) 
 
 @lru_cache
 def moving(inputs: Inputs, settings: FollowingSettings = FOLLOWING) -> tuple[int, ...]:
-    """The free hyperparameters with which parameters x move, and not only their density.
+    """The free hyperparameters that move the parameters x themselves, and not only their density.
 
-    The values of constants, and what laws have whose support moves: there the score has another
-    mean than zero, at the start of the hyperparameters by a hundred points of equal probability.
+    They are the values of constants, and all those of a law whose support moves. Its score has
+    another mean than zero, which is seen at the start of the hyperparameters by a hundred points of
+    equal probability.
     """
     own, start = inputs.hyperparameters, np.array([h.start for h in inputs.hyperparameters])
     found = list[int]()
@@ -161,7 +163,7 @@ def densities(inputs: Inputs, alpha: Array, x: Array) -> Array:
 
 
 def scattered_density(inputs: Inputs, alpha: Array, x: Array) -> Array:
-    """The same (J,) at x (J, n)."""
+    """log p(x | alpha) (J,) at x (J, n), of parameters that scatter."""
     return inputs.log_density_of(inputs.scattered, alpha, x, inputs.normal_scores(alpha, x))
 
 
@@ -187,7 +189,8 @@ def _scores_of(
     count: int,
     settings: FollowingSettings,
 ) -> Array:
-    """The same (B, K) by central differences at x (T, n), whose owners (T,) count B."""
+    """Sums (B, K) of scores by central differences at x (T, n), which belong to B experiments,
+    `owner` (T,)."""
     found, scores = np.zeros((count, inputs.size)), inputs.normal_scores(alpha, x)
     for k, h in enumerate(inputs.hyperparameters):
         if h.free:
@@ -204,7 +207,8 @@ def _scores_of(
 def _changed_density(inputs: Inputs, alpha: Array, x: Array, k: int, scores: Array) -> Array:
     """The part (J,) of log p(x | alpha) that alpha_k changes.
 
-    Given the normal scores (m, J) at another alpha_k: only those of its own law are others here.
+    `scores` (m, J) are the normal scores at another alpha_k; only that of the law of alpha_k is
+    computed anew.
     """
     own = [i for i in inputs.scattered if inputs.slices[i].start <= k < inputs.slices[i].stop]
     theta = scores.copy()
@@ -223,7 +227,8 @@ def _quartiles(inputs: Inputs, alpha: tuple[float, ...]) -> Array:
 
 
 def _grown(before: Array, after: Array, settings: FollowingSettings) -> Array:
-    """How far widths have changed; values that are not positive only serve themselves."""
+    """How far widths have changed, 1 being the limit; a value that is not positive must not
+    change."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.log(after / before)
         wider, narrower = np.log(settings.wider), np.log(settings.narrower)

@@ -154,7 +154,8 @@ class Predictor(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Direct:
-    """The simulator itself, for functions that cost less than a surface; central differences.
+    """The simulator itself, for functions that cost less than a surface; slopes are central
+    differences.
 
     `moving` are the parameters whose derivatives are asked for; steps stay in the box (n, 2).
     """

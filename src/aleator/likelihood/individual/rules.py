@@ -51,9 +51,10 @@ RULES = RuleSettings()
 class GaussHermite(NodeRule):
     """Gauss-Hermite nodes in each of s coordinates: `first` in the first, `others` in the others.
 
-    Exact where the integrand is the normal density it is adapted to, times a polynomial of degree
-    2 q - 1 in each coordinate of q nodes. The first coordinate is the one of which the
-    observations tell least, and wants most nodes. What has several modes it takes for one.
+    Exact where the integrand is the normal density it is adapted to, times a polynomial of degree 2
+    q - 1 in each coordinate of q nodes. The first coordinate is the one that the observations
+    inform least; it needs most nodes. An individual law with several modes is taken for one with
+    its highest.
 
     >>> GaussHermite(5, 3).nodes(2)[0].shape
     (15, 2)
@@ -88,7 +89,8 @@ class GaussHermite(NodeRule):
     def finer(self, dimensions: int, /) -> tuple[GaussHermite | Panels, ...]:
         """The rules that tell how exact this one is.
 
-        Of one variate somewhat finer, and panels; else finer in the first, finer in the others.
+        For one variate a rule with more nodes, and panels; for several one with more nodes in the
+        first coordinate, and one with more in the others.
         """
         others = self.others or self.first
         whole = replace(self, others=others)
@@ -102,8 +104,8 @@ class GaussHermite(NodeRule):
     ) -> GaussHermite | Panels | None:
         """As many nodes as those finer rules have whose gaps are not small enough.
 
-        None where all are, or where that would be too many nodes. Of the rules of one variate that
-        tell the same as panels the first has the fewest nodes.
+        None where all are, or where that would be too many nodes. For one variate it is the first
+        that agrees with panels, because it has the fewest nodes.
         """
         pairs = list(zip(self.finer(dimensions), gaps, strict=True))
         if dimensions < 2:
@@ -124,7 +126,8 @@ class GaussHermite(NodeRule):
         return found if found != self and fits else None
 
     def gap(self, gaps: Sequence[float], dimensions: int, /) -> float:
-        """All that panels change, who leave nothing out; else what more nodes change together."""
+        """For one variate what panels change, which leave nothing out; for several the sum of all
+        gaps."""
         return float(gaps[-1] if dimensions == 1 else sum(gaps))
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
@@ -270,7 +273,7 @@ def proposed(
 
 
 def _each(count: int, centers: int) -> int:
-    """Points about each mode, which are half of so many."""
+    """Points about each of the modes; those of all modes are half of `count`."""
     return max(1, count // (2 * centers))
 
 
@@ -306,8 +309,8 @@ def _normal(u: Array) -> Array:
 class LawPoints(DenseRule):
     """Quasi-random points of the law, those of each experiment its own.
 
-    int g phi dxi = 1/J sum_j g(xi_j). What was simulated there serves for any observations, each
-    with an error that is the larger the less of the law is likely under it.
+    int g phi dxi = 1/J sum_j g(xi_j). Values that are simulated there serve for any observations;
+    the error is the larger, the smaller the part of the law is that explains an observation.
     """
 
     name: ClassVar[str] = "points of the law"
@@ -336,8 +339,9 @@ class RidgePoints(NodeRule):
         int g phi dxi = 1/J sum_j g(xi_j) phi(xi_j) / (N(a_j; a*, A) N(b_j; b*(a_j), C(a_j))).
 
     Where the log-density is quadratic every term is the integral itself; where the ridge bends
-    slowly the terms differ little, however many variates there are and however small the noise.
-    The error falls about as 1/J. What has several modes it takes for one.
+    slowly the terms differ little, however many variates there are and however small the noise. The
+    error falls about as 1/J. An individual law with several modes is taken for one with its
+    highest.
 
     >>> RidgePoints(60).size(7)
     60
@@ -439,7 +443,7 @@ def joined(
 ) -> tuple[Array, Array]:
     """Nodes (N, J, s) and log weights (N, J) of parts of N experiments, class by class.
 
-    Those that need fewer nodes than others get some without weight.
+    Experiments that need fewer nodes than others are filled up with nodes without weight.
     """
     most = max(xi.shape[1] for _, xi, _ in parts) // classes
     nodes = np.zeros((count, classes, most, parts[0][1].shape[2]))
