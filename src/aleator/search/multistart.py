@@ -23,7 +23,6 @@ from aleator.search.interface import (
     outsized,
 )
 from aleator.search.objective import (
-    SIGHT,
     Coordinates,
     CountedObjective,
     Task,
@@ -226,7 +225,7 @@ def climb(
     """
     alpha, spent = approached(objective, coordinates, start, evaluations - 1, settings)
     at, count, settled = objective(alpha), spent + 1, False
-    if at.total <= SIGHT.floor:
+    if at.total <= objective.floor:
         return Ascent(start, start, -np.inf, count, converged=False)
     while not settled:
         left = evaluations - count
@@ -297,7 +296,7 @@ class _Leg:
         moved = self._coordinates.moved(self._start, v * self._scale)
         alpha = moved if np.any(v) else self._start
         result = self._at if np.array_equal(alpha, self._start) else self._asked(alpha)
-        if result.total <= SIGHT.floor:
+        if result.total <= self._objective.floor:
             # no number: the line search sees less than all it has met, and comes back
             return 1.0 + self.best.total - 2.0 * self._least, np.zeros_like(v)
         self._least = min(self._least, result.total)

@@ -57,13 +57,15 @@ class Coordinates:
     ([0.5], [1.0])
     """
 
-    def __init__(self, hyperparameters: Sequence[Hyperparameter]) -> None:
+    def __init__(
+        self, hyperparameters: Sequence[Hyperparameter], settings: SightSettings = SIGHT
+    ) -> None:
         self.free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
         self._base = np.array([h.start for h in hyperparameters])
         chosen = [hyperparameters[k] for k in self.free]
         self.log = np.array([h.log for h in chosen], dtype=bool)
         self.lower, self.upper = limits_of(chosen)
-        self._knee = np.array([SIGHT.knee * h.upper * h.reaches_zero for h in chosen])
+        self._knee = np.array([settings.knee * h.upper * h.reaches_zero for h in chosen])
         self._beside, self._known = _sums(hyperparameters, self.free)
         ends = np.array([(h.beside.lower, h.beside.upper) if h.beside else (h.lower, h.upper)
                          for h in chosen]).reshape(-1, 2)  # fmt: skip
@@ -151,8 +153,10 @@ class CountedObjective:
     purpose; a value, or a score, that is not finite counts as the floor with a score of zero.
     """
 
-    def __init__(self, objective: Objective | Scored, method: str = "") -> None:
-        self.method = method
+    def __init__(
+        self, objective: Objective | Scored, method: str = "", settings: SightSettings = SIGHT
+    ) -> None:
+        self.method, self.floor = method, settings.floor
         self._objective = objective_of(objective)
         self._began = time.perf_counter()
         self._steps: list[Step] = []
@@ -186,9 +190,9 @@ class CountedObjective:
             finite = np.isfinite(result.total) and np.isfinite(np.sum(result.scores**2))
         self.evaluations += 1
         self.scored += 1
-        if not finite or result.total <= SIGHT.floor:
+        if not finite or result.total <= self.floor:
             each = np.zeros_like(result.each)
-            each[0] = SIGHT.floor
+            each[0] = self.floor
             return LogLikelihood(each, np.zeros_like(result.scores), result.status)
         self._note(alpha, result.total)
         return result
@@ -198,8 +202,8 @@ class CountedObjective:
         with np.errstate(all="ignore"):
             values = np.asarray(self._objective.values(alphas), dtype=np.float64)
         self.evaluations += len(alphas)
-        values = np.where(np.isfinite(values), values, SIGHT.floor)
-        if values.size and values.max() > SIGHT.floor:
+        values = np.where(np.isfinite(values), values, self.floor)
+        if values.size and values.max() > self.floor:
             best = int(np.argmax(values))
             self._note(alphas[best], float(values[best]))
         return values
@@ -224,7 +228,7 @@ class CountedObjective:
         value, ahead = found
         self.evaluations += 1
         if not np.isfinite(value) or not np.all(np.isfinite(ahead)):
-            return SIGHT.floor, alpha
+            return self.floor, alpha
         self._note(alpha, value)
         return value, ahead
 
@@ -293,7 +297,7 @@ def only_point(
     """The result where no hyperparameter is free: one evaluation, nothing to search."""
     alpha = coordinates.start
     value = float(objective.values(alpha[None, :])[0])
-    if value <= SIGHT.floor:
+    if value <= objective.floor:
         raise nowhere_finite(hyperparameters, 1)
     ascent = Ascent(alpha, alpha, value, 1, converged=True)
     optima = (Optimum(alpha, value, 1),)

@@ -15,7 +15,7 @@ from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError
 from aleator.search.interface import OPTIMA, Ascent, Optimum, SearchResult, nowhere_finite
 from aleator.search.multistart import climb, evenly, starting_points
-from aleator.search.objective import SIGHT, Coordinates, Task, TaskSearch, gathered
+from aleator.search.objective import Coordinates, Task, TaskSearch, gathered
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,9 @@ def first_population(
     return np.concatenate([known, evenly(coordinates.free.size, missing, seed)])
 
 
-def finished(task: Task, *, converged: bool, polish: bool) -> SearchResult:
+def finished(
+    task: Task, *, converged: bool, polish: bool, settings: EvolutionSettings = EVOLUTION
+) -> SearchResult:
     """The best alpha met, after a gradient ascent from there if `polish`, as one start.
 
     Raises InputsError where no finite log-likelihood was met.
@@ -53,7 +55,7 @@ def finished(task: Task, *, converged: bool, polish: bool) -> SearchResult:
         raise nowhere_finite(task.hyperparameters, counted.evaluations)
     alpha, value = counted.best
     if polish:
-        end = climb(counted, coordinates, alpha, EVOLUTION.polish, [])
+        end = climb(counted, coordinates, alpha, settings.polish, [])
         if end.log_likelihood >= value:
             alpha, value, converged = end.alpha, end.log_likelihood, end.converged
     only = Ascent(coordinates.start, alpha, value, counted.evaluations, converged)
@@ -133,7 +135,7 @@ class CMAES(TaskSearch):
         coordinates = task.coordinates
         size = coordinates.free.size
         strategy = self._strategy(coordinates.to_unit(start), rng)
-        alpha, value, count = start, SIGHT.floor, 0
+        alpha, value, count = start, task.counted.floor, 0
         while not (reasons := _quietly(strategy.stop)):
             u = np.array(_quietly(strategy.ask))
             cost = task.cost(u[:, :size])
@@ -145,14 +147,16 @@ class CMAES(TaskSearch):
             text = f"run {before + 1} of {self.runs}, {task.counted.standing}"
             task.progress.update(text, before + min(count / self.evaluations, 1.0), self.runs)
         converged = bool(ARRIVED_BY & set(reasons))
-        if value <= SIGHT.floor:
+        if value <= task.counted.floor:
             return Ascent(start, start, -np.inf, count, converged=False)
         if not self.polish:
             return Ascent(start, alpha, value, count, converged)
         end = climb(task.counted, coordinates, alpha, EVOLUTION.polish, [])
         return Ascent(start, end.alpha, end.log_likelihood, count + end.evaluations, end.converged)
 
-    def _strategy(self, u: Array, rng: np.random.Generator) -> Any:
+    def _strategy(
+        self, u: Array, rng: np.random.Generator, settings: EvolutionSettings = EVOLUTION
+    ) -> Any:
         """cma's strategy with a generator of its own, so that no global state is touched."""
         import cma
 
@@ -160,8 +164,8 @@ class CMAES(TaskSearch):
             "bounds": [0.0, 1.0],
             "randn": lambda *shape: rng.standard_normal(shape),
             "seed": np.nan,
-            "tolfun": EVOLUTION.flat,
-            "tolfunhist": EVOLUTION.flat,
+            "tolfun": settings.flat,
+            "tolfunhist": settings.flat,
             "maxfevals": self.evaluations,
             "verbose": -9,
         }
