@@ -90,13 +90,17 @@ class Inputs:
         scattered = [name for name, law in laws.items() if law.scatters]
         self.correlation: Correlation = between(scattered, correlation or {})
         for i in self.correlated:
-            if isinstance(list(laws.values())[i], Mixture):
+            if isinstance(self.law(i), Mixture):
                 raise InputsError(
                     f"parameter '{self.names[i]}' is correlated with another, and its law is a "
                     "mixture",
                     "take the correlation away, or a law of one component",
                 )
         self.covariate_model: CovariateModel | None = None
+
+    def law(self, i: int) -> Law:
+        """The law of parameter i."""
+        return list(self.laws.values())[i]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -265,12 +269,11 @@ class Inputs:
         >>> pair.tied(np.array([1.0, 2.0, 0.0, 1.0, 0.6]), np.ones((1, 2)))[0].round(9).tolist()
         [[3.0, 1.4]]
         """
-        laws = list(self.laws.values())
         factor, slope = self.correlation.cholesky(alpha[self.partials])
         mixed = factor @ theta.T
         x, dx = zeros(theta.shape[0], len(self.correlated), self.size)
         for row, i in enumerate(self.correlated):
-            own = laws[i].standard(alpha[self.slices[i]], mixed[row])
+            own = self.law(i).standard(alpha[self.slices[i]], mixed[row])
             x[:, row] = own.x
             dx[:, row, self.slices[i]] = own.dvalues
             for k in np.flatnonzero(np.any(slope[row], axis=0)):
@@ -375,9 +378,8 @@ class Inputs:
         `normal_scores`).
         """
         found = self.correlation.log_density(alpha[self.partials], scores)
-        laws = list(self.laws.values())
         for i in some:
-            found += laws[i].log_density(alpha[self.slices[i]], x[:, i])
+            found += self.law(i).log_density(alpha[self.slices[i]], x[:, i])
         return found
 
     def normal_scores(self, alpha: Array, x: Array) -> Array:
@@ -389,7 +391,7 @@ class Inputs:
 
     def normal_score(self, i: int, alpha: Array, x: Array) -> Array:
         """The normal score (J,) of parameter i at x (J, n)."""
-        return list(self.laws.values())[i].normal_score(alpha[self.slices[i]], x[:, i])
+        return self.law(i).normal_score(alpha[self.slices[i]], x[:, i])
 
     @cached_property
     def _own(self) -> tuple[Hyperparameter, ...]:
@@ -468,7 +470,7 @@ class Individual:
         mixtures."""
         found = self.theta
         for s, i in enumerate(self.inputs.scattered):
-            law = list(self.inputs.laws.values())[i]
+            law = self.inputs.law(i)
             if not isinstance(law, Mixture):
                 continue
             found = found.copy()
@@ -567,11 +569,10 @@ def variates_of(inputs: Inputs, alpha: Array, x: Array, experiments: slice) -> A
     beyond a law.
     """
     values = inputs.values(alpha, experiments)
-    laws = list(inputs.laws.values())
     theta = np.empty((*x.shape[:2], inputs.scattering))
     for s, i in enumerate(inputs.scattered):
         for c, component in enumerate(inputs.classes[:, i]):
-            law, own, _ = _component(laws[i], values[i], component)
+            law, own, _ = _component(inputs.law(i), values[i], component)
             theta[:, c, s] = law.normal_score(own, x[:, c, i, None])[:, 0]
     return np.asarray(theta @ np.linalg.inv(_mixing(inputs, alpha)[0]).T)
 
@@ -644,7 +645,7 @@ def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool
     law whose quantile has kinks or goes to infinity is evaluated directly. Beyond 9.5, where there
     is no mass, x is that of 9.5. `often` says that this law will be evaluated again and again.
     """
-    law = _law(inputs, i)
+    law = inputs.law(i)
     if isinstance(law, Normal):
         return np.asarray(
             values[0] + values[1] * np.clip(theta, -NUMERICS.farthest, NUMERICS.farthest)
@@ -663,7 +664,7 @@ def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool
 @lru_cache(maxsize=64)
 def _table(inputs: Inputs, i: int, values: bytes) -> Tabulated | None:
     """The table of a law with these values (k,), or None where it would not be exact."""
-    law, own, knots = _law(inputs, i), np.frombuffer(values), Tabulated.knots(IMAGES.knots)
+    law, own, knots = inputs.law(i), np.frombuffer(values), Tabulated.knots(IMAGES.knots)
     middle = 0.5 * (knots[:-1] + knots[1:])
     with np.errstate(all="ignore"):
         found, between = law.standard(own, knots), law.standard(own, middle).x
@@ -672,10 +673,6 @@ def _table(inputs: Inputs, i: int, values: bytes) -> Tabulated | None:
         error = np.max(np.abs(table(middle) - between))
     exact = table.finite and error <= IMAGES.exact * (quartiles[1] - quartiles[0])
     return table if exact else None
-
-
-def _law(inputs: Inputs, i: int) -> Law:
-    return list(inputs.laws.values())[i]
 
 
 def law_region(inputs: Inputs, alphas: list[Array], tail: float = IMAGES.region) -> Array:

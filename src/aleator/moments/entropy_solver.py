@@ -109,7 +109,8 @@ def gaussian_start(a: Array, b: Array, order: int) -> Array:
 
 @dataclass
 class _Descent:
-    """Rows still on their way down: position, value, gradient, Hessian, damping, next step."""
+    """The experiments whose dual is not yet minimal: position, value, gradient, Hessian, next
+    step."""
 
     rows: Codes
     target: Array
@@ -321,7 +322,8 @@ def _trial(
     rule: LegendreRule,
     rounding: float = 1e-14,
 ) -> tuple[Array, Array, Array]:
-    """Damped step (N, M), the fall of the dual that it promises (N,), and the part that is true."""
+    """Damped step (N, M), the fall of the dual that it promises (N,), and the share that comes
+    true."""
     order = multipliers.shape[1]
     density = density_at(multipliers, rule)
     mu = damping[:, None]

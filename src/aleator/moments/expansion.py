@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from scipy.stats import qmc
@@ -36,8 +36,25 @@ class IndexSet(Protocol):
         """Multi-indices (P, n), entry i at most limits[i] (None: as far as the degree goes)."""
 
 
+class _OfDegree:
+    """Base of sets (sum_i k_i^q)^(1/q) <= degree, q the norm."""
+
+    degree: int
+    norm: float
+
+    def __post_init__(self) -> None:
+        if self.degree < 0:
+            raise InputsError(f"degree {self.degree} is negative", "use 0 or more")
+
+    def indices(self, limits: Sequence[int | None]) -> Indices:
+        """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
+        tops = (self.degree if limit is None else min(limit, self.degree) for limit in limits)
+        costs = [np.arange(top + 1.0) ** self.norm for top in tops]
+        return _below(costs, self.degree**self.norm)
+
+
 @dataclass(frozen=True)
-class TotalDegree:
+class TotalDegree(_OfDegree):
     """|k|_1 <= degree: P = (n + d)!/(n! d!) without limits, the set of the paper.
 
     Raises InputsError for a negative degree.
@@ -49,21 +66,15 @@ class TotalDegree:
     """
 
     degree: int
-
-    def __post_init__(self) -> None:
-        _check_degree(self.degree)
+    norm: ClassVar[float] = 1.0
 
     def lowered(self, degree: int) -> TotalDegree:
         """The same choice with another degree."""
         return TotalDegree(degree)
 
-    def indices(self, limits: Sequence[int | None]) -> Indices:
-        """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
-        return _below(_steps(limits, self.degree), self.degree)
-
 
 @dataclass(frozen=True)
-class Hyperbolic:
+class Hyperbolic(_OfDegree):
     """(sum_i k_i^q)^(1/q) <= degree with 0 < q <= 1: few products of many parameters.
 
     Blatman and Sudret, J. Comput. Phys. 230 (2011), sec. 3.2, with q = `norm`; q = 1 is
@@ -78,7 +89,7 @@ class Hyperbolic:
     norm: float = 0.5
 
     def __post_init__(self) -> None:
-        _check_degree(self.degree)
+        super().__post_init__()
         if not 0.0 < self.norm <= 1.0:
             raise InputsError(
                 f"norm {self.norm} is not in (0, 1]", "use 1 for the total degree, 0.5 for few"
@@ -87,11 +98,6 @@ class Hyperbolic:
     def lowered(self, degree: int) -> Hyperbolic:
         """The same choice with another degree."""
         return Hyperbolic(degree, self.norm)
-
-    def indices(self, limits: Sequence[int | None]) -> Indices:
-        """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
-        costs = [steps**self.norm for steps in _steps(limits, self.degree)]
-        return _below(costs, self.degree**self.norm)
 
 
 def highest(indices: Indices) -> tuple[int, ...]:
@@ -135,17 +141,6 @@ def _below(costs: Sequence[Array], most: float, largest: int = 200_000) -> Indic
         spent = spent[parent] + cost[degree]
     # by sum, then lexicographically: lexsort takes its last key first
     return found[np.lexsort((*found.T[::-1], found.sum(axis=1)))]
-
-
-def _steps(limits: Sequence[int | None], degree: int) -> list[Array]:
-    """The degrees 0, 1, .. that each parameter may have."""
-    tops = (degree if limit is None else min(limit, degree) for limit in limits)
-    return [np.arange(top + 1.0) for top in tops]
-
-
-def _check_degree(degree: int) -> None:
-    if degree < 0:
-        raise InputsError(f"degree {degree} is negative", "use 0 or more")
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,8 @@ class ResponseFunction(Protocol):
 
 @runtime_checkable
 class Divisible(ResponseFunction, Protocol):
-    """A response whose experiments may be asked for in parts."""
+    """A response that also gives outcomes of some experiments only, or of each at a point of its
+    own."""
 
     def take(self, rows: Indices) -> Divisible:
         """The response of the experiments `rows`, each at most once."""
@@ -190,7 +191,8 @@ def by_calls(runner: Runner) -> Run:
 
 
 def straight(runner: Runner) -> Run:
-    """The same, neither remembered nor stored; NaN where a run has no finite value."""
+    """Outcomes (R,) of the distinct conditions, by runs that are neither remembered nor stored; NaN
+    where a run has no finite value."""
     first = runner.cases.first
 
     def run(index: Indices, x: Array) -> Array:

@@ -27,7 +27,8 @@ from aleator.surrogates.shared import SharedSurface
 from aleator.surrogates.surface import Axes, Surface
 
 Afforded = Callable[[Flags, Array, Array], Flags]
-"""Of the members (N,), with their relative errors (N,) and the runs (N,) of a round: who has it."""
+"""From members (N,), their relative errors (N,) and the runs (N,) of a round: those who may have
+it."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,7 @@ def steps(
 def _step(
     member: int, samples: Samples, close: Indices, wide: Indices, settings: JumpSettings = JUMPS
 ) -> Jump | None:
-    """That of one surface between close points, pairs (P, 2) with the closest first."""
+    """The step of one surface between close points, pairs (P, 2) with the closest first."""
     y = samples.outcome[member]
     known = np.isfinite(y)
     if not known.any():
@@ -240,7 +241,8 @@ class AdaptiveSurfaces:
 
     @property
     def caution(self) -> float:
-        """By how much the estimated errors are larger than those of a surface for each."""
+        """By how much estimated errors of a shared surface are larger than those of a surface for
+        each."""
         return self.settings.shared if isinstance(self.emulator, SharedSurface) else 1.0
 
     @property
@@ -348,7 +350,7 @@ class AdaptiveSurfaces:
     def steps(self, members: Indices) -> tuple[Jump, ...]:
         """Where the outcomes of the experiments `members` (A,) have a step, if they do.
 
-        Of the law at whose points the errors were judged last: what is far out is not wanted.
+        Only the bulk of the law is looked at, by whose points the errors were judged last.
         """
         if not members.size:
             return ()
@@ -360,7 +362,8 @@ class AdaptiveSurfaces:
         return np.asarray(self.emulator.runs >= self.choice.max_runs)
 
     def _begin(self) -> None:
-        """The other first runs, unless few were enough for all experiments."""
+        """The rest of the first runs, unless those of linear surfaces were enough for all
+        experiments."""
         surfaces = self.emulator
         if isinstance(surfaces, OwnSurfaces) and surfaces.begun < surfaces.first:
             self._judge_again()

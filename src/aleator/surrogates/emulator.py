@@ -196,10 +196,11 @@ def chosen_axes(
     where: Array | None,
     settings: SurfaceErrorSettings = ERRORS,
 ) -> Axes:
-    """Axes in which runs left out are missed by far less, in the middle of the `members` (A,).
+    """Axes, linear or logarithmic, in which runs that are left out are missed by far less, by the
+    median over the `members` (A,).
 
-    Of those with the most frequent set of runs. Scales are compared at points `where` (J, n), or
-    all over the box.
+    Only members with the most frequent set of runs are compared. Scales are compared at points
+    `where` (J, n), or all over the box.
     """
     rows, runs = patterns(samples.worked[members])[0]
     y, x = samples.outcome[np.ix_(members[rows], runs)].T, samples.x[runs]
