@@ -21,11 +21,10 @@ from aleator.search import (
     GradientMultistart,
     Search,
     Step,
-    Trial,
-    compare,
 )
 from aleator.study import load_study
 from benchmarks.identifications import STUDIES
+from reproduction.trials import Trial, compare
 
 SEARCHES: dict[str, Search] = {
     "gradient, 10 starts": GradientMultistart(10),

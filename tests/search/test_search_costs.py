@@ -15,10 +15,10 @@ from aleator.search import (
     DifferentialEvolution,
     GeneticAlgorithm,
     GradientMultistart,
-    compare,
     objective_of,
 )
 from aleator.search.interface import LogLikelihood
+from reproduction.trials import compare
 
 # ------------------------------------------------------------------------------ what it costs
 

@@ -9,7 +9,7 @@ algorithm and differential evolution, `custom` is a function of the user's; `new
 near a maximum, with an information matrix.
 """
 
-from aleator.search.custom import CustomSearch, Trial, compare
+from aleator.search.custom import CustomSearch
 from aleator.search.interface import (
     Ascent,
     Objective,
@@ -39,9 +39,7 @@ __all__ = [
     "Search",
     "SearchResult",
     "Step",
-    "Trial",
     "ascend",
-    "compare",
     "objective_of",
     "wide_limits",
 ]
