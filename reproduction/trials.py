@@ -2,14 +2,50 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
-from aleator.search import Objective, Scored, Search, SearchResult, Step
+from aleator.search import Objective, Scored, Search, SearchResult
+from aleator.search.interface import LogLikelihood
 from aleator.search.objective import CountedObjective
+
+
+@dataclass(frozen=True)
+class Step:
+    """A best log-likelihood so far, and the evaluations and seconds after which it was known."""
+
+    evaluations: int
+    seconds: float
+    log_likelihood: float
+
+
+class TracedObjective(CountedObjective):
+    """An objective that notes every improvement of the best log-likelihood, and scores."""
+
+    def __init__(self, objective: Objective | Scored) -> None:
+        super().__init__(objective)
+        self._began = time.perf_counter()
+        self.scored, self.trace = 0, list[Step]()
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since it was made."""
+        return time.perf_counter() - self._began
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """The log-likelihood at alpha (K,) with its score."""
+        self.scored += 1
+        return super().__call__(alpha)
+
+    def note(self, alpha: Array, value: float) -> None:
+        """Keep this alpha (K,) where it is the best so far, with a Step."""
+        if self.best is None or value > self.best[1]:
+            self.trace.append(Step(self.evaluations, self.seconds, value))
+        super().note(alpha, value)
 
 
 @dataclass(frozen=True)
@@ -65,12 +101,12 @@ def compare(
         raise InputsError("compare: no search is given", "give at least one search")
     trials = []
     for search in searches:
-        counted = CountedObjective(objective)
+        counted = TracedObjective(objective)
         result = search.maximize(counted, hyperparameters, seed=seed, guesses=guesses)
         trials.append(
             Trial(
                 search.name, result, counted.evaluations, counted.scored,
-                counted.seconds, counted.trace,
+                counted.seconds, tuple(counted.trace),
             )
         )  # fmt: skip
     return tuple(trials)

@@ -17,7 +17,6 @@ from aleator.search.interface import (
     Scored,
     Search,
     SearchResult,
-    Step,
     objective_of,
     wide_limits,
 )
@@ -38,7 +37,6 @@ __all__ = [
     "Scored",
     "Search",
     "SearchResult",
-    "Step",
     "ascend",
     "objective_of",
     "wide_limits",

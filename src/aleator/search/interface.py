@@ -179,19 +179,9 @@ class Optimum:
 
 
 @dataclass(frozen=True)
-class Step:
-    """A best log-likelihood so far, and the evaluations and seconds after which it was known."""
-
-    evaluations: int
-    seconds: float
-    log_likelihood: float
-
-
-@dataclass(frozen=True)
 class SearchResult:
     """The best alpha (K,), all starts, and the distinct optima, best first.
 
-    `trace` has a Step for every improvement; its seconds are all that a seed does not reproduce.
     `method` is the name of the search. `once` says that several starts were made, and the best
     log-likelihood was reached by one of them or by none.
     """
@@ -200,7 +190,6 @@ class SearchResult:
     log_likelihood: float
     ascents: tuple[Ascent, ...]
     optima: tuple[Optimum, ...]
-    trace: tuple[Step, ...] = ()
     method: str = ""
     once: bool = False
 
@@ -343,21 +332,20 @@ def written(result: SearchResult) -> str:
 def read(text: str) -> SearchResult:
     """The result that was written.
 
-    >>> one = SearchResult(np.array([0.1, 1 / 3]), -1.5, (), (), (Step(3, 0.2, -1.5),), "climb")
+    >>> one = SearchResult(np.array([0.1, 1 / 3]), -1.5, (), (), "climb")
     >>> again = read(written(one))
-    >>> again.alpha.tolist() == one.alpha.tolist(), again.trace == one.trace, again.method
-    (True, True, 'climb')
+    >>> again.alpha.tolist() == one.alpha.tolist(), again.method
+    (True, 'climb')
     """
-    told = json.loads(text)
+    known = json.loads(text)
     return SearchResult(
-        np.array(told["alpha"]),
-        told["log_likelihood"],
+        np.array(known["alpha"]),
+        known["log_likelihood"],
         tuple(
             Ascent(**{**one, "start": np.array(one["start"]), "alpha": np.array(one["alpha"])})
-            for one in told["ascents"]
+            for one in known["ascents"]
         ),
-        tuple(Optimum(**{**one, "alpha": np.array(one["alpha"])}) for one in told["optima"]),
-        tuple(Step(**one) for one in told["trace"]),
-        told["method"],
-        told["once"],
+        tuple(Optimum(**{**one, "alpha": np.array(one["alpha"])}) for one in known["optima"]),
+        known["method"],
+        known["once"],
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +21,6 @@ from aleator.search.interface import (
     Optimum,
     Scored,
     SearchResult,
-    Step,
     nowhere_finite,
     objective_of,
     one_hill,
@@ -158,21 +156,8 @@ class CountedObjective:
     ) -> None:
         self.method, self.floor = method, settings.floor
         self._objective = objective_of(objective)
-        self._began = time.perf_counter()
-        self._steps: list[Step] = []
         self.evaluations = 0
-        self.scored = 0
         self.best: tuple[Array, float] | None = None
-
-    @property
-    def seconds(self) -> float:
-        """Seconds since it was made."""
-        return time.perf_counter() - self._began
-
-    @property
-    def trace(self) -> tuple[Step, ...]:
-        """A Step for every improvement."""
-        return tuple(self._steps)
 
     @property
     def standing(self) -> str:
@@ -189,12 +174,11 @@ class CountedObjective:
             # squares of scores are the information that scales the variables
             finite = np.isfinite(result.total) and np.isfinite(np.sum(result.scores**2))
         self.evaluations += 1
-        self.scored += 1
         if not finite or result.total <= self.floor:
             each = np.zeros_like(result.each)
             each[0] = self.floor
             return LogLikelihood(each, np.zeros_like(result.scores), result.status)
-        self._note(alpha, result.total)
+        self.note(alpha, result.total)
         return result
 
     def values(self, alphas: Array) -> Array:
@@ -205,7 +189,7 @@ class CountedObjective:
         values = np.where(np.isfinite(values), values, self.floor)
         if values.size and values.max() > self.floor:
             best = int(np.argmax(values))
-            self._note(alphas[best], float(values[best]))
+            self.note(alphas[best], float(values[best]))
         return values
 
     @property
@@ -229,13 +213,13 @@ class CountedObjective:
         self.evaluations += 1
         if not np.isfinite(value) or not np.all(np.isfinite(ahead)):
             return self.floor, alpha
-        self._note(alpha, value)
+        self.note(alpha, value)
         return value, ahead
 
-    def _note(self, alpha: Array, value: float) -> None:
+    def note(self, alpha: Array, value: float) -> None:
+        """Keep this alpha (K,) where it is the best so far."""
         if self.best is None or value > self.best[1]:
             self.best = (alpha.copy(), value)
-            self._steps.append(Step(self.evaluations, self.seconds, value))
 
 
 def gathered(
@@ -266,9 +250,7 @@ def gathered(
             groups.append((ascent, _information(ascent, objective), 1))
     optima = tuple(Optimum(a.alpha, a.log_likelihood, count) for a, _, count in groups)
     best = optima[0]
-    return SearchResult(
-        best.alpha, best.log_likelihood, tuple(ascents), optima, objective.trace, objective.method
-    )
+    return SearchResult(best.alpha, best.log_likelihood, tuple(ascents), optima, objective.method)
 
 
 def reached_once(
@@ -301,7 +283,7 @@ def only_point(
         raise nowhere_finite(hyperparameters, 1)
     ascent = Ascent(alpha, alpha, value, 1, converged=True)
     optima = (Optimum(alpha, value, 1),)
-    return SearchResult(alpha, value, (ascent,), optima, objective.trace, objective.method)
+    return SearchResult(alpha, value, (ascent,), optima, objective.method)
 
 
 def _information(ascent: Ascent, objective: CountedObjective) -> Array:

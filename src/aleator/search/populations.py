@@ -60,7 +60,7 @@ def finished(
             alpha, value, converged = end.alpha, end.log_likelihood, end.converged
     only = Ascent(coordinates.start, alpha, value, counted.evaluations, converged)
     optima = (Optimum(alpha, value, 1),)
-    return SearchResult(alpha, value, (only,), optima, counted.trace, counted.method)
+    return SearchResult(alpha, value, (only,), optima, counted.method)
 
 
 def at_least(search: str, **least: tuple[int, int]) -> None:
