@@ -70,7 +70,6 @@ def test_a_polynomial_of_degree_two_is_exact_after_one_call(n: int) -> None:
     surface = built(run, n, 3)
     assert len(calls) == 1
     assert surface.converged.all()
-    assert surface.degrees.max() <= 2
     assert true_error(surface, run).max() < 1e-12
 
 
@@ -80,7 +79,6 @@ def test_a_polynomial_of_degree_five_is_found_exactly() -> None:
 
     surface = built(run, 2, 1, tolerance=1e-9, accuracy=0.0)
     assert surface.converged.all()
-    assert surface.degrees[0].tolist() == [5, 3]
     assert true_error(surface, run)[0] < 1e-12
     assert surface.runs[0] <= 100
 
@@ -90,7 +88,6 @@ def test_an_outcome_that_does_not_depend_on_the_parameters() -> None:
     assert surface.converged.all()
     assert surface.error.tolist() == [0.0, 0.0, 0.0]
     assert surface.scatter.tolist() == [0.0, 0.0, 0.0]
-    assert surface.degrees.max() == 0
     value, slope = surface.evaluate_with_gradient(np.full((1, 2), 0.3))
     assert value.ravel() == pytest.approx([0.1, 0.8, 1.5], rel=1e-12)
     assert not slope.any()
@@ -99,26 +96,13 @@ def test_an_outcome_that_does_not_depend_on_the_parameters() -> None:
 # ------------------------------------------------------------------------ cheap
 
 
-def test_a_linear_parameter_keeps_a_low_degree() -> None:
-    def run(_: NDArray[np.intp], x: Array) -> Array:
-        return x[:, 0] + np.tanh(10.0 * (x[:, 1] - 0.4))
-
-    surface = built(run, 2, 1)
-    assert surface.converged.all()
-    assert surface.degrees[0, 0] <= 2
-    assert surface.degrees[0, 1] >= 8
-
-
-def test_constants_around_a_logarithm_stay_linear() -> None:
+def test_a_logarithm_between_constants_is_followed() -> None:
     def run(_: NDArray[np.intp], x: Array) -> Array:
         return x[:, 0] + x[:, 1] * np.log(3.0 - np.exp(x[:, 2]))
 
     box = np.array([[10.0, 12.0], [-3.0, -1.0], [-1.0, 1.0]])
     surface = build_surface(run, box, 1, chosen())
     assert surface.converged.all()
-    assert surface.degrees[0, 0] <= 2
-    assert surface.degrees[0, 1] <= 2
-    assert surface.degrees[0, 2] > 4
     assert true_error(surface, run)[0] <= 0.02 * surface.scatter[0]
 
 

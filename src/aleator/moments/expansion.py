@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from scipy.stats import qmc
@@ -40,7 +40,11 @@ class _OfDegree:
     """Base of sets (sum_i k_i^q)^(1/q) <= degree, q the norm."""
 
     degree: int
-    norm: float
+
+    @property
+    def norm(self) -> float:
+        """q."""
+        return 1.0
 
     def __post_init__(self) -> None:
         if self.degree < 0:
@@ -66,7 +70,6 @@ class TotalDegree(_OfDegree):
     """
 
     degree: int
-    norm: ClassVar[float] = 1.0
 
     def lowered(self, degree: int) -> TotalDegree:
         """The same choice with another degree."""

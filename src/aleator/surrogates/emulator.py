@@ -21,7 +21,6 @@ from aleator.surrogates.fit import (
     SmoothnessPrior,
     asymmetric,
     continued,
-    degrees_of,
     evenly,
     everywhere,
     first_priors,
@@ -150,7 +149,7 @@ class Emulator(ABC):
     ) -> Surface:
         """The polynomials of `pieces`, of the errors (N,); `outcomes` (N, M) widen their range."""
         known = np.where(np.isfinite(error), error / self.rate, 0.0)
-        indices, groups, terms = merged(pieces, known)
+        indices, groups = merged(pieces, known)
         surface = Surface(
             axes=self.axes,
             indices=indices,
@@ -160,7 +159,6 @@ class Emulator(ABC):
             converged=converged,
             runs=self.runs,
             failed=self.samples.failed,
-            degrees=degrees_of(indices, terms, known),
             logarithmic=logarithmic,
         )
         lower, upper = outcome_range(surface, outcomes)

@@ -516,8 +516,8 @@ Piece = tuple[Indices, Indices, Array]
 
 def merged(
     pieces: Iterable[Piece], error: Array, settings: SurfaceFitSettings = FITS
-) -> tuple[Indices, tuple[Group, ...], Array]:
-    """Return common indices (P, n), groups over its prefixes, and all coefficients (N, P).
+) -> tuple[Indices, tuple[Group, ...]]:
+    """Return common indices (P, n), and groups over its prefixes with their coefficients.
 
     A piece holds experiments (A,), indices (Q, n) and coefficients (Q, A). Terms used by most
     experiments come first, so that the few large surfaces do not make everyone pay.
@@ -537,7 +537,7 @@ def merged(
     listed = np.array(list(place), dtype=np.intp).reshape(len(place), -1)
     order = np.lexsort((*listed.T, listed.sum(axis=1), -(terms != 0.0).sum(axis=0)))
     listed, terms = listed[order], terms[:, order]
-    return listed, _groups(terms, settings), terms
+    return listed, _groups(terms, settings)
 
 
 def _thinned(coefficients: Array, error: Array, settings: SurfaceFitSettings = FITS) -> Array:
@@ -567,19 +567,6 @@ def _groups(terms: Array, settings: SurfaceFitSettings = FITS) -> tuple[Group, .
         for rows, step in zip(members, steps, strict=True)
         if len(rows)
     )
-
-
-def degrees_of(
-    indices: Indices, terms: Array, error: Array, settings: SurfaceFitSettings = FITS
-) -> Indices:
-    """Return the degree (N, n) of each parameter beyond which all terms stay below the error."""
-    out = np.zeros((len(terms), indices.shape[1]), dtype=np.intp)
-    floor = np.maximum(error, settings.rounding * np.abs(terms).max(axis=1)) ** 2
-    for i, degree in enumerate(indices.T):
-        for d in range(int(degree.max(initial=0))):
-            beyond = (terms[:, degree > d] ** 2).sum(axis=1)
-            out[beyond > floor, i] = d + 1
-    return out
 
 
 def outcome_range(
