@@ -141,6 +141,13 @@ def moving_parameters(region: Array) -> Indices:
     return np.flatnonzero(region[:, 1] > region[:, 0])
 
 
+def completed(region: Array, x: Array) -> Array:
+    """Parameters (R, n): x (R, moving) of those whose region (n, 2) has a width, and the others."""
+    full = np.tile(region[:, 0], (len(x), 1))
+    full[:, moving_parameters(region)] = x
+    return full
+
+
 @dataclass(frozen=True)
 class Confined:
     """A response known only inside a region (n, 2): outside, the value at its nearest point.
@@ -208,18 +215,10 @@ def attempts(runner: Runner, region: Array) -> Run:
     Of the parameters whose region (n, 2) has a width; the others are known. Raises InputsError
     where all are.
     """
-    moving = moving_parameters(region)
-    if moving.size == 0:
+    if moving_parameters(region).size == 0:
         raise InputsError(
             "every parameter is known: there is nothing to identify but noise",
             "free a hyperparameter, or give a parameter a law",
         )
     first = runner.cases.first
-    known = region[:, 0]
-
-    def run(index: Indices, x: Array) -> Array:
-        full = np.tile(known, (x.shape[0], 1))
-        full[:, moving] = x
-        return runner.attempt(first[index], full)
-
-    return run
+    return lambda index, x: runner.attempt(first[index], completed(region, x))

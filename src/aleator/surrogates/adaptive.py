@@ -213,8 +213,9 @@ class AdaptiveSurfaces:
         conditions: Array | None = None,
         afforded: Afforded = everyone,
         settings: RoundSettings = ROUNDS,
+        jumps: JumpSettings = JUMPS,
     ) -> None:
-        self.choice, self.afforded, self.settings = choice, afforded, settings
+        self.choice, self.afforded, self.settings, self.jumps = choice, afforded, settings, jumps
         self.where = None if choice.tolerance else _points_of(box)
         self.scale: Array | None = None
         self.past = np.full((self.settings.patience, experiments), np.inf)
@@ -345,7 +346,7 @@ class AdaptiveSurfaces:
 
     def _lasting(self, members: Flags) -> tuple[Jump, ...]:
         """Steps that many runs have left in the surfaces of members (N,)."""
-        return self.steps(np.flatnonzero(members & (self.emulator.runs >= JUMPS.runs)))
+        return self.steps(np.flatnonzero(members & (self.emulator.runs >= self.jumps.runs)))
 
     def steps(self, members: Indices) -> tuple[Jump, ...]:
         """Where the outcomes of the experiments `members` (A,) have a step, if they do.
@@ -354,8 +355,9 @@ class AdaptiveSurfaces:
         """
         if not members.size:
             return ()
-        law = None if self.where is None else np.quantile(self.where, JUMPS.bulk, axis=0).T
-        return steps(self.emulator.samples, self.box if law is None else law, members)
+        law = None if self.where is None else np.quantile(self.where, self.jumps.bulk, axis=0).T
+        box = self.box if law is None else law
+        return steps(self.emulator.samples, box, members, self.jumps)
 
     @property
     def _spent(self) -> Flags:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.simulators import Runner
-from aleator.simulators.response_functions import Run, moving_parameters
+from aleator.simulators.response_functions import Run, completed
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,14 +150,10 @@ class Sites:
 
     def run(self, runner: Runner, region: Array) -> Run:
         """`run(index (R,), x (R, moving)) -> (R,)` of the sites, NaN where a run fails."""
-        moving, known = moving_parameters(region), region[:, 0]
 
         def run(index: Indices, x: Array) -> Array:
-            full = np.tile(known, (len(x), 1))
-            full[:, moving] = x
-            return np.asarray(
-                runner.values(self.unit[index], full)[np.arange(len(x)), self.column[index]]
-            )
+            values = runner.values(self.unit[index], completed(region, x))
+            return np.asarray(values[np.arange(len(x)), self.column[index]])
 
         return run
 

@@ -18,6 +18,7 @@ from aleator.likelihood.individual.modes import (
     DenseRule,
     IndividualLaws,
     Modes,
+    ModeSettings,
     NodeRule,
     highest,
     modes,
@@ -55,6 +56,7 @@ class IndividualLikelihood:
     rule: NodeRule
     nodes: Nodes
     parameters: Parameters | None = None
+    settings: ModeSettings = MODES
 
     @classmethod
     def of(
@@ -187,7 +189,7 @@ class IndividualLikelihood:
     @property
     def continued(self) -> Following:
         """What a search climbs."""
-        return Following(self, MODES.near)
+        return Following(self, self.settings.near)
 
     @property
     def followed(self) -> Following:
@@ -196,7 +198,7 @@ class IndividualLikelihood:
         Nodes that stayed would lose a sharp individual law, which the least step of alpha moves by
         more than its width.
         """
-        return Following(self, MODES.arrived)
+        return Following(self, self.settings.arrived)
 
     def at(self, alpha: Array, block: Block, xi: Array) -> Evaluated:
         """A block of experiments at variates xi (B, J, s), with slopes."""
@@ -269,22 +271,24 @@ class IndividualLikelihood:
         last ones.
         """
         several = self.rule.centers > 1
-        if several and arrived >= MODES.near and self.nodes.x is not None:
+        if several and arrived >= self.settings.near and self.nodes.x is not None:
             known = self.nodes.modes[block.experiments]
-            return highest(curved, known, self.rule.centers, arrived)
+            return highest(curved, known, self.rule.centers, arrived, self.settings)
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
-        around = np.concatenate([np.zeros((1, s)), *(reach * np.eye(s) for reach in MODES.starts)])
+        around = np.concatenate(
+            [np.zeros((1, s)), *(reach * np.eye(s) for reach in self.settings.starts)]
+        )
         around = np.broadcast_to(around, (*last.shape[:2], *around.shape))
         again = self._again(alpha, block, last)
         trial = np.concatenate([last[:, :, None], again[:, :, None], around], axis=2)
         if several:
-            return highest(curved, trial, self.rule.centers, arrived)
+            return highest(curved, trial, self.rule.centers, arrived, self.settings)
         count, classes, points, _ = trial.shape
         flat = trial.reshape(count, classes * points, s)
         value = self.log_density(alpha, block, flat)
         best = np.argmax(value.reshape(count, classes, points), axis=2)
         start = np.take_along_axis(trial, best[:, :, None, None], axis=2)[:, :, 0]
-        found = modes(curved, start, arrived=arrived, classes=classes)
+        found = modes(curved, start, None, arrived, classes, self.settings)
         return Modes(found.z[:, :, None], found.information[:, :, None], found.value[..., None])
 
     def _again(self, alpha: Array, block: Block, last: Array) -> Array:
@@ -294,7 +298,7 @@ class IndividualLikelihood:
         with np.errstate(all="ignore"):
             own, x = alpha[: self.inputs.size], self.nodes.x[block.experiments]
             found = variates_of(self.inputs, own, x, block.experiments)
-        fine = np.all(np.abs(found) < MODES.farthest, axis=2, keepdims=True)
+        fine = np.all(np.abs(found) < self.settings.farthest, axis=2, keepdims=True)
         return np.where(fine, found, last)
 
     def _curved(self, alpha: Array, block: Block, z: Array) -> tuple[Array, Array, Array]:

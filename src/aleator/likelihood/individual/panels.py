@@ -14,7 +14,14 @@ import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.likelihood.individual.lines import LINES, LineSettings, Pieces, integrated
-from aleator.likelihood.individual.modes import MODES, Curved, DenseRule, IndividualLaws, Valued
+from aleator.likelihood.individual.modes import (
+    MODES,
+    Curved,
+    DenseRule,
+    IndividualLaws,
+    ModeSettings,
+    Valued,
+)
 
 
 @dataclass(frozen=True)
@@ -95,7 +102,7 @@ class PlaneSettings:
     errors of lines must not look like roughness across them. `spread`: variates along each axis
     whose pairs lie all over the law. `size`: nodes of an experiment for which there must be memory
     while they are sought. `left`: share of an integral that is left out with its smallest parts.
-    `lines`: the settings of lines.
+    `lines` and `modes`: the settings of lines and of modes.
     """
 
     points: int = 4
@@ -110,6 +117,7 @@ class PlaneSettings:
     size: int = 16_000
     left: float = 1e-9
     lines: LineSettings = LINES
+    modes: ModeSettings = MODES
 
 
 PLANES = PlaneSettings()
@@ -169,7 +177,7 @@ class PlanePanels(DenseRule):
         """Nodes xi (B, C J, 2) on lines of each class."""
         own, rows = self.settings, _Rows.of(laws)
         information = laws.modes.information[:, :, 0]
-        plane = _Plane(rows, _turned(laws.curved, information, own.spread), self)
+        plane = _Plane(rows, _turned(laws.curved, information, own), self)
         every = np.arange(rows.count)
         across, totals = integrated(plane.marginal, every, self.points, self.enough, own.lines)
         row, u, log_u, value = across.flat
@@ -266,14 +274,14 @@ class _Plane:
         return self.along(np.repeat(row, u.shape[1]), u.ravel())[1].reshape(u.shape)
 
 
-def _turned(curved: Curved, information: Array, spread: Sequence[float]) -> Array:
+def _turned(curved: Curved, information: Array, settings: PlaneSettings) -> Array:
     """Eigenvectors (B C, 2, 2), as columns, of information (B, C, 2, 2); that of most information
     is the last."""
     count, classes = information.shape[:2]
-    over = np.array(list(product(spread, repeat=2)))
+    over = np.array(list(product(settings.spread, repeat=2)))
     points = np.tile(over, (count, classes, 1))
     over_law = curved(points)[2].reshape(count, classes, len(over), 2, 2).mean(axis=2)
-    flat = np.linalg.eigvalsh(information)[..., -1] < MODES.informed
+    flat = np.linalg.eigvalsh(information)[..., -1] < settings.modes.informed
     chosen = np.where(flat[..., None, None], over_law, information)
     return np.linalg.eigh(chosen)[1].reshape(-1, 2, 2)
 

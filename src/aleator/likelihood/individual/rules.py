@@ -14,7 +14,14 @@ from scipy.stats import qmc
 
 from aleator.core.polynomials import hermite_recurrence, polished_rule
 from aleator.core.types import Array, Indices
-from aleator.likelihood.individual.modes import MODES, DenseRule, IndividualLaws, NodeRule, modes
+from aleator.likelihood.individual.modes import (
+    MODES,
+    DenseRule,
+    IndividualLaws,
+    ModeSettings,
+    NodeRule,
+    modes,
+)
 from aleator.likelihood.individual.panels import Panels
 
 
@@ -30,7 +37,7 @@ class RuleSettings:
     more are taken. `wider`: factor by which they lie farther out than the curvature of an
     individual law says. `ridge_points` and `most_ridge_points`: points along a ridge, as `points`
     and `most_points`. `least_probability`: distance of the probabilities of points from zero and
-    one, at least.
+    one, at least. `modes`: the settings of modes.
     """
 
     most_nodes: int = 3000
@@ -42,6 +49,7 @@ class RuleSettings:
     ridge_points: int = 64
     most_ridge_points: int = 4096
     least_probability: float = 1e-12
+    modes: ModeSettings = MODES
 
 
 RULES = RuleSettings()
@@ -163,7 +171,8 @@ class GaussHermite(NodeRule):
             log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
             if i < s - 1:
                 whole = np.repeat(rest, t.size, axis=1)[..., 1:]
-                again = modes(laws.curved, z, whole, MODES.near, highest.z.shape[1])
+                own, classes = self.settings.modes, highest.z.shape[1]
+                again = modes(laws.curved, z, whole, own.near, classes, own)
                 z, information = again.z, again.information
         return z, log_weight - 0.5 * np.sum(z**2, axis=2)
 
@@ -299,9 +308,8 @@ def shifted_points(count: int, dimensions: int, shift: Indices | None) -> Array:
     return _normal((_uniform(count, dimensions) + steps[:, None]) % 1.0)
 
 
-def _normal(u: Array) -> Array:
+def _normal(u: Array, least: float = RULES.least_probability) -> Array:
     """Standard normal points of those of the unit cube."""
-    least = RULES.least_probability
     return np.asarray(special.ndtri(np.clip(u, least, 1.0 - least)))
 
 
@@ -378,14 +386,16 @@ class RidgePoints(NodeRule):
         """
         mode, information = laws.modes.z[:, :, 0], laws.modes.information[:, :, 0]
         experiments, classes, s = mode.shape
-        half = self.count // 2
+        half, own = self.count // 2, self.settings.modes
         values, basis = np.linalg.eigh(information + self.settings.tie * np.diag(np.arange(s)))
-        along = s - max(1, int((values > MODES.informed).sum(axis=2).max(initial=1)))
+        along = s - max(1, int((values > own.informed).sum(axis=2).max(initial=1)))
         t = shifted_points(half, s, laws.first + np.arange(experiments))[:, None]
         a = t[..., :along] / np.sqrt(values[:, :, None, :along])
         start = mode[:, :, None] + np.einsum("ncst,ncjt->ncjs", basis[..., :along], a)
         across = np.repeat(basis[..., along:], half, axis=1)
-        ridge = modes(laws.curved, start.reshape(experiments, -1, s), across, MODES.near, classes)
+        ridge = modes(
+            laws.curved, start.reshape(experiments, -1, s), across, own.near, classes, own
+        )
         within = np.swapaxes(across, -1, -2) @ ridge.information @ across
         root = np.linalg.cholesky(np.linalg.inv(within))
         b = np.broadcast_to(t[..., along:], (experiments, classes, half, s - along))
