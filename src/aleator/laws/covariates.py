@@ -158,7 +158,7 @@ class _Formula:
 
 def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
     """A formula as its terms, of which none is evaluated; raises InputsError."""
-    # imported where formulas are asked for: it takes half as long as all else together
+    # imported where a formula is used: that takes half as long as all other imports together
     from formulaic import Formula, SimpleFormula
     from formulaic.parser import DefaultFormulaParser
 
@@ -311,7 +311,7 @@ def _columns(formula: str, of: Any, covariates: Table) -> ModelMatrix:
     whole = covariates.select_dtypes("integer").columns  # a power of whole numbers may overflow
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore", RuntimeWarning)  # what is not finite is told below
+            warnings.simplefilter("ignore", RuntimeWarning)  # what is not finite is refused below
             warnings.simplefilter("error", DataMismatchWarning)
             found: ModelMatrix = of.get_model_matrix(
                 covariates.astype(dict.fromkeys(whole, float)), na_action="raise", context=FUNCTIONS
@@ -347,7 +347,7 @@ def _unreadable(formula: str, error: Exception) -> InputsError:
 
 
 def _require_levels(design: DesignMatrix, covariates: Table) -> None:
-    """Raise where a level is that of one experiment: nothing tells its coefficient from scatter."""
+    """Raise where a level is that of one experiment: its coefficient and the scatter are one."""
     for factor, (kind, _) in design.state.encoder_state.items():
         if kind.value != "categorical":
             continue

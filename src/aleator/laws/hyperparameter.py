@@ -127,10 +127,10 @@ class Beside:
 class Hyperparameter:
     """One hyperparameter, resolved: its bounds, its start, and whether it is identified.
 
-    `log` tells the search to look at it on a logarithmic scale, as for a standard deviation.
-    `by` is the formula of covariates that it stands for, until a table gives its coefficients.
-    The search looks at it together with what stands `beside` it. `prior` is what is believed of it
-    beforehand; None is a flat one.
+    With `log` the search sees it on a logarithmic scale, as a standard deviation. `by` is the
+    formula of covariates that it stands for, until a table gives its coefficients. The search looks
+    at it together with what stands `beside` it. `prior` is what is believed of it beforehand; None
+    is a flat one.
     """
 
     name: str

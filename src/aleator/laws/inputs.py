@@ -68,8 +68,8 @@ class Inputs:
     [[1.0, 0.6], [0.6, 1.0]]
 
     Laws may follow covariates (see `By`). They are then one law for each experiment: `resolved` by
-    a table of covariates, and asked by `individual`. What asks for one law of all raises
-    InputsError.
+    a table of covariates, and evaluated by `individual`. What needs one law of all experiments
+    raises InputsError.
     """
 
     def __init__(
@@ -235,9 +235,9 @@ class Inputs:
     def image(self, alpha: Array, xi: Array) -> tuple[Array, Array]:
         """Parameters x (J, n) of independent standard normal xi (J, scattering), and dx/dalpha.
 
-        x_i = F_i^-1(Phi(theta_i) | alpha) with theta held: smooth in alpha, so that averages over
-        fixed xi have exact derivatives `dx` (J, n, K). theta is xi itself, or L xi for
-        correlated parameters.
+        x_i = F_i^-1(Phi(theta_i) | alpha) with theta fixed: smooth in alpha, so that averages over
+        fixed xi have exact derivatives `dx` (J, n, K). theta is xi itself, or L xi for correlated
+        parameters.
 
         >>> from aleator.laws import Normal
         >>> x, dx = Inputs({"v": Normal(1.0, 0.5)}).image(np.array([1.0, 0.5]), np.array([[2.0]]))
@@ -262,7 +262,7 @@ class Inputs:
         """The m correlated parameters x (J, m) of standard normal theta (J, m), and dx/dalpha.
 
         theta is independent here: x_i = F_i^-1(Phi((L theta)_i)) with R = L L'. The order is that
-        of `correlated`; dx (J, m, K) is for theta held.
+        of `correlated`; dx (J, m, K) is for fixed theta.
 
         >>> from aleator.laws import Normal
         >>> pair = Inputs({"a": Normal(1.0, 2.0), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.6})
@@ -418,7 +418,7 @@ class Individual:
     """Parameters x (B, J, n) of B experiments at J standard normal variates xi (B, J, s) of each.
 
     x = T(xi | alpha): every law is the image of a variate theta, and theta = L xi ties correlated
-    parameters (see `Inputs`); `theta` is (B, J, s). It is smooth in alpha with xi held, whatever
+    parameters (see `Inputs`); `theta` is (B, J, s). It is smooth in alpha for fixed xi, whatever
     the support of a law. Where laws are mixtures an experiment belongs to one of C classes
     (`Inputs.classes`): the first J/C variates are those of the first class, and so on, and
     `log_weight` (B or 1, J) is the logarithm of the probability of each point's class.
@@ -483,7 +483,7 @@ class Individual:
         return found
 
     def score(self, gradient: Array, share: Array) -> Array:
-        """sum_j g_j dx_j/dalpha + share_j dlog w_j/dalpha (B, K), xi held.
+        """sum_j g_j dx_j/dalpha + share_j dlog w_j/dalpha (B, K), for fixed xi.
 
         The gradient g is by x (B, J, n), and w is the probability of each point's class.
         """

@@ -205,12 +205,12 @@ class Mixture(QuantileLaw):
     points alone are latent classes (nonparametric maximum likelihood of a law: Laird, 1978).
     `shares` are those of all components but the last, each of what the components before it leave,
     in (0, 1): w_1 = v_1, w_2 = v_2 (1 - v_1), ..., and of two components v_1 is the weight of the
-    first. Left out, they are identified.
-    Hyperparameters are named by component: ``x.1.mean``, ``x.2.sd``, ``x.1.share``. Which component
-    an experiment belongs to is not known; with measurement noise the likelihood is the sum over
-    all. Equal components can change places: the likelihood has a maximum for each order, and
-    `identify` tells the one with the first location first. Raises InputsError for fewer than
-    two components, one that is a mixture itself, and shares that are not one fewer.
+    first. Left out, they are identified. Hyperparameters are named by component: ``x.1.mean``,
+    ``x.2.sd``, ``x.1.share``. Which component an experiment belongs to is not known; with
+    measurement noise the likelihood is the sum over all. Equal components can change places: the
+    likelihood has a maximum for each order, and `identify` reports the one with the first location
+    first. Raises InputsError for fewer than two components, one that is a mixture itself, and
+    shares that are not one fewer.
 
     >>> from aleator.laws import Free, Normal
     >>> law = Mixture((Normal(Free(0, 1), 0.1), Normal(Free(1, 2), 0.1)))

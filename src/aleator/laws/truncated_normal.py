@@ -301,7 +301,7 @@ def _own_rule(a: float, b: float, nodes: int) -> tuple[Array, Array, tuple[Array
     t, weights = gauss(*stieltjes(*_fine_rule(ends_a, ends_b), nodes))
     rules = np.stack([t, weights], axis=-1)
     by_a, by_b = (rules[1] - rules[2]) / (2 * h), (rules[3] - rules[4]) / (2 * h)
-    # where one law moves, as in differences, those of the others are asked for again
+    # where one law moves, as in differences, those of the others are needed again
     for array in (rules, t, weights, by_a, by_b):
         array.setflags(write=False)
     return t[0], weights[0], (by_a, by_b)

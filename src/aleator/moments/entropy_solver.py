@@ -520,7 +520,7 @@ def _orthonormal(
 def _residual(
     multipliers: Array, check: LegendreRule, a: Array, b: Array, standardized: Array
 ) -> Array:
-    """Distance of the moments of u, summed at the nodes of the check, from those asked for.
+    """Distance of the moments of u, summed at the nodes of the check, from the given ones.
 
     Powers of u itself are summed, so that a wrong conversion to Legendre moments shows as well.
     """

@@ -128,8 +128,8 @@ class Predictive:
         if isinstance(propagation, QuadraturePropagation) and isinstance(
             propagation.response, Divisible
         ):
-            asked, condition = np.unique(condition, return_inverse=True)
-            propagation = propagation.take(asked)
+            conditions, condition = np.unique(condition, return_inverse=True)
+            propagation = propagation.take(conditions)
         return replace(
             self,
             propagation=propagation,

@@ -106,7 +106,7 @@ class MaximumEntropy:
 class FittedMaximumEntropy(FittedStandardized):
     """Maximum-entropy densities of N experiments; methods as in `FittedDensity`.
 
-    The normal density stands in where neither the order asked for nor a lower one could be solved.
+    The normal density stands in where neither the chosen order nor a lower one could be solved.
     """
 
     moments: Moments
@@ -114,7 +114,7 @@ class FittedMaximumEntropy(FittedStandardized):
 
     @property
     def status(self) -> Codes:
-        """(N,) how the solve of the order asked for ended."""
+        """(N,) how the solve of the chosen order ended."""
         return np.where(self.degenerate, Status.DEGENERATE, self.solution.status).astype(np.int64)
 
     @property

@@ -101,9 +101,9 @@ class Regression:
     twice the number of terms) well above the number of terms the matrix is well conditioned by
     construction, whatever law and terms. With `adaptive` every lower degree is tried too, and each
     experiment takes the degree of the least corrected leave-one-out error; more terms than 80 % of
-    the runs are not tried, for there the errors are no longer told apart. Exact for polynomials
-    in the set. Raises InputsError for runs below one, and if there are fewer runs than terms and
-    the degree may not be lowered.
+    the runs are not tried, for there the errors can no longer be compared. Exact for polynomials in
+    the set. Raises InputsError for runs below one, and if there are fewer runs than terms and the
+    degree may not be lowered.
 
     >>> from aleator.moments.expansion import TotalDegree
     >>> basis = Basis.normal(10)

@@ -167,7 +167,7 @@ class Propagation(Protocol):
         """The points x (J, n) at which the response is evaluated."""
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
-        """Moments up to `order`, with jacobians by alpha if asked for."""
+        """Moments up to `order`, with jacobians by alpha if `gradient`."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ class QuadraturePropagation:
 def outcomes_at(
     response: ResponseFunction, nodes: CubatureNodes, *, gradient: bool
 ) -> NodeOutcomes:
-    """The outcomes of a response at nodes of the law, with derivatives by alpha if asked for."""
+    """The outcomes of a response at nodes of the law, with derivatives by alpha if `gradient`."""
     if not gradient:
         return NodeOutcomes(response.evaluate(nodes.x), nodes.weights)
     outcome, slope = response.evaluate_with_gradient(nodes.x)
@@ -265,10 +265,10 @@ class ProjectedPropagation:
 class ExpandedPropagation:
     """Moments of eta(T(theta | alpha)) expanded in Hermite polynomials of theta ~ N(0, 1).
 
-    The points of the design, in theta, do not depend on alpha, and the coefficients are linear
-    in the outcomes there, so that their derivative by alpha is that of the outcomes. The moments of
+    The points of the design, in theta, do not depend on alpha, and the coefficients are linear in
+    the outcomes there, so that their derivative by alpha is that of the outcomes. The moments of
     the expansion are exact (paper, eq. (moments3.0); here by tensor Gauss rules or Galerkin
-    products). `order` is the highest moment that will be asked for. Cost: one evaluation of the
+    products). `order` is the highest moment that will be needed. Cost: one evaluation of the
     response at the points, and O(N J P) besides the moments.
     """
 
@@ -297,7 +297,7 @@ class ExpandedPropagation:
         return prepare(self._basis, expansion.indices, self.order)
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
-        """Moments of the expansions of the N outcomes, with derivatives if asked for."""
+        """Moments of the expansions of the N outcomes, with derivatives if `gradient`."""
         x, dx = self.inputs.image(alpha, self.design.t)
         none = np.zeros((len(self.design), self.inputs.size))
         points = CubatureNodes(x, self.design.weights, dx, none)
@@ -407,7 +407,7 @@ def _enough_degrees(
     """The expansion of degree 2 or 3 where one more degree changes nothing, else the samples.
 
     In many parameters the moments of an expansion are exact where samples are not; a surface that
-    bends more than its own degree tells is left to the samples.
+    bends more than such a degree is left to the samples.
     """
     inputs, response = sampled.inputs, sampled.response
     ways = [

@@ -65,7 +65,7 @@ class CustomSearch(TaskSearch):
         try:
             signature = inspect.signature(self.function)
         except ValueError:
-            # some functions written in C do not tell
+            # some functions written in C have no signature
             return
         try:
             signature.bind(*ARGUMENTS)

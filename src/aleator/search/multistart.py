@@ -50,7 +50,7 @@ class ClimbSettings:
     """Legs of a climb, their end, and when a climb joins another; by judgement."""
 
     near: float = 0.5
-    """Standard errors (outer product of scores) within which two optima cannot be told apart."""
+    """Standard errors (outer product of scores) within which two optima may be one."""
     agrees: float = 0.05
     """Optima within `near` are one, if the log-likelihood between them rises as the slopes at both
     ends say, to this error."""
@@ -108,7 +108,7 @@ class Reached:
 
     @cached_property
     def _tells(self) -> bool:
-        """Whether the scores tell a distance: of more experiments than F, in every direction."""
+        """Whether the scores give a distance: of more experiments than F, in every direction."""
         size = np.sqrt(np.sum(self._scores**2, axis=0))
         if len(self._scores) <= self.free.size or not np.all(size > 0.0):
             return False
@@ -166,7 +166,7 @@ def starting_points(
     missing = count - len(known)
     if missing <= 0:
         return known[:count]
-    # a start on a bound tells the search little
+    # a start on a limit gives the search little
     spread = settings.margin + (1.0 - 2.0 * settings.margin) * evenly(
         coordinates.free.size, missing, seed
     )

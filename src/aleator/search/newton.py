@@ -115,7 +115,7 @@ def ascended(
         return counted(whole(x))
 
     here, gain = at(point), 0.0
-    # of few experiments the outer products tell little: then there is no other matrix
+    # the outer products of a small number of experiments say little: then there is no other matrix
     another = bent and len(here.each) > settings.experiments * moving.size
     least = arrived if bent else 0.0
     doubted = another
@@ -164,8 +164,8 @@ def outer(scores: Array) -> Array:
     >>> outer(np.array([[2.0, 0.0], [0.0, 3.0]])).tolist()
     [[4.0, 0.0], [0.0, 9.0]]
     """
-    told = np.nan_to_num(scores)
-    return positive(told.T @ told)
+    finite = np.nan_to_num(scores)
+    return positive(finite.T @ finite)
 
 
 def on_limits(point: Array, score: Array, lower: Array, upper: Array) -> Flags:

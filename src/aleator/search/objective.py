@@ -337,8 +337,8 @@ class TaskSearch(ABC):
         coordinates, counted = Coordinates(hyperparameters), CountedObjective(objective, self.name)
         if coordinates.free.size == 0:
             return only_point(counted, coordinates, hyperparameters)
-        told = progress or Silent()
-        return self._search(Task(counted, coordinates, hyperparameters, guesses, seed, told))
+        listener = progress or Silent()
+        return self._search(Task(counted, coordinates, hyperparameters, guesses, seed, listener))
 
     @abstractmethod
     def _search(self, task: Task) -> SearchResult:

@@ -40,7 +40,7 @@ class RoundSettings:
     exact: float = 0.005
     """The tolerance of surfaces without a law to follow, where none is chosen."""
     rough: float = 0.05
-    """Estimated error of a surface under the law, over the outcome's scatter, that asks for runs.
+    """Estimated error of a surface under the law, over the outcome's scatter, that calls for runs.
     """
     shared: float = 2.0
     """Level `rough` of a shared surface over that of others: its estimate is more cautious."""
@@ -193,12 +193,12 @@ Progress = Callable[[int, int, int], None]
 class AdaptiveSurfaces:
     """The surfaces of N experiments, their runs, and how well each round of runs did.
 
-    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `box` (n, 2) is where the
-    surfaces are wanted; `conditions` (N, d) are what experiments may share a surface by, or None.
-    `where` (J, n) are the points at which the errors were judged last, or None for all of the box.
-    `scale` (N,) takes the place of the scatter where there is one. `past` (P, N) are the relative
-    errors before the last P rounds of each experiment: one that no longer falls is given up.
-    `afforded` tells who has a round of runs where a budget does not suffice for all.
+    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `box` (n, 2) is the region
+    that the surfaces cover; `conditions` (N, d) are what experiments may share a surface by, or
+    None. `where` (J, n) are the points at which the errors were judged last, or None for all of the
+    box. `scale` (N,) takes the place of the scatter where there is one. `past` (P, N) are the
+    relative errors before the last P rounds of each experiment: one that no longer falls is given
+    up. `afforded` chooses who has a round of runs where a budget does not suffice for all.
 
     Raises InputsError where `max_runs` is less than the first round, or the user asks for a shared
     surface and there is nothing to share by.
@@ -225,7 +225,7 @@ class AdaptiveSurfaces:
 
     @property
     def box(self) -> Array:
-        """Where the surfaces are wanted, (n, 2)."""
+        """The region that the surfaces cover, (n, 2)."""
         return self.emulator.box
 
     @property
@@ -311,7 +311,7 @@ class AdaptiveSurfaces:
         self._judge_again()
 
     def refine(self, draws: Array | None, level: float, progress: Progress | None = None) -> None:
-        """Rounds of runs until no experiment wants more, judged where they were judged last."""
+        """Rounds of runs until no experiment needs more, judged where they were judged last."""
         while True:
             if progress:
                 progress(self.total_runs, int(self.good.sum()), self.good.size)
@@ -415,8 +415,8 @@ def build_surface(
 ) -> Surface:
     """Return surfaces of all experiments that are exact all over a box (n, 2), n from 1 to 10.
 
-    `run(index (R,), x (R, n)) -> (R,)` is called once a round, with all experiments that still
-    need runs. `progress(done runs, converged experiments, experiments)` is told before each round.
+    `run(index (R,), x (R, n)) -> (R,)` is called once a round, with all experiments that still need
+    runs. `progress(done runs, converged experiments, experiments)` is called before each round.
     Without a tolerance in the choice it is 0.005.
 
     All experiments share one nested sequence of points; a round adds three tenths. Each surface is

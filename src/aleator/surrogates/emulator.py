@@ -424,7 +424,7 @@ def _constants(members: Indices, outcomes: Array, n: int) -> Piece:
 
 
 def left_out(fit: Judged, share: Array, settings: SurfaceErrorSettings = ERRORS) -> Array:
-    """Return the error (A,) that the leave-one-out residuals tell, weighted by each run's share.
+    """Return the error (A,) by the leave-one-out residuals, weighted by each run's share.
 
     A run left out of well-spread ones leaves a hole twice as wide as any other, so its residual is
     larger than the error elsewhere: hence `hole`. The least of some forty leave-one-out errors is

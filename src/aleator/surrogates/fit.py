@@ -40,7 +40,7 @@ class PlacementSettings:
     beside_draws: int = 2048
     """Candidates all over the box, beside the draws of a law."""
     everywhere: int = 512
-    """Points that tell of all the box."""
+    """Points that stand for all the box."""
     shares: int = 8192
     """Points by which parts of the box are measured."""
     length: float = 6.0
@@ -73,7 +73,7 @@ def fixed_shift(n: int) -> Array:
 
 
 def everywhere(n: int, settings: PlacementSettings = PLACES) -> Array:
-    """Return points (J, n) that tell of all of [-1, 1]^n."""
+    """Return points (J, n) that stand for all of [-1, 1]^n."""
     return low_discrepancy(settings.everywhere, n, fixed_shift(n))
 
 

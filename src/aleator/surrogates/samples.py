@@ -18,7 +18,7 @@ from aleator.simulators.response_functions import Run, completed
 class Samples:
     """Runs of N experiments at M points `x` (M, n): `outcome` (N, M), NaN where there is none.
 
-    `attempted` (N, M) tells a run that failed, attempted for and NaN, from one that was never made.
+    A run that was `attempted` (N, M) and is NaN has failed; any other NaN was never run.
 
     >>> none = Samples.none(2, 1)
     >>> one = none.joined(np.array([[0.5]]), np.array([1]), np.array([0]), np.array([7.0]))

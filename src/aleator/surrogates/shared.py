@@ -330,7 +330,7 @@ class SharedSurface(Emulator):
         return 2 * experiments * first_shared_runs(experiments, n, settings) <= settings.most
 
     def move(self, box: Array) -> None:
-        """Take the surfaces to another box; runs outside still tell of it."""
+        """Take the surfaces to another box; runs outside still inform them."""
         self.axes, self.stale = Axes.plain(box), True
 
     def round(self, members: Indices, growth: float) -> int:
@@ -456,7 +456,7 @@ class SharedSurface(Emulator):
 
 
 def first_shared_runs(experiments: int, n: int, settings: SharingSettings = SHARING) -> int:
-    """Runs an experiment to begin with: fewer where many experiments tell of each other.
+    """Runs an experiment to begin with: fewer where many experiments inform each other.
 
     >>> first_shared_runs(108, 2), first_shared_runs(1000, 2)
     (8, 2)

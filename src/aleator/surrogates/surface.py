@@ -255,7 +255,7 @@ class Surface:
     eta_l(x) = sum over nu in Lambda_l of c_(l, nu) phi_nu(z), with phi_nu the tensor product of
     orthonormal Legendre polynomials and z the point mapped to [-1, 1]^n. The sets are prefixes of
     one common list of indices, so one basis serves all experiments. The polynomial of a
-    `logarithmic` (N,) experiment is log eta_l; what is asked of it is eta_l all the same.
+    `logarithmic` (N,) experiment is log eta_l; values and slopes are those of eta_l all the same.
 
     `error` (N,) is the estimated root-mean-square error over the box in units of the outcome,
     `scatter` (N,) the standard deviation of the surface over the box, `converged` (N,) whether

@@ -42,11 +42,11 @@ class IndividualLikelihood:
     """log L(alpha) = sum_l log int prod_k p(y_lk | eta_lk(x), sigma_lk) p(x | alpha) dx.
 
     x is the image of standard normal variates xi (see `Individual`), and the integral over them a
-    quadrature at `nodes` that are adapted to each experiment (Pinheiro and Bates, 1995) and held:
-    called, it is smooth in alpha with an exact score (Fisher's identity). Where laws are mixtures
-    it is a sum over the classes, each with nodes of its own. `adapted` returns the same with nodes
-    adapted to another alpha; nothing changes in place. Nodes that are held far from where they were
-    adapted integrate poorly.
+    quadrature at `nodes` that are adapted to each experiment (Pinheiro and Bates, 1995) and then
+    fixed: called, it is smooth in alpha with an exact score (Fisher's identity). Where laws are
+    mixtures it is a sum over the classes, each with nodes of its own. `adapted` returns the same
+    with nodes adapted to another alpha; nothing changes in place. Nodes that are far from where
+    they were adapted integrate poorly.
     """
 
     inputs: Inputs
@@ -101,7 +101,7 @@ class IndividualLikelihood:
         return self.layout.blocks(self.nodes.xi.shape[1])
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """Value and score (N, K) at alpha (K,), nodes held."""
+        """Value and score (N, K) at alpha (K,), by the nodes as they are."""
         each, scores = np.zeros(self.count), np.zeros((self.count, alpha.size))
         held = self._held
         for block in self.blocks:
@@ -116,7 +116,7 @@ class IndividualLikelihood:
         return value.believed(self.hyperparameters, alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
-        """The value at alpha without its score, nodes held."""
+        """The value at alpha without its score, by the nodes as they are."""
         each, held = np.zeros(self.count), self._held
         for block in self.blocks:
             part = block.experiments
@@ -130,7 +130,7 @@ class IndividualLikelihood:
         return value.believed(self.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
-        """The totals (A,) at alphas (A, K), nodes held."""
+        """The totals (A,) at alphas (A, K), by the nodes as they are."""
         return np.array([self.evaluate(alpha).total for alpha in np.asarray(alphas)])
 
     def adapted(self, alpha: Array, arrived: float = MODES.arrived) -> IndividualLikelihood:
@@ -467,7 +467,7 @@ def expectation_step(
     """log L at alpha, where the nodes are adapted, and where it may be larger: alpha (K,).
 
     A step of expectation and maximization (Dempster, Laird and Rubin, 1977), made longer where
-    observations tell less (Louis, 1982). With m_l and V_l the mean and the variance of x in
+    observations inform less (Louis, 1982). With m_l and V_l the mean and the variance of x in
     experiment l given its observations, and mu and v those of the law,
 
         mu' = mu + sum_l (m_l - mu) / sum_l w_l,                 w_l = 1 - V_l/v,

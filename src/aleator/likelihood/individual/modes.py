@@ -25,7 +25,7 @@ class ModeSettings:
     one. `least_log_mass`: logarithm of a mode's share of the first one's mass from where on it is
     none. `farthest`: variates beyond this have no mass, and no step goes farther. `starts`: where
     modes are sought along each variate, besides about the last one. `informed`: information about a
-    variate, of which the law's part is one, from where on observations tell more than the law.
+    variate, of which the law's part is one, from which on observations say more than the law.
     """
 
     arrived: float = 1e-6
@@ -239,7 +239,7 @@ class NodeRule(ABC):
         """J, the number of nodes while they are sought."""
 
     def finer(self, dimensions: int, /) -> tuple[NodeRule, ...]:  # noqa: ARG002
-        """The rules that tell how exact this one is."""
+        """Finer rules, whose differences from this one show how exact it is."""
         return ()
 
     def refined(

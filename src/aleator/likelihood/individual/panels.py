@@ -28,9 +28,9 @@ from aleator.likelihood.individual.modes import (
 class PanelSettings:
     """How fine the panels of one variate are; chosen by judgement.
 
-    `finer_points`: Gauss-Legendre nodes of half a panel of those that tell how exact these are.
-    `rough_points` and `rough_enough`: nodes of half a panel, and the share of the integral, for
-    statistics of many replicates. `size`: nodes of an experiment for which there must be memory
+    `finer_points`: Gauss-Legendre nodes of half a panel of the finer rule that shows how exact this
+    one is. `rough_points` and `rough_enough`: nodes of half a panel, and the share of the integral,
+    for statistics of many replicates. `size`: nodes of an experiment for which there must be memory
     while they are sought. `left`: share of an integral that is left out with its smallest parts.
     `lines`: the settings of lines.
     """
@@ -71,7 +71,7 @@ class Panels(DenseRule):
         return self.settings.size
 
     def finer(self, _: int, /) -> tuple[Panels, ...]:
-        """The rule that tells how exact this one is; none tells it of that."""
+        """The rule that shows how exact this one is; there is none for the finer one."""
         finer = Panels(self.settings.finer_points, settings=self.settings)
         return (finer,) if self.points < finer.points else ()
 
@@ -97,12 +97,12 @@ class PlaneSettings:
     `points`: Gauss-Legendre nodes of half a panel. `enough`: share of the integral that halving a
     panel may change. `coarse_enough`: that share where panels begin. `missed`: change of the
     log-likelihood with more panels from where on coarse ones are not enough. `finer_points` and
-    `finer_enough`: nodes and share of those that tell how exact these are. `rough_enough`: the
-    share for statistics of many replicates. `along`: the share of lines over that across them;
-    errors of lines must not look like roughness across them. `spread`: variates along each axis
-    whose pairs lie all over the law. `size`: nodes of an experiment for which there must be memory
-    while they are sought. `left`: share of an integral that is left out with its smallest parts.
-    `lines` and `modes`: the settings of lines and of modes.
+    `finer_enough`: nodes and share of the finer rule that shows how exact this one is.
+    `rough_enough`: the share for statistics of many replicates. `along`: the share of lines over
+    that across them; errors of lines must not look like roughness across them. `spread`: variates
+    along each axis whose pairs lie all over the law. `size`: nodes of an experiment for which there
+    must be memory while they are sought. `left`: share of an integral that is left out with its
+    smallest parts. `lines` and `modes`: the settings of lines and of modes.
     """
 
     points: int = 4
@@ -127,13 +127,13 @@ PLANES = PlaneSettings()
 class PlanePanels(DenseRule):
     """Panels of two variates: adaptive along each line, and the lines adaptive across.
 
-    int int g du dv = int (int g(u, v) dv) du. The lines run where the observations tell most,
+    int int g du dv = int (int g(u, v) dv) du. The lines run where the observations inform most,
     across the ridge, so that a front, a kink or a jump of the outcome is met by panels that are
     halved there, and what is left to integrate along the ridge is smoother than the outcome
     (Fubini). That direction is an eigenvector of the information at the mode, or of its mean over
     the law where the mode is on a plateau; the result does not depend on it, the number of nodes
-    does. For individual laws with several modes too. Cost: some hundred lines with some fifty
-    nodes each, and ten times as many values of the log-density to find them.
+    does. For individual laws with several modes too. Cost: some hundred lines with some fifty nodes
+    each, and ten times as many values of the log-density to find them.
 
     >>> PlanePanels().centers
     1
@@ -160,7 +160,7 @@ class PlanePanels(DenseRule):
         return cls(settings.points, settings.coarse_enough, settings)
 
     def finer(self, _: int, /) -> tuple[PlanePanels, ...]:
-        """The rule that tells how exact this one is; none tells it of the finest."""
+        """The rule that shows how exact this one is; there is none for the finest."""
         own = self.settings
         if self.enough > own.enough:
             return (PlanePanels(own.points, own.enough, own),)

@@ -157,7 +157,7 @@ class Direct:
     """The simulator itself, for functions that cost less than a surface; slopes are central
     differences.
 
-    `moving` are the parameters whose derivatives are asked for; steps stay in the box (n, 2).
+    `moving` are the parameters by which it is differentiated; steps stay in the box (n, 2).
     """
 
     runner: Evaluator

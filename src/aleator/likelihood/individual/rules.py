@@ -95,7 +95,7 @@ class GaussHermite(NodeRule):
         return int(np.prod([self.coordinate(i)[0].size for i in range(dimensions)]))
 
     def finer(self, dimensions: int, /) -> tuple[GaussHermite | Panels, ...]:
-        """The rules that tell how exact this one is.
+        """Finer rules, whose differences from this one show how exact it is.
 
         For one variate a rule with more nodes, and panels; for several one with more nodes in the
         first coordinate, and one with more in the others.
@@ -340,9 +340,9 @@ class LawPoints(DenseRule):
 class RidgePoints(NodeRule):
     """Quasi-random points of a normal law that follows the ridge of an individual law.
 
-    A few observations inform k directions b of the s variates, and of the others a they tell next
-    to nothing. The points are those of a by the curvature at the mode, and of b by the mode and the
-    curvature given a:
+    Observations inform k directions b of the s variates, and the others, a, next to nothing. The
+    points are those of a by the curvature at the mode, and of b by the mode and the curvature given
+    a:
 
         int g phi dxi = 1/J sum_j g(xi_j) phi(xi_j) / (N(a_j; a*, A) N(b_j; b*(a_j), C(a_j))).
 

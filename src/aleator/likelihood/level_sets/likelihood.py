@@ -215,7 +215,7 @@ class LevelLikelihood:
     def coarse(self, times: int = 2) -> LevelLikelihood:
         """The same on grids of half as many cells: for a search, and for drawn experiments.
 
-        Or of so many `times` fewer cells a parameter, to tell what cells change.
+        Or of so many `times` fewer cells a parameter, to see what cells change.
         """
         return self._with(self.outcomes, max(self._answers // times, 1))
 

@@ -27,7 +27,7 @@ from aleator.simulators.response_functions import Divisible
 class Crossings:
     """How lines are laid and crossed; measured by `tests/likelihood/test_level_lines.py`.
 
-    The `nearest` of `points` of the law tell the direction in which the outcome changes, and a few
+    The `nearest` of `points` of the law show the direction in which the outcome changes, and a few
     lines, `wider` than the law, where the set has its mass. A line goes to `reach` standard
     deviations and is looked at in `steps`, or in so many where it is `alone`; two of these between
     which the outcome turns are looked at `closer`. A crossing is found in `halvings` of the false
