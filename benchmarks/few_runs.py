@@ -27,11 +27,11 @@ from aleator.fit.search import by_tangent
 from aleator.inference.check import Check
 from aleator.inference.information import infer
 from aleator.laws.inputs import law_region
+from aleator.laws.quadrature import MonteCarloPoints
 from aleator.likelihood.problem import Problem, prepare
 from aleator.moments.likelihood import Continued, Likelihood
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.propagation import Collocation
-from aleator.moments.quadrature import MonteCarloPoints
 from aleator.search import GradientMultistart
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import Runner

@@ -50,18 +50,7 @@ def score_rows(problem: Problem, alpha: Array) -> list[Row]:
             exact / TARGET_SCORE),
         Row("exact score / central differences of the value", ms(exact),
             f"{2 * alpha.size + 1} values {ms(differences)}", exact / differences),
-        nearby_row(likelihood, alpha),
     ]  # fmt: skip
-
-
-def nearby_row(likelihood: Likelihood, alpha: Array) -> Row:
-    """What a search pays an alpha, a hundredth away from the last one, over one on its own."""
-    predictive, y = likelihood.predictive, likelihood.outcomes
-    last, other = predictive.at(alpha), 1.01 * alpha
-    near = median_seconds(lambda: predictive.at(other, last).scored(y), 30)
-    alone = median_seconds(lambda: predictive.at(other).scored(y), 30)
-    return Row("log-likelihood and score near the last alpha / on its own", ms(near), ms(alone),
-               near / alone)  # fmt: skip
 
 
 def search_rows(problem: Problem) -> list[Row]:

@@ -20,12 +20,10 @@ from aleator.search import (
     GeneticAlgorithm,
     GradientMultistart,
     Search,
-    Step,
-    Trial,
-    compare,
 )
 from aleator.study import load_study
 from benchmarks.identifications import STUDIES
+from reproduction.trials import Step, Trial, compare
 
 SEARCHES: dict[str, Search] = {
     "gradient, 10 starts": GradientMultistart(10),

@@ -18,8 +18,6 @@ from aleator.search import (
     GeneticAlgorithm,
     GradientMultistart,
     Search,
-    Trial,
-    compare,
 )
 from aleator.simulators import as_runner
 from aleator.surrogates import ResponseSurface
@@ -30,6 +28,7 @@ from reproduction.clutch.laws import SEARCH_TOLERANCE
 from reproduction.clutch.study import PARAMETERS, ClutchStudy
 from reproduction.context import Context
 from reproduction.figure import Claim, Reproduction, Verdict
+from reproduction.trials import Trial, compare
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

@@ -20,6 +20,7 @@ from scipy.special import log_ndtr
 from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal
 from aleator.core.types import Array
 from aleator.laws import Hyperparameter
+from aleator.laws.quadrature import TensorGauss
 from aleator.moments.densities import Density
 from aleator.moments.likelihood import Likelihood, Predictive
 from aleator.moments.maximum_entropy import MaximumEntropy
@@ -29,8 +30,7 @@ from aleator.moments.propagation import (
     QuadraturePropagation,
     default_cubature,
 )
-from aleator.moments.quadrature import TensorGauss
-from aleator.surrogates.responses import ResponseFunction
+from aleator.simulators.response_functions import ResponseFunction
 
 INFINITE = float("inf")
 

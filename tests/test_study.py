@@ -6,12 +6,12 @@ import pytest
 
 from aleator.errors import AleatorError, ExperimentsError, SimulatorError, StudyError
 from aleator.laws import Constant, Free, Normal, TruncatedNormal
+from aleator.laws.quadrature import Smolyak, SobolPoints, TensorGauss
 from aleator.moments.densities import Gaussian
 from aleator.moments.expansion import Hyperbolic, TotalDegree
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.projection import Projection, Regression
 from aleator.moments.propagation import Collocation
-from aleator.moments.quadrature import Smolyak, SobolPoints, TensorGauss
 from aleator.search import GradientMultistart
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface

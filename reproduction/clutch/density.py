@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from aleator.core.status import Status
+from aleator.laws.quadrature import TensorGauss
 from aleator.moments.moments import weighted_moments
-from aleator.moments.quadrature import TensorGauss
 from aleator.views.axes import BLUE, GRAY, VERMILION
 from reproduction.canvas import DASHES, PALE, explain
 from reproduction.clutch.reference import (

@@ -9,7 +9,7 @@ import pandas as pd
 
 from aleator.core.types import Array
 from aleator.fit.search import fitted
-from aleator.surrogates.responses import DirectResponse
+from aleator.simulators.response_functions import DirectResponse
 from aleator.views.axes import BLUE, VERMILION
 from reproduction.canvas import LIGHT, explain
 from reproduction.clutch.response import grid

@@ -19,12 +19,12 @@ from scipy.stats import qmc
 from aleator.core.progress import Progress
 from aleator.core.status import Status
 from aleator.core.types import Array
+from aleator.laws.quadrature import TensorGauss
 from aleator.moments.densities import Density, FittedDensity, Gaussian
 from aleator.moments.distances import earth_movers_distance
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.moments import Moments, NodeOutcomes, joined, weighted_moments
 from aleator.moments.projection import expansion_map
-from aleator.moments.quadrature import TensorGauss
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from reproduction.clutch.study import ClutchStudy
 from reproduction.sampling.histogram import FittedHistogram, HistogramSpline

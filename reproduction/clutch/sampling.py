@@ -13,16 +13,16 @@ import numpy as np
 import pandas as pd
 
 from aleator.core.progress import Progress
-from aleator.moments.densities import Gaussian
-from aleator.moments.maximum_entropy import MaximumEntropy
-from aleator.moments.quadrature import (
+from aleator.laws.quadrature import (
     Cubature,
     MonteCarloPoints,
     ProbabilityGrid,
     SobolPoints,
     TensorGauss,
 )
-from aleator.surrogates.responses import DirectResponse, ResponseFunction
+from aleator.moments.densities import Gaussian
+from aleator.moments.maximum_entropy import MaximumEntropy
+from aleator.simulators.response_functions import DirectResponse, ResponseFunction
 from reproduction.clutch.laws import EXPANSION, SAMPLED, Judged
 from reproduction.clutch.reference import NODES, SAMPLES
 from reproduction.clutch.study import ClutchStudy

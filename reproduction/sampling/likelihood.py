@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
+from aleator.laws.quadrature import Cubature, MonteCarloPoints, SobolPoints
 from aleator.moments.densities import Density, FittedDensity
 from aleator.moments.moments import NodeOutcomes
-from aleator.moments.quadrature import Cubature, MonteCarloPoints, SobolPoints
-from aleator.surrogates.responses import ResponseFunction
+from aleator.simulators.response_functions import ResponseFunction
 from reproduction.sampling.histogram import FittedHistogram, HistogramSpline
 
 Choice = Density | HistogramSpline

@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     from aleator.laws import Uniform as Uniform
     from aleator.laws.correlation import full as full
     from aleator.laws.inputs import Inputs as Inputs
+    from aleator.laws.quadrature import MonteCarloPoints as MonteCarloPoints
+    from aleator.laws.quadrature import ProbabilityGrid as ProbabilityGrid
+    from aleator.laws.quadrature import Smolyak as Smolyak
+    from aleator.laws.quadrature import SobolPoints as SobolPoints
+    from aleator.laws.quadrature import TensorGauss as TensorGauss
     from aleator.moments.densities import Gaussian as Gaussian
     from aleator.moments.distances import earth_movers_distance as earth_movers_distance
     from aleator.moments.expansion import Hyperbolic as Hyperbolic
@@ -28,11 +33,6 @@ if TYPE_CHECKING:
     from aleator.moments.projection import Projection as Projection
     from aleator.moments.projection import Regression as Regression
     from aleator.moments.propagation import Collocation as Collocation
-    from aleator.moments.quadrature import MonteCarloPoints as MonteCarloPoints
-    from aleator.moments.quadrature import ProbabilityGrid as ProbabilityGrid
-    from aleator.moments.quadrature import Smolyak as Smolyak
-    from aleator.moments.quadrature import SobolPoints as SobolPoints
-    from aleator.moments.quadrature import TensorGauss as TensorGauss
     from aleator.observations.errors import Noise as Noise
     from aleator.observations.experiments import Conditions as Conditions
     from aleator.observations.experiments import Experiments as Experiments
@@ -95,7 +95,7 @@ _HOMES = {
     "laws.inputs": ["Inputs"],
     "surrogates": ["ResponseSurface"],
     "moments.propagation": ["Collocation"],
-    "moments.quadrature": [
+    "laws.quadrature": [
         "TensorGauss", "Smolyak", "SobolPoints", "MonteCarloPoints", "ProbabilityGrid",
     ],
     "moments.projection": ["Projection", "Regression"],

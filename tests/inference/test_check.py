@@ -27,8 +27,8 @@ from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner, as_runner
+from aleator.simulators.response_functions import DirectResponse
 from aleator.surrogates import build_surface
-from aleator.surrogates.responses import DirectResponse
 
 COUNT, ALPHA = 100, np.array([1.0, 0.3, 0.5, 0.2])
 LAW = Inputs(

@@ -15,7 +15,7 @@ from aleator.core.types import Array
 from aleator.errors import InputsError
 from aleator.laws import Beta, Gamma, LogNormal, Uniform
 from aleator.laws.correlation import Correlation, between
-from aleator.moments.quadrature import Smolyak, SobolPoints, TensorGauss
+from aleator.laws.quadrature import Smolyak, SobolPoints, TensorGauss
 
 LETTERS = "abcdefghij"
 

@@ -94,7 +94,7 @@ def test_a_value_is_held_within_its_limits_and_no_longer_moves() -> None:
         0.0,
     ]
     assert inputs.covariate_model is not None
-    assert inputs.covariate_model.held(alpha)["k.mean"].tolist() == [3, 4, 5]
+    assert inputs.covariate_model.on_limits(alpha)["k.mean"].tolist() == [3, 4, 5]
 
 
 def test_other_experiments_have_the_coefficients_of_those_that_were_identified() -> None:

@@ -21,7 +21,7 @@ from aleator import (
     Uniform,
 )
 from aleator.laws import Law
-from aleator.moments.quadrature import TensorGauss
+from aleator.laws.quadrature import TensorGauss
 
 INF = math.inf
 WEIBULL = stats.weibull_min(1.8, loc=-1.0, scale=2.0)

@@ -11,7 +11,7 @@ from scipy import stats
 
 from aleator import Constant, Free, Inputs, LogNormal, Normal, Uniform
 from aleator.likelihood.level_sets import LevelLikelihood
-from aleator.surrogates.responses import DirectResponse
+from aleator.simulators.response_functions import DirectResponse
 
 Array = NDArray[np.float64]
 COUNT, BEND = 40, 0.05

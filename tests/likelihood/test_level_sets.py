@@ -13,7 +13,7 @@ from scipy import stats
 from aleator import Constant, Free, Inputs, LogNormal, Normal, TruncatedNormal, Uniform
 from aleator.likelihood.level_sets import LevelLikelihood, on_a_grid, traceable
 from aleator.likelihood.level_sets.grid import Grid
-from aleator.surrogates.responses import DirectResponse
+from aleator.simulators.response_functions import DirectResponse
 
 Array = NDArray[np.float64]
 LOADS = np.array([0.5, 1.0, 1.5, 2.0])
@@ -150,7 +150,7 @@ def test_equal_conditions_share_runs_and_parts_are_parts() -> None:
     alpha = np.array([1.0, 0.3])
     rows = np.array([1, 3, 4])
     np.testing.assert_allclose(of.take(rows)(alpha).each, of(alpha).each[rows])
-    np.testing.assert_allclose(of.given(y + 0.1)(alpha).each, likelihood(
+    np.testing.assert_allclose(of.with_outcomes(y + 0.1)(alpha).each, likelihood(
         ONE, lambda c, a: c * a, y + 0.1, 1024, each)(alpha).each)  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from scipy import stats
 
 from aleator import Free, Inputs, LogNormal, Normal
 from aleator.likelihood.level_sets.predicted import PointPredictor, PredictedOutcomes
-from aleator.surrogates.responses import DirectResponse
+from aleator.simulators.response_functions import DirectResponse
 
 LOADS = np.array([0.5, 1.0, 2.0])
 LEVELS = np.array([0.01, 0.1, 0.5, 0.9, 0.99])

@@ -17,7 +17,7 @@ from aleator.moments.densities import Density
 from aleator.moments.entropy_solver import SETTINGS
 from aleator.moments.likelihood import Continued, Likelihood
 from aleator.search.interface import LogLikelihood
-from aleator.surrogates.responses import DirectResponse
+from aleator.simulators.response_functions import DirectResponse
 
 DENSITIES = [Gaussian(), *(MaximumEntropy(order) for order in (3, 4, 6))]
 

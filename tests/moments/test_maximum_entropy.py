@@ -219,29 +219,11 @@ def skewed(shapes: Array, order: int) -> Moments:
     )
 
 
-@pytest.mark.parametrize("order", [2, 4, 6])
-@pytest.mark.parametrize("far", [1e-6, 0.02, 0.3, 3.0])
-def test_what_is_known_changes_nothing_but_the_way(order: int, far: float) -> None:
-    choice, shapes = MaximumEntropy(order), np.linspace(2.0, 6.0, 15)
-    known = choice.fit(skewed(shapes, order), 0.0, 1.0)
-    moved = skewed(shapes + far * np.linspace(-0.5, 1.0, 15), order)
-    cold, near = choice.fit(moved, 0.0, 1.0), choice.fit(moved, 0.0, 1.0, known)
-    assert np.array_equal(cold.status, near.status)
-    y = np.linspace(0.02, 0.98, 25) * np.ones((15, 1))
-    np.testing.assert_allclose(near.log_pdf(y), cold.log_pdf(y), atol=1e-7)
-    np.testing.assert_allclose(near.cdf(y), cold.cdf(y), atol=1e-9)
-    assert near.solution.residual.max() < 1e-8
-
-
 def test_moments_that_no_density_has_stay_a_failure_and_spoil_no_neighbour() -> None:
     choice, shapes = MaximumEntropy(4), np.linspace(2.0, 4.0, 5)
-    known = choice.fit(skewed(shapes, 4), 0.0, 1.0)
-    moved = skewed(shapes + 0.05, 4)
-    moved.standardized[2, 4] = 1.0 + moved.standardized[2, 3] ** 2 - 0.1  # Pearson's limit
-    cold, near = choice.fit(moved, 0.0, 1.0), choice.fit(moved, 0.0, 1.0, known)
-    assert cold.status[2] != 0
-    assert np.array_equal(cold.status, near.status)
-    # and a failure that is known is no start
-    again = choice.fit(skewed(shapes, 4), 0.0, 1.0, near)
-    y = np.full((5, 1), 0.4)
-    np.testing.assert_allclose(again.log_pdf(y), known.log_pdf(y), atol=1e-7)
+    sound, damaged = skewed(shapes, 4), skewed(shapes, 4)
+    damaged.standardized[2, 4] = 1.0 + damaged.standardized[2, 3] ** 2 - 0.1  # Pearson's limit
+    alone, beside = choice.fit(sound, 0.0, 1.0), choice.fit(damaged, 0.0, 1.0)
+    assert beside.status[2] != 0
+    others, y = [0, 1, 3, 4], np.full((5, 1), 0.4)
+    np.testing.assert_allclose(beside.log_pdf(y)[others], alone.log_pdf(y)[others], atol=1e-7)

@@ -11,8 +11,8 @@ from problems import PROBLEMS, Exact, Problem, raw_normal, title
 
 from aleator.core.polynomials import gauss_hermite
 from aleator.core.types import Array
+from aleator.laws.quadrature import TensorGauss
 from aleator.moments.moments import weighted_moments, weighted_moments_with_gradient
-from aleator.moments.quadrature import TensorGauss
 
 
 def at_nodes(problem: Problem, nodes: int) -> tuple[Array, Array]:

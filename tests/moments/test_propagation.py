@@ -12,6 +12,7 @@ from problems import BINDING, GROWTH, PROBLEMS, PRODUCT, SQUARE, Exact, Problem,
 from aleator import Collocation, Free, Inputs, Normal, ResponseSurface, TruncatedNormal
 from aleator.core.types import Array
 from aleator.errors import InputsError
+from aleator.laws.quadrature import SobolPoints, TensorGauss
 from aleator.moments.expansion import TotalDegree
 from aleator.moments.moments import Moments
 from aleator.moments.projection import Projection, Regression
@@ -21,9 +22,8 @@ from aleator.moments.propagation import (
     QuadraturePropagation,
     check_nodes,
 )
-from aleator.moments.quadrature import SobolPoints, TensorGauss
+from aleator.simulators.response_functions import DirectResponse
 from aleator.surrogates import build_surface
-from aleator.surrogates.responses import DirectResponse
 
 NAMES = ("mean", "sd", "standardized")
 

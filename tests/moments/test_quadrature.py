@@ -13,7 +13,7 @@ from scipy import special
 from aleator import Constant, Free, Inputs, Normal, TruncatedNormal
 from aleator.core.types import Array
 from aleator.errors import InputsError
-from aleator.moments.quadrature import (
+from aleator.laws.quadrature import (
     Cubature,
     MonteCarloPoints,
     ProbabilityGrid,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from aleator.laws.quadrature import TensorGauss
 from aleator.moments.densities import Gaussian
-from aleator.moments.quadrature import TensorGauss
 from reproduction.canvas import drawn
 from reproduction.clutch.reference import (
     expansion_moments,

@@ -13,16 +13,16 @@ from scipy import integrate, stats
 
 from aleator.core.status import Status
 from aleator.core.types import Array
-from aleator.moments.densities import Gaussian
-from aleator.moments.maximum_entropy import MaximumEntropy
-from aleator.moments.moments import NodeOutcomes
-from aleator.moments.quadrature import (
+from aleator.laws.quadrature import (
     Cubature,
     MonteCarloPoints,
     ProbabilityGrid,
     SobolPoints,
     TensorGauss,
 )
+from aleator.moments.densities import Gaussian
+from aleator.moments.maximum_entropy import MaximumEntropy
+from aleator.moments.moments import NodeOutcomes
 from reproduction.sampling.histogram import HistogramSpline
 from reproduction.sampling.likelihood import (
     Choice,

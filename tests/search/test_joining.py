@@ -40,7 +40,7 @@ class Guided(Recorded):
         super().__init__(function)
         self.goal, self.steps = goal, 0
 
-    def toward(self, alpha: Array) -> tuple[float, Array]:
+    def expectation_step(self, alpha: Array) -> tuple[float, Array]:
         self.steps += 1
         return self.function(alpha).total, 0.5 * (alpha + self.goal)
 

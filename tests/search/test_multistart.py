@@ -17,7 +17,7 @@ from aleator.errors import InputsError
 from aleator.laws import Hyperparameter
 from aleator.moments.likelihood import Continued
 from aleator.search import ascend
-from aleator.search.interface import LogLikelihood, Optimum, SearchResult
+from aleator.search.interface import LogLikelihood
 from aleator.search.objective import Coordinates
 
 
@@ -275,15 +275,6 @@ def test_an_optimum_that_moves_takes_the_starts_that_led_to_it_along() -> None:
     assert moved.converged
     assert moved.optima[0].starts == found.optima[0].starts
     assert {tuple(a.alpha) for a in moved.ascents} == {(0.1, 0.2)}
-
-
-@pytest.mark.parametrize(
-    ("starts", "exhaustive"), [((10,), True), ((7,), False), ((9, 1), False), ((16, 1), True)]
-)
-def test_another_optimum_is_unlikely_after_many_starts_that_found_few(starts, exhaustive) -> None:
-    """w (n - 1)/(n - w - 2) below w + 1/2: from 8 starts at one optimum, from 17 at two."""
-    optima = tuple(Optimum(np.zeros(1), -float(k), n) for k, n in enumerate(starts))
-    assert SearchResult(np.zeros(1), 0.0, (), optima).exhaustive is exhaustive
 
 
 # ------------------------------------------------------------------------------ parts

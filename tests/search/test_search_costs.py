@@ -15,10 +15,10 @@ from aleator.search import (
     DifferentialEvolution,
     GeneticAlgorithm,
     GradientMultistart,
-    compare,
     objective_of,
 )
 from aleator.search.interface import LogLikelihood
+from reproduction.trials import TracedObjective, compare
 
 # ------------------------------------------------------------------------------ what it costs
 
@@ -102,10 +102,11 @@ def test_ctrl_c_passes_through(search) -> None:
 
 @each(ALL)
 def test_the_trace_rises_to_the_answer(search) -> None:
-    found = search.maximize(hills, box(), seed=0)
-    values = [step.log_likelihood for step in found.trace]
-    counts = [step.evaluations for step in found.trace]
-    seconds = [step.seconds for step in found.trace]
+    traced = TracedObjective(hills)
+    found = search.maximize(traced, box(), seed=0)
+    values = [step.log_likelihood for step in traced.trace]
+    counts = [step.evaluations for step in traced.trace]
+    seconds = [step.seconds for step in traced.trace]
     assert values == sorted(values)
     assert counts == sorted(counts)
     assert seconds == sorted(seconds)

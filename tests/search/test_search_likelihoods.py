@@ -26,7 +26,8 @@ from aleator import (
     Normal,
 )
 from aleator.moments.likelihood import Continued
-from aleator.search import compare, wide_limits
+from aleator.search import wide_limits
+from reproduction.trials import compare
 
 
 def simplex(value, lower, upper, start, rng) -> np.ndarray:  # noqa: ARG001

@@ -12,13 +12,8 @@ from searches import DIFFERENTIAL
 
 from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError
-from aleator.search import (
-    CMAES,
-    CustomSearch,
-    DifferentialEvolution,
-    GeneticAlgorithm,
-    compare,
-)
+from aleator.search import CMAES, CustomSearch, DifferentialEvolution, GeneticAlgorithm
+from reproduction.trials import compare
 
 # ------------------------------------------------------------------------------ extras
 

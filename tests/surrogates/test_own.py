@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from aleator.core.types import Array, Indices
+from aleator.simulators.response_functions import Run
 from aleator.surrogates.emulator import OwnSurfaces
 from aleator.surrogates.fit import SmoothnessPrior, continued, judged, shares, spread, weights
-from aleator.surrogates.responses import Run, Samples
+from aleator.surrogates.samples import Samples
 from aleator.surrogates.surface import products
 
 BOX = np.tile([0.0, 1.0], (2, 1))

@@ -8,10 +8,11 @@ from aleator.core.types import Array, Indices
 from aleator.laws import Free, Normal
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.level_sets import LevelLikelihood
+from aleator.simulators.response_functions import Confined
 from aleator.surrogates import ResponseSurface, Surface, build_surface
 from aleator.surrogates.emulator import OwnSurfaces
 from aleator.surrogates.fit import SmoothnessPrior, judged, spread, weights
-from aleator.surrogates.responses import Confined, Samples
+from aleator.surrogates.samples import Samples
 from aleator.surrogates.surface import products
 
 BOX = np.array([[-1.0, 2.0], [0.5, 0.9]])

@@ -7,8 +7,9 @@ from scipy.optimize import approx_fprime
 
 from aleator.core.types import Array, Indices
 from aleator.errors import SimulatorError
+from aleator.simulators.response_functions import Run
 from aleator.surrogates import Surface
-from aleator.surrogates.responses import Run, features
+from aleator.surrogates.samples import features
 from aleator.surrogates.shared import Covariance, ProcessPosterior, SharedSurface, _loss
 
 RNG = np.random.default_rng(3)

@@ -9,7 +9,7 @@ from scipy.stats import qmc
 
 from aleator.surrogates.adaptive import AdaptiveSurfaces, steps
 from aleator.surrogates.choice import ResponseSurface
-from aleator.surrogates.responses import Samples
+from aleator.surrogates.samples import Samples
 
 Array = NDArray[np.float64]
 BOX = np.array([[0.0, 2.0], [-1.0, 1.0]])
@@ -62,7 +62,7 @@ def test_an_outcome_that_jumps_is_given_up_and_its_neighbor_is_not() -> None:
     draws = np.clip(np.random.default_rng(1).normal(1.0, 0.2, (512, 1)), 0.0, 2.0)
     surfaces.judge(draws)
     for _ in range(30):
-        members = surfaces.wanting(1e-9)
+        members = surfaces.unfinished(1e-9)
         if not members.any():
             break
         surfaces.sharpen(members, draws)

@@ -51,7 +51,7 @@ def test_some_experiments_are_those_of_all(surface: Surface) -> None:
     some, (value, slope) = surface.take(rows), surface.evaluate_with_gradient(x)
     assert some.evaluate(x) == pytest.approx(value[rows], abs=1e-13)
     assert some.evaluate_with_gradient(x)[1] == pytest.approx(slope[rows], abs=1e-11)
-    for name in ("error", "runs", "lower", "upper", "degrees"):
+    for name in ("error", "runs", "lower", "upper"):
         assert np.array_equal(getattr(some, name), getattr(surface, name)[rows])
 
 

@@ -32,7 +32,7 @@ from aleator.errors import ExperimentsError
 from aleator.inference.diagnostics import by_finer_cells, cells_error
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.search import GradientMultistart
-from aleator.surrogates.responses import DirectResponse
+from aleator.simulators.response_functions import DirectResponse
 
 LEAST = 1e-3
 """Error of a log-likelihood that is none."""

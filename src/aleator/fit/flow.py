@@ -20,7 +20,7 @@ from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothe
 from aleator.inference.diagnostics import Doubt, doubt
 from aleator.likelihood.individual import Layout, OnSurfaces
 from aleator.likelihood.problem import Problem
-from aleator.surrogates.responses import moving_parameters
+from aleator.simulators.response_functions import moving_parameters
 
 
 @dataclass(frozen=True, eq=False)

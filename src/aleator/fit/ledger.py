@@ -11,9 +11,9 @@ from aleator.core.progress import Progress
 from aleator.errors import InputsError
 from aleator.laws.inputs import Inputs
 from aleator.simulators import Budget, Runner
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import ROUNDS, first_runs
-from aleator.surrogates.responses import moving_parameters
 
 if TYPE_CHECKING:
     from aleator.moments.propagation import Collocation

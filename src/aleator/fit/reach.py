@@ -20,8 +20,14 @@ from aleator.inference import diagnostics
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs, law_region
 from aleator.likelihood.problem import Problem, prepare
+from aleator.simulators.response_functions import (
+    Run,
+    attempts,
+    by_calls,
+    moving_parameters,
+    straight,
+)
 from aleator.surrogates import AdaptiveSurfaces
-from aleator.surrogates.responses import Run, attempts, by_calls, moving_parameters, straight
 from aleator.surrogates.surface import Axes, logarithms
 
 

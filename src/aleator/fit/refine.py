@@ -35,13 +35,14 @@ from aleator.fit.way import failing_observations, way_of, way_of_outcomes
 from aleator.inference.information import Inference, infer
 from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
 from aleator.likelihood.model import Model
-from aleator.likelihood.problem import Forward, forward, told
+from aleator.likelihood.problem import Forward, forward, surface_progress
 from aleator.search import SearchResult
 from aleator.search.interface import OPTIMA
 from aleator.simulators import Runner
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
 from aleator.surrogates.adaptive import within
-from aleator.surrogates.responses import Sites, features, moving_parameters
+from aleator.surrogates.samples import Sites, features
 
 
 @dataclass(frozen=True)
@@ -200,9 +201,9 @@ class Refinement:
             before = surfaces.total_runs
             for _ in range(self.rounds.at_ends):
                 surfaces.judge(points)
-                rough = surfaces.wanting(self.rounds.ends * surfaces.caution)
+                rough = surfaces.unfinished(self.rounds.ends * surfaces.caution)
                 surfaces.judge(self._draws(likelihood, [alpha], region))
-                here = surfaces.wanting(self.rounds.first * surfaces.caution)
+                here = surfaces.unfinished(self.rounds.first * surfaces.caution)
                 members = self._together(answer, rough | here)
                 if not members.any():
                     break
@@ -240,7 +241,7 @@ class Refinement:
                 within(runner.account, sites.unit),
             )  # fmt: skip
             if choice.tolerance is None and np.isfinite(self.rounds.begin):
-                tell = told(self.ledger.progress)
+                tell = surface_progress(self.ledger.progress)
                 surfaces.refine(surfaces.everywhere(), self.rounds.begin, tell)
             if not question.exact:
                 lost = np.isinf(surfaces.emulator.error)[sites.of]
@@ -258,7 +259,7 @@ class Refinement:
         progress = self.ledger.progress
         if surfaces.choice.tolerance is not None:
             surfaces.judge(None)
-            surfaces.refine(None, surfaces.level, told(progress))
+            surfaces.refine(None, surfaces.level, surface_progress(progress))
         if question.exact:
             problem = reach.on_surfaces(question, surfaces, region, progress)
             return problem, problem.region
@@ -347,12 +348,12 @@ class Refinement:
             surfaces.judge(self._draws(likelihood, [alpha], region))
         fresh = self._draws(likelihood, [*likely], region, self.rounds.wide)
         for _ in range(self.rounds.together):
-            members = self._together(answer, surfaces.wanting(level))
+            members = self._together(answer, surfaces.unfinished(level))
             if not members.any():
                 break
             surfaces.sharpen(members, fresh)
-        done = not surfaces.wanting(level).any()
-        if tell := told(self.ledger.progress):
+        done = not surfaces.unfinished(level).any()
+        if tell := surface_progress(self.ledger.progress):
             tell(surfaces.total_runs, int(surfaces.good.sum()), surfaces.good.size)
         return self._on(replace(answer, region=region)), done
 
@@ -415,12 +416,12 @@ def under_law(
         return forward(runner, model, region, progress)
     surfaces = surfaces_of(runner, region, choice)
     if choice.tolerance is not None:
-        surfaces.refine(None, surfaces.level, told(progress))
+        surfaces.refine(None, surfaces.level, surface_progress(progress))
     else:
         moving = moving_parameters(region)
         surfaces.judge(np.clip(draws(inputs, [alpha], 1), *region.T)[:, moving])
         wide = np.clip(draws(inputs, [alpha], 1, EXACT.wide), *region.T)[:, moving]
-        surfaces.refine(wide, EXACT.known * surfaces.caution, told(progress))
+        surfaces.refine(wide, EXACT.known * surfaces.caution, surface_progress(progress))
     return forward(runner, model, region, progress, surfaces.surface())
 
 

@@ -19,11 +19,10 @@ from aleator.core.types import Array
 from aleator.fit.ledger import SEARCH, Ledger
 from aleator.fit.question import Question, start_point
 from aleator.fit.settle import AnyLikelihood, climbed
-from aleator.laws import Hyperparameter
-from aleator.laws import mixture as classes
+from aleator.laws import Hyperparameter, classes
+from aleator.laws.classes import apart, undivided
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
-from aleator.laws.mixture import apart, undivided
 from aleator.likelihood.individual import (
     Direct,
     GaussHermite,
@@ -34,8 +33,8 @@ from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, Search, SearchResult, WarmStart
 from aleator.search.interface import OPTIMA, LogLikelihood, read, written
 from aleator.simulators import Runner
+from aleator.simulators.response_functions import moving_parameters
 from aleator.simulators.store import keep, kept
-from aleator.surrogates.responses import moving_parameters
 
 
 @dataclass(frozen=True)
@@ -297,7 +296,7 @@ def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -
     Of exact outcomes also the law of the tangent; with noise also much narrower laws, and where
     laws are mixtures, components about groups of the experiments' own parameters.
     """
-    inputs, around = question.inputs, likelihood.inputs.about(fit.x)
+    inputs, around = question.inputs, likelihood.inputs.centered(fit.x)
     if isinstance(likelihood, Problem):
         linear = by_tangent(likelihood, question.choices.search, question.seed)
         return [around, linear.alpha]
@@ -319,7 +318,7 @@ def _grouped(
     """Components about random groups, and the noise that the centers of the groups leave."""
     # wide laws leave each experiment's parameters to its observations
     inputs, alone = likelihood.inputs, undivided(likelihood.inputs)
-    wide = alone.about(fit.x)
+    wide = alone.centered(fit.x)
     for k, h in enumerate(alone.hyperparameters):
         wide[k] = h.upper if h.log else wide[k]
     wide = _with_noise(likelihood, wide, fit.rmse)
@@ -328,7 +327,7 @@ def _grouped(
     )
     x = individual_parameters(one.adapted(wide), wide).mode
     for rng in np.random.default_rng(seed).spawn(GUESSES.groups):
-        alpha, centers = apart(inputs, inputs.about(fit.x), x, rng)
+        alpha, centers = apart(inputs, inputs.centered(fit.x), x, rng)
         residual = np.empty(y.size)
         for block in one.blocks:
             eta = one.predictor.values(block, centers[block.experiments, None])

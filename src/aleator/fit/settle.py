@@ -194,7 +194,7 @@ def _smooth(end: _End) -> bool:
         if not isinstance(finer, GaussHermite) or finer.size(2) > SETTLING.some:
             return False
         held = held.by(finer, end.alpha)
-        gap = finer.told(_gaps(held, end.alpha), 2)
+        gap = finer.gap(_gaps(held, end.alpha), 2)
     return True
 
 
@@ -247,7 +247,7 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
     while True:
         held, alpha = integral_climbed(likelihood, alpha)
         gaps = _gaps(held, alpha)
-        gap = held.rule.told(gaps, variates)
+        gap = held.rule.gap(gaps, variates)
         before = tried[-1][0] if tried else np.inf
         tried.append((abs(gap), held))
         exact = variates == 2 and enough < SETTLING.rough

@@ -145,7 +145,7 @@ class Reviewed:
         alpha, model = self.answer.certain.settled.alpha, likelihood.inputs.covariate_model
         ids = self._seen.ids
         return [
-            *experiments.held_warnings({} if model is None else model.held(alpha), ids),
+            *experiments.held_warnings({} if model is None else model.on_limits(alpha), ids),
             *experiments.review_data(
                 self.table.observations, self._seen.observations,
                 failing_share(likelihood, alpha), ids,

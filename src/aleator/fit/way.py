@@ -15,8 +15,8 @@ from aleator.likelihood.level_sets import on_a_grid, searched
 from aleator.likelihood.level_sets.lines import CROSSINGS
 from aleator.likelihood.model import Model
 from aleator.simulators import Runner
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.responses import moving_parameters
 
 
 @dataclass(frozen=True)

@@ -190,7 +190,9 @@ def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked
     s0, s1 = found.line_error.T
     least = np.maximum(s0, EXACT_OUTCOMES.step * found.scatter)
     y = levels.outcomes - e0 / (1.0 + e1)
-    there, above, below = (levels.given(y + by * least).evaluate(alpha) for by in (0.0, 1.0, -1.0))
+    there, above, below = (
+        levels.with_outcomes(y + by * least).evaluate(alpha) for by in (0.0, 1.0, -1.0)
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         change = there.each - here - np.log1p(e1)
         slope = (above.each - below.each) / (2.0 * least)

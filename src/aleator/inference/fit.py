@@ -21,7 +21,7 @@ from aleator.likelihood.individual import IndividualLikelihood, NodeRule
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.search.interface import LogLikelihood
-from aleator.search.newton import ASCENT, Summit, ascended, held
+from aleator.search.newton import ASCENT, Summit, ascended, on_limits
 from aleator.search.objective import SIGHT
 
 Objective = Callable[[Array], LogLikelihood]
@@ -165,7 +165,7 @@ def stepped(fit: Fit) -> Fit:
     begun = fit.scored()
     score = begun.score[moving]
     limits, here = limits_of(fit.hyperparameters, moving), fit.alpha[moving]
-    free = np.flatnonzero(~held(here, score, *limits) & np.isfinite(score))
+    free = np.flatnonzero(~on_limits(here, score, *limits) & np.isfinite(score))
     step = np.zeros(moving.size)
     step[free] = np.linalg.lstsq(fit.inference.information[np.ix_(free, free)], score[free])[0]
     for half in range(ASCENT.tries):

@@ -31,7 +31,7 @@ from aleator.likelihood.individual import (
     OnSurfaces,
     individual_points,
 )
-from aleator.likelihood.individual.modes import AsManyAsNeeded
+from aleator.likelihood.individual.modes import DenseRule
 from aleator.likelihood.individual.posterior import individual_variates, values_under_law
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.individual.rules import standard_points
@@ -39,7 +39,7 @@ from aleator.likelihood.problem import Problem
 from aleator.observations.responses import Observations
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import Runner
-from aleator.surrogates.responses import DirectResponse, OutcomeDistribution
+from aleator.simulators.response_functions import DirectResponse, OutcomeDistribution
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,7 @@ class OutcomesAt(LikelihoodAt):
 
     def seeing(self, seen: Observations) -> OutcomesAt:
         """The lower ends are the outcomes."""
-        return replace(self, problem=self.problem.given(seen.lower))
+        return replace(self, problem=self.problem.with_outcomes(seen.lower))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
         """With surfaces values of these, and with level sets of the simulator.
@@ -432,7 +432,7 @@ class IndividualsAt(LikelihoodAt):
 
         One observation leaves enough of these points near; several may not.
         """
-        if not (self._alone and isinstance(self.fewest, AsManyAsNeeded)):
+        if not (self._alone and isinstance(self.fewest, DenseRule)):
             return self.rough(), False
         points = int(np.clip(self.settings.values // self.count, *self.settings.law_points))
         integral = self.integral.by(LawPoints(points), self.alpha)

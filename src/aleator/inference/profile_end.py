@@ -13,7 +13,7 @@ from aleator.inference.bracket import Bracket
 from aleator.inference.information import INTERVALS, Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.search import Objective
-from aleator.search.newton import Summit, ascended, held
+from aleator.search.newton import Summit, ascended, on_limits
 from aleator.search.objective import CountedObjective
 
 TARGET = float(np.sqrt(stats.chi2.ppf(INTERVALS.level, 1)))
@@ -200,7 +200,7 @@ class Trace:
         information = summit.outer(self.moving)
         score = summit.score[self.moving]
         limits = limits_of(self.hyperparameters, self.moving)
-        free = ~held(summit.alpha[self.moving], score, *limits)
+        free = ~on_limits(summit.alpha[self.moving], score, *limits)
         inside = information[np.ix_(free, free)]
         left = 0.5 * float(score[free] @ np.linalg.lstsq(inside, score[free])[0])
         if left < self.settings.left:
@@ -253,7 +253,7 @@ class Trace:
         """From a conditional maximum along the ridge, as the scores of the experiments tell it."""
         information = summit.outer(np.append(self.moving, self.k))
         limits = limits_of(self.hyperparameters, self.moving)
-        free = ~held(summit.alpha[self.moving], summit.score[self.moving], *limits)
+        free = ~on_limits(summit.alpha[self.moving], summit.score[self.moving], *limits)
         moved = summit.alpha.copy()
         moved[self.k] = value
         rows = self.moving[free]

@@ -6,7 +6,8 @@ all parameters together, x = T(theta | alpha), correlated, and with laws of sing
 
 `law` says what a marginal law is, `marginals`, `truncated_normal`, `scipy_law` and `mixture` are
 those there are, `hyperparameter`, `covariates` and `correlation` are what alpha is made of, and
-`inputs` is the joint law, which is all that a likelihood asks.
+`inputs` is the joint law, which is all that a likelihood needs. `quadrature` has nodes and weights
+of the joint law, `classes` its mixtures.
 """
 
 from aleator.laws.hyperparameter import (

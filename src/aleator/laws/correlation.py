@@ -185,7 +185,8 @@ def _checked(pair: Pair, names: Sequence[str]) -> tuple[int, int]:
 
 
 def _groups(pairs: Mapping[tuple[int, int], object]) -> list[list[int]]:
-    """The tied parameters, each group in the order of the vine."""
+    """Groups of parameters that are correlated, directly or by others, each in the order of the
+    vine."""
     ties: dict[int, set[int]] = {}
     for i, j in sorted(pairs):
         ties.setdefault(i, set()).add(j)

@@ -158,7 +158,7 @@ class _Formula:
 
 def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
     """A formula as its terms, of which none is evaluated; raises InputsError."""
-    # imported where formulas are asked for: it takes half as long as all else together
+    # imported where a formula is used: that takes half as long as all other imports together
     from formulaic import Formula, SimpleFormula
     from formulaic.parser import DefaultFormulaParser
 
@@ -311,7 +311,7 @@ def _columns(formula: str, of: Any, covariates: Table) -> ModelMatrix:
     whole = covariates.select_dtypes("integer").columns  # a power of whole numbers may overflow
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore", RuntimeWarning)  # what is not finite is told below
+            warnings.simplefilter("ignore", RuntimeWarning)  # what is not finite is refused below
             warnings.simplefilter("error", DataMismatchWarning)
             found: ModelMatrix = of.get_model_matrix(
                 covariates.astype(dict.fromkeys(whole, float)), na_action="raise", context=FUNCTIONS
@@ -347,7 +347,7 @@ def _unreadable(formula: str, error: Exception) -> InputsError:
 
 
 def _require_levels(design: DesignMatrix, covariates: Table) -> None:
-    """Raise where a level is that of one experiment: nothing tells its coefficient from scatter."""
+    """Raise where a level is that of one experiment: its coefficient and the scatter are one."""
     for factor, (kind, _) in design.state.encoder_state.items():
         if kind.value != "categorical":
             continue
@@ -391,14 +391,14 @@ class CoefficientPlaces:
     design: DesignMatrix | None
 
     def value(self, alpha: Array, experiments: slice) -> Array:
-        """The value (B,), or () where it is the same in every experiment; within its limits."""
+        """The value (B,) within its limits, or () where it is the same in every experiment."""
         if self.design is None:
             return np.asarray(alpha[self.places.start])
         linear = self.design.matrix[experiments] @ alpha[self.places]
         return np.asarray(np.clip(linear, self.hyperparameter.lower, self.hyperparameter.upper))
 
     def score(self, alpha: Array, by_value: Array, experiments: slice) -> Array:
-        """Derivatives (B, p) by its part of alpha from those by its value (B,)."""
+        """Derivatives (B, p) by its coefficients in alpha, from those by its value (B,)."""
         if self.design is None:
             return by_value[:, None]
         columns = self.design.matrix[experiments]
@@ -411,7 +411,8 @@ class CoefficientPlaces:
 class CovariateModel:
     """All hyperparameters of the laws, each with its part of alpha, for N experiments.
 
-    A value that would leave the limits of its hyperparameter is held on them: no law exists beyond.
+    A value that would leave the limits of its hyperparameter is set to the limit: no law exists
+    beyond.
     """
 
     entries: tuple[CoefficientPlaces, ...]
@@ -449,10 +450,10 @@ class CovariateModel:
         count = len(range(*experiments.indices(self.count)))
         return np.stack([np.broadcast_to(value, count) for value in found])[:, :, None]
 
-    def coefficients_for(self, wanted: Array) -> Array:
-        """The alpha whose values (H,) are nearest to the wanted ones in all experiments."""
+    def coefficients_for(self, values: Array) -> Array:
+        """The alpha whose values (H,) are nearest to these in all experiments."""
         found = np.array([h.start for h in self.hyperparameters])
-        for entry, value in zip(self.entries, wanted, strict=True):
+        for entry, value in zip(self.entries, values, strict=True):
             if entry.design is None:
                 found[entry.places] = value
             else:
@@ -470,8 +471,8 @@ class CovariateModel:
             axis=1,
         )
 
-    def held(self, alpha: Array) -> dict[str, Indices]:
-        """Which experiments (B,) are held on a limit, by the name of the hyperparameter."""
+    def on_limits(self, alpha: Array) -> dict[str, Indices]:
+        """Experiments (B,) whose value is set to a limit, by the name of the hyperparameter."""
         found = {}
         for entry in self.entries:
             if entry.design is not None:

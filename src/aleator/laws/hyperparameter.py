@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from scipy import special
@@ -14,8 +14,26 @@ from scipy import special
 from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 
-if TYPE_CHECKING:
-    from aleator.laws.law import Law
+
+class PriorLaw(Protocol):
+    """What a prior needs of a law: every `Law` has it."""
+
+    @property
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """The hyperparameters, all of them known."""
+
+    @property
+    def scatters(self) -> bool:
+        """Whether it is more than one point."""
+
+    def log_density(self, values: Array, x: Array) -> Array:
+        """log f(x) at each x (J,), minus infinity outside the support."""
+
+    def normal_score(self, values: Array, x: Array) -> Array:
+        """Phi^-1(F(x)) at each x (J,)."""
+
+    def quantile(self, values: Array, probability: Array) -> Array:
+        """The quantile at each probability."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +51,7 @@ class Free:
     lower: float | None = None
     upper: float | None = None
     start: float | None = None
-    prior: Law | None = None
+    prior: PriorLaw | None = None
 
 
 @dataclass(frozen=True, init=False)
@@ -75,11 +93,11 @@ Specification = float | Free
 
 @dataclass(frozen=True)
 class LimitSettings:
-    """What limits stand for; by judgement, and held by tests/laws/test_images.py.
+    """What limits of hyperparameters stand for; by judgement, checked by tests/laws/test_images.py.
 
-    zero: a scale's lower limit below this share of the upper one stands for zero. nearest: share of
-    the upper limit from which a scale that may be zero is searched. sd: the limits of an sd that
-    has none, over the width of its mean's.
+    zero: a scale's lower limit below this share of the upper one stands for zero. nearest: a scale
+    that may be zero is searched from this share of its upper limit on. sd: the limits of an sd for
+    which none are stated, over the width of the limits of its mean.
     """
 
     zero: float = 1e-6
@@ -92,10 +110,12 @@ LIMITS = LimitSettings()
 
 @dataclass(frozen=True)
 class Beside:
-    """Other hyperparameters, by name with a factor each, and limits of the sum of all.
+    """Hyperparameters, by name and with a factor each, that are added to another one, v; and the
+    limits of the sum.
 
-    The likelihood knows the sum v + sum_j factor_j v_j better than v alone: that of an intercept
-    and a slope at the mean of the covariate, where zero is far from all experiments.
+    Experiments determine the sum v + sum_j factor_j v_j better than v alone. If v is an intercept,
+    which is the value where the covariates are zero, far from all experiments, then the sum is the
+    value at the mean of the covariates.
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -107,10 +127,10 @@ class Beside:
 class Hyperparameter:
     """One hyperparameter, resolved: its bounds, its start, and whether it is identified.
 
-    `log` tells the search to look at it on a logarithmic scale, as for a standard deviation.
-    `by` is the formula of covariates that it stands for, until a table gives its coefficients.
-    The search looks at it together with what stands `beside` it. `prior` is what is believed of it
-    beforehand; None is a flat one.
+    With `log` the search sees it on a logarithmic scale, as a standard deviation. `by` is the
+    formula of covariates that it stands for, until a table gives its coefficients. The search looks
+    at it together with what stands `beside` it. `prior` is what is believed of it beforehand; None
+    is a flat one.
     """
 
     name: str
@@ -134,7 +154,7 @@ class Hyperparameter:
 
 
 def _with_limits(specification: Free) -> str:
-    """How limits are written, in Python and in a study."""
+    """How limits are written, in Python and in a study.toml."""
     if not isinstance(specification, By):
         return "Free(lower, upper) or {lower = ..., upper = ...}"
     formula = specification.formula
@@ -230,7 +250,8 @@ def require_above(
 def widest_above(
     end: float, pair: Sequence[Hyperparameter], largest_variation: float
 ) -> list[Array]:
-    """The values (mean, sd), two of them, among whose laws above `end` is the one that reaches far.
+    """Two pairs of values (mean, sd): of all laws above `end` within the limits, that of one of
+    them reaches farthest.
 
     The sd goes as far as its limit, but not beyond `largest_variation` times mean - end.
     """
@@ -247,14 +268,13 @@ def filled(hyperparameters: Sequence[Hyperparameter], center: float, sd: float |
     return within(hyperparameters, [center, spread])
 
 
-def within(hyperparameters: Sequence[Hyperparameter], wanted: Sequence[float]) -> Array:
-    """The wanted values (k,), each moved into its limits; a fixed one keeps its value.
+def within(hyperparameters: Sequence[Hyperparameter], values: Sequence[float]) -> Array:
+    """The values (k,), each moved into its limits; a fixed one keeps its value.
 
     >>> within([resolve("mean", Free(0.0, 1.0), (None, None))], [3.0]).tolist()
     [1.0]
     """
-    moved: Array = np.clip(np.asarray(wanted, dtype=float), *limits_of(hyperparameters))
-    return moved
+    return np.asarray(np.clip(np.asarray(values, dtype=float), *limits_of(hyperparameters)))
 
 
 def limits_of(
@@ -298,10 +318,9 @@ _ONWARD = np.array([[0.0, 1.0, 2.0, 3.0, 4.0], [-25 / 12, 4.0, -3.0, 4 / 3, -1 /
 class Prior:
     """The prior density p(v) of a hyperparameter v, that of a law whose own values are known.
 
-    `step` is that of its differences, `soft` are the ends of its support to which the log-density
-    is not finite, and `hard` those at which it stops short; infinite where there is none. It is not
-    normalized again on the limits of v: a constant factor moves neither a maximum nor a
-    posterior.
+    `step` is that of its differences. `soft` are the ends of its support where the log-density is
+    not finite, `hard` those where it is; an end that does not exist is infinite. It is not
+    normalized again on the limits of v: a constant factor moves neither a maximum nor a posterior.
 
     >>> from aleator.laws import Normal
     >>> prior = Prior.of(Normal(1.0, 0.1), "x.mean", 0.5, 1.5)
@@ -309,13 +328,13 @@ class Prior:
     (-0.6163534, -20.0)
     """
 
-    law: Law
+    law: PriorLaw
     step: float
     soft: tuple[float, float]
     hard: tuple[float, float]
 
     @classmethod
-    def of(cls, law: Law, name: str, lower: float, upper: float) -> Prior:
+    def of(cls, law: PriorLaw, name: str, lower: float, upper: float) -> Prior:
         """The prior of the hyperparameter `name` with these limits.
 
         Raises InputsError where the law is not known, is that of a constant, has no density on a
@@ -388,35 +407,24 @@ class Prior:
 
 def curvatures(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> Array:
     """-d2 log p/dalpha2 (K,) of the priors, zero where there is none."""
-    return np.array(
-        [
-            0.0 if h.prior is None else h.prior.curvature(float(value))
-            for h, value in zip(hyperparameters, alpha, strict=True)
-        ]
-    )
+    return _by_prior(hyperparameters, alpha, Prior.curvature)
 
 
 def log_prior(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> float:
     """sum_k log p(alpha_k) over the hyperparameters with a prior; 0 without any."""
-    return float(
-        sum(
-            h.prior.log_density(float(value))
-            for h, value in zip(hyperparameters, alpha, strict=True)
-            if h.prior is not None
-        )
-    )
+    return float(sum(_by_prior(hyperparameters, alpha, Prior.log_density)))
 
 
 def prior_score(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> Array | None:
     """The derivative (K,) of the log prior by alpha; None where there is no prior."""
-    if not has_prior(hyperparameters):
-        return None
-    return np.array(
-        [
-            0.0 if h.prior is None else h.prior.slope(float(value))
-            for h, value in zip(hyperparameters, alpha, strict=True)
-        ]
-    )
+    return _by_prior(hyperparameters, alpha, Prior.slope) if has_prior(hyperparameters) else None
+
+
+def _by_prior(
+    hyperparameters: Sequence[Hyperparameter], alpha: Array, of: Callable[[Prior, float], float]
+) -> Array:
+    pairs = zip(hyperparameters, alpha.tolist(), strict=True)
+    return np.array([0.0 if h.prior is None else of(h.prior, value) for h, value in pairs])
 
 
 def has_prior(hyperparameters: Sequence[Hyperparameter]) -> bool:
@@ -424,11 +432,11 @@ def has_prior(hyperparameters: Sequence[Hyperparameter]) -> bool:
     return any(h.prior is not None for h in hyperparameters)
 
 
-def _values_of(law: Law) -> Array:
+def _values_of(law: PriorLaw) -> Array:
     return np.array([h.start for h in law.hyperparameters])
 
 
-def _held(law: Law, values: Array, lower: float, upper: float) -> float:
+def _held(law: PriorLaw, values: Array, lower: float, upper: float) -> float:
     """The probability between the limits."""
     score = law.normal_score(values, np.array([lower, upper]))
     return float(special.ndtr(score[1]) - special.ndtr(score[0]))

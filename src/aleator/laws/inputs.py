@@ -29,9 +29,10 @@ STANDARD_NORMAL: Law = Normal(0.0, 1.0)
 class Images:
     """How parameters are made of very many variates; chosen by tests/laws/test_images.py.
 
-    knots: of the table of a law, 1/160 apart, which costs less than the law at `worth` times as
-    many variates. exact: error between the knots, as a share of the distance between the quartiles,
-    that is none. region: probability left out at either end of a law's region, 5.2 sds of a normal.
+    knots: number of knots in the table of a law, 1/160 apart; the table costs less than the law at
+    `worth` times as many variates. exact: an error between the knots that counts as none, as a
+    share of the distance between the quartiles. region: the probability left out at either end of a
+    law's region, at 5.2 sds of a normal law.
     """
 
     knots: int = 3041
@@ -67,8 +68,8 @@ class Inputs:
     [[1.0, 0.6], [0.6, 1.0]]
 
     Laws may follow covariates (see `By`). They are then one law for each experiment: `resolved` by
-    a table of covariates, and asked by `individual`. What asks for one law of all raises
-    InputsError.
+    a table of covariates, and evaluated by `individual`. What needs one law of all experiments
+    raises InputsError.
     """
 
     def __init__(
@@ -89,13 +90,17 @@ class Inputs:
         scattered = [name for name, law in laws.items() if law.scatters]
         self.correlation: Correlation = between(scattered, correlation or {})
         for i in self.correlated:
-            if isinstance(list(laws.values())[i], Mixture):
+            if isinstance(self.law(i), Mixture):
                 raise InputsError(
                     f"parameter '{self.names[i]}' is correlated with another, and its law is a "
                     "mixture",
                     "take the correlation away, or a law of one component",
                 )
         self.covariate_model: CovariateModel | None = None
+
+    def law(self, i: int) -> Law:
+        """The law of parameter i."""
+        return list(self.laws.values())[i]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -230,9 +235,9 @@ class Inputs:
     def image(self, alpha: Array, xi: Array) -> tuple[Array, Array]:
         """Parameters x (J, n) of independent standard normal xi (J, scattering), and dx/dalpha.
 
-        x_i = F_i^-1(Phi(theta_i) | alpha) with theta held: smooth in alpha, so that averages over
-        fixed xi have exact derivatives `dx` (J, n, K). theta is xi itself, or L xi for
-        correlated parameters.
+        x_i = F_i^-1(Phi(theta_i) | alpha) with theta fixed: smooth in alpha, so that averages over
+        fixed xi have exact derivatives `dx` (J, n, K). theta is xi itself, or L xi for correlated
+        parameters.
 
         >>> from aleator.laws import Normal
         >>> x, dx = Inputs({"v": Normal(1.0, 0.5)}).image(np.array([1.0, 0.5]), np.array([[2.0]]))
@@ -257,19 +262,18 @@ class Inputs:
         """The m correlated parameters x (J, m) of standard normal theta (J, m), and dx/dalpha.
 
         theta is independent here: x_i = F_i^-1(Phi((L theta)_i)) with R = L L'. The order is that
-        of `correlated`; dx (J, m, K) is for theta held.
+        of `correlated`; dx (J, m, K) is for fixed theta.
 
         >>> from aleator.laws import Normal
         >>> pair = Inputs({"a": Normal(1.0, 2.0), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.6})
         >>> pair.tied(np.array([1.0, 2.0, 0.0, 1.0, 0.6]), np.ones((1, 2)))[0].round(9).tolist()
         [[3.0, 1.4]]
         """
-        laws = list(self.laws.values())
         factor, slope = self.correlation.cholesky(alpha[self.partials])
         mixed = factor @ theta.T
         x, dx = zeros(theta.shape[0], len(self.correlated), self.size)
         for row, i in enumerate(self.correlated):
-            own = laws[i].standard(alpha[self.slices[i]], mixed[row])
+            own = self.law(i).standard(alpha[self.slices[i]], mixed[row])
             x[:, row] = own.x
             dx[:, row, self.slices[i]] = own.dvalues
             for k in np.flatnonzero(np.any(slope[row], axis=0)):
@@ -330,8 +334,8 @@ class Inputs:
         own = [np.ravel(values) for values in one]
         return found, np.concatenate([*own, alpha[self.partials]])
 
-    def about(self, x: Array) -> Array:
-        """The alpha (K,) of laws about the point x (n,), all else at its start."""
+    def centered(self, x: Array) -> Array:
+        """The alpha (K,) of laws whose centers are the point x (n,), all else at its start."""
         alpha = np.array([h.start for h in self.hyperparameters])
         wanted = [law.filling(value) for law, value in zip(self.laws.values(), x, strict=True)]
         own = np.concatenate(wanted)
@@ -340,7 +344,8 @@ class Inputs:
         return alpha
 
     def filling(self, region: Array, widths: float) -> Array:
-        """The alpha (K,) of laws in the middle of a region (n, 2), so many sds wide."""
+        """The alpha (K,) of laws in the middle of a region (n, 2) that is `widths` of their sds
+        wide."""
         alpha = np.array([h.start for h in self.hyperparameters])
         for law, part, (low, high) in zip(self.laws.values(), self.slices, region, strict=True):
             alpha[part] = law.filling(0.5 * (low + high), (high - low) / widths)
@@ -367,30 +372,30 @@ class Inputs:
         return self.log_density_of(range(len(self.laws)), alpha, x, self.normal_scores(alpha, x))
 
     def log_density_of(self, some: Iterable[int], alpha: Array, x: Array, scores: Array) -> Array:
-        """The same (J,) of some parameters by themselves and of what ties the correlated ones.
+        """The sum (J,) of the log-densities of some parameters and of the copula.
 
-        Of these the `scores` (m, J) are given; see `normal_scores`.
+        The `scores` (m, J) are the normal scores of the m correlated parameters (see
+        `normal_scores`).
         """
         found = self.correlation.log_density(alpha[self.partials], scores)
-        laws = list(self.laws.values())
         for i in some:
-            found += laws[i].log_density(alpha[self.slices[i]], x[:, i])
+            found += self.law(i).log_density(alpha[self.slices[i]], x[:, i])
         return found
 
     def normal_scores(self, alpha: Array, x: Array) -> Array:
-        """Those (m, J) of the m correlated parameters at x (J, n)."""
+        """The normal scores (m, J) of the m correlated parameters at x (J, n)."""
         found = np.empty((len(self.correlated), len(x)))
         for row, i in zip(found, self.correlated, strict=True):
             row[:] = self.normal_score(i, alpha, x)
         return found
 
     def normal_score(self, i: int, alpha: Array, x: Array) -> Array:
-        """That (J,) of parameter i."""
-        return list(self.laws.values())[i].normal_score(alpha[self.slices[i]], x[:, i])
+        """The normal score (J,) of parameter i at x (J, n)."""
+        return self.law(i).normal_score(alpha[self.slices[i]], x[:, i])
 
     @cached_property
     def _own(self) -> tuple[Hyperparameter, ...]:
-        """Those of the laws as they are stated."""
+        """The hyperparameters of the laws, before covariates give them coefficients."""
         return tuple(h.named(name) for name, law in self.laws.items() for h in law.hyperparameters)
 
     @property
@@ -413,7 +418,7 @@ class Individual:
     """Parameters x (B, J, n) of B experiments at J standard normal variates xi (B, J, s) of each.
 
     x = T(xi | alpha): every law is the image of a variate theta, and theta = L xi ties correlated
-    parameters (see `Inputs`); `theta` is (B, J, s). It is smooth in alpha with xi held, whatever
+    parameters (see `Inputs`); `theta` is (B, J, s). It is smooth in alpha for fixed xi, whatever
     the support of a law. Where laws are mixtures an experiment belongs to one of C classes
     (`Inputs.classes`): the first J/C variates are those of the first class, and so on, and
     `log_weight` (B or 1, J) is the logarithm of the probability of each point's class.
@@ -423,7 +428,7 @@ class Individual:
     xi: Array
     theta: Array
     x: Array
-    own: tuple[Standard, ...]
+    images: tuple[Standard, ...]
     log_weight: Array
     mixing: Array
     mixing_slope: Array
@@ -456,15 +461,16 @@ class Individual:
         """dx/dxi (B, J, n, s)."""
         slopes = np.zeros((*self.x.shape, self.xi.shape[2]))
         for s, i in enumerate(self.inputs.scattered):
-            slopes[:, :, i] = self.own[i].dtheta[..., None] * self.mixing[s]
+            slopes[:, :, i] = self.images[i].dtheta[..., None] * self.mixing[s]
         return slopes
 
     @property
     def normal_scores(self) -> Array:
-        """The variates (B, J, s) of the whole laws: theta, but for mixtures, which have parts."""
+        """The normal scores (B, J, s) of the parameters under their whole laws: theta, except for
+        mixtures."""
         found = self.theta
         for s, i in enumerate(self.inputs.scattered):
-            law = list(self.inputs.laws.values())[i]
+            law = self.inputs.law(i)
             if not isinstance(law, Mixture):
                 continue
             found = found.copy()
@@ -477,7 +483,7 @@ class Individual:
         return found
 
     def score(self, gradient: Array, share: Array) -> Array:
-        """sum_j g_j dx_j/dalpha + share_j dlog w_j/dalpha (B, K), xi held.
+        """sum_j g_j dx_j/dalpha + share_j dlog w_j/dalpha (B, K), for fixed xi.
 
         The gradient g is by x (B, J, n), and w is the probability of each point's class.
         """
@@ -488,16 +494,16 @@ class Individual:
             moved = self.xi @ self.mixing_slope[:, :, k].T
             for s, i in enumerate(self.inputs.scattered):
                 if np.any(self.mixing_slope[s, :, k]):
-                    by_theta = gradient[..., i] * self.own[i].dtheta
+                    by_theta = gradient[..., i] * self.images[i].dtheta
                     found[:, first + k] += np.sum(by_theta * moved[..., s], axis=1)
         return found
 
     def _score_of_laws(self, gradient: Array, share: Array) -> Array:
-        """The part of the score by what is not a correlation."""
+        """The score by all hyperparameters but the correlations."""
         by_values = np.concatenate(
             [
                 np.einsum("bj,bjk->bk", gradient[..., i], own.dvalues)
-                for i, own in enumerate(self.own)
+                for i, own in enumerate(self.images)
             ],
             axis=1,
         )
@@ -526,9 +532,10 @@ class Individual:
 def parameters_at(
     inputs: Inputs, alpha: Array, xi: Array, experiments: slice, *, often: bool
 ) -> tuple[Array, Array]:
-    """`x` and `log_weight` of `Individual.of`, in less time: no derivatives.
+    """Parameters and log weights as `Individual.of` gives them, without derivatives and so in less
+    time.
 
-    `often` is whether the same laws are asked for at many other variates too.
+    `often` says that the same laws are evaluated at many other variates too.
     """
     if inputs.covariate_model is not None or len(inputs.classes) > 1:
         found = Individual.of(inputs, alpha, xi, experiments)
@@ -562,11 +569,10 @@ def variates_of(inputs: Inputs, alpha: Array, x: Array, experiments: slice) -> A
     beyond a law.
     """
     values = inputs.values(alpha, experiments)
-    laws = list(inputs.laws.values())
     theta = np.empty((*x.shape[:2], inputs.scattering))
     for s, i in enumerate(inputs.scattered):
         for c, component in enumerate(inputs.classes[:, i]):
-            law, own, _ = _component(laws[i], values[i], component)
+            law, own, _ = _component(inputs.law(i), values[i], component)
             theta[:, c, s] = law.normal_score(own, x[:, c, i, None])[:, 0]
     return np.asarray(theta @ np.linalg.inv(_mixing(inputs, alpha)[0]).T)
 
@@ -635,11 +641,11 @@ def _standard(law: Law, values: Array, theta: Array) -> Standard:
 def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool = False) -> Array:
     """x(theta) of the law of parameter i at variates theta of any shape, as `law.standard` has it.
 
-    Of very many by cubic Hermite interpolation, where between its knots that is as exact as a
-    law can be told: a law whose quantile has kinks or runs off to infinity is asked itself. Beyond
-    9.5, where there is no mass, x is that of 9.5. `often`, this law will be asked again and again.
+    Very many variates are interpolated (cubic Hermite), where that is as exact as the law itself; a
+    law whose quantile has kinks or goes to infinity is evaluated directly. Beyond 9.5, where there
+    is no mass, x is that of 9.5. `often` says that this law will be evaluated again and again.
     """
-    law = _law(inputs, i)
+    law = inputs.law(i)
     if isinstance(law, Normal):
         return np.asarray(
             values[0] + values[1] * np.clip(theta, -NUMERICS.farthest, NUMERICS.farthest)
@@ -658,7 +664,7 @@ def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool
 @lru_cache(maxsize=64)
 def _table(inputs: Inputs, i: int, values: bytes) -> Tabulated | None:
     """The table of a law with these values (k,), or None where it would not be exact."""
-    law, own, knots = _law(inputs, i), np.frombuffer(values), Tabulated.knots(IMAGES.knots)
+    law, own, knots = inputs.law(i), np.frombuffer(values), Tabulated.knots(IMAGES.knots)
     middle = 0.5 * (knots[:-1] + knots[1:])
     with np.errstate(all="ignore"):
         found, between = law.standard(own, knots), law.standard(own, middle).x
@@ -667,10 +673,6 @@ def _table(inputs: Inputs, i: int, values: bytes) -> Tabulated | None:
         error = np.max(np.abs(table(middle) - between))
     exact = table.finite and error <= IMAGES.exact * (quartiles[1] - quartiles[0])
     return table if exact else None
-
-
-def _law(inputs: Inputs, i: int) -> Law:
-    return list(inputs.laws.values())[i]
 
 
 def law_region(inputs: Inputs, alphas: list[Array], tail: float = IMAGES.region) -> Array:

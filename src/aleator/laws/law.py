@@ -20,12 +20,13 @@ from aleator.laws.hyperparameter import Hyperparameter, Specification, filled, l
 class Numerics:
     """How exactly laws are computed; chosen by tests/laws, or by judgement where it says so.
 
-    sds: standard deviations of a box that has no end of its own (by judgement: 1e-15 is beyond).
-    tail: probability left beyond such a box. step: of differences, relative; their error is of
-    the order of its fourth power. farthest, knots: a quantile that is tabulated has so many knots,
-    at standard normal variates up to this size. worth: values of one law for which a table is made,
-    which costs some thousand quantiles (`make bench`). passes, rounding: of `invert`, which ends
-    where a bracket or a step is under this part of the largest end of the bracket.
+    sds: the box of a normal law ends so many standard deviations from its means (by judgement:
+    1e-15 is beyond). tail: the probability beyond the box of another law without an end. step:
+    relative step of differences, whose error is of the order of its fourth power. farthest, knots:
+    a quantile that is tabulated has so many knots, at standard normal variates up to this size.
+    worth: the number of values of one law from which on a table is made, which costs some thousand
+    quantiles (`make bench`). passes, rounding: `invert` takes so many passes at most, and ends
+    where a bracket or a step is below this share of the largest end of the bracket.
     """
 
     sds: float = 8.0
@@ -81,7 +82,8 @@ class MeanSd:
 
     @classmethod
     def of(cls, rule: Rule) -> MeanSd:
-        """Those of a rule of two nodes or more, which are the law's own.
+        """Mean and sd by a quadrature rule of the law with two nodes or more, which is exact for
+        both.
 
         >>> import numpy as np
         >>> half = np.array([0.5, 0.5])
@@ -107,26 +109,21 @@ class Law(Protocol):
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """The hyperparameters, resolved and in order."""
-        ...
 
     @property
     def box(self) -> tuple[float, float]:
         """Finite interval that holds every node for every admissible alpha."""
-        ...
 
     @property
     def bounded(self) -> bool:
         """Whether the user stated the box, rather than the law having to guess one."""
-        ...
 
     @property
     def scatters(self) -> bool:
         """Whether the parameter varies between experiments (a constant does not)."""
-        ...
 
     def rule(self, values: Array, nodes: int) -> Rule:
         """The Gauss rule of the law with `nodes` nodes (one for a constant)."""
-        ...
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
         """The first coefficients a (count,), b (count,) of the law's orthonormal polynomials.
@@ -134,19 +131,15 @@ class Law(Protocol):
         They belong to the variable t of `Rule`; see `aleator.core.polynomials`. A constant
         has one pair, whatever the count.
         """
-        ...
 
     def log_density(self, values: Array, x: Array) -> Array:
         """log f(x) at each x (J,), minus infinity outside the support."""
-        ...
 
     def normal_score(self, values: Array, x: Array) -> Array:
         """theta = Phi^-1(F(x)) at each x (J,), the inverse of `standard`; infinite outside."""
-        ...
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """The quantile of the law at each probability; maps uniform samples to the law."""
-        ...
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """The law as the image of standard normal variates of any shape, with derivatives.
@@ -154,11 +147,9 @@ class Law(Protocol):
         `values` are (k,), one law for every theta, or (k, ...) with rows that broadcast against
         theta: laws (k, B, 1) of B experiments for theta (B, J).
         """
-        ...
 
     def mean_and_sd(self, values: Array) -> MeanSd:
         """Mean and standard deviation of the law, with derivatives by its hyperparameters."""
-        ...
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """Hyperparameters (k,) of the law of this family with this center and sd.
@@ -166,11 +157,11 @@ class Law(Protocol):
         They are cut to their limits, and fixed ones keep their values. With `sd` None only the
         location is set; the others are at their starts.
         """
-        ...
 
 
 class ThroughNormal:
-    """What laws share whose polynomials are those of the variate theta that they are made of.
+    """Base of laws whose polynomials are the Hermite polynomials of the standard normal variate
+    theta.
 
     Hermite polynomials of theta are dense whatever the law (Ernst, Mugler, Starkloff and Ullmann,
     2012). A rule of q nodes is exact for polynomials of theta, not of x.
@@ -192,13 +183,13 @@ class ThroughNormal:
 
 
 class ByMeanAndSd:
-    """What laws share whose two hyperparameters are their own mean and standard deviation."""
+    """Base of laws whose two hyperparameters are their own mean and standard deviation."""
 
     mean: Specification
     sd: Specification
+    scatters = True
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         _ = self.hyperparameters
 
     @cached_property
@@ -211,11 +202,6 @@ class ByMeanAndSd:
         """The law has no box of its own."""
         return False
 
-    @property
-    def scatters(self) -> bool:
-        """The parameter varies between experiments."""
-        return True
-
     def mean_and_sd(self, values: Array) -> MeanSd:
         """The two hyperparameters."""
         return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
@@ -226,7 +212,7 @@ class ByMeanAndSd:
 
 
 Tail = Callable[..., Array]
-"""A quantile of probabilities (J,) and of as many of each shape of the law, or of one for all."""
+"""A quantile function of probabilities (J,) and of the law's shapes, each one number or (J,)."""
 
 
 def from_tails(theta: Array, below: Tail, above: Tail, *shapes: Array) -> Array:
@@ -285,7 +271,7 @@ class Tabulated:
 
 
 def from_probability(probability: Array, below: Tail, above: Tail) -> Array:
-    """F^-1(P) by the tail that is nearer.
+    """F^-1(P), from the smaller of P and 1 - P.
 
     >>> from_probability(np.array([0.25, 0.75]), lambda p: p, lambda p: 1.0 - p).tolist()
     [0.25, 0.75]
@@ -295,13 +281,12 @@ def from_probability(probability: Array, below: Tail, above: Tail) -> Array:
 
 
 def to_score(below: Array, above: Array) -> Array:
-    """Phi^-1(F) from the probabilities F below and 1 - F above, by the tail that is nearer.
+    """Phi^-1(F) from the probabilities F below and 1 - F above, by the smaller of the two.
 
     >>> to_score(np.array([0.5, 1.0]), np.array([0.5, special.ndtr(-9.0)])).tolist()
     [0.0, 9.0]
     """
-    score: Array = np.where(below <= above, special.ndtri(below), -special.ndtri(above))
-    return score
+    return np.asarray(np.where(below <= above, special.ndtri(below), -special.ndtri(above)))
 
 
 def normal_log_density(theta: Array) -> Array:
@@ -310,8 +295,7 @@ def normal_log_density(theta: Array) -> Array:
     >>> float(normal_log_density(np.array([0.0]))[0].round(6))
     -0.918939
     """
-    log_density: Array = -0.5 * theta**2 - 0.5 * np.log(2.0 * np.pi)
-    return log_density
+    return np.asarray(-0.5 * theta**2 - 0.5 * np.log(2.0 * np.pi))
 
 
 def slope(theta: Array, log_density: Array) -> Array:
@@ -321,8 +305,7 @@ def slope(theta: Array, log_density: Array) -> Array:
     >>> slope(x, -0.5 * x**2 - 0.5 * np.log(2.0 * np.pi)).tolist()
     [1.0, 1.0]
     """
-    dtheta: Array = np.exp(normal_log_density(theta) - log_density)
-    return dtheta
+    return np.asarray(np.exp(normal_log_density(theta) - log_density))
 
 
 def difference(
@@ -340,16 +323,16 @@ def difference(
     h = NUMERICS.step * center if step is None else np.asarray(step)
     near = function(center + h) - function(center - h)
     far = function(center + 2.0 * h) - function(center - 2.0 * h)
-    found: Array = (8.0 * near - far) / (12.0 * h)
-    return found
+    return np.asarray((8.0 * near - far) / (12.0 * h))
 
 
 def by_distinct(
     of_one: Callable[[Array, Array], Standard], values: Array, theta: Array
 ) -> Standard:
-    """What `of_one(values (k,), theta (M,))` gives, for values (k, ...) that broadcast to theta.
+    """The images of theta under laws whose values (k, ...) broadcast against theta.
 
-    `of_one` is called once for each distinct column of values, so the cost is that of as many laws.
+    `of_one(values (k,), theta (M,))` is the image under one law. It is called once for each
+    distinct column of values, so that the cost is that of as many laws.
 
     >>> def shifted(values, theta):
     ...     return Standard(values[0] + theta, np.ones(theta.shape), np.ones((theta.size, 1)))

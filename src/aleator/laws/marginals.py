@@ -49,14 +49,14 @@ from aleator.laws.law import (
 
 @dataclass(frozen=True)
 class Shapes:
-    """Which shapes of laws are told apart from their limits; chosen by tests/laws.
+    """The most extreme shapes of laws; chosen by tests/laws.
 
-    narrowest: share of its upper limit that stands for a gamma's or a beta's sd of zero, where
-    quantiles keep their digits. widest: largest sd of a beta over that of a law with all its mass
-    on the two ends. lognormal_variation, gamma_variation: sd over distance from the end that a box
-    takes account of (of a gamma shape 0.2). beta_margin, beta_sd: limits of a beta that has none:
-    of the mean, over the width of the box from its ends; of the sd, over the width and over the
-    largest, and over the largest (by judgement).
+    narrowest: an sd of zero of a gamma or a beta is replaced by this share of its upper limit,
+    where quantiles keep their digits. widest: largest sd of a beta over that of a law with all its
+    mass on the two ends. lognormal_variation, gamma_variation: the largest sd, over the distance of
+    the mean from the end, that a box allows for (shape 0.2 of a gamma). beta_margin, beta_sd:
+    limits of a beta that has none: of the mean, over the width of the box from its ends; of the sd,
+    over the width and over the largest, and over the largest (by judgement).
     """
 
     narrowest: float = 1e-3
@@ -83,9 +83,10 @@ class Constant:
     """
 
     value: Specification = OPEN
+    bounded = True
+    scatters = False
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         _ = self.hyperparameters
 
     @cached_property
@@ -98,16 +99,6 @@ class Constant:
         """The limits of the value."""
         value = self.hyperparameters[0]
         return value.lower, value.upper
-
-    @property
-    def bounded(self) -> bool:
-        """The limits of the value are its box."""
-        return True
-
-    @property
-    def scatters(self) -> bool:
-        """A constant does not vary between experiments."""
-        return False
 
     def rule(self, values: Array, nodes: int) -> Rule:  # noqa: ARG002 (one node suffices)
         """One node at the value."""
@@ -173,19 +164,16 @@ class Normal(ThroughNormal, ByMeanAndSd):
 
     def log_density(self, values: Array, x: Array) -> Array:
         """-theta^2/2 - log(sd sqrt(2 pi)) with theta = (x - mean)/sd."""
-        log_density: Array = normal_log_density(self.normal_score(values, x)) - np.log(values[1])
-        return log_density
+        return np.asarray(normal_log_density(self.normal_score(values, x)) - np.log(values[1]))
 
     def normal_score(self, values: Array, x: Array) -> Array:
         """(x - mean)/sd."""
-        score: Array = (x - values[0]) / values[1]
-        return score
+        return np.asarray((x - values[0]) / values[1])
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """mean + sd Phi^-1(probability)."""
         theta: Array = special.ndtri(probability)
-        x: Array = values[0] + values[1] * theta
-        return x
+        return np.asarray(values[0] + values[1] * theta)
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """mean + sd theta."""
@@ -249,15 +237,13 @@ class LogNormal(ThroughNormal, ByMeanAndSd):
         s = _log_sd(values[1] / distance)
         with np.errstate(divide="ignore"):
             logarithm = np.log(np.maximum(x - self.lower, 0.0) / distance)
-        score: Array = logarithm / s + 0.5 * s
-        return score
+        return np.asarray(logarithm / s + 0.5 * s)
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """lower + exp(m + s Phi^-1(probability))."""
         s = _log_sd(values[1] / (values[0] - self.lower))
         scale = (values[0] - self.lower) * np.exp(-0.5 * s**2)
-        x: Array = self.lower + scale * np.exp(s * special.ndtri(probability))
-        return x
+        return np.asarray(self.lower + scale * np.exp(s * special.ndtri(probability)))
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """lower + exp(m + s theta)."""
@@ -275,8 +261,7 @@ class LogNormal(ThroughNormal, ByMeanAndSd):
 
 def _log_sd(variation: Array) -> Array:
     """Standard deviation of the logarithm, from the coefficient of variation."""
-    sd: Array = np.sqrt(np.log1p(variation**2))
-    return sd
+    return np.asarray(np.sqrt(np.log1p(variation**2)))
 
 
 HALF = math.sqrt(3.0)
@@ -373,8 +358,7 @@ class Uniform(ByMeanAndSd):
 
     def _at(self, values: Array, t: Array) -> Array:
         # rounding must not push a node out of the box
-        x: Array = np.clip(values[0] + HALF * values[1] * t, *self.box)
-        return x
+        return np.asarray(np.clip(values[0] + HALF * values[1] * t, *self.box))
 
 
 @dataclass(frozen=True)
@@ -474,8 +458,7 @@ def _log_gamma(k: Array, scale: Array, g: Array) -> Array:
     """log f of x = lower + scale g, g >= 0; infinite at the end where k < 1."""
     with np.errstate(divide="ignore"):
         power = special.xlogy(k - 1.0, g)
-    log_density: Array = power - g - special.gammaln(k) - np.log(scale)
-    return log_density
+    return np.asarray(power - g - special.gammaln(k) - np.log(scale))
 
 
 def _standard_gamma(k: Array, theta: Array) -> Array:
@@ -524,9 +507,9 @@ class Beta(ByMeanAndSd):
     box: tuple[float, float]
     mean: Specification = OPEN
     sd: Specification = OPEN
+    bounded = True
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         lower, upper = float(self.box[0]), float(self.box[1])
         if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper):
             raise InputsError(
@@ -559,11 +542,6 @@ class Beta(ByMeanAndSd):
                 "the mean",
             )
         return mean, sd
-
-    @property
-    def bounded(self) -> bool:
-        """The box is the user's."""
-        return True
 
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss-Jacobi nodes mean + sd t_j(p, q)."""
@@ -641,8 +619,7 @@ def _log_beta(p: Array, q: Array, z: Array, rest: Array) -> Array:
     """log f of z on [0, 1] with rest = 1 - z; infinite at an end whose shape is below 1."""
     with np.errstate(divide="ignore"):
         powers = special.xlogy(p - 1.0, z) + special.xlogy(q - 1.0, rest)
-    log_density: Array = powers - special.betaln(p, q)
-    return log_density
+    return np.asarray(powers - special.betaln(p, q))
 
 
 def _standard_beta(p: Array, q: Array, theta: Array) -> Array:
@@ -677,7 +654,7 @@ def _at_once(
     exactly: Callable[..., Array],
     *shapes: Array,
 ) -> Array:
-    """A law of these shapes at Phi(theta), of one law at many theta by interpolation."""
+    """A law of these shapes at Phi(theta); one law at many theta is interpolated in its table."""
     if (
         all(np.ndim(shape) == 0 for shape in shapes)
         and theta.size >= NUMERICS.worth

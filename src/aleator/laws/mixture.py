@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import optimize, special
@@ -37,10 +36,6 @@ from aleator.laws.law import (
     slope,
     to_score,
 )
-from aleator.laws.marginals import Constant, Normal
-
-if TYPE_CHECKING:
-    from aleator.laws.inputs import Inputs
 
 
 @dataclass(frozen=True)
@@ -48,8 +43,8 @@ class QuantilePoints:
     """How a law is computed from its quantile; chosen by tests/laws and tests/extensions.
 
     count: points of the rule in theta, by which expectations are computed. widest: theta goes this
-    far on either side, for moments of long tails. deepest, halvings: of the search of a normal
-    score. least: a share of a mixture this small stands for none.
+    far on either side, for moments of long tails. deepest, halvings: a normal score is sought by so
+    many bisections up to this size. least: a share of a mixture this small counts as zero.
     """
 
     count: int = 400
@@ -91,8 +86,9 @@ class QuantileLaw(ThroughNormal, ABC):
     (2.0, [1.386294])
     """
 
+    scatters = True
+
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         _ = self.hyperparameters
 
     @property
@@ -126,11 +122,6 @@ class QuantileLaw(ThroughNormal, ABC):
         """The box is a guess."""
         return False
 
-    @property
-    def scatters(self) -> bool:
-        """The parameter varies between experiments."""
-        return True
-
     def normal_score(self, values: Array, x: Array) -> Array:
         """Phi^-1(F(x)), by bisection of the quantile."""
         low, high = np.full(x.shape, -POINTS.deepest), np.full(x.shape, POINTS.deepest)
@@ -139,8 +130,7 @@ class QuantileLaw(ThroughNormal, ABC):
             below = self._image(values, middle) < x
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         outside = ~np.isfinite(self.log_density(values, x))
-        score: Array = np.where(outside, np.sign(low) * np.inf, 0.5 * (low + high))
-        return score
+        return np.asarray(np.where(outside, np.sign(low) * np.inf, 0.5 * (low + high)))
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """The quantile at Phi(theta); a loop over the distinct values where they are many."""
@@ -215,12 +205,12 @@ class Mixture(QuantileLaw):
     points alone are latent classes (nonparametric maximum likelihood of a law: Laird, 1978).
     `shares` are those of all components but the last, each of what the components before it leave,
     in (0, 1): w_1 = v_1, w_2 = v_2 (1 - v_1), ..., and of two components v_1 is the weight of the
-    first. Left out, they are identified.
-    Hyperparameters are named by component: ``x.1.mean``, ``x.2.sd``, ``x.1.share``. Which component
-    an experiment belongs to is not known; with measurement noise the likelihood is the sum over
-    all. Equal components can change places: the likelihood has a maximum for each order, and
-    `identify` tells the one with the first location first. Raises InputsError for fewer than
-    two components, one that is a mixture itself, and shares that are not one fewer.
+    first. Left out, they are identified. Hyperparameters are named by component: ``x.1.mean``,
+    ``x.2.sd``, ``x.1.share``. Which component an experiment belongs to is not known; with
+    measurement noise the likelihood is the sum over all. Equal components can change places: the
+    likelihood has a maximum for each order, and `identify` reports the one with the first location
+    first. Raises InputsError for fewer than two components, one that is a mixture itself, and
+    shares that are not one fewer.
 
     >>> from aleator.laws import Free, Normal
     >>> law = Mixture((Normal(Free(0, 1), 0.1), Normal(Free(1, 2), 0.1)))
@@ -235,7 +225,6 @@ class Mixture(QuantileLaw):
     shares: tuple[Specification, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         object.__setattr__(self, "components", tuple(self.components))
         if len(self.components) < 2:
             raise InputsError(
@@ -427,8 +416,8 @@ class Mixture(QuantileLaw):
     def apart(self, x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """The values (k,) of components about groups of points x (N,), and each one's center (N,).
 
-        A step of k-means from random centers (k-means++, Arthur and Vassilvitskii, 2007): every
-        other generator finds other groups.
+        A step of k-means from random centers (k-means++, Arthur and Vassilvitskii, 2007); another
+        generator gives other groups.
 
         >>> from aleator.laws import Normal
         >>> law = Mixture((Normal(Free(0, 9), Free(0.01, 1)), Normal(Free(0, 9), Free(0.01, 1))))
@@ -542,43 +531,3 @@ def _ends(law: Law, sd: float | None) -> tuple[float, float]:
 def _beside(weights: Array, x: Array) -> Array:
     """Weights (C, ...) that broadcast against values (C, *x.shape)."""
     return weights.reshape(*weights.shape, *[1] * (x.ndim + 1 - weights.ndim))
-
-
-def exchangeable(inputs: Inputs) -> bool:
-    """Whether a law has components that are equal but for their order, and none has covariates."""
-    return inputs.covariate_model is None and any(
-        isinstance(law, Mixture) and law.exchangeable for law in inputs.laws.values()
-    )
-
-
-def ordered(inputs: Inputs, alpha: Array) -> Array:
-    """The alpha (K,) of the same law with such components in their order; the rest is kept."""
-    found = alpha.copy()
-    if exchangeable(inputs):
-        for law, part in zip(inputs.laws.values(), inputs.parts, strict=True):
-            if isinstance(law, Mixture):
-                found[part] = law.ordered(alpha[part])
-    return found
-
-
-def apart(inputs: Inputs, alpha: Array, x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """The alpha (K,) with the components of mixtures about groups of points x (N, n).
-
-    And the points (N, n), in which those of a mixture are the centers of their groups.
-    """
-    found, centers = alpha.copy(), x.copy()
-    for i, law in enumerate(inputs.laws.values()):
-        if isinstance(law, Mixture):
-            found[inputs.parts[i]], centers[:, i] = law.apart(x[:, i], rng)
-    return found, centers
-
-
-def undivided(inputs: Inputs) -> Inputs:
-    """Independent parameters with a known normal law, a wide one, in place of each mixture."""
-    laws: dict[str, Law] = dict(inputs.laws)
-    for name, law in inputs.laws.items():
-        if isinstance(law, Mixture):
-            low, high = law.location
-            middle, half = 0.5 * (low + high), 0.5 * (high - low)
-            laws[name] = Normal(middle, half) if half > 0.0 else Constant(middle)
-    return type(inputs)(laws)

@@ -53,9 +53,9 @@ class ScipyLaw(ThroughNormal):
     distribution: Any
     mean: Specification | None = None
     sd: Specification | None = None
+    scatters = True
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         _require_frozen(self.distribution)
         _require_moments(self.distribution)
         _ = self.hyperparameters
@@ -90,16 +90,10 @@ class ScipyLaw(ThroughNormal):
         lower, upper = _ends(self.distribution)
         return math.isfinite(upper - lower) and not any(h.free for h in self.hyperparameters)
 
-    @property
-    def scatters(self) -> bool:
-        """The parameter varies between experiments."""
-        return True
-
     def log_density(self, values: Array, x: Array) -> Array:
         """The log-density of T, moved and scaled."""
         at, scale = self._back(values, x)
-        log_density: Array = np.asarray(self.distribution.logpdf(at)) - math.log(scale)
-        return log_density
+        return np.asarray(np.asarray(self.distribution.logpdf(at)) - math.log(scale))
 
     def normal_score(self, values: Array, x: Array) -> Array:
         """Phi^-1 of T's distribution function; digits as SciPy has them."""

@@ -22,11 +22,11 @@ class Truncation:
     """How a truncated normal law is computed; chosen by tests/laws/test_laws.py.
 
     sds: that the box spans where its end is infinite: holds the nodes to q = 20. drop: the density
-    is cut where it fell by e^-drop below its largest value on the box: the square of a polynomial
-    of degree 20 has no part beyond that its integral would miss. nodes: of the rule that its
-    polynomials are made by. step: of the differences of a rule, over the width of the law.
-    least: probabilities below this are told by their logarithms only. faint: one below which a
-    difference of two has lost more digits than it may.
+    is cut where it is e^-drop times its largest value on the box; beyond, the square of a
+    polynomial of degree 20 adds nothing to its integral. nodes: of the rule that its polynomials
+    are made by. step: of the differences of a rule, over the width of the law. least: smaller
+    probabilities are computed by their logarithms. faint: a difference of two probabilities below
+    this has lost too many digits.
     """
 
     sds: float = 10.0
@@ -63,6 +63,7 @@ class TruncatedNormal(ThroughNormal):
     mean: Specification = OPEN
     sd: Specification = OPEN
     basis: Literal["own", "hermite"] = "own"
+    scatters = True
 
     def __init__(
         self,
@@ -110,11 +111,6 @@ class TruncatedNormal(ThroughNormal):
         """Whether both ends of the box are finite."""
         return math.isfinite(self.box_limits[1] - self.box_limits[0])
 
-    @property
-    def scatters(self) -> bool:
-        """A truncated normal parameter varies between experiments."""
-        return True
-
     def rule(self, values: Array, nodes: int) -> Rule:
         """Gauss rule of the truncated density, or Gauss-Hermite through the clip."""
         own = self.basis == "own"
@@ -144,12 +140,12 @@ class TruncatedNormal(ThroughNormal):
         faint = smaller < TRUNCATION.faint
         with np.errstate(divide="ignore", invalid="ignore"):
             below = special.ndtri(smaller / np.exp(_log_mass(a, b)))
-        score: Array = np.where(u < v, below, -below)
+        score = np.where(u < v, below, -below)
         if np.any(faint):
             score[faint] = _faint_score(
                 t[faint], *(np.broadcast_to(end, t.shape)[faint] for end in (a, b))
             )
-        return score
+        return np.asarray(score)
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """mean + sd t with Phi(t) = (1 - u) Phi(a) + u Phi(b)."""
@@ -186,8 +182,7 @@ class TruncatedNormal(ThroughNormal):
 
     def _inside(self, values: Array, t: Array) -> Array:
         # rounding must not push a node out of the box
-        x: Array = np.clip(values[0] + values[1] * t, *self.box_limits)
-        return x
+        return np.asarray(np.clip(values[0] + values[1] * t, *self.box_limits))
 
     def _limits_jac(self, values: Array) -> tuple[Array, Array]:
         """d(a, b)/d(mean, sd); an infinite end does not move."""
@@ -230,14 +225,12 @@ def clip(theta: Array, a: Array | float, b: Array | float) -> tuple[Array, Array
 def _apart(t: Array, end: Array | float) -> Array:
     """t^2 - end^2, minus infinity where the end is infinite."""
     near = _finite(end)
-    apart: Array = np.where(np.isfinite(end), (t - near) * (t + near), -np.inf)
-    return apart
+    return np.where(np.isfinite(end), (t - near) * (t + near), -np.inf)
 
 
 def _finite(end: Array | float) -> Array:
     """The end, or zero where it is infinite."""
-    finite: Array = np.where(np.isfinite(end), end, 0.0)
-    return finite
+    return np.where(np.isfinite(end), end, 0.0)
 
 
 def _log_mass(a: float | Array, b: float | Array) -> Array:
@@ -255,8 +248,7 @@ def _faint_score(t: Array, a: Array, b: Array) -> Array:
     """The normal score of t in [a, b] by logarithms: far tails keep digits."""
     log_u, log_v = _log_mass(a, t) - _log_mass(a, b), _log_mass(t, b) - _log_mass(a, b)
     below, above = special.ndtri_exp(np.minimum([log_u, log_v], 0.0))
-    score: Array = np.where(log_u < log_v, below, -above)
-    return score
+    return np.asarray(np.where(log_u < log_v, below, -above))
 
 
 def _truncated_quantile(u: Array, a: Array, b: Array) -> Array:
@@ -274,8 +266,7 @@ def _truncated_quantile_from_logs(
     log_low, log_high = np.where(reflected, (log_u, log_v), (log_v, log_u))
     log_cdf = np.logaddexp(log_low + special.log_ndtr(low), log_high + special.log_ndtr(high))
     t = np.clip(special.ndtri_exp(np.minimum(log_cdf, 0.0)), low, high)
-    unreflected: Array = np.where(reflected, -t, t)
-    return unreflected
+    return np.asarray(np.where(reflected, -t, t))
 
 
 def _effective_limits(a: Array, b: Array) -> tuple[Array, Array]:
@@ -310,7 +301,7 @@ def _own_rule(a: float, b: float, nodes: int) -> tuple[Array, Array, tuple[Array
     t, weights = gauss(*stieltjes(*_fine_rule(ends_a, ends_b), nodes))
     rules = np.stack([t, weights], axis=-1)
     by_a, by_b = (rules[1] - rules[2]) / (2 * h), (rules[3] - rules[4]) / (2 * h)
-    # where one law moves, as in differences, those of the others are asked for again
+    # where one law moves, as in differences, those of the others are needed again
     for array in (rules, t, weights, by_a, by_b):
         array.setflags(write=False)
     return t[0], weights[0], (by_a, by_b)

@@ -1,4 +1,4 @@
-"""The user's choices, and the one place that is asked which likelihood follows from them."""
+"""The user's choices of law, surfaces and density, which say what likelihood is computed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Model:
     """Law, and how the density of one exact outcome is computed.
 
     Without a `density` it is that of the outcome itself, by level sets; with one it is fitted to
-    moments of the outcome. `direct` says that the simulator itself is asked, and no surfaces.
+    moments of the outcome. `direct` says that the simulator itself is run, without surfaces.
 
     >>> from aleator.laws import Normal
     >>> from aleator.moments.propagation import Collocation

@@ -18,8 +18,7 @@ from aleator.likelihood.model import Model
 from aleator.search import Objective
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import NoOutcome, Runner
-from aleator.surrogates import ResponseSurface, Surface, build_surface
-from aleator.surrogates.responses import (
+from aleator.simulators.response_functions import (
     Confined,
     DirectResponse,
     Divisible,
@@ -30,6 +29,7 @@ from aleator.surrogates.responses import (
     moving_parameters,
     straight,
 )
+from aleator.surrogates import ResponseSurface, Surface, build_surface
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -41,11 +41,11 @@ class OutcomePredictor(Protocol):
 
     @property
     def lower(self) -> Array:
-        """The ends (N,) of what is reached, possibly infinite."""
+        """The lower ends (N,) of what is reached, possibly infinite."""
 
     @property
     def upper(self) -> Array:
-        """See `lower`."""
+        """The upper ends (N,) of what is reached, possibly infinite."""
 
     def under(self, alpha: Array) -> OutcomeDistribution:
         """The distributions of the outcomes."""
@@ -77,7 +77,7 @@ class Forward:
         """How reports name the propagation."""
         return self.model.name
 
-    def given(self, outcomes: Array) -> Problem:
+    def with_outcomes(self, outcomes: Array) -> Problem:
         """The inverse problem that measured outcomes (N,) make of it."""
         own = (self.model, self.predictor, self.response, self.surface, self.region)
         return Problem(*own, self.condition, outcomes, _likelihood(self, outcomes))
@@ -130,7 +130,7 @@ class Problem(Forward):
         return self.likelihood.take(np.linspace(0, self.count - 1, size).astype(np.intp))
 
     def fine(self) -> Problem:
-        """The same by level sets as fine as an answer needs."""
+        """The same problem, by level sets as fine as an answer needs."""
         return self if self.levels is None else replace(self, likelihood=self.levels.fine())
 
     @property
@@ -139,7 +139,7 @@ class Problem(Forward):
         return self.likelihood if isinstance(self.likelihood, LevelLikelihood) else None
 
     def coarse(self) -> Problem:
-        """The same with as little as serves for many data sets in turn."""
+        """The same problem on the coarsest grids that serve, for many data sets in turn."""
         if self.levels is None:
             return self
         assert isinstance(self.predictor, PointPredictor)
@@ -191,12 +191,12 @@ class Problem(Forward):
 
     @property
     def followed(self) -> Objective:
-        """What derivatives by alpha are taken of: the same."""
+        """The objective that is differentiated by alpha: that of the search."""
         return self.continued
 
-    def given(self, outcomes: Array) -> Problem:
+    def with_outcomes(self, outcomes: Array) -> Problem:
         """The same with other outcomes (N,)."""
-        return replace(self, outcomes=outcomes, likelihood=self.likelihood.given(outcomes))
+        return replace(self, outcomes=outcomes, likelihood=self.likelihood.with_outcomes(outcomes))
 
 
 def forward(
@@ -223,7 +223,7 @@ def forward(
         if surface is None:
             surface = build_surface(
                 attempts(runner, region), region[moving_parameters(region)], count, model.surfaces,
-                told(progress),
+                surface_progress(progress),
             )  # fmt: skip
         _require_surfaces(surface, runner, condition)
         # the surface's own error must not shut an outcome out of the reachable range
@@ -252,7 +252,7 @@ def prepare(
     surface: Surface | None = None,
 ) -> Problem:
     """The inverse problem of outcomes (N,), as `forward` builds it."""
-    return forward(runner, model, region, progress, surface).given(outcomes)
+    return forward(runner, model, region, progress, surface).with_outcomes(outcomes)
 
 
 def level_sets(problem: Forward, outcomes: Array) -> LevelLikelihood:
@@ -274,10 +274,14 @@ def _by_moments(
 ) -> Predictive:
     """The paper's way: moments of the outcome, and a density that is fitted to them."""
     from aleator.moments.likelihood import Predictive
-    from aleator.moments.propagation import propagated
+    from aleator.moments.propagation import collocated, on_surfaces
 
-    order = max(density.order, 4)
-    way = propagated(model.inputs, model.propagation, order, response, region)
+    order, inputs, choice = max(density.order, 4), model.inputs, model.propagation
+    way = (
+        on_surfaces(inputs, choice.nodes, order, response, region)
+        if isinstance(choice, ResponseSurface)
+        else collocated(inputs, choice, order, response)
+    )
     return Predictive(way, density, condition, *ends, model.hyperparameters)
 
 
@@ -309,8 +313,8 @@ def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> N
     )
 
 
-def told(progress: Progress | None) -> Callable[[int, int, int], None] | None:
-    """A listener to surfaces that become exact."""
+def surface_progress(progress: Progress | None) -> Callable[[int, int, int], None] | None:
+    """A function that reports to `progress` how many surfaces have converged; None without one."""
     if progress is None:
         return None
     listener = progress

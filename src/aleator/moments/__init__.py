@@ -4,8 +4,8 @@
           -> f_Y               (densities: maximum entropy, Gaussian)
           -> sum_l log f_Y     (likelihood)
 
-Its nouns are `Moments` of N outcomes with their derivatives, `Density`, a choice that is fitted to
-them, and `Propagation`, alpha to moments. It is asked for by `[density]` or collocation. Without
-them no module of this room is imported: the likelihood is that of level sets, or an integral over
-individual parameters.
+Three nouns: `Moments` are those of N outcomes, with their derivatives; a `Density` is a choice that
+is fitted to them; a `Propagation` leads from alpha to moments. A study chooses this way by
+`[density]` or by collocation. Without them no module of this room is imported: the likelihood is
+that of level sets, or an integral over individual parameters.
 """

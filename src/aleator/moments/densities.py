@@ -119,9 +119,8 @@ class FittedStandardized(ABC):
 
     @property
     def _scatters(self) -> Flags:
-        """(N,): an sd whose square underflows is no scatter."""
-        scatters: Flags = self.moments.sd > 1e-100
-        return scatters
+        """(N,) whether the outcome scatters; an sd whose square underflows counts as none."""
+        return np.asarray(self.moments.sd > 1e-100)
 
     @property
     def degenerate(self) -> Flags:

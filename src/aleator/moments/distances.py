@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias, cast
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,78 +40,32 @@ def earth_movers_distance(a: LawOfOutcome, b: LawOfOutcome) -> Array:
     [0.5, 2.0]
     """
     first, second = _law(a), _law(b)
-    count = _experiments(first.count, second.count)
-    if isinstance(first, _Steps) and isinstance(second, _Steps):
-        return _between_steps(first, second, count)
-    return _between(first, second, count)
+    count = _experiments(len(first.breaks), len(second.breaks))
+    edges = np.concatenate([_rows(law.breaks, count) for law in (first, second)], axis=1)
+    edges = np.sort(edges)
+    left, right = edges[:, :-1], edges[:, 1:]
+    middle = 0.5 * (left + right)
+    one, other = first.within(middle), second.within(middle)
+
+    def excess(y: Array) -> Array:
+        return one(y) - other(y)
+
+    if first.steps and second.steps:
+        return np.asarray((np.abs(excess(middle)) * (right - left)).sum(axis=1))
+    return _between(excess, left, right)
 
 
-def distance_on_grid(first: Array, second: Array, y: Array) -> Array:
-    """The same distance (N,) from values (N, G) of both cdfs at outcomes y (G,) or (N, G).
+@dataclass(frozen=True)
+class _Law:
+    """The cdfs of some experiments, which are smooth between `breaks` (count, B), or `steps`.
 
-    By the trapezoidal rule, for cdfs that are expensive; both have reached 0 and 1 at the ends.
-
-    >>> y = np.linspace(-1.0, 4.0, 501)
-    >>> uniform = np.clip(y, 0.0, 1.0)[None]
-    >>> distance_on_grid(uniform, np.clip(y - 2.0, 0.0, 1.0)[None], y).round(6).tolist()
-    [2.0]
+    `within(pieces (N, G))` is the cdf (N, G) -> (N, G) of places that lie in the same pieces, which
+    have no breaks, as those.
     """
-    return np.asarray(np.trapezoid(np.abs(first - second), y, axis=1))
 
-
-class _Law(Protocol):
-    """What the integral needs of a law: its number of experiments, where it bends, its cdf."""
-
-    @property
-    def count(self) -> int: ...
-
-    def breaks(self) -> Array:
-        """(count, B) outcomes between which the cdf is smooth."""
-
-    def within(self, pieces: Array) -> Cdf:
-        """The cdf (N, G) -> (N, G) of places that each lie in a piece without breaks, which holds
-        the place `pieces` (N, G)."""
-
-
-@dataclass(frozen=True)
-class _Steps:
-    """Weighted outcomes (N, J), sorted, with the probability (N, J+1) below and above each."""
-
-    y: Array
-    below: Array
-
-    @property
-    def count(self) -> int:
-        return int(self.y.shape[0])
-
-    def breaks(self) -> Array:
-        return self.y
-
-    def within(self, pieces: Array) -> Cdf:
-        own = _rows(self.y, pieces.shape[0])
-        rank = [np.searchsorted(*pair, side="right") for pair in zip(own, pieces, strict=True)]
-        height = np.take_along_axis(_rows(self.below, len(rank)), np.stack(rank), axis=1)
-        return lambda y: np.broadcast_to(height, y.shape)
-
-
-@dataclass(frozen=True)
-class _Smooth:
-    """A batch of fitted densities; the quantiles serve as breaks."""
-
-    density: FittedDensity
-    quantiles: Array
-
-    @property
-    def count(self) -> int:
-        return int(self.quantiles.shape[0])
-
-    def breaks(self) -> Array:
-        return self.quantiles
-
-    def within(self, pieces: Array) -> Cdf:
-        if self.count == pieces.shape[0]:
-            return self.density.cdf
-        return lambda y: self.density.cdf(y.reshape(1, -1)).reshape(y.shape)
+    breaks: Array
+    within: Callable[[Array], Cdf]
+    steps: bool
 
 
 def _levels() -> Array:
@@ -124,8 +78,7 @@ def _law(given: LawOfOutcome) -> _Law:
     if isinstance(given, NodeOutcomes):
         return _steps(given.y, given.weights)
     if hasattr(given, "quantile") and hasattr(given, "cdf"):
-        density = cast(FittedDensity, given)
-        return _Smooth(density, density.quantile(_levels()))
+        return _smooth(cast(FittedDensity, given))
     sample = np.atleast_2d(np.asarray(given, dtype=float))
     if sample.ndim != 2 or sample.shape[1] == 0:
         raise InputsError(
@@ -135,7 +88,20 @@ def _law(given: LawOfOutcome) -> _Law:
     return _steps(sample, np.full(sample.shape[1], 1.0 / sample.shape[1]))
 
 
-def _steps(y: Array, weights: Array) -> _Steps:
+def _smooth(density: FittedDensity) -> _Law:
+    """Fitted densities, with quantiles as breaks; one density serves all experiments."""
+    quantiles = density.quantile(_levels())
+
+    def within(pieces: Array) -> Cdf:
+        if len(quantiles) == len(pieces):
+            return density.cdf
+        return lambda y: density.cdf(y.reshape(1, -1)).reshape(y.shape)
+
+    return _Law(quantiles, within, steps=False)
+
+
+def _steps(y: Array, weights: Array) -> _Law:
+    """Weighted outcomes (N, J)."""
     if not np.isfinite(y).all():
         raise InputsError(
             "an outcome of the earth mover's distance is not finite", "leave its experiment out"
@@ -146,9 +112,17 @@ def _steps(y: Array, weights: Array) -> _Steps:
             "divide them by their sum; the nodes of a sparse grid are no law",
         )
     order = np.argsort(y, axis=1)
+    places = np.take_along_axis(y, order, axis=1)
     below = np.zeros((y.shape[0], y.shape[1] + 1))
     np.cumsum(weights[order], axis=1, out=below[:, 1:])
-    return _Steps(np.take_along_axis(y, order, axis=1), below)
+
+    def within(pieces: Array) -> Cdf:
+        pairs = zip(_rows(places, len(pieces)), pieces, strict=True)
+        rank = np.stack([np.searchsorted(*pair, side="right") for pair in pairs])
+        height = np.take_along_axis(_rows(below, len(pieces)), rank, axis=1)
+        return lambda y: np.broadcast_to(height, y.shape)
+
+    return _Law(places, within, steps=True)
 
 
 def _experiments(first: int, second: int) -> int:
@@ -164,32 +138,11 @@ def _rows(values: Array, count: int) -> Array:
     return np.broadcast_to(values, (count, values.shape[1]))
 
 
-def _between_steps(first: _Steps, second: _Steps, count: int) -> Array:
-    """Sum of |F - G| times the distance to the next jump, over the jumps of both."""
-    places = np.concatenate([_rows(first.y, count), _rows(second.y, count)], axis=1)
-    jumps = np.concatenate(
-        [_rows(np.diff(first.below), count), -_rows(np.diff(second.below), count)], axis=1
-    )
-    order = np.argsort(places, axis=1)
-    places = np.take_along_axis(places, order, axis=1)
-    excess = np.cumsum(np.take_along_axis(jumps, order, axis=1), axis=1)
-    return np.asarray((np.abs(excess[:, :-1]) * np.diff(places, axis=1)).sum(axis=1))
-
-
-def _between(first: _Law, second: _Law, count: int, nodes: int = 8) -> Array:
-    """int |F - G| by panels: both are smooth on each, and each ends where they cross."""
-    edges = np.sort(
-        np.concatenate([_rows(first.breaks(), count), _rows(second.breaks(), count)], axis=1)
-    )
-    left, right = edges[:, :-1], edges[:, 1:]
-    one, other = (law.within(0.5 * (left + right)) for law in (first, second))
-
-    def excess(y: Array) -> Array:
-        return one(y) - other(y)
-
+def _between(excess: Cdf, left: Array, right: Array, nodes: int = 8) -> Array:
+    """int |excess| (N,) over panels (N, P) on which it is smooth; each is cut where it is zero."""
     crossing = _crossings(excess, left, right)
     x, w = np.polynomial.legendre.leggauss(nodes)
-    total = np.zeros(count)
+    total = np.zeros(len(left))
     # a panel without a crossing has one of no width at its right end
     for start, end in ((left, crossing), (crossing, right)):
         for t, weight in zip(0.5 * (x + 1.0), 0.5 * w, strict=True):

@@ -20,6 +20,7 @@ from aleator.moments.densities import Codes
 from aleator.moments.legendre import (
     LegendreRule,
     cholesky,
+    dot,
     forward,
     gauss_rule,
     legendre_in_powers,
@@ -44,7 +45,6 @@ class EntropySettings:
 
     Newton's method takes `passes` at most, with a first Levenberg `damping`; undamped from a
     decrement (twice the distance in entropy) below `near`; one step reaches rounding below `close`.
-    From a density nearby it takes `followed` undamped passes, from a decrement below `farthest`.
     `block` experiments are solved at once: their exponentials at the nodes fit a core's cache.
 
     `penalty` is subtracted from the value that a search sees where a density could not be solved: a
@@ -61,8 +61,6 @@ class EntropySettings:
     damping: float = 0.02
     near: float = 1e-6
     close: float = 1e-12
-    followed: int = 6
-    farthest: float = 0.3
     block: int = 128
     penalty: float = 5.0
     touch: float = 1e-12
@@ -111,7 +109,8 @@ def gaussian_start(a: Array, b: Array, order: int) -> Array:
 
 @dataclass
 class _Descent:
-    """Rows still on their way down: position, value, gradient, Hessian, damping, next step."""
+    """The experiments whose dual is not yet minimal: position, value, gradient, Hessian, next
+    step."""
 
     rows: Codes
     target: Array
@@ -133,7 +132,7 @@ class _Descent:
         """Try the step, keep it where the dual falls as promised, and prepare the next one."""
         trial = self.position + self.step
         law = expectations(trial, rule)
-        trial_value = law.log_z - _dot(trial, self.target)
+        trial_value = law.log_z - dot(trial, self.target)
         # exponents cancel that are as large as the multipliers allow
         largest = np.abs(trial) @ np.sqrt(2.0 * np.arange(1, trial.shape[1] + 1) + 1.0)
         slack = 1e-15 * (1.0 + np.abs(law.log_z) + largest)
@@ -148,8 +147,8 @@ class _Descent:
         identity = np.eye(trial.shape[1])
         factor, _ = cholesky(self.hessian + self.damping[:, None, None] * identity)
         self.step = substitute(factor, -self.gradient)
-        self.decrement = -_dot(self.gradient, self.step)
-        self.extra = self.damping * _dot(self.step, self.step)
+        self.decrement = -dot(self.gradient, self.step)
+        self.extra = self.damping * dot(self.step, self.step)
         rows = np.flatnonzero((ratio > 0.5) & (self.decrement < near))
         if rows.size == 0:
             return
@@ -157,7 +156,7 @@ class _Descent:
         # the next one is damped
         gradient = self.gradient[rows]
         step = substitute(cholesky(self.hessian[rows])[0], -gradient)
-        decrement = -_dot(gradient, step)
+        decrement = -dot(gradient, step)
         sure = decrement < near
         self.step[rows[sure]], self.decrement[rows[sure]] = step[sure], decrement[sure]
         self.extra[rows[sure]] = 0.0
@@ -209,11 +208,6 @@ def minimize_dual(
     return answer, converged
 
 
-def _dot(x: Array, y: Array) -> Array:
-    product: Array = np.einsum("nk,nk->n", x, y)
-    return product
-
-
 @dataclass(frozen=True)
 class Orthonormal:
     """psi_0..psi_M of N measures: `values` (M+1, N, Q) at the nodes, their coefficients in
@@ -241,7 +235,7 @@ def orthonormal(probability: Array, u: Array, a: Array, b: Array, order: int) ->
     legendre[:, 0, 0] = powers[:, 0, 0] = 1.0
     beta = np.zeros(count)
     for k in range(order):
-        alpha = _weighted(probability, values[k] ** 2 * u)
+        alpha = dot(probability, values[k] ** 2 * u)
         previous = max(k - 1, 0)
         raised = (u - alpha[:, None]) * values[k] - beta[:, None] * values[previous]
         by_t = np.zeros((count, order + 1))
@@ -251,7 +245,7 @@ def orthonormal(probability: Array, u: Array, a: Array, b: Array, order: int) ->
         in_phi -= beta[:, None] * legendre[:, previous]
         in_u = -alpha[:, None] * powers[:, k] - beta[:, None] * powers[:, previous]
         in_u[:, 1:] += powers[:, k, :-1]
-        beta = np.maximum(np.sqrt(_weighted(probability, raised**2)), 1e-150)
+        beta = np.maximum(np.sqrt(dot(probability, raised**2)), 1e-150)
         values[k + 1] = raised / beta[:, None]
         legendre[:, k + 1] = in_phi / beta[:, None]
         powers[:, k + 1] = in_u / beta[:, None]
@@ -260,8 +254,7 @@ def orthonormal(probability: Array, u: Array, a: Array, b: Array, order: int) ->
 
 def outcomes_at(rule: LegendreRule, a: Array, b: Array) -> Array:
     """Outcomes u (N, Q) at the nodes of a rule."""
-    u: Array = 0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * rule.nodes
-    return u
+    return np.asarray(0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * rule.nodes)
 
 
 def density_at(multipliers: Array, rule: LegendreRule) -> Array:
@@ -329,7 +322,8 @@ def _trial(
     rule: LegendreRule,
     rounding: float = 1e-14,
 ) -> tuple[Array, Array, Array]:
-    """Damped step (N, M), the fall of the dual that it promises (N,), and the part that is true."""
+    """Damped step (N, M), the fall of the dual that it promises (N,), and the share that comes
+    true."""
     order = multipliers.shape[1]
     density = density_at(multipliers, rule)
     mu = damping[:, None]
@@ -340,63 +334,12 @@ def _trial(
     delta = (asked - found) / (1.0 + mu)
     change = np.einsum("nk,knq->nq", delta, psi.values[1:])
     top = change.max(axis=1)
-    log_z = np.log(_weighted(density, np.exp(change - top[:, None]))) + top
-    fall = np.einsum("nk,nk->n", delta, asked) - log_z
-    predicted = 0.5 * (1.0 + damping) * np.einsum("nk,nk->n", delta, delta)
+    log_z = np.log(dot(density, np.exp(change - top[:, None]))) + top
+    fall = dot(delta, asked) - log_z
+    predicted = 0.5 * (1.0 + damping) * dot(delta, delta)
     ratio = (fall + rounding) / (predicted + rounding)
     step = np.einsum("nk,nkj->nj", delta, psi.legendre[:, 1:, 1:])
     return step, predicted, ratio
-
-
-def _weighted(probability: Array, values: Array) -> Array:
-    mean: Array = np.einsum("nq,nq->n", probability, values)
-    return mean
-
-
-def predicted(exponent: Array, powers: Array, change: Array, in_powers: Array) -> Array:
-    """Multipliers (N, M) where the moments have changed by `change` (N, M+1): where Newton begins.
-
-    A search asks for one alpha after the other, and most are near the last one. In powers of u the
-    exponent p(u) = lambda.phi(t(u)) of a density changes with the moments c by
-    dp = sum_k (P_k . dc) psi_k(u), with psi_k orthonormal under it and P_k their coefficients in
-    powers of u. The dual is convex and has one minimum, so that what is found does not depend on
-    where the way began.
-
-    `exponent` (N, M+1) and psi, `powers` (N, M+1, M+1), are in powers of u, `in_powers` (N, M+1,
-    M+1) has phi there on the new support: a triangular matrix.
-    """
-    delta = (powers @ change[:, :, None])[:, 1:]
-    moved = exponent + (delta * powers[:, 1:]).sum(axis=1)
-    multipliers: Array = np.empty_like(moved)
-    for k in reversed(range(moved.shape[1])):
-        multipliers[:, k] = moved[:, k] / in_powers[:, k, k]
-        moved -= multipliers[:, k, None] * in_powers[:, k]
-    return multipliers[:, 1:]
-
-
-def follow(
-    target: Array, start: Array, rule: LegendreRule, settings: EntropySettings = SETTINGS
-) -> tuple[Array, Flags]:
-    """Multipliers (N, M) with E phi = target (N, M), and whether Newton's steps led there.
-
-    They are given up where the start is far, or where the decrement does not shrink to a quarter
-    and less, as it does near a minimum. Cost: some 3 passes of O(N Q M).
-    """
-    position, least = start.copy(), np.full(len(start), settings.farthest)
-    followed = np.isfinite(start).all(axis=1)
-    for _ in range(settings.followed):
-        with np.errstate(all="ignore"):
-            law = expectations(position, rule)
-            gradient = law.mean - target
-            step = -substitute(cholesky(law.covariance)[0], gradient)
-            decrement = -np.einsum("nk,nk->n", gradient, step)
-        followed &= decrement < least
-        np.add(position, step, out=position, where=followed[:, None])
-        arrived = followed & (decrement < settings.close)
-        if np.all(arrived | ~followed):
-            break
-        least = np.maximum(0.25 * decrement, settings.close)
-    return position, arrived
 
 
 # ---------------------------------------------------------------------------- solution
@@ -410,11 +353,10 @@ class Solution:
     (N,) tell those that the physical range has set. The others lie at the reach, whose derivatives
     by the standardized moments are `reach_slope` (N, M+1). `psi` and `powers` (N, M+1, M+1) hold
     the polynomials orthonormal under f, in phi_0..phi_M and in the powers of u, so that
-    H^-1 = T^T T with T = psi without row and column 0. `exponent` (N, M+1) is multipliers.phi in
-    powers of u. `order_used` (N,) is M or that of the fallback, whose rows end in zeros, or 0 where
-    none could be solved: then the row is a uniform law that stands for nothing. `standardized`
-    (N, M+1) are the moments asked for, `residual` (N,) what the solve misses of them by `check`, a
-    rule independent of that of the solve.
+    H^-1 = T^T T with T = psi without row and column 0. `order_used` (N,) is M or that of the
+    fallback, whose rows end in zeros, or 0 where none could be solved: then the row is a uniform
+    law that stands for nothing. `residual` (N,) is what the solve misses of the moments by `check`,
+    a rule independent of that of the solve.
     """
 
     a: Array
@@ -426,22 +368,16 @@ class Solution:
     log_z: Array
     psi: Array
     powers: Array
-    exponent: Array
     order_used: Codes
-    standardized: Array
     residual: Array
     status: Codes
     check: LegendreRule
-
-    def take(self, rows: slice) -> Solution:
-        """Some of the densities."""
-        return replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
 
     def with_fallback(self, rows: Codes, lower: Solution, check: LegendreRule) -> Solution:
         """With the densities of a lower order in these rows, where they could be solved."""
         kept = np.flatnonzero(lower.order_used)
         changed = {}
-        for name in _ARRAYS[:-3]:
+        for name in _ARRAYS[:-2]:
             own, other = getattr(self, name).copy(), getattr(lower, name)[kept]
             own[rows[kept]] = 0
             own[(rows[kept], *(slice(size) for size in other.shape[1:]))] = other
@@ -458,12 +394,9 @@ def solve(
     standardized: Array,
     least: float,
     nodes: int,
-    nearby: Solution | None = None,
     settings: EntropySettings = SETTINGS,
 ) -> Solution:
     """Densities with the standardized moments (N, M+1) on lower, upper (N,), each with a status.
-
-    Densities of the same experiments for moments that are `nearby` are the start.
 
     The range, in standard deviations from the mean, is cut at the reach, at least `least`. Where
     the check refutes a solve it is polished in a basis orthonormal under the density itself; where
@@ -471,12 +404,9 @@ def solve(
     failure. Cost O(N nodes M) a Newton step.
     """
     parts = [
-        _solve_block(
-            lower[rows], upper[rows], standardized[rows], least, nodes,
-            nearby and nearby.take(rows), settings,
-        )
+        _solve_block(lower[rows], upper[rows], standardized[rows], least, nodes, settings)
         for rows in blocks(max(lower.size, 1), 1, settings.block)
-    ]  # fmt: skip
+    ]
     if len(parts) == 1:
         return parts[0]
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
@@ -490,38 +420,29 @@ def _solve_block(
     standardized: Array,
     least: float,
     nodes: int,
-    nearby: Solution | None,
     settings: EntropySettings,
 ) -> Solution:
     order = standardized.shape[1] - 1
     a, b, lower_moves, upper_moves, slope = support_of(lower, upper, standardized, least)
     in_powers = legendre_in_powers(a, b, order)
     multipliers, residual, status, finest = _multipliers(
-        a, b, standardized, in_powers, nodes, nearby, settings
+        a, b, standardized, in_powers, nodes, settings
     )
     multipliers[status != Status.SOLVED] = 0.0
     check = panel_rule(order, settings.panels, finest)
     law = expectations(multipliers, check)
     psi, powers = _orthonormal(a, b, multipliers, law, check, in_powers)
-    exponent = (multipliers[:, None] @ in_powers[:, 1:])[:, 0]
     used = np.where(status == Status.SOLVED, order, 0)
     solution = Solution(
-        a, b, lower_moves, upper_moves, slope, multipliers, law.log_z, psi, powers, exponent, used,
-        standardized, residual, status, check,
+        a, b, lower_moves, upper_moves, slope, multipliers, law.log_z, psi, powers, used, residual,
+        status, check,
     )  # fmt: skip
     failed = np.flatnonzero(status)
     if failed.size == 0 or order == 2:
         return solution
     fewer = max(order - 2, 2)
-    second = _solve_block(
-        lower[failed],
-        upper[failed],
-        standardized[failed, : fewer + 1],
-        least,
-        nodes,
-        None,
-        settings,
-    )
+    rows = lower[failed], upper[failed], standardized[failed, : fewer + 1]
+    second = _solve_block(*rows, least, nodes, settings)
     finest = max(finest, _size(second.check) // settings.panels)
     return solution.with_fallback(failed, second, panel_rule(order, settings.panels, finest))
 
@@ -532,7 +453,6 @@ def _multipliers(
     standardized: Array,
     in_powers: Array,
     nodes: int,
-    nearby: Solution | None,
     settings: EntropySettings,
 ) -> tuple[Array, Array, Codes, int]:
     """Multipliers (N, M) of one order on the support, what they miss of the moments (N,), their
@@ -546,7 +466,7 @@ def _multipliers(
     first = check = max(settings.panel_nodes, nodes // 15)
 
     def judge(found: Array, converged: Flags, allowed: float) -> Codes:
-        """Keep what is nearer to the moments; the rows whose check does not hold remain."""
+        """Keep multipliers that miss the moments by less, and return the rows whose check fails."""
         rule = panel_rule(order, panels, check)
         missed = _residual(found, rule, a[hard], b[hard], standardized[hard])
         honest = converged & (missed <= allowed)
@@ -554,12 +474,6 @@ def _multipliers(
         answer[hard[taken]], residual[hard[taken]] = found[taken], missed[taken]
         return hard[~honest]
 
-    if nearby is not None:
-        change = standardized - nearby.standardized
-        guess = predicted(nearby.exponent, nearby.powers, change, in_powers)
-        guess[nearby.status != Status.SOLVED] = np.nan
-        rule = gauss_rule(order, nodes)
-        hard = judge(*follow(target[hard, 1:], guess[hard], rule, settings), settings.exact)
     if hard.size > 0:
         rule = gauss_rule(order, nodes)
         hard = judge(*minimize_dual(target[hard, 1:], start[hard], rule, settings), settings.exact)
@@ -606,7 +520,7 @@ def _orthonormal(
 def _residual(
     multipliers: Array, check: LegendreRule, a: Array, b: Array, standardized: Array
 ) -> Array:
-    """Distance of the moments of u, summed at the nodes of the check, from those asked for.
+    """Distance of the moments of u, summed at the nodes of the check, from the given ones.
 
     Powers of u itself are summed, so that a wrong conversion to Legendre moments shows as well.
     """

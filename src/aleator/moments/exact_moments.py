@@ -415,7 +415,8 @@ class Product:
         tables: tuple[Linearization, ...],
         within: Indices | None,
     ) -> Product:
-        """Of `functions` (P, n) and those of Z^k; of the result what lies `within`, if given."""
+        """The product of `functions` (P, n) with those of Z^k, `keys`; only what is `within`, if
+        given."""
         indices = _decoded(keys, strides)
         entries = [multiply(factor, indices, strides, tables) for factor in functions]
         if within is None:
@@ -451,7 +452,7 @@ class Product:
 
 
 def _among(keys: Indices, found: Indices) -> tuple[Indices, np.ndarray]:
-    """Where each of those found is among the sorted keys, and whether it is."""
+    """The place of each number `found` among the sorted keys, and whether it is one of them."""
     places = np.minimum(np.searchsorted(keys, found), keys.size - 1)
     return places, keys[places] == found
 

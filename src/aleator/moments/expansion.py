@@ -28,19 +28,37 @@ class IndexSet(Protocol):
     @property
     def degree(self) -> int:
         """The largest degree of a polynomial of one parameter (before its limit)."""
-        ...
 
     def lowered(self, degree: int) -> Self:
         """The same choice with another degree."""
-        ...
 
     def indices(self, limits: Sequence[int | None]) -> Indices:
         """Multi-indices (P, n), entry i at most limits[i] (None: as far as the degree goes)."""
-        ...
+
+
+class _OfDegree:
+    """Base of sets (sum_i k_i^q)^(1/q) <= degree, q the norm."""
+
+    degree: int
+
+    @property
+    def norm(self) -> float:
+        """q."""
+        return 1.0
+
+    def __post_init__(self) -> None:
+        if self.degree < 0:
+            raise InputsError(f"degree {self.degree} is negative", "use 0 or more")
+
+    def indices(self, limits: Sequence[int | None]) -> Indices:
+        """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
+        tops = (self.degree if limit is None else min(limit, self.degree) for limit in limits)
+        costs = [np.arange(top + 1.0) ** self.norm for top in tops]
+        return _below(costs, self.degree**self.norm)
 
 
 @dataclass(frozen=True)
-class TotalDegree:
+class TotalDegree(_OfDegree):
     """|k|_1 <= degree: P = (n + d)!/(n! d!) without limits, the set of the paper.
 
     Raises InputsError for a negative degree.
@@ -53,21 +71,13 @@ class TotalDegree:
 
     degree: int
 
-    def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
-        _check_degree(self.degree)
-
     def lowered(self, degree: int) -> TotalDegree:
         """The same choice with another degree."""
         return TotalDegree(degree)
 
-    def indices(self, limits: Sequence[int | None]) -> Indices:
-        """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
-        return _below(_steps(limits, self.degree), self.degree)
-
 
 @dataclass(frozen=True)
-class Hyperbolic:
+class Hyperbolic(_OfDegree):
     """(sum_i k_i^q)^(1/q) <= degree with 0 < q <= 1: few products of many parameters.
 
     Blatman and Sudret, J. Comput. Phys. 230 (2011), sec. 3.2, with q = `norm`; q = 1 is
@@ -82,8 +92,7 @@ class Hyperbolic:
     norm: float = 0.5
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
-        _check_degree(self.degree)
+        super().__post_init__()
         if not 0.0 < self.norm <= 1.0:
             raise InputsError(
                 f"norm {self.norm} is not in (0, 1]", "use 1 for the total degree, 0.5 for few"
@@ -92,11 +101,6 @@ class Hyperbolic:
     def lowered(self, degree: int) -> Hyperbolic:
         """The same choice with another degree."""
         return Hyperbolic(degree, self.norm)
-
-    def indices(self, limits: Sequence[int | None]) -> Indices:
-        """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
-        costs = [steps**self.norm for steps in _steps(limits, self.degree)]
-        return _below(costs, self.degree**self.norm)
 
 
 def highest(indices: Indices) -> tuple[int, ...]:
@@ -142,17 +146,6 @@ def _below(costs: Sequence[Array], most: float, largest: int = 200_000) -> Indic
     return found[np.lexsort((*found.T[::-1], found.sum(axis=1)))]
 
 
-def _steps(limits: Sequence[int | None], degree: int) -> list[Array]:
-    """The degrees 0, 1, .. that each parameter may have."""
-    tops = (degree if limit is None else min(limit, degree) for limit in limits)
-    return [np.arange(top + 1.0) for top in tops]
-
-
-def _check_degree(degree: int) -> None:
-    if degree < 0:
-        raise InputsError(f"degree {degree} is negative", "use 0 or more")
-
-
 @dataclass(frozen=True, eq=False)
 class Basis:
     """Orthonormal polynomials of n independent variables, given by the laws of the variables.
@@ -171,7 +164,6 @@ class Basis:
     values: tuple[Array, ...]
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if len(self.laws) != len(self.values) or not self.laws:
             raise InputsError(
                 f"{len(self.laws)} laws but {len(self.values)} arrays of values",
@@ -357,11 +349,9 @@ class Expanding(Protocol):
 
     def design(self, basis: Basis) -> ExpansionDesign:
         """The points that every experiment is to be run at."""
-        ...
 
     def fit(self, basis: Basis, design: ExpansionDesign, outcomes: Array) -> Expansion:
         """The expansion from outcomes (N, J) at the points of the design."""
-        ...
 
 
 def checked(design: ExpansionDesign, outcomes: Array) -> Array:

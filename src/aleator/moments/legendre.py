@@ -91,8 +91,7 @@ def linearization(rows: int, factor: str, degree: int) -> Array:
     g = {"1": np.ones_like(t), "1-t": 1.0 - t, "1+t": 1.0 + t, "1-t^2": 1.0 - t**2}[factor]
     phi = legendre(t, rows - 1)
     tensor = np.einsum("q,qi,qj,qk->kij", 0.5 * w * g, phi, phi, legendre(t, degree))
-    coefficients: Array = tensor.reshape(degree + 1, rows * rows)
-    return coefficients
+    return np.asarray(tensor.reshape(degree + 1, rows * rows))
 
 
 def legendre_in_powers(a: Array, b: Array, order: int) -> Array:
@@ -137,6 +136,11 @@ def realizable(expected: Array, smallest_pivot: float = 1e-13) -> Flags:
         _, pivot = cholesky(matrices.reshape(-1, rows, rows))
         possible &= pivot > smallest_pivot
     return possible
+
+
+def dot(x: Array, y: Array) -> Array:
+    """Sums (N,) over the rows of x y, both (N, Q)."""
+    return np.asarray(np.einsum("nk,nk->n", x, y))
 
 
 def cholesky(matrices: Array) -> tuple[Array, Array]:

@@ -17,20 +17,18 @@ from aleator.core.types import Array, Indices
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import log_prior
 from aleator.moments.densities import Density, FittedMomentDensity, Gaussian
-from aleator.moments.distances import distance_on_grid
-from aleator.moments.maximum_entropy import FittedMaximumEntropy, MaximumEntropy
+from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.moments import Moments, joined
 from aleator.moments.propagation import Propagation, QuadraturePropagation, finer
 from aleator.results.values import DensityDistance
 from aleator.search.interface import LogLikelihood
-from aleator.surrogates.responses import Divisible, OutcomeDistribution
+from aleator.simulators.response_functions import Divisible, OutcomeDistribution
 
 
 @dataclass(frozen=True, eq=False)
 class FittedOutcomes:
-    """The distributions of N outcomes under one law alpha (K,); see `PredictedOutcomes`."""
+    """The distributions of N outcomes under one law; see `PredictedOutcomes`."""
 
-    alpha: Array
     moments: Moments
     fitted: FittedMomentDensity
 
@@ -107,23 +105,10 @@ class Predictive:
         moments = self.propagation.moments(alpha, self.order, gradient=gradient)
         return moments.take(self.condition)
 
-    def under(self, alpha: Array) -> FittedOutcomes:
+    def under(self, alpha: Array, *, gradient: bool = False) -> FittedOutcomes:
         """The N densities with these moments on the range of the outcome."""
-        moments = self.moments(alpha)
-        return FittedOutcomes(alpha, moments, self.density.fit(moments, self.lower, self.upper))
-
-    def at(self, alpha: Array, nearby: FittedOutcomes | None = None) -> FittedOutcomes:
-        """The same with derivatives by alpha; sooner from those of an alpha nearby."""
-        if nearby is not None and np.array_equal(nearby.alpha, alpha):
-            return nearby
-        moments, ends = self.moments(alpha, gradient=True), (self.lower, self.upper)
-        fitted: FittedMomentDensity
-        if isinstance(self.density, MaximumEntropy) and nearby is not None:
-            assert isinstance(nearby.fitted, FittedMaximumEntropy)
-            fitted = self.density.fit(moments, *ends, nearby.fitted)
-        else:
-            fitted = self.density.fit(moments, *ends)
-        return FittedOutcomes(alpha.copy(), moments, fitted)
+        moments = self.moments(alpha, gradient=gradient)
+        return FittedOutcomes(moments, self.density.fit(moments, self.lower, self.upper))
 
     def continued(self, alphas: Array, y: Array) -> Array:
         """Sums (A,) of the continuation at y (N,), for alphas (A, K): a batch of A N densities."""
@@ -138,13 +123,13 @@ class Predictive:
         return self.propagation.at(alpha)
 
     def take(self, rows: Indices) -> Predictive:
-        """The distributions of some of the experiments, without a thought of the others."""
+        """The distributions of some of the experiments, computed without the others."""
         propagation, condition = self.propagation, self.condition[rows]
         if isinstance(propagation, QuadraturePropagation) and isinstance(
             propagation.response, Divisible
         ):
-            asked, condition = np.unique(condition, return_inverse=True)
-            propagation = propagation.take(asked)
+            conditions, condition = np.unique(condition, return_inverse=True)
+            propagation = propagation.take(conditions)
         return replace(
             self,
             propagation=propagation,
@@ -187,7 +172,7 @@ class Likelihood:
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood with its exact score; outside a support the score leads back to it."""
-        here = self.predictive.at(alpha)
+        here = self.predictive.under(alpha, gradient=True)
         honest = replace(here.scored(self.outcomes), each=here.fitted.log_pdf(self.outcomes))
         return honest.believed(self.hyperparameters, alpha)
 
@@ -205,7 +190,7 @@ class Likelihood:
         finer = replace(self, predictive=more).evaluate(alpha)
         return finer.likelihood - self.evaluate(alpha).likelihood
 
-    def given(self, outcomes: Array) -> Likelihood:
+    def with_outcomes(self, outcomes: Array) -> Likelihood:
         """The same distributions with other outcomes (N,)."""
         return replace(self, outcomes=outcomes)
 
@@ -219,23 +204,21 @@ class Likelihood:
         return Likelihood(self.predictive.take(rows), self.outcomes[rows])
 
 
+@dataclass(frozen=True)
 class Continued:
     """The objective of a search: the log-likelihood, continued where there is none.
 
     Outside a support and where a density failed it is a smooth penalty with the exact score of just
     what is computed, so that a search that is still far away finds its way. A sound answer
-    contains none of it. The last densities are where the next ones are sought from, which is all
-    that it remembers: values depend on it by rounding only.
+    contains none of it.
     """
 
-    def __init__(self, likelihood: Likelihood) -> None:
-        self.likelihood = likelihood
-        self._last: FittedOutcomes | None = None
+    likelihood: Likelihood
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The continued log-likelihood at alpha (K,) with its score."""
-        self._last = self.likelihood.predictive.at(alpha, self._last)
-        value = self._last.scored(self.likelihood.outcomes)
+        outcomes = self.likelihood.predictive.under(alpha, gradient=True)
+        value = outcomes.scored(self.likelihood.outcomes)
         return value.believed(self.likelihood.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
@@ -276,7 +259,9 @@ def density_distances(
     for density in COMPARED:
         other = replace(likelihood, predictive=replace(likelihood.predictive, density=density))
         fitted = other.take(chosen).predictive.under(alpha).fitted
-        distance, value = distance_on_grid(fitted.cdf(y), truth, steps), other.evaluate(alpha)
+        # the earth mover's distance, by the trapezoidal rule
+        distance = np.trapezoid(np.abs(fitted.cdf(y) - truth), steps, axis=1)
+        value = other.evaluate(alpha)
         rows.append(
             DensityDistance(
                 density.name,

@@ -25,7 +25,7 @@ from aleator.moments.densities import (
     range_end,
 )
 from aleator.moments.entropy_solver import SETTINGS, Solution, density_at, solve
-from aleator.moments.legendre import legendre
+from aleator.moments.legendre import dot, legendre
 from aleator.moments.moments import Moments
 
 
@@ -81,19 +81,11 @@ class MaximumEntropy:
         return f"maximum entropy, {self.order} moments"
 
     @single_threaded
-    def fit(
-        self,
-        moments: Moments,
-        lower: ArrayLike,
-        upper: ArrayLike,
-        nearby: FittedMaximumEntropy | None = None,
-    ) -> FittedMaximumEntropy:
+    def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedMaximumEntropy:
         """Fit N densities on the physical ranges lower, upper (N,), each possibly infinite.
 
-        Sooner where those of moments `nearby` and this choice are given: some 3 Newton steps
-        instead of 7 and more; what is solved differs by rounding. Raises InputsError for too few
-        moments or a wrong shape. A mean outside its range, or moments that no density on the
-        support has, are a status.
+        Raises InputsError for too few moments or a wrong shape. A mean outside its range, or
+        moments that no density on the support has, are a status.
         """
         check_moments(moments, self.order, self.name)
         mean, sd = FittedGaussian(moments).safe()
@@ -106,8 +98,7 @@ class MaximumEntropy:
         none = np.array([1.0, 0.0, -1.0, *np.zeros(self.order - 2)])
         standardized = np.where(usable[:, None], standardized, none)
         lower, upper = np.where(usable, lower, -np.inf), np.where(usable, upper, np.inf)
-        start = nearby.solution if nearby else None
-        found = solve(lower, upper, standardized, self.reach, self.nodes, start)
+        found = solve(lower, upper, standardized, self.reach, self.nodes)
         return FittedMaximumEntropy(moments, found)
 
 
@@ -115,7 +106,7 @@ class MaximumEntropy:
 class FittedMaximumEntropy(FittedStandardized):
     """Maximum-entropy densities of N experiments; methods as in `FittedDensity`.
 
-    The normal density stands in where neither the order asked for nor a lower one could be solved.
+    The normal density stands in where neither the chosen order nor a lower one could be solved.
     """
 
     moments: Moments
@@ -123,14 +114,13 @@ class FittedMaximumEntropy(FittedStandardized):
 
     @property
     def status(self) -> Codes:
-        """(N,) how the solve of the order asked for ended."""
+        """(N,) how the solve of the chosen order ended."""
         return np.where(self.degenerate, Status.DEGENERATE, self.solution.status).astype(np.int64)
 
     @property
     def _normal(self) -> Flags:
         """(N, 1) where the normal density stands in."""
-        normal: Flags = (self.solution.order_used == 0)[:, None]
-        return normal
+        return np.asarray((self.solution.order_used == 0)[:, None])
 
     def log_density(self, u: Array) -> Array:
         """Logarithm of the density of u (N, G); -inf outside the support."""
@@ -311,18 +301,18 @@ def support_partials(solution: Solution, u: Array) -> SupportPartials:
     phi, slope, curvature = (
         legendre(t, order, derivative) / half[:, None] ** derivative for derivative in range(3)
     )
-    g = _dot(s.multipliers, slope[:, 1:])
+    g = dot(s.multipliers, slope[:, 1:])
     inside = beyond == 0.0
     falls = np.where(g * beyond < 0.0, 1.0, 0.0)
-    log_f = _dot(s.multipliers, phi[:, 1:]) - s.log_z - np.log(2.0 * half)
+    log_f = dot(s.multipliers, phi[:, 1:]) - s.log_z - np.log(2.0 * half)
     # v in the orthonormal polynomials: those of degree 0 vanish in it
     w = np.einsum("nkj,nj->nk", s.psi[:, 1:], phi + (falls * beyond)[:, None] * slope)
     d_a, d_b = (
         side * np.exp(s.multipliers @ end[1:] - s.log_z) / (2.0 * half)
-        * (1.0 + _dot(w, s.psi[:, 1:] @ end))
+        * (1.0 + dot(w, s.psi[:, 1:] @ end))
         for side, end in zip((1.0, -1.0), legendre(np.array([-1.0, 1.0]), order), strict=True)
     )  # fmt: skip
-    by_edge = (1.0 - falls) * g + falls * beyond * _dot(s.multipliers, curvature[:, 1:]) + beyond
+    by_edge = (1.0 - falls) * g + falls * beyond * dot(s.multipliers, curvature[:, 1:]) + beyond
     powers = np.einsum("nk,nki->ni", w, s.powers[:, 1:])
     powers[:, :3] = 0.0
     return SupportPartials(
@@ -333,8 +323,3 @@ def support_partials(solution: Solution, u: Array) -> SupportPartials:
         d_standardized=powers,
         outside=np.abs(beyond) > SETTINGS.touch * half,
     )
-
-
-def _dot(x: Array, y: Array) -> Array:
-    product: Array = np.einsum("nk,nk->n", x, y)
-    return product

@@ -23,7 +23,7 @@ class Moments:
 
     `mean` (N,) and `sd` (N,) carry the unit of the outcome; `standardized` (N, M+1) holds
     E[((Y - mean)/sd)^m] for m = 0..M, so that columns 0, 1, 2 are 1, 0, 1. The jacobians have a
-    last axis K, or are None where no derivative was asked for.
+    last axis K, or are None where no derivative was computed.
     """
 
     mean: Array
@@ -86,13 +86,11 @@ def weighted_moments(y: Array, weights: Array, order: int) -> Moments:
     """
     # as many powers at once as fit a core's cache
     every = blocks(max(len(y), 1), y.shape[1], 64_000)
-    parts = [_moments_of(y[rows], weights, order) for rows in every]
+    parts = []
+    for rows in every:
+        mean, sd, z = _standardize(y[rows], weights)
+        parts.append(Moments(mean, sd, _powers(z, weights, order)))
     return parts[0] if len(parts) == 1 else joined(parts)
-
-
-def _moments_of(y: Array, weights: Array, order: int) -> Moments:
-    mean, sd, z = _standardize(y, weights)
-    return Moments(mean, sd, _powers(z, weights, order))
 
 
 @single_threaded
@@ -159,7 +157,7 @@ class NodeOutcomes:
     """Outcomes y (N, J) of N experiments at J nodes with weights (J,) that sum to one.
 
     `dy` (N, J, K) and `dweights` (J, K) are their derivatives by the K hyperparameters, or None
-    where no derivative was asked for. E[g(Y_l)] is sum_j w_j g(y_lj) for any function g.
+    where no derivative was computed. E[g(Y_l)] is sum_j w_j g(y_lj) for any function g.
 
     >>> o = NodeOutcomes(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]))
     >>> o.moments(2).mean.tolist()

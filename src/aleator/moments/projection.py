@@ -48,7 +48,6 @@ class Projection:
     nodes: int | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if self.nodes is not None and self.nodes <= self.terms.degree:
             raise InputsError(
                 f"{self.nodes} nodes do not determine polynomials of degree {self.terms.degree}",
@@ -102,9 +101,9 @@ class Regression:
     twice the number of terms) well above the number of terms the matrix is well conditioned by
     construction, whatever law and terms. With `adaptive` every lower degree is tried too, and each
     experiment takes the degree of the least corrected leave-one-out error; more terms than 80 % of
-    the runs are not tried, for there the errors are no longer told apart. Exact for polynomials
-    in the set. Raises InputsError for runs below one, and if there are fewer runs than terms and
-    the degree may not be lowered.
+    the runs are not tried, for there the errors can no longer be compared. Exact for polynomials in
+    the set. Raises InputsError for runs below one, and if there are fewer runs than terms and the
+    degree may not be lowered.
 
     >>> from aleator.moments.expansion import TotalDegree
     >>> basis = Basis.normal(10)
@@ -121,7 +120,6 @@ class Regression:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if self.runs is not None and self.runs < 1:
             raise InputsError(f"{self.runs} runs make no design", "allow at least one run")
 

@@ -18,13 +18,12 @@ import numpy as np
 from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws import Inputs
+from aleator.laws.quadrature import Cubature, CubatureNodes, SobolPoints, TensorGauss
 from aleator.moments.exact_moments import ExpansionMoments, prepare
 from aleator.moments.expansion import Basis, ExpansionDesign, TotalDegree
 from aleator.moments.moments import Moments, NodeOutcomes
 from aleator.moments.projection import Projection, Regression, expansion_map
-from aleator.moments.quadrature import Cubature, CubatureNodes, SobolPoints, TensorGauss
-from aleator.surrogates import ResponseSurface
-from aleator.surrogates.responses import Divisible, ResponseFunction
+from aleator.simulators.response_functions import Divisible, ResponseFunction
 
 Fit = Projection | Regression
 
@@ -56,7 +55,6 @@ class Collocation:
     fit: Fit | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_nodes(self.nodes)
         if self.moments not in ("quadrature", "expansion"):
             raise InputsError(
@@ -164,15 +162,12 @@ class Propagation(Protocol):
     @property
     def inputs(self) -> Inputs:
         """The joint law."""
-        ...
 
     def at(self, alpha: Array) -> Array:
         """The points x (J, n) at which the response is evaluated."""
-        ...
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
-        """Moments up to `order`, with jacobians by alpha if asked for."""
-        ...
+        """Moments up to `order`, with jacobians by alpha if `gradient`."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +199,7 @@ class QuadraturePropagation:
 def outcomes_at(
     response: ResponseFunction, nodes: CubatureNodes, *, gradient: bool
 ) -> NodeOutcomes:
-    """The outcomes of a response at nodes of the law, with derivatives by alpha if asked for."""
+    """The outcomes of a response at nodes of the law, with derivatives by alpha if `gradient`."""
     if not gradient:
         return NodeOutcomes(response.evaluate(nodes.x), nodes.weights)
     outcome, slope = response.evaluate_with_gradient(nodes.x)
@@ -270,10 +265,10 @@ class ProjectedPropagation:
 class ExpandedPropagation:
     """Moments of eta(T(theta | alpha)) expanded in Hermite polynomials of theta ~ N(0, 1).
 
-    The points of the design, in theta, do not depend on alpha, and the coefficients are linear
-    in the outcomes there, so that their derivative by alpha is that of the outcomes. The moments of
+    The points of the design, in theta, do not depend on alpha, and the coefficients are linear in
+    the outcomes there, so that their derivative by alpha is that of the outcomes. The moments of
     the expansion are exact (paper, eq. (moments3.0); here by tensor Gauss rules or Galerkin
-    products). `order` is the highest moment that will be asked for. Cost: one evaluation of the
+    products). `order` is the highest moment that will be needed. Cost: one evaluation of the
     response at the points, and O(N J P) besides the moments.
     """
 
@@ -302,7 +297,7 @@ class ExpandedPropagation:
         return prepare(self._basis, expansion.indices, self.order)
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
-        """Moments of the expansions of the N outcomes, with derivatives if asked for."""
+        """Moments of the expansions of the N outcomes, with derivatives if `gradient`."""
         x, dx = self.inputs.image(alpha, self.design.t)
         none = np.zeros((len(self.design), self.inputs.size))
         points = CubatureNodes(x, self.design.weights, dx, none)
@@ -351,20 +346,20 @@ class NodeSettings:
 NODE_SETTINGS = NodeSettings()
 
 
-def propagated(
+def on_surfaces(
     inputs: Inputs,
-    choice: ResponseSurface | Collocation,
+    nodes: int | Cubature | None,
     order: int,
     response: ResponseFunction,
     region: Array,
     settings: NodeSettings = NODE_SETTINGS,
 ) -> Propagation:
-    """The way from the law to `order` moments of the outcomes; `region` (n, 2) is known."""
-    if isinstance(choice, Collocation):
-        return _collocated(inputs, choice, order, response)
-    if choice.nodes is not None:
-        return QuadraturePropagation(inputs, response, as_cubature(choice.nodes))
-    # nodes cost no run here: as many as are of use
+    """The way from the law to `order` moments of outcomes that cost no run.
+
+    The surfaces are known on a `region` (n, 2). Without `nodes` there are as many as are of use.
+    """
+    if nodes is not None:
+        return QuadraturePropagation(inputs, response, as_cubature(nodes))
     cubature = default_cubature(inputs, runs=False)
     way = QuadraturePropagation(inputs, response, cubature)
     if isinstance(cubature, TensorGauss):
@@ -372,9 +367,10 @@ def propagated(
     return _enough_degrees(way, region, order, settings)
 
 
-def _collocated(
+def collocated(
     inputs: Inputs, chosen: Collocation, order: int, response: ResponseFunction
 ) -> Propagation:
+    """The way from the law to `order` moments of outcomes that are simulated for every alpha."""
     if chosen.fit is not None:
         return ExpandedPropagation(inputs, response, chosen.fit, order)
     if chosen.nodes is None:
@@ -411,7 +407,7 @@ def _enough_degrees(
     """The expansion of degree 2 or 3 where one more degree changes nothing, else the samples.
 
     In many parameters the moments of an expansion are exact where samples are not; a surface that
-    bends more than its own degree tells is left to the samples.
+    bends more than such a degree is left to the samples.
     """
     inputs, response = sampled.inputs, sampled.response
     ways = [

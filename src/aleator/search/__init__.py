@@ -1,6 +1,15 @@
-"""Searches for the alpha of largest log-likelihood: one interface, one file each."""
+"""Searches for the alpha of largest log-likelihood within limits.
 
-from aleator.search.custom import CustomSearch, Trial, compare
+Three nouns: an `Objective` is the log-likelihood at one alpha with its score, or at many without; a
+`Search` maximizes it over the free hyperparameters; a `SearchResult` has the best alpha, what each
+start came to (`Ascent`), and the distinct optima (`Optimum`).
+
+`multistart` climbs by quasi-Newton steps and is the default, `populations` are CMA-ES, a genetic
+algorithm and differential evolution, `custom` is a function of the user's; `newton` climbs from
+near a maximum, with an information matrix.
+"""
+
+from aleator.search.custom import CustomSearch
 from aleator.search.interface import (
     Ascent,
     Objective,
@@ -8,7 +17,6 @@ from aleator.search.interface import (
     Scored,
     Search,
     SearchResult,
-    Step,
     objective_of,
     wide_limits,
 )
@@ -29,10 +37,7 @@ __all__ = [
     "Scored",
     "Search",
     "SearchResult",
-    "Step",
-    "Trial",
     "ascend",
-    "compare",
     "objective_of",
     "wide_limits",
 ]

@@ -1,9 +1,9 @@
-"""A search by a function of the user's, and searches compared with each other."""
+"""A search by a function of the user's."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 
 from aleator.core.types import Array
 from aleator.errors import InputsError
-from aleator.laws import Hyperparameter
-from aleator.search.interface import Objective, Scored, Search, SearchResult, Step
-from aleator.search.objective import Coordinates, CountedObjective, Task, TaskSearch
+from aleator.search.interface import SearchResult
+from aleator.search.objective import Coordinates, Task, TaskSearch
 from aleator.search.populations import finished
 
 Value = Callable[[ArrayLike], float]
@@ -33,9 +32,9 @@ class CustomSearch(TaskSearch):
 
     All are of the F free hyperparameters, in their own units: `value(alpha)` is the log-likelihood
     at alpha (F,), to be maximized, and never anything but a finite number; `lower`, `upper` and
-    `start` are (F,), the start being the best of the hyperparameters' own and the guesses; `rng`
-    is seeded. The result is the best alpha that was asked for, after a gradient ascent from there
-    if `polish`. What the function raises is not caught.
+    `start` are (F,), the start being the best of the hyperparameters' own and the guesses; `rng` is
+    seeded. The result is the best alpha that was evaluated, after a gradient ascent from there if
+    `polish`. What the function raises is not caught.
 
     Raises InputsError for a function that cannot be called with these five, and where it returns
     anything but F numbers within the limits.
@@ -61,13 +60,12 @@ class CustomSearch(TaskSearch):
     name: str = "custom"
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if not callable(self.function):
             raise InputsError(f"custom search: {self.function!r} is not a function", TAKES)
         try:
             signature = inspect.signature(self.function)
         except ValueError:
-            # some functions written in C do not tell
+            # some functions written in C have no signature
             return
         try:
             signature.bind(*ARGUMENTS)
@@ -115,67 +113,3 @@ def _within(end: ArrayLike, coordinates: Coordinates, share: float = 1e-9) -> Ar
             "return the best alpha, an array of the free hyperparameters within their limits",
         )
     return alpha
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One search: its result, and what it took.
-
-    `evaluations` count values of the log-likelihood, `scored` those of them with a score, which
-    cost more each; `seconds` are of this machine. `trace` has a Step for every improvement.
-    """
-
-    name: str
-    result: SearchResult
-    evaluations: int
-    scored: int
-    seconds: float
-    trace: tuple[Step, ...]
-
-    @property
-    def log_likelihood(self) -> float:
-        """What the search reached."""
-        return self.result.log_likelihood
-
-    def reached(self, log_likelihood: float) -> Step | None:
-        """The first step that was not below this log-likelihood, or None if there is none."""
-        return next((step for step in self.trace if step.log_likelihood >= log_likelihood), None)
-
-
-def compare(
-    searches: Sequence[Search],
-    objective: Objective | Scored,
-    hyperparameters: Sequence[Hyperparameter],
-    *,
-    seed: int,
-    guesses: Sequence[Array] = (),
-) -> tuple[Trial, ...]:
-    """Let every search maximize the same objective from the same seed and guesses, in turn.
-
-    Raises InputsError for no search at all. Cost: that of all searches.
-
-    >>> import numpy as np
-    >>> from aleator.search.interface import LogLikelihood
-    >>> from aleator.search import DifferentialEvolution, GradientMultistart
-    >>> def parabola(alpha):  # log L = -(alpha - 2)^2, largest at 2
-    ...     gap = alpha - 2.0
-    ...     return LogLikelihood(-(gap**2), -2.0 * gap[None, :], np.zeros(1, dtype=int))
-    >>> limits = [Hyperparameter("x.mean", 0.0, 10.0, 5.0, free=True)]
-    >>> choices = [GradientMultistart(2), DifferentialEvolution(population=8)]
-    >>> trials = compare(choices, parabola, limits, seed=0)
-    >>> [(trial.name, abs(trial.log_likelihood) < 1e-6) for trial in trials]
-    [('gradient_multistart(2)', True), ('differential_evolution(8)', True)]
-    """
-    if not searches:
-        raise InputsError("compare: no search is given", "give at least one search")
-    trials = []
-    for search in searches:
-        counted = CountedObjective(objective)
-        result = search.maximize(counted, hyperparameters, seed=seed, guesses=guesses)
-        trials.append(
-            Trial(
-                search.name, result, counted.evaluations, counted.scored,
-                counted.seconds, counted.trace,
-            )
-        )  # fmt: skip
-    return tuple(trials)

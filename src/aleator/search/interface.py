@@ -84,7 +84,7 @@ class Continuable(Protocol):
 class Guiding(Protocol):
     """A log-likelihood that knows where it may be larger, as by expectation and maximization."""
 
-    def toward(self, alpha: Array) -> tuple[float, Array] | None:
+    def expectation_step(self, alpha: Array) -> tuple[float, Array] | None:
         """The total at alpha (K,) and the next alpha, which need not keep limits; None for none."""
 
 
@@ -138,7 +138,8 @@ class OptimaSettings:
     same_value: float = 0.01
     """Two ends within this log-likelihood of each other may be the same optimum."""
     same_place: float = 0.3
-    """... and are, if also within this many standard errors (outer product of scores)."""
+    """Two ends within `same_value` are one optimum, if they are also within this many standard
+    errors (outer product of scores)."""
 
 
 OPTIMA = OptimaSettings()
@@ -178,19 +179,9 @@ class Optimum:
 
 
 @dataclass(frozen=True)
-class Step:
-    """A best log-likelihood so far, and the evaluations and seconds after which it was known."""
-
-    evaluations: int
-    seconds: float
-    log_likelihood: float
-
-
-@dataclass(frozen=True)
 class SearchResult:
     """The best alpha (K,), all starts, and the distinct optima, best first.
 
-    `trace` has a Step for every improvement; its seconds are all that a seed does not reproduce.
     `method` is the name of the search. `once` says that several starts were made, and the best
     log-likelihood was reached by one of them or by none.
     """
@@ -199,7 +190,6 @@ class SearchResult:
     log_likelihood: float
     ascents: tuple[Ascent, ...]
     optima: tuple[Optimum, ...]
-    trace: tuple[Step, ...] = ()
     method: str = ""
     once: bool = False
 
@@ -207,17 +197,6 @@ class SearchResult:
     def evaluations(self) -> int:
         """Evaluations of the log-likelihood, with its score or without, all starts together."""
         return sum(ascent.evaluations for ascent in self.ascents)
-
-    @property
-    def exhaustive(self) -> bool:
-        """Whether another optimum is unlikely, after all starts of a multistart.
-
-        Of n starts that ended at w optima, w (n - 1)/(n - w - 2) optima are to be expected, if
-        before the search any number was as likely (Boender and Rinnooy Kan, 1987): to be less than
-        half an optimum more than w.
-        """
-        w, n = len(self.optima), sum(optimum.starts for optimum in self.optima)
-        return n > w + 2 and w * (n - 1) / (n - w - 2) < w + 0.5
 
     @property
     def rivals(self) -> list[Array]:
@@ -353,21 +332,20 @@ def written(result: SearchResult) -> str:
 def read(text: str) -> SearchResult:
     """The result that was written.
 
-    >>> one = SearchResult(np.array([0.1, 1 / 3]), -1.5, (), (), (Step(3, 0.2, -1.5),), "climb")
+    >>> one = SearchResult(np.array([0.1, 1 / 3]), -1.5, (), (), "climb")
     >>> again = read(written(one))
-    >>> again.alpha.tolist() == one.alpha.tolist(), again.trace == one.trace, again.method
-    (True, True, 'climb')
+    >>> again.alpha.tolist() == one.alpha.tolist(), again.method
+    (True, 'climb')
     """
-    told = json.loads(text)
+    known = json.loads(text)
     return SearchResult(
-        np.array(told["alpha"]),
-        told["log_likelihood"],
+        np.array(known["alpha"]),
+        known["log_likelihood"],
         tuple(
             Ascent(**{**one, "start": np.array(one["start"]), "alpha": np.array(one["alpha"])})
-            for one in told["ascents"]
+            for one in known["ascents"]
         ),
-        tuple(Optimum(**{**one, "alpha": np.array(one["alpha"])}) for one in told["optima"]),
-        tuple(Step(**one) for one in told["trace"]),
-        told["method"],
-        told["once"],
+        tuple(Optimum(**{**one, "alpha": np.array(one["alpha"])}) for one in known["optima"]),
+        known["method"],
+        known["once"],
     )

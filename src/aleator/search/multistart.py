@@ -23,7 +23,6 @@ from aleator.search.interface import (
     outsized,
 )
 from aleator.search.objective import (
-    SIGHT,
     Coordinates,
     CountedObjective,
     Task,
@@ -51,22 +50,24 @@ class ClimbSettings:
     """Legs of a climb, their end, and when a climb joins another; by judgement."""
 
     near: float = 0.5
-    """Standard errors (outer product of scores) within which two optima cannot be told apart."""
+    """Standard errors (outer product of scores) within which two optima may be one."""
     agrees: float = 0.05
-    """... if the log-likelihood between them rises as the slopes at both ends say, to this."""
-    own_gain: float = 1.0
-    """Log-likelihood that a step of the objective's own way must gain for another one: near a
-    maximum others are faster."""
-    own_steps: int = 10
-    """The most such steps."""
+    """Optima within `near` are one, if the log-likelihood between them rises as the slopes at both
+    ends say, to this error."""
+    guided_gain: float = 1.0
+    """Log-likelihood that a step of the objective itself (see `Guiding`) must gain for another one;
+    near a maximum quasi-Newton steps are faster."""
+    guided_steps: int = 10
+    """The most steps of the objective itself."""
     flat: float = 1e-4
     """Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""
     settled: float = 1e-3
-    """... of the leg's end, above which another leg follows: other starts may join this one."""
+    """Slope, in log-likelihood a standard error of the leg's end, above which another leg
+    follows."""
     noise: float = 5.0
     """Roots of the objective's resolution below which a slope is none."""
     leg: int = 10
-    """Evaluations of a leg, where the objective knows a way of its own that may be tried again."""
+    """Evaluations of a leg, where steps of the objective itself may be tried again after it."""
     little: float = 1e-6
     """A leg that gains less than this in log-likelihood is the last."""
     digits: float = 1e-11
@@ -107,7 +108,7 @@ class Reached:
 
     @cached_property
     def _tells(self) -> bool:
-        """Whether the scores tell a distance: of more experiments than F, in every direction."""
+        """Whether the scores give a distance: of more experiments than F, in every direction."""
         size = np.sqrt(np.sum(self._scores**2, axis=0))
         if len(self._scores) <= self.free.size or not np.all(size > 0.0):
             return False
@@ -126,22 +127,22 @@ def approached(
     most: int,
     settings: ClimbSettings = CLIMBS,
 ) -> tuple[Array, int]:
-    """The best alpha (K,) on the objective's own way from `start`, and how many evaluations.
+    """The best alpha (K,) by steps of the objective itself from `start`, and how many evaluations.
 
-    It is the start itself where no step gains, or none is known (see `Guiding`).
+    It is the start itself where no step gains, or the objective has none (see `Guiding`).
     """
     best, alpha, value = start, start, -np.inf
-    for count in range(min(settings.own_steps, most)):
-        found = objective.toward(alpha)
+    for count in range(min(settings.guided_steps, most)):
+        found = objective.expectation_step(alpha)
         if found is None:
             return start, 0
         gain = found[0] - value
         if gain > 0.0:
             best, value = alpha, found[0]
-        if gain < settings.own_gain:
+        if gain < settings.guided_gain:
             return best, count + 1
         alpha = coordinates.filled(found[1][coordinates.free])
-    return best, max(min(settings.own_steps, most), 0)
+    return best, max(min(settings.guided_steps, most), 0)
 
 
 def starting_points(
@@ -153,10 +154,10 @@ def starting_points(
 ) -> Array:
     """The hyperparameters' own start, the guesses, and scrambled Sobol' points: alphas (count, K).
 
-    The first of more are the same. One that is given twice is one start.
+    Of more starts the first are the same. A guess that is given twice is one start.
 
     Points of a box that is a million times wider than every guess is large would all be far from
-    anything: there they lie around the guesses instead, at distances of every size.
+    anything: there they lie at distances of every size from the guesses.
     """
     given = coordinates.filled(
         np.array([a[coordinates.free] for a in (coordinates.start, *guesses)])
@@ -165,7 +166,7 @@ def starting_points(
     missing = count - len(known)
     if missing <= 0:
         return known[:count]
-    # a start on a bound tells the search little
+    # a start on a limit gives the search little
     spread = settings.margin + (1.0 - 2.0 * settings.margin) * evenly(
         coordinates.free.size, missing, seed
     )
@@ -217,14 +218,14 @@ def climb(
     """Climb from the alpha `start` (K,) with at most so many evaluations.
 
     The variables are steps in units of the standard errors, as the outer product of the scores
-    estimates them. Far from the maximum that estimate is poor: where it no longer holds at the
-    end, another leg begins there in new units. Where the objective knows a way of its own (see
-    `Guiding`), it is tried before every leg. A climb that joins one of those that `reached` an
-    optimum ends with it; the end of any other is added to them.
+    estimates them. Far from the maximum that estimate is poor: where it no longer holds at the end,
+    another leg begins there in new units. Where the objective has steps of its own (see `Guiding`),
+    these are tried before every leg. A climb that joins one of those that `reached` an optimum ends
+    with it; the end of any other is added to them.
     """
     alpha, spent = approached(objective, coordinates, start, evaluations - 1, settings)
     at, count, settled = objective(alpha), spent + 1, False
-    if at.total <= SIGHT.floor:
+    if at.total <= objective.floor:
         return Ascent(start, start, -np.inf, count, converged=False)
     while not settled:
         left = evaluations - count
@@ -270,7 +271,7 @@ class _Leg:
         self.highest, self.best, self.count = start, at, 0
 
     def run(self) -> bool:
-        """Whether it came to its own end within the evaluations."""
+        """Whether the method ended by itself within the evaluations."""
         if self.joined is not None:
             return True
         unit, resolution = self._coordinates.to_unit(self._start), self._objective.resolution
@@ -295,7 +296,7 @@ class _Leg:
         moved = self._coordinates.moved(self._start, v * self._scale)
         alpha = moved if np.any(v) else self._start
         result = self._at if np.array_equal(alpha, self._start) else self._asked(alpha)
-        if result.total <= SIGHT.floor:
+        if result.total <= self._objective.floor:
             # no number: the line search sees less than all it has met, and comes back
             return 1.0 + self.best.total - 2.0 * self._least, np.zeros_like(v)
         self._least = min(self._least, result.total)
@@ -371,7 +372,6 @@ class GradientMultistart(TaskSearch):
     most: int | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         if self.starts < 1 or self.evaluations < 1:
             raise InputsError(
                 f"search: starts {self.starts} and evaluations {self.evaluations}",
@@ -410,8 +410,8 @@ class WarmStart:
     """Climb from `alpha` (K,), the hyperparameters' start and a guess: `GradientMultistart(3)`.
 
     For a likelihood that costs much, after a search of a cheaper one that is nearly the same. It
-    finds no optimum that the other did not lead to, and how often that was reached, `once` or more,
-    is what the other tells.
+    finds no optimum that the other search did not lead to; whether only one start of that search
+    reached it is `once`.
 
     >>> import numpy as np
     >>> WarmStart(np.array([1.0])).name

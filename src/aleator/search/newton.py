@@ -22,13 +22,14 @@ class AscentSettings:
     steps: int = 40
     """The most steps."""
     believed: float = 1.0
-    """A gain that is believed however far the step goes; a longer one is as long as is known."""
+    """A step with a larger predicted gain goes no farther than the objective's reach."""
     tries: int = 12
-    """Lengths of a step that are tried."""
+    """The most lengths of a step that are tried."""
     doubted: int = 4
-    """... by a matrix that there is another for."""
+    """The same of a step by a matrix that outer products of scores can replace."""
     experiments: int = 5
-    """Experiments a hyperparameter from which on outer products of scores tell a curvature."""
+    """Experiments for each hyperparameter from which on outer products of scores give a
+    curvature."""
     rise: float = 1e-4
     """Share of the gain by the slope that a step must bring (Armijo)."""
     shorter: float = 0.4
@@ -48,8 +49,8 @@ ASCENT = AscentSettings()
 class Summit:
     """Where an ascent ended: `alpha` (K,), its `value` and `scores` (N, K).
 
-    `information` (F, F) is what the steps taught of the curvature over what moved, and `gain`
-    what is left to climb by it.
+    `information` (F, F) of the hyperparameters that moved is what the steps have taught, and `gain`
+    is what is left to climb by it.
     """
 
     alpha: Array
@@ -64,7 +65,7 @@ class Summit:
         return np.asarray(self.scores.sum(axis=0))
 
     def outer(self, rows: Indices) -> Array:
-        """The information (F, F) of these rows that the scores of the experiments tell."""
+        """The information (F, F) about these hyperparameters by outer products of scores."""
         return outer(self.scores[:, rows])
 
 
@@ -114,13 +115,13 @@ def ascended(
         return counted(whole(x))
 
     here, gain = at(point), 0.0
-    # of few experiments the outer products tell little: then there is no other matrix
+    # the outer products of a small number of experiments say little: then there is no other matrix
     another = bent and len(here.each) > settings.experiments * moving.size
     least = arrived if bent else 0.0
     doubted = another
     for _ in range(settings.steps):
         score = here.score[moving]
-        free = ~held(point, score, lower, upper)
+        free = ~on_limits(point, score, lower, upper)
         step = _newton_step(matrix, score, free)
         if score @ step < 0.0:
             # a matrix that is not positive definite leads downhill
@@ -158,19 +159,19 @@ def positive(matrix: Array, settings: AscentSettings = ASCENT) -> Array:
 
 
 def outer(scores: Array) -> Array:
-    """The information (F, F) that the scores (N, F) of the experiments tell.
+    """The information (F, F) by outer products of the scores (N, F) of the experiments.
 
     >>> outer(np.array([[2.0, 0.0], [0.0, 3.0]])).tolist()
     [[4.0, 0.0], [0.0, 9.0]]
     """
-    told = np.nan_to_num(scores)
-    return positive(told.T @ told)
+    finite = np.nan_to_num(scores)
+    return positive(finite.T @ finite)
 
 
-def held(point: Array, score: Array, lower: Array, upper: Array) -> Flags:
+def on_limits(point: Array, score: Array, lower: Array, upper: Array) -> Flags:
     """Which of the values (F,) stay on a limit, as their score (F,) leads beyond it.
 
-    >>> held(np.array([0.0, 0.0]), np.array([-1.0, 1.0]), np.zeros(2), np.ones(2)).tolist()
+    >>> on_limits(np.array([0.0, 0.0]), np.array([-1.0, 1.0]), np.zeros(2), np.ones(2)).tolist()
     [True, False]
     """
     return np.asarray(((point <= lower) & (score < 0.0)) | ((point >= upper) & (score > 0.0)))

@@ -1,8 +1,7 @@
-"""An objective as a search sees it: scaled, counted, its ends sorted into optima."""
+"""An objective as a search sees it: in scaled coordinates, counted, its ends sorted into optima."""
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +21,6 @@ from aleator.search.interface import (
     Optimum,
     Scored,
     SearchResult,
-    Step,
     nowhere_finite,
     objective_of,
     one_hill,
@@ -57,13 +55,15 @@ class Coordinates:
     ([0.5], [1.0])
     """
 
-    def __init__(self, hyperparameters: Sequence[Hyperparameter]) -> None:
+    def __init__(
+        self, hyperparameters: Sequence[Hyperparameter], settings: SightSettings = SIGHT
+    ) -> None:
         self.free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
         self._base = np.array([h.start for h in hyperparameters])
         chosen = [hyperparameters[k] for k in self.free]
         self.log = np.array([h.log for h in chosen], dtype=bool)
         self.lower, self.upper = limits_of(chosen)
-        self._knee = np.array([SIGHT.knee * h.upper * h.reaches_zero for h in chosen])
+        self._knee = np.array([settings.knee * h.upper * h.reaches_zero for h in chosen])
         self._beside, self._known = _sums(hyperparameters, self.free)
         ends = np.array([(h.beside.lower, h.beside.upper) if h.beside else (h.lower, h.upper)
                          for h in chosen]).reshape(-1, 2)  # fmt: skip
@@ -144,30 +144,20 @@ def _sums(hyperparameters: Sequence[Hyperparameter], free: Indices) -> tuple[Arr
 
 
 class CountedObjective:
-    """The objective of one search, the `method`: the best alpha it asked for, and what that took.
+    """The objective of one search, the `method`: it counts evaluations and keeps the best alpha
+    met.
 
-    Floating-point warnings of the objective are contained, because a search asks for absurd alpha
-    on purpose; a value, or a score, that is not finite counts as the floor with a score of zero.
+    Floating-point warnings of the objective are contained, because a search tries absurd alpha on
+    purpose; a value, or a score, that is not finite counts as the floor with a score of zero.
     """
 
-    def __init__(self, objective: Objective | Scored, method: str = "") -> None:
-        self.method = method
+    def __init__(
+        self, objective: Objective | Scored, method: str = "", settings: SightSettings = SIGHT
+    ) -> None:
+        self.method, self.floor = method, settings.floor
         self._objective = objective_of(objective)
-        self._began = time.perf_counter()
-        self._steps: list[Step] = []
         self.evaluations = 0
-        self.scored = 0
         self.best: tuple[Array, float] | None = None
-
-    @property
-    def seconds(self) -> float:
-        """Seconds since it was made."""
-        return time.perf_counter() - self._began
-
-    @property
-    def trace(self) -> tuple[Step, ...]:
-        """A Step for every improvement."""
-        return tuple(self._steps)
 
     @property
     def standing(self) -> str:
@@ -184,12 +174,11 @@ class CountedObjective:
             # squares of scores are the information that scales the variables
             finite = np.isfinite(result.total) and np.isfinite(np.sum(result.scores**2))
         self.evaluations += 1
-        self.scored += 1
-        if not finite or result.total <= SIGHT.floor:
+        if not finite or result.total <= self.floor:
             each = np.zeros_like(result.each)
-            each[0] = SIGHT.floor
+            each[0] = self.floor
             return LogLikelihood(each, np.zeros_like(result.scores), result.status)
-        self._note(alpha, result.total)
+        self.note(alpha, result.total)
         return result
 
     def values(self, alphas: Array) -> Array:
@@ -197,10 +186,10 @@ class CountedObjective:
         with np.errstate(all="ignore"):
             values = np.asarray(self._objective.values(alphas), dtype=np.float64)
         self.evaluations += len(alphas)
-        values = np.where(np.isfinite(values), values, SIGHT.floor)
-        if values.size and values.max() > SIGHT.floor:
+        values = np.where(np.isfinite(values), values, self.floor)
+        if values.size and values.max() > self.floor:
             best = int(np.argmax(values))
-            self._note(alphas[best], float(values[best]))
+            self.note(alphas[best], float(values[best]))
         return values
 
     @property
@@ -212,25 +201,25 @@ class CountedObjective:
         """See `reach_of`."""
         return reach_of(self._objective, alpha, ahead)
 
-    def toward(self, alpha: Array) -> tuple[float, Array] | None:
+    def expectation_step(self, alpha: Array) -> tuple[float, Array] | None:
         """The log-likelihood at alpha (K,) and the next alpha; None where none is known."""
         if not isinstance(self._objective, Guiding):
             return None
         with np.errstate(all="ignore"):
-            found = self._objective.toward(alpha)
+            found = self._objective.expectation_step(alpha)
         if found is None:
             return None
         value, ahead = found
         self.evaluations += 1
         if not np.isfinite(value) or not np.all(np.isfinite(ahead)):
-            return SIGHT.floor, alpha
-        self._note(alpha, value)
+            return self.floor, alpha
+        self.note(alpha, value)
         return value, ahead
 
-    def _note(self, alpha: Array, value: float) -> None:
+    def note(self, alpha: Array, value: float) -> None:
+        """Keep this alpha (K,) where it is the best so far."""
         if self.best is None or value > self.best[1]:
             self.best = (alpha.copy(), value)
-            self._steps.append(Step(self.evaluations, self.seconds, value))
 
 
 def gathered(
@@ -261,9 +250,7 @@ def gathered(
             groups.append((ascent, _information(ascent, objective), 1))
     optima = tuple(Optimum(a.alpha, a.log_likelihood, count) for a, _, count in groups)
     best = optima[0]
-    return SearchResult(
-        best.alpha, best.log_likelihood, tuple(ascents), optima, objective.trace, objective.method
-    )
+    return SearchResult(best.alpha, best.log_likelihood, tuple(ascents), optima, objective.method)
 
 
 def reached_once(
@@ -292,11 +279,11 @@ def only_point(
     """The result where no hyperparameter is free: one evaluation, nothing to search."""
     alpha = coordinates.start
     value = float(objective.values(alpha[None, :])[0])
-    if value <= SIGHT.floor:
+    if value <= objective.floor:
         raise nowhere_finite(hyperparameters, 1)
     ascent = Ascent(alpha, alpha, value, 1, converged=True)
     optima = (Optimum(alpha, value, 1),)
-    return SearchResult(alpha, value, (ascent,), optima, objective.trace, objective.method)
+    return SearchResult(alpha, value, (ascent,), optima, objective.method)
 
 
 def _information(ascent: Ascent, objective: CountedObjective) -> Array:
@@ -308,7 +295,7 @@ def _information(ascent: Ascent, objective: CountedObjective) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a search is given: the counted objective over F > 0 free hyperparameters.
+    """The task of a search: the counted objective over F > 0 free hyperparameters.
 
     `guesses` are alphas (K,) worth a start; `seed` is that of everything random.
     """
@@ -320,9 +307,14 @@ class Task:
     seed: int
     progress: Progress
 
+    def cost(self, u: Array) -> Array:
+        """Minus the log-likelihoods (A,) at points u (A, F) of the unit cube."""
+        return -self.counted.values(self.coordinates.to_alpha(u))
+
 
 class TaskSearch(ABC):
-    """A search that is asked only where a hyperparameter is free; it fills `name` and `_search`."""
+    """Base of searches: a subclass gives `name`, and `_search` for at least one free
+    hyperparameter."""
 
     @property
     @abstractmethod
@@ -345,8 +337,8 @@ class TaskSearch(ABC):
         coordinates, counted = Coordinates(hyperparameters), CountedObjective(objective, self.name)
         if coordinates.free.size == 0:
             return only_point(counted, coordinates, hyperparameters)
-        told = progress or Silent()
-        return self._search(Task(counted, coordinates, hyperparameters, guesses, seed, told))
+        listener = progress or Silent()
+        return self._search(Task(counted, coordinates, hyperparameters, guesses, seed, listener))
 
     @abstractmethod
     def _search(self, task: Task) -> SearchResult:

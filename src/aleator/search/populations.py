@@ -15,14 +15,7 @@ from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError
 from aleator.search.interface import OPTIMA, Ascent, Optimum, SearchResult, nowhere_finite
 from aleator.search.multistart import climb, evenly, starting_points
-from aleator.search.objective import (
-    SIGHT,
-    Coordinates,
-    CountedObjective,
-    Task,
-    TaskSearch,
-    gathered,
-)
+from aleator.search.objective import Coordinates, Task, TaskSearch, gathered
 
 
 @dataclass(frozen=True)
@@ -39,17 +32,6 @@ class EvolutionSettings:
 EVOLUTION = EvolutionSettings()
 
 
-class Cube:
-    """The objective in the unit cube, negative, for optimizers that minimize."""
-
-    def __init__(self, counted: CountedObjective, coordinates: Coordinates) -> None:
-        self._counted, self._coordinates = counted, coordinates
-
-    def __call__(self, u: Array) -> Array:
-        """Minus the log-likelihoods (A,) at u (A, F)."""
-        return -self._counted.values(self._coordinates.to_alpha(u))
-
-
 def first_population(
     coordinates: Coordinates, guesses: Sequence[Array], size: int, seed: int
 ) -> Array:
@@ -61,7 +43,9 @@ def first_population(
     return np.concatenate([known, evenly(coordinates.free.size, missing, seed)])
 
 
-def finished(task: Task, *, converged: bool, polish: bool) -> SearchResult:
+def finished(
+    task: Task, *, converged: bool, polish: bool, settings: EvolutionSettings = EVOLUTION
+) -> SearchResult:
     """The best alpha met, after a gradient ascent from there if `polish`, as one start.
 
     Raises InputsError where no finite log-likelihood was met.
@@ -71,12 +55,12 @@ def finished(task: Task, *, converged: bool, polish: bool) -> SearchResult:
         raise nowhere_finite(task.hyperparameters, counted.evaluations)
     alpha, value = counted.best
     if polish:
-        end = climb(counted, coordinates, alpha, EVOLUTION.polish, [])
+        end = climb(counted, coordinates, alpha, settings.polish, [])
         if end.log_likelihood >= value:
             alpha, value, converged = end.alpha, end.log_likelihood, end.converged
     only = Ascent(coordinates.start, alpha, value, counted.evaluations, converged)
     optima = (Optimum(alpha, value, 1),)
-    return SearchResult(alpha, value, (only,), optima, counted.trace, counted.method)
+    return SearchResult(alpha, value, (only,), optima, counted.method)
 
 
 def at_least(search: str, **least: tuple[int, int]) -> None:
@@ -126,7 +110,6 @@ class CMAES(TaskSearch):
     polish: bool = True
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         needs("cma", "the CMA-ES search")
         at_least(
             "CMA-ES", runs=(self.runs, 1), evaluations=(self.evaluations, 1),
@@ -150,12 +133,12 @@ class CMAES(TaskSearch):
 
     def _run(self, task: Task, start: Array, rng: np.random.Generator, before: int) -> Ascent:
         coordinates = task.coordinates
-        cube, size = Cube(task.counted, coordinates), coordinates.free.size
+        size = coordinates.free.size
         strategy = self._strategy(coordinates.to_unit(start), rng)
-        alpha, value, count = start, SIGHT.floor, 0
+        alpha, value, count = start, task.counted.floor, 0
         while not (reasons := _quietly(strategy.stop)):
             u = np.array(_quietly(strategy.ask))
-            cost = cube(u[:, :size])
+            cost = task.cost(u[:, :size])
             _quietly(strategy.tell, list(u), cost.tolist())
             count += len(u)
             best = int(np.argmin(cost))
@@ -164,14 +147,16 @@ class CMAES(TaskSearch):
             text = f"run {before + 1} of {self.runs}, {task.counted.standing}"
             task.progress.update(text, before + min(count / self.evaluations, 1.0), self.runs)
         converged = bool(ARRIVED_BY & set(reasons))
-        if value <= SIGHT.floor:
+        if value <= task.counted.floor:
             return Ascent(start, start, -np.inf, count, converged=False)
         if not self.polish:
             return Ascent(start, alpha, value, count, converged)
         end = climb(task.counted, coordinates, alpha, EVOLUTION.polish, [])
         return Ascent(start, end.alpha, end.log_likelihood, count + end.evaluations, end.converged)
 
-    def _strategy(self, u: Array, rng: np.random.Generator) -> Any:
+    def _strategy(
+        self, u: Array, rng: np.random.Generator, settings: EvolutionSettings = EVOLUTION
+    ) -> Any:
         """cma's strategy with a generator of its own, so that no global state is touched."""
         import cma
 
@@ -179,8 +164,8 @@ class CMAES(TaskSearch):
             "bounds": [0.0, 1.0],
             "randn": lambda *shape: rng.standard_normal(shape),
             "seed": np.nan,
-            "tolfun": EVOLUTION.flat,
-            "tolfunhist": EVOLUTION.flat,
+            "tolfun": settings.flat,
+            "tolfunhist": settings.flat,
             "maxfevals": self.evaluations,
             "verbose": -9,
         }
@@ -224,7 +209,6 @@ class GeneticAlgorithm(TaskSearch):
     polish: bool = True
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         needs("pymoo", "the genetic search")
         at_least(
             "genetic search", population=(self.population, 4),
@@ -238,7 +222,6 @@ class GeneticAlgorithm(TaskSearch):
 
     def _search(self, task: Task) -> SearchResult:
         """Let the population evolve, and polish its best."""
-        cube = Cube(task.counted, task.coordinates)
         first = first_population(task.coordinates, task.guesses, self.population, task.seed)
         evolution = _evolution(first, task.seed)
         best: list[float] = []
@@ -249,7 +232,7 @@ class GeneticAlgorithm(TaskSearch):
                 # every child is a copy of its parents
                 converged = True
                 break
-            children.set("F", cube(children.get("X"))[:, None])
+            children.set("F", task.cost(children.get("X"))[:, None])
             evolution.tell(infills=children)
             best.append(float(evolution.opt[0].F[0]))
             stage = f"generation {len(best)} of {self.generations}, {task.counted.standing}"
@@ -292,7 +275,6 @@ class DifferentialEvolution(TaskSearch):
     polish: bool = True
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         at_least(
             "differential evolution", population=(self.population, 5),
             generations=(self.generations, 1),
@@ -305,7 +287,6 @@ class DifferentialEvolution(TaskSearch):
 
     def _search(self, task: Task) -> SearchResult:
         """Let the population evolve, and polish its best."""
-        cube = Cube(task.counted, task.coordinates)
         done = 0
 
         def tell(intermediate_result: optimize.OptimizeResult) -> None:  # noqa: ARG001
@@ -315,7 +296,7 @@ class DifferentialEvolution(TaskSearch):
             task.progress.update(text, done, self.generations)
 
         end = optimize.differential_evolution(
-            lambda u: cube(u.T),
+            lambda u: task.cost(u.T),
             [(0.0, 1.0)] * task.coordinates.free.size,
             init=first_population(task.coordinates, task.guesses, self.population, task.seed),
             # the first population is a generation too

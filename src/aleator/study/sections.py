@@ -232,11 +232,11 @@ RULES: Kinds[Any] = Kinds(
     "aleator.cubatures",
     "rule",
     {
-        "gauss": "aleator.moments.quadrature:TensorGauss",
-        "smolyak": "aleator.moments.quadrature:Smolyak",
-        "sobol": "aleator.moments.quadrature:SobolPoints",
-        "monte_carlo": "aleator.moments.quadrature:MonteCarloPoints",
-        "probability_grid": "aleator.moments.quadrature:ProbabilityGrid",
+        "gauss": "aleator.laws.quadrature:TensorGauss",
+        "smolyak": "aleator.laws.quadrature:Smolyak",
+        "sobol": "aleator.laws.quadrature:SobolPoints",
+        "monte_carlo": "aleator.laws.quadrature:MonteCarloPoints",
+        "probability_grid": "aleator.laws.quadrature:ProbabilityGrid",
     },
 )
 """`nodes = {rule = "sobol", points = 1024}`: other nodes than those of Gauss rules."""

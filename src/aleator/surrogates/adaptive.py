@@ -18,22 +18,17 @@ from scipy.stats import qmc
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.simulators import Account, Runner
+from aleator.simulators.response_functions import Run, attempts, moving_parameters
 from aleator.surrogates.choice import ResponseSurface
 from aleator.surrogates.emulator import Emulator, OwnSurfaces, pairs
 from aleator.surrogates.fit import PLACES, PlacementSettings
-from aleator.surrogates.responses import (
-    FEATURES,
-    Run,
-    Samples,
-    attempts,
-    features,
-    moving_parameters,
-)
+from aleator.surrogates.samples import FEATURES, Samples, features
 from aleator.surrogates.shared import SharedSurface
 from aleator.surrogates.surface import Axes, Surface
 
 Afforded = Callable[[Flags, Array, Array], Flags]
-"""Of the members (N,), with their relative errors (N,) and the runs (N,) of a round: who has it."""
+"""From members (N,), their relative errors (N,) and the runs (N,) of a round: those who may have
+it."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +40,10 @@ class RoundSettings:
     exact: float = 0.005
     """The tolerance of surfaces without a law to follow, where none is chosen."""
     rough: float = 0.05
-    """Estimated error of a surface under the law, over the outcome's scatter, that asks for runs.
+    """Estimated error of a surface under the law, over the outcome's scatter, that calls for runs.
     """
     shared: float = 2.0
-    """The same of a shared surface, over that: its estimate is more cautious."""
+    """Level `rough` of a shared surface over that of others: its estimate is more cautious."""
     growth: float = 0.3
     """Share by which a round increases the runs of the experiments that need more."""
     patience: int = 6
@@ -68,12 +63,13 @@ class RoundSettings:
     """First runs for each parameter, and beside these, where surfaces are to be exact all over the
     box."""
     first_law: tuple[int, int] = (3, 6)
-    """The same where they will follow a law."""
+    """First runs for each parameter, and beside these, of surfaces that will follow a law."""
     beyond_linear: int = 2
     """Runs more than the terms of a linear surface, that are enough for one."""
     slowest: float = 0.5
+    """The least power of the number of runs by which errors are taken to fall."""
     fastest: float = 6.0
-    """Powers of the number of runs by which errors may be taken to fall."""
+    """The largest power of the number of runs by which errors are taken to fall."""
 
 
 ROUNDS = RoundSettings()
@@ -116,8 +112,9 @@ class JumpSettings:
     large: float = 0.05
     """Difference of two outcomes, over the range of all of that experiment, that may be a step."""
     close: float = 0.4
+    """Share of `near` within which two runs are close."""
     wide: float = 0.8
-    """Shares of `near` within which runs are close, and beyond which they are wide apart."""
+    """Share of `near` beyond which two runs are wide apart."""
     ratio: float = 1.5
     """How many times as much a smooth outcome differs over the wider distance, at least."""
     bulk: tuple[float, float] = (0.005, 0.995)
@@ -171,7 +168,7 @@ def steps(
 def _step(
     member: int, samples: Samples, close: Indices, wide: Indices, settings: JumpSettings = JUMPS
 ) -> Jump | None:
-    """That of one surface between close points, pairs (P, 2) with the closest first."""
+    """The step of one surface between close points, pairs (P, 2) with the closest first."""
     y = samples.outcome[member]
     known = np.isfinite(y)
     if not known.any():
@@ -196,12 +193,12 @@ Progress = Callable[[int, int, int], None]
 class AdaptiveSurfaces:
     """The surfaces of N experiments, their runs, and how well each round of runs did.
 
-    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `box` (n, 2) is where the
-    surfaces are wanted; `conditions` (N, d) are what experiments may share a surface by, or None.
-    `where` (J, n) are the points at which the errors were judged last, or None for all of the box.
-    `scale` (N,) takes the place of the scatter where there is one. `past` (P, N) are the relative
-    errors before the last P rounds of each experiment: one that no longer falls is given up.
-    `afforded` tells who has a round of runs where a budget does not suffice for all.
+    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `box` (n, 2) is the region
+    that the surfaces cover; `conditions` (N, d) are what experiments may share a surface by, or
+    None. `where` (J, n) are the points at which the errors were judged last, or None for all of the
+    box. `scale` (N,) takes the place of the scatter where there is one. `past` (P, N) are the
+    relative errors before the last P rounds of each experiment: one that no longer falls is given
+    up. `afforded` chooses who has a round of runs where a budget does not suffice for all.
 
     Raises InputsError where `max_runs` is less than the first round, or the user asks for a shared
     surface and there is nothing to share by.
@@ -216,8 +213,9 @@ class AdaptiveSurfaces:
         conditions: Array | None = None,
         afforded: Afforded = everyone,
         settings: RoundSettings = ROUNDS,
+        jumps: JumpSettings = JUMPS,
     ) -> None:
-        self.choice, self.afforded, self.settings = choice, afforded, settings
+        self.choice, self.afforded, self.settings, self.jumps = choice, afforded, settings, jumps
         self.where = None if choice.tolerance else _points_of(box)
         self.scale: Array | None = None
         self.past = np.full((self.settings.patience, experiments), np.inf)
@@ -227,7 +225,7 @@ class AdaptiveSurfaces:
 
     @property
     def box(self) -> Array:
-        """Where the surfaces are wanted, (n, 2)."""
+        """The region that the surfaces cover, (n, 2)."""
         return self.emulator.box
 
     @property
@@ -244,7 +242,8 @@ class AdaptiveSurfaces:
 
     @property
     def caution(self) -> float:
-        """By how much the estimated errors are larger than those of a surface for each."""
+        """By how much estimated errors of a shared surface are larger than those of a surface for
+        each."""
         return self.settings.shared if isinstance(self.emulator, SharedSurface) else 1.0
 
     @property
@@ -270,7 +269,7 @@ class AdaptiveSurfaces:
 
     def add(self, x: Array) -> None:
         """Runs of all experiments at points x (Q, n) of the box, which the surfaces go through."""
-        self.emulator.ask(x, *pairs(np.arange(self.good.size), len(x)))
+        self.emulator.run_at(x, *pairs(np.arange(self.good.size), len(x)))
         self.move(self.box)
 
     def judge(self, where: Array | None) -> None:
@@ -282,7 +281,7 @@ class AdaptiveSurfaces:
         """Compare errors with a scale (N,) from now on, and not with the outcome's scatter."""
         self.scale = scale
 
-    def wanting(self, level: float) -> Flags:
+    def unfinished(self, level: float) -> Flags:
         """Whose error is above `level` of its scatter, where more runs may help and may be made."""
         return self.granted(self._rough(level))
 
@@ -298,27 +297,25 @@ class AdaptiveSurfaces:
 
     def sharpen(self, members: Flags, draws: Array | None) -> None:
         """A round of runs for the members (N,): where draws (D, n) lie, or all over the box."""
-        self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
-        self.past[-1, members] = self.relative[members]
+        self._remember(members)
         self._run(members, draws)
 
     def sharpen_each(self, draws: Mapping[int, Array]) -> None:
         """A round of runs for some surfaces, each where its own draws (D, n) lie."""
         members = np.isin(np.arange(self.good.size), [*draws])
-        self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
-        self.past[-1, members] = self.relative[members]
+        self._remember(members)
         for surface, own in draws.items():
             self.emulator.sharpen(
                 np.array([surface]), own, self.settings.growth, self.choice.max_runs
             )
         self._judge_again()
 
-    def refine(self, draws: Array | None, level: float, tell: Progress | None = None) -> None:
-        """Rounds of runs until no experiment wants more, judged where they were judged last."""
+    def refine(self, draws: Array | None, level: float, progress: Progress | None = None) -> None:
+        """Rounds of runs until no experiment needs more, judged where they were judged last."""
         while True:
-            if tell:
-                tell(self.total_runs, int(self.good.sum()), self.good.size)
-            members = self.wanting(level)
+            if progress:
+                progress(self.total_runs, int(self.good.sum()), self.good.size)
+            members = self.unfinished(level)
             if not members.any():
                 return
             self.sharpen(members, draws)
@@ -349,24 +346,26 @@ class AdaptiveSurfaces:
 
     def _lasting(self, members: Flags) -> tuple[Jump, ...]:
         """Steps that many runs have left in the surfaces of members (N,)."""
-        return self.steps(np.flatnonzero(members & (self.emulator.runs >= JUMPS.runs)))
+        return self.steps(np.flatnonzero(members & (self.emulator.runs >= self.jumps.runs)))
 
     def steps(self, members: Indices) -> tuple[Jump, ...]:
         """Where the outcomes of the experiments `members` (A,) have a step, if they do.
 
-        Of the law at whose points the errors were judged last: what is far out is not wanted.
+        Only the bulk of the law is looked at, by whose points the errors were judged last.
         """
         if not members.size:
             return ()
-        law = None if self.where is None else np.quantile(self.where, JUMPS.bulk, axis=0).T
-        return steps(self.emulator.samples, self.box if law is None else law, members)
+        law = None if self.where is None else np.quantile(self.where, self.jumps.bulk, axis=0).T
+        box = self.box if law is None else law
+        return steps(self.emulator.samples, box, members, self.jumps)
 
     @property
     def _spent(self) -> Flags:
         return np.asarray(self.emulator.runs >= self.choice.max_runs)
 
     def _begin(self) -> None:
-        """The other first runs, unless few were enough for all experiments."""
+        """The rest of the first runs, unless those of linear surfaces were enough for all
+        experiments."""
         surfaces = self.emulator
         if isinstance(surfaces, OwnSurfaces) and surfaces.begun < surfaces.first:
             self._judge_again()
@@ -380,6 +379,10 @@ class AdaptiveSurfaces:
             lost = np.isinf(self.emulator.error) & ~self._spent
             if lost.any():
                 self._run(lost, self.everywhere())
+
+    def _remember(self, members: Flags) -> None:
+        self.past[:, members] = np.roll(self.past[:, members], -1, axis=0)
+        self.past[-1, members] = self.relative[members]
 
     def _run(self, members: Flags, draws: Array | None) -> None:
         self.emulator.sharpen(
@@ -412,8 +415,8 @@ def build_surface(
 ) -> Surface:
     """Return surfaces of all experiments that are exact all over a box (n, 2), n from 1 to 10.
 
-    `run(index (R,), x (R, n)) -> (R,)` is called once a round, with all experiments that still
-    need runs. `progress(done runs, converged experiments, experiments)` is told before each round.
+    `run(index (R,), x (R, n)) -> (R,)` is called once a round, with all experiments that still need
+    runs. `progress(done runs, converged experiments, experiments)` is called before each round.
     Without a tolerance in the choice it is 0.005.
 
     All experiments share one nested sequence of points; a round adds three tenths. Each surface is
@@ -459,16 +462,16 @@ def first_runs(n: int, choice: ResponseSurface, settings: RoundSettings = ROUNDS
     return each * n + more
 
 
-def few_runs(
+def linear_runs(
     n: int, choice: ResponseSurface, experiments: int, settings: RoundSettings = ROUNDS
 ) -> int:
     """Runs that are enough where every outcome is linear: two more than such a surface has terms.
 
     With few experiments nothing confirms that.
 
-    >>> few_runs(2, ResponseSurface(), 20), few_runs(2, ResponseSurface(tolerance=0.01), 20)
+    >>> linear_runs(2, ResponseSurface(), 20), linear_runs(2, ResponseSurface(tolerance=0.01), 20)
     (5, 20)
-    >>> few_runs(2, ResponseSurface(), 1)
+    >>> linear_runs(2, ResponseSurface(), 1)
     12
     """
     alone = experiments < settings.confirmed or choice.tolerance
@@ -498,7 +501,7 @@ def _first_emulator(
             f"allow at least {first} runs an experiment",
         )
     return OwnSurfaces(
-        run, box, Samples.none(experiments, n), first, few_runs(n, choice, experiments, settings)
+        run, box, Samples.none(experiments, n), first, linear_runs(n, choice, experiments, settings)
     )
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 from aleator.errors import InputsError
+from aleator.laws.quadrature import Cubature
 from aleator.surrogates.fit import PLACES
-
-if TYPE_CHECKING:
-    from aleator.moments.quadrature import Cubature
 
 Surfaces = Literal["none", "own", "shared"]
 
@@ -49,30 +47,21 @@ class ResponseSurface:
         return "response_surface"
 
     def __post_init__(self) -> None:
-        checks = (
-            (
-                "tolerance",
-                self.tolerance is None or 0.0 < self.tolerance < 1.0,
-                "choose one in (0, 1), e.g. 0.02",
-            ),
-            (
-                "max_runs",
-                4 <= self.max_runs <= PLACES.candidates,
-                f"choose 4 to {PLACES.candidates}",
-            ),
-            ("accuracy", 0.0 <= self.accuracy < 1.0, "choose one in [0, 1), e.g. 1e-6"),
-            (
-                "surfaces",
-                self.surfaces in (None, *get_args(Surfaces)),
-                f"choose one of {', '.join(get_args(Surfaces))}",
-            ),
-            (
-                "surfaces",
-                self.surfaces in (None, "own") or self.tolerance is None,
-                "leave out the tolerance, which is one of own surfaces",
-            ),
-            ("nodes", not isinstance(self.nodes, int) or self.nodes >= 1, "choose at least 1"),
-        )
-        for name, good, remedy in checks:
-            if not good:
-                raise InputsError(f"response surface: {name} {getattr(self, name)}", remedy)
+        kinds, most = get_args(Surfaces), PLACES.candidates
+        admitted = self.tolerance is None or 0.0 < self.tolerance < 1.0
+        _require("tolerance", self.tolerance, admitted, "choose one in (0, 1), e.g. 0.02")
+        _require("max_runs", self.max_runs, 4 <= self.max_runs <= most, f"choose 4 to {most}")
+        exact = 0.0 <= self.accuracy < 1.0
+        _require("accuracy", self.accuracy, exact, "choose one in [0, 1), e.g. 1e-6")
+        known = self.surfaces in (None, *kinds)
+        _require("surfaces", self.surfaces, known, f"choose one of {', '.join(kinds)}")
+        alone = self.surfaces in (None, "own") or self.tolerance is None
+        remedy = "leave out the tolerance, which is one of own surfaces"
+        _require("surfaces", self.surfaces, alone, remedy)
+        enough = not isinstance(self.nodes, int) or self.nodes >= 1
+        _require("nodes", self.nodes, enough, "choose at least 1")
+
+
+def _require(name: str, value: object, admitted: bool, remedy: str) -> None:
+    if not admitted:
+        raise InputsError(f"response surface: {name} {value}", remedy)

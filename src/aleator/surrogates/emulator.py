@@ -14,13 +14,13 @@ import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import SimulatorError
+from aleator.simulators.response_functions import Run
 from aleator.surrogates.fit import (
     Judged,
     Piece,
     SmoothnessPrior,
     asymmetric,
     continued,
-    degrees_of,
     evenly,
     everywhere,
     first_priors,
@@ -32,7 +32,7 @@ from aleator.surrogates.fit import (
     shares,
     spread,
 )
-from aleator.surrogates.responses import Run, Samples
+from aleator.surrogates.samples import Samples
 from aleator.surrogates.surface import Axes, Surface, outcomes, products, widened
 
 
@@ -129,7 +129,7 @@ class Emulator(ABC):
         """Whose error is above `tolerance` of its scatter and `accuracy` of its size."""
         return self.error > np.maximum(tolerance * self.scatter, accuracy * self.level)
 
-    def ask(self, x: Array, index: Indices, place: Indices) -> None:
+    def run_at(self, x: Array, index: Indices, place: Indices) -> None:
         """Run experiments `index` (R,) at the points x[place], for x (Q, n)."""
         outcome = np.asarray(self.run(index, x[place]), dtype=np.float64)
         if outcome.shape != index.shape or np.isinf(outcome).any():
@@ -149,7 +149,7 @@ class Emulator(ABC):
     ) -> Surface:
         """The polynomials of `pieces`, of the errors (N,); `outcomes` (N, M) widen their range."""
         known = np.where(np.isfinite(error), error / self.rate, 0.0)
-        indices, groups, terms = merged(pieces, known)
+        indices, groups = merged(pieces, known)
         surface = Surface(
             axes=self.axes,
             indices=indices,
@@ -159,7 +159,6 @@ class Emulator(ABC):
             converged=converged,
             runs=self.runs,
             failed=self.samples.failed,
-            degrees=degrees_of(indices, terms, known),
             logarithmic=logarithmic,
         )
         lower, upper = outcome_range(surface, outcomes)
@@ -195,10 +194,11 @@ def chosen_axes(
     where: Array | None,
     settings: SurfaceErrorSettings = ERRORS,
 ) -> Axes:
-    """Axes in which runs left out are missed by far less, in the middle of the `members` (A,).
+    """Axes, linear or logarithmic, in which runs that are left out are missed by far less, by the
+    median over the `members` (A,).
 
-    Of those with the most frequent set of runs. Scales are compared at points `where` (J, n), or
-    all over the box.
+    Only members with the most frequent set of runs are compared. Scales are compared at points
+    `where` (J, n), or all over the box.
     """
     rows, runs = patterns(samples.worked[members])[0]
     y, x = samples.outcome[np.ix_(members[rows], runs)].T, samples.x[runs]
@@ -278,7 +278,7 @@ class OwnSurfaces(Emulator):
         """Run everyone at the points up to `count` of those that are to begin with."""
         fresh = self.start[self.begun : count]
         everyone, place = pairs(np.arange(len(self.prior)), len(fresh))
-        self.ask(fresh, everyone, place)
+        self.run_at(fresh, everyone, place)
         self.begun, self.pool = count, first_priors(len(self.box))
         self.stale[:] = True
 
@@ -304,7 +304,7 @@ class OwnSurfaces(Emulator):
             fresh = continued(known, self.axes.inward(draws), count)
         index, place = pairs(members, count)
         allowed = place < most - self.runs[index]
-        self.ask(self.axes.outward(fresh), index[allowed], place[allowed])
+        self.run_at(self.axes.outward(fresh), index[allowed], place[allowed])
         if draws is None:
             missed = self._guess(members, inside, fresh) - self.samples.outcome[members, -count:]
             unseen = _root_mean_square(missed)
@@ -321,7 +321,7 @@ class OwnSurfaces(Emulator):
     def _common(self, members: Indices, inside: Samples) -> Array:
         """The points that one of the members at least has, but for those of earlier boxes."""
         common = ~np.isin(inside.x[:, 0], self.earlier[:, 0])
-        return self.axes.inward(inside.x[inside.asked[members].any(axis=0) & common])
+        return self.axes.inward(inside.x[inside.attempted[members].any(axis=0) & common])
 
     def judge(self, where: Array | None) -> None:
         """Estimate the errors by what the priors expect, and by leave-one-out residuals."""
@@ -424,7 +424,7 @@ def _constants(members: Indices, outcomes: Array, n: int) -> Piece:
 
 
 def left_out(fit: Judged, share: Array, settings: SurfaceErrorSettings = ERRORS) -> Array:
-    """Return the error (A,) that the leave-one-out residuals tell, weighted by each run's share.
+    """Return the error (A,) by the leave-one-out residuals, weighted by each run's share.
 
     A run left out of well-spread ones leaves a hole twice as wide as any other, so its residual is
     larger than the error elsewhere: hence `hole`. The least of some forty leave-one-out errors is

@@ -40,7 +40,7 @@ class PlacementSettings:
     beside_draws: int = 2048
     """Candidates all over the box, beside the draws of a law."""
     everywhere: int = 512
-    """Points that tell of all the box."""
+    """Points that stand for all the box."""
     shares: int = 8192
     """Points by which parts of the box are measured."""
     length: float = 6.0
@@ -73,7 +73,7 @@ def fixed_shift(n: int) -> Array:
 
 
 def everywhere(n: int, settings: PlacementSettings = PLACES) -> Array:
-    """Return points (J, n) that tell of all of [-1, 1]^n."""
+    """Return points (J, n) that stand for all of [-1, 1]^n."""
     return low_discrepancy(settings.everywhere, n, fixed_shift(n))
 
 
@@ -100,8 +100,8 @@ def _greedy(count: int, n: int, settings: PlacementSettings = PLACES) -> Array:
     return clustered(t[chosen], settings)
 
 
-def asymmetric(z: Array, few: int) -> Array:
-    """Return points z (M, n) in another order: the last of `few` is neither mid nor at a face.
+def asymmetric(z: Array, count: int) -> Array:
+    """Return points z (M, n) in another order: the last of `count` is neither mid nor at a face.
 
     The first ones of `spread` are nearly all: at these a cube is as good as a line.
 
@@ -110,8 +110,8 @@ def asymmetric(z: Array, few: int) -> Array:
     """
     away = np.minimum(np.abs(z), 1.0 - np.abs(z)).min(axis=1)
     order = np.arange(len(z))
-    last = few - 1 + int(np.argmax(away[few - 1 :]))
-    order = np.concatenate([order[: few - 1], [last], np.delete(order, last)[few - 1 :]])
+    last = count - 1 + int(np.argmax(away[count - 1 :]))
+    order = np.concatenate([order[: count - 1], [last], np.delete(order, last)[count - 1 :]])
     return np.asarray(z[order])
 
 
@@ -213,10 +213,13 @@ class SurfaceFitSettings:
     """How a polynomial is fitted to runs, thinned and searched for its range; by judgement."""
 
     smoothnesses: tuple[float, ...] = (1.5, 2.5, 4.0, 6.0, 9.0)
+    """Values of the smoothness of a prior that are tried (see `SmoothnessPrior`)."""
     trends: tuple[float, ...] = (0.0, 0.25, 0.5)
+    """Values of the trend that are tried."""
     norms: tuple[float, ...] = (2.0, 1.0, 0.5)
+    """Values of the norm that are tried."""
     noises: tuple[float, ...] = (0.0, 0.03, 0.3)
-    """Values of a prior that are tried (see `SmoothnessPrior`)."""
+    """Values of the noise that are tried (see `SmoothnessPrior`)."""
     first: tuple[tuple[float, float, float], ...] = (
         (2.0, 2.5, 0.0), (2.0, 2.5, 0.5), (2.0, 4.0, 0.0), (2.0, 4.0, 0.5),
         (1.0, 2.5, 0.0), (1.0, 4.0, 0.5), (0.5, 4.0, 0.5), (0.5, 2.5, 0.0),
@@ -225,17 +228,18 @@ class SurfaceFitSettings:
     stretch: float = 1.6
     """Factor by which one parameter is stretched."""
     scales: tuple[float, float] = (0.1, 12.0)
-    """... within these limits."""
+    """Limits of the stretch of a parameter."""
     terms: int = 2
     """Terms of a polynomial for each run."""
     more_terms: int = 10
-    """... and beside these."""
+    """Terms of a polynomial beside those for each run."""
     free: float = 1e6
     """The weight that makes a term of the trend as good as free."""
     keep: tuple[int, int] = (5, 2)
-    """Winners whose neighbors are tried, with at most `keep_runs` runs and with more: then priors
-    change little."""
+    """Winners whose neighbors are tried, with at most `keep_runs` runs, and with more runs, where
+    priors change little."""
     keep_runs: int = 200
+    """Runs up to which the larger number of winners is kept."""
     sweeps: int = 2
     """Rounds of the search for a prior."""
     fall: float = 0.01
@@ -244,7 +248,7 @@ class SurfaceFitSettings:
     nearly: float = 1e-3
     """Share of the variance of a coefficient below which one minus what is known loses digits."""
     nothing: float = 1e-24
-    """... and below which it is rounding."""
+    """Share of the variance of a coefficient below which it is rounding."""
     negligible: float = 0.1
     """A term is left out where all that is left out stays under this part of the error: it then
     adds half a percent to it (root of 1 + 0.1^2)."""
@@ -259,9 +263,9 @@ class SurfaceFitSettings:
     range_points: int = 2048
     """Points of the box at which the range of an outcome is sought."""
     range_block: int = 256
-    """... of which so many are evaluated together."""
+    """Points of the search of a range that are evaluated together."""
     corners: int = 10
-    """... with the corners of the box in so many parameters."""
+    """Parameters of which all corners of the box are points of that search, at most."""
     range_step: float = 0.04
     """First step of the polish, over the width of the box."""
     halvings: int = 10
@@ -512,8 +516,8 @@ Piece = tuple[Indices, Indices, Array]
 
 def merged(
     pieces: Iterable[Piece], error: Array, settings: SurfaceFitSettings = FITS
-) -> tuple[Indices, tuple[Group, ...], Array]:
-    """Return common indices (P, n), groups over its prefixes, and all coefficients (N, P).
+) -> tuple[Indices, tuple[Group, ...]]:
+    """Return common indices (P, n), and groups over its prefixes with their coefficients.
 
     A piece holds experiments (A,), indices (Q, n) and coefficients (Q, A). Terms used by most
     experiments come first, so that the few large surfaces do not make everyone pay.
@@ -533,7 +537,7 @@ def merged(
     listed = np.array(list(place), dtype=np.intp).reshape(len(place), -1)
     order = np.lexsort((*listed.T, listed.sum(axis=1), -(terms != 0.0).sum(axis=0)))
     listed, terms = listed[order], terms[:, order]
-    return listed, _groups(terms, settings), terms
+    return listed, _groups(terms, settings)
 
 
 def _thinned(coefficients: Array, error: Array, settings: SurfaceFitSettings = FITS) -> Array:
@@ -563,19 +567,6 @@ def _groups(terms: Array, settings: SurfaceFitSettings = FITS) -> tuple[Group, .
         for rows, step in zip(members, steps, strict=True)
         if len(rows)
     )
-
-
-def degrees_of(
-    indices: Indices, terms: Array, error: Array, settings: SurfaceFitSettings = FITS
-) -> Indices:
-    """Return the degree (N, n) of each parameter beyond which all terms stay below the error."""
-    out = np.zeros((len(terms), indices.shape[1]), dtype=np.intp)
-    floor = np.maximum(error, settings.rounding * np.abs(terms).max(axis=1)) ** 2
-    for i, degree in enumerate(indices.T):
-        for d in range(int(degree.max(initial=0))):
-            beyond = (terms[:, degree > d] ** 2).sum(axis=1)
-            out[beyond > floor, i] = d + 1
-    return out
 
 
 def outcome_range(

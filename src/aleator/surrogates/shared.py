@@ -7,12 +7,12 @@ function of the parameters alone, of which the polynomial is taken: a `Surface` 
 An outcome is y = f(u) + g_l(z) with u = (c_l, z), the conditions of experiment l and the
 parameters, each scaled to [-1, 1]. The covariance is
 
-    k(|A'(u - u')|) + own^2 [l = l'] k(|s (z - z')|) + 30 + 10 u . u' + noise^2 [same run]
+    k(|A'(u - u')|) + a^2 [l = l'] k(|s (z - z')|) + 30 + 10 u . u' + noise^2 [same run]
 
 times one variance, with k Matern's of smoothness 5/2. The square matrix A turns and stretches the
 inputs, so that a front that moves with the conditions is one front (Vivarelli and Williams 1999,
 "Discovering hidden features with Gaussian process regression"). The second term is what an
-experiment has for itself. A, s, own and noise have the greatest likelihood of the runs under a weak
+experiment has for itself. A, s, a and noise have the greatest likelihood of the runs under a weak
 normal prior on A (Rasmussen and Williams 2006, section 5.4).
 """
 
@@ -27,9 +27,10 @@ from scipy.optimize import minimize
 
 from aleator.core.threads import single_threaded
 from aleator.core.types import Array, Flags, Indices
+from aleator.simulators.response_functions import Run
 from aleator.surrogates.emulator import Emulator, pairs
 from aleator.surrogates.fit import clustered, fixed_shift, low_discrepancy
-from aleator.surrogates.responses import Run, Samples
+from aleator.surrogates.samples import Samples
 from aleator.surrogates.surface import Axes, Surface, ball, products
 
 
@@ -38,16 +39,19 @@ class ProcessSettings:
     """The covariance of the Gaussian process and the limits of its numbers; by judgement."""
 
     constant: float = 30.0
+    """Variance of the constant, over that of the rest: it is all but free."""
     linear: float = 10.0
-    """Variances of the constant and of the linear terms, over that of the rest: all but free."""
+    """Variance of the linear terms, over that of the rest: they are all but free."""
     ridge: float = 0.01
     """Precision of the normal prior on the entries of A."""
     rank: int = 8
     """More directions than this are not distinguished."""
-    own: tuple[float, float] = (1e-4, 3.0)
+    individual: tuple[float, float] = (1e-4, 3.0)
+    """Limits of the individual part a."""
     scale: tuple[float, float] = (0.05, 10.0)
+    """Limits of the scale s."""
     noise: tuple[float, float] = (3e-4, 0.3)
-    """Limits of own, of s and of noise."""
+    """Limits of the noise."""
     largest_mix: float = 20.0
     """The largest entry of A."""
     first_mix: float = 0.5
@@ -65,27 +69,31 @@ PROCESS = ProcessSettings()
 
 @dataclass(frozen=True)
 class Covariance:
-    """A covariance: `mix` A (D, r), `own` and its `scale` s (n,), `noise`, all without unit."""
+    """A covariance: `mix` A (D, r), `individual` a, its `scale` s (n,), `noise`; without unit."""
 
     mix: Array
-    own: float
+    individual: float
     scale: Array
     noise: float
     settings: ProcessSettings = PROCESS
 
     @classmethod
     def first(
-        cls, inputs: int, parameters: int, own: float = 0.1, settings: ProcessSettings = PROCESS
+        cls,
+        inputs: int,
+        parameters: int,
+        individual: float = 0.1,
+        settings: ProcessSettings = PROCESS,
     ) -> Covariance:
         """Nothing is known: every input counts alike."""
         mix = settings.first_mix * np.eye(inputs, min(inputs, settings.rank))
         mix[settings.rank :] = settings.first_mix / np.sqrt(settings.rank)
-        return cls(mix, own, np.ones(parameters), settings.first_noise, settings)
+        return cls(mix, individual, np.ones(parameters), settings.first_noise, settings)
 
     @property
     def vector(self) -> Array:
         """All numbers in one row, those that are positive as logarithms."""
-        rest = np.log([max(self.own, self.settings.none), *self.scale, self.noise])
+        rest = np.log([max(self.individual, self.settings.none), *self.scale, self.noise])
         return np.concatenate([self.mix.ravel(), rest])
 
     def moved(self, vector: Array) -> Covariance:
@@ -118,7 +126,7 @@ def _loss(
     covariance: Covariance, index: Indices, u: Array, y: Array, settings: ProcessSettings = PROCESS
 ) -> tuple[float, Array]:
     """The negative log posterior, without constants, and its gradient by `vector`."""
-    mix, own, scale = covariance.mix, covariance.own, covariance.scale
+    mix, own, scale = covariance.mix, covariance.individual, covariance.scale
     settings = covariance.settings
     z = u[:, -len(scale) :]
     mixed, stretched = u @ mix, z * scale
@@ -166,8 +174,8 @@ def learned(start: Covariance, index: Indices, u: Array, y: Array, iterations: i
         return _loss(start.moved(vector), index, u, (y - level) / unit)
 
     own, noise = (
-        (settings.own, settings.noise)
-        if start.own > settings.none
+        (settings.individual, settings.noise)
+        if start.individual > settings.none
         else ((settings.none, settings.none), (settings.noise[0], settings.noise[0]))
     )
     positive = [np.log(own), *[np.log(settings.scale)] * n, np.log(noise)]
@@ -220,7 +228,7 @@ class ProcessPosterior:
         known = solve_triangular(
             self.factor, self._between(index, u).T, lower=True, check_finite=False
         )
-        own, settings = self.covariance.own, self.covariance.settings
+        own, settings = self.covariance.individual, self.covariance.settings
         prior = 1.0 + own**2 + settings.constant + settings.linear * (u**2).sum(axis=1)
         left = np.maximum(prior - (known**2).sum(axis=0), 0.0)
         return np.asarray(self.unit * np.sqrt(self.variance * left))
@@ -249,11 +257,11 @@ def _between(covariance: Covariance, index: Indices, u: Array, other: Indices, v
     out = _matern(_squared(u @ covariance.mix, v @ covariance.mix))[0]
     settings = covariance.settings
     out += settings.constant + settings.linear * (u @ v.T)
-    if covariance.own**2 == 0.0:
+    if covariance.individual**2 == 0.0:
         return np.asarray(out)
     row, column = np.nonzero(index[:, None] == other)
     gap = (u[row, -n:] - v[column, -n:]) * covariance.scale
-    out[row, column] += covariance.own**2 * _matern((gap**2).sum(axis=1))[0]
+    out[row, column] += covariance.individual**2 * _matern((gap**2).sum(axis=1))[0]
     return np.asarray(out)
 
 
@@ -322,7 +330,7 @@ class SharedSurface(Emulator):
         return 2 * experiments * first_shared_runs(experiments, n, settings) <= settings.most
 
     def move(self, box: Array) -> None:
-        """Take the surfaces to another box; runs outside still tell of it."""
+        """Take the surfaces to another box; runs outside still inform them."""
         self.axes, self.stale = Axes.plain(box), True
 
     def round(self, members: Indices, growth: float) -> int:
@@ -373,7 +381,7 @@ class SharedSurface(Emulator):
         even = (even[before[index] + place] + self.shift[index]) % 1.0
         x = self._over_box(even) if draws is None else self._over_law(even, draws)
         allowed = np.flatnonzero(place < most - before[index])
-        self.ask(x[allowed], index[allowed], np.arange(len(allowed)))
+        self.run_at(x[allowed], index[allowed], np.arange(len(allowed)))
 
     def _over_box(self, even: Array) -> Array:
         """Points x (R, n) that gather at the faces of the box, for even ones in [0, 1]."""
@@ -448,7 +456,7 @@ class SharedSurface(Emulator):
 
 
 def first_shared_runs(experiments: int, n: int, settings: SharingSettings = SHARING) -> int:
-    """Runs an experiment to begin with: fewer where many experiments tell of each other.
+    """Runs an experiment to begin with: fewer where many experiments inform each other.
 
     >>> first_shared_runs(108, 2), first_shared_runs(1000, 2)
     (8, 2)

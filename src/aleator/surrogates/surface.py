@@ -255,14 +255,13 @@ class Surface:
     eta_l(x) = sum over nu in Lambda_l of c_(l, nu) phi_nu(z), with phi_nu the tensor product of
     orthonormal Legendre polynomials and z the point mapped to [-1, 1]^n. The sets are prefixes of
     one common list of indices, so one basis serves all experiments. The polynomial of a
-    `logarithmic` (N,) experiment is log eta_l; what is asked of it is eta_l all the same.
+    `logarithmic` (N,) experiment is log eta_l; values and slopes are those of eta_l all the same.
 
     `error` (N,) is the estimated root-mean-square error over the box in units of the outcome,
     `scatter` (N,) the standard deviation of the surface over the box, `converged` (N,) whether
     error <= tolerance * scatter, `runs` (N,) the runs spent, `failed` (N,) those of them without an
-    outcome, `lower` and `upper` (N,) the range of the outcome over the box, `degrees` (N, n) the
-    degree of each parameter beyond which all terms together are smaller than the error. Where
-    hardly a run worked there is no surface: `error` is infinite.
+    outcome, `lower` and `upper` (N,) the range of the outcome over the box.
+    Where hardly a run worked there is no surface: `error` is infinite.
 
     Outside the box the polynomial is an extrapolation and grows without limit: evaluation there
     is not refused, and not to be trusted.
@@ -276,7 +275,6 @@ class Surface:
     converged: Flags
     runs: Indices
     failed: Indices
-    degrees: Indices
     logarithmic: Flags
     lower: Array = field(default_factory=lambda: np.empty(0))
     upper: Array = field(default_factory=lambda: np.empty(0))
@@ -303,7 +301,7 @@ class Surface:
         ends = (end[rows] if end.size else end for end in (self.lower, self.upper))
         return Surface(
             self.axes, self.indices, tuple(groups), self.error[rows], self.scatter[rows],
-            self.converged[rows], self.runs[rows], self.failed[rows], self.degrees[rows],
+            self.converged[rows], self.runs[rows], self.failed[rows],
             self.logarithmic[rows], *ends,
         )  # fmt: skip
 

@@ -15,7 +15,7 @@ from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.adaptive import few_runs, first_runs
+from aleator.surrogates.adaptive import first_runs, linear_runs
 from aleator.tasks.first_look import LookPlan
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def expected_cost(
         low, high = grids_each(inputs, len(runner.cases))
         return Cost(low * len(runner.cases), high * len(runner.cases), True)
     moving = len(plan.moving)
-    few = few_runs(moving, propagation, plan.count)
+    few = linear_runs(moving, propagation, plan.count)
     begun = few, first_runs(moving, propagation)
     given = verification.samples
     check = (0, verification.most if given is None else given)

@@ -16,7 +16,7 @@ from aleator.laws.inputs import Inputs
 from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.simulators import Runner
-from aleator.surrogates.responses import moving_parameters
+from aleator.simulators.response_functions import moving_parameters
 
 
 @dataclass(frozen=True, eq=False)

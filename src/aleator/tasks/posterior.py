@@ -27,7 +27,7 @@ from aleator.inference.posterior import (
     sampled,
     scaled,
 )
-from aleator.laws import mixture as classes
+from aleator.laws import classes
 from aleator.laws.inputs import drawn
 from aleator.results import printed
 from aleator.tasks.identification import Identification

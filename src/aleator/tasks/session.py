@@ -256,7 +256,7 @@ class Session:
         fit, table = kept(self.fit), unmeasured(candidates)
         if self.model is not None:
             ready = under_law(runner, self.model, alpha, progress)
-            problem = ready.given(np.full(len(candidates.ids), np.nan))
+            problem = ready.with_outcomes(np.full(len(candidates.ids), np.nan))
             return Fit.of_outcomes(problem, alpha, fit.inference, table)
         assert isinstance(fit.likelihood, IndividualsAt)
         assert self.inputs is not None

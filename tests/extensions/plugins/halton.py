@@ -10,7 +10,7 @@ from scipy.stats import qmc
 
 from aleator.core.types import Array
 from aleator.laws import Inputs
-from aleator.moments.quadrature import CubatureNodes
+from aleator.laws.quadrature import CubatureNodes
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from aleator import (
 )
 from aleator.laws import By
 from aleator.likelihood.individual import ImportancePoints, Panels
-from aleator.likelihood.individual.following import law_scores, moving
+from aleator.likelihood.individual.parameters import law_scores, moving
 
 ALONE = Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
 AT = np.array([0.3, 0.7, 0.05])
@@ -205,7 +205,7 @@ def individual_laws(frame, mean, sd, noise):
 def test_a_step_is_that_of_expectation_and_maximization_over_the_share_that_is_told():
     frame, alpha = balanced(), np.array([1.0, 0.7, 0.0, 0.6])
     likelihood = likelihood_of(straight_line, frame, ONE)
-    value, found = likelihood.continued.toward(alpha)
+    value, found = likelihood.continued.expectation_step(alpha)
     mean, variance = individual_laws(frame, 1.0, 0.7, 0.6)
     told = 1.0 - variance / 0.49
     assert value == pytest.approx(likelihood.adapted(alpha).evaluate(alpha).total, abs=1e-9)
@@ -221,7 +221,9 @@ def test_one_step_finds_the_mean_of_a_balanced_table():
     """Whatever the sds are, its maximum is the mean of all observations."""
     frame = balanced()
     for alpha in ([-1.0, 0.7, 0.0, 0.6], [4.0, 1.5, 0.0, 2.0], [2.2, 0.3, 0.0, 0.5]):
-        found = likelihood_of(straight_line, frame, ONE).continued.toward(np.array(alpha))[1]
+        found = likelihood_of(straight_line, frame, ONE).continued.expectation_step(
+            np.array(alpha)
+        )[1]
         assert found[0] == pytest.approx(frame["y"].mean(), abs=1e-8)
 
 
@@ -234,14 +236,14 @@ def test_steps_end_at_the_maximum_of_a_balanced_table():
     following = likelihood_of(straight_line, frame, ONE).continued
     alpha = np.array([-3.0, 0.2, 0.0, 2.0])
     for _ in range(12):
-        _, alpha = following.toward(alpha)
+        _, alpha = following.expectation_step(alpha)
     assert alpha == pytest.approx([means.mean(), between**0.5, 0.0, within**0.5], abs=1e-5)
 
 
 def test_errors_grow_twofold_at_most_so_that_laws_explain_more():
     alpha = np.array([9.0, 0.02, 0.0, 0.05])
     following = likelihood_of(straight_line, balanced(), ONE).continued
-    assert following.toward(alpha)[1][3] == pytest.approx(0.1)
+    assert following.expectation_step(alpha)[1][3] == pytest.approx(0.1)
 
 
 def test_a_formula_follows_the_individual_means():
@@ -250,7 +252,7 @@ def test_a_formula_follows_the_individual_means():
     laws = {"a": Normal(By("1 + z", -10.0, 10.0), Free(0.01, 5.0)), "b": ONE.laws["b"]}
     inputs = Inputs(laws).resolved(covariate)
     z, alpha = covariate["z"].to_numpy(), np.array([2.0, 0.1, 0.7, 0.0, 0.6])
-    found = likelihood_of(straight_line, frame, inputs).continued.toward(alpha)[1]
+    found = likelihood_of(straight_line, frame, inputs).continued.expectation_step(alpha)[1]
     # generalized least squares, with the sds that the law and the errors have
     groups = frame.groupby("id", sort=False)["y"]
     weight = 1.0 / (0.7**2 + 0.6**2 / groups.size().to_numpy())
@@ -265,7 +267,7 @@ def test_what_is_no_mean_and_no_sd_stays():
     noise = Noise(Free(0.01, 5.0), relative=Free(0.001, 1.0))
     likelihood = likelihood_of(straight_line, frame, PAIR, noise=noise)
     alpha = np.append(ALPHA, 0.1)
-    found = likelihood.continued.toward(alpha)[1]
+    found = likelihood.continued.expectation_step(alpha)[1]
     assert found[[4, 6]] == pytest.approx(alpha[[4, 6]])
     assert np.all(found[[0, 1, 2, 3, 5]] != alpha[[0, 1, 2, 3, 5]])
 
@@ -275,7 +277,7 @@ def test_of_a_mixture_only_the_rest_moves():
     inputs = Inputs({"a": Mixture(parts), "b": ONE.laws["b"]})
     likelihood = likelihood_of(straight_line, balanced(), inputs)
     alpha = np.array([1.0, 0.7, 3.0, 0.3, 0.4, 0.0, 0.6])
-    value, found = likelihood.continued.toward(alpha)
+    value, found = likelihood.continued.expectation_step(alpha)
     assert value == pytest.approx(likelihood.adapted(alpha).evaluate(alpha).total, abs=1e-9)
     np.testing.assert_array_equal(found[:6], alpha[:6])
     assert found[6] != 0.6
@@ -284,6 +286,6 @@ def test_of_a_mixture_only_the_rest_moves():
 def test_where_nothing_is_possible_no_step_is_made():
     likelihood = likelihood_of(lambda time, x: x[0] * np.nan * time, balanced(), ONE)
     alpha = np.array([1.0, 0.7, 0.0, 0.6])
-    value, found = likelihood.continued.toward(alpha)
+    value, found = likelihood.continued.expectation_step(alpha)
     assert value == -np.inf
     np.testing.assert_array_equal(found, alpha)

@@ -20,9 +20,9 @@ from aleator.likelihood.scoring import scoring_step
 from aleator.results.values import Diagnostic
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import Account
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, Surface
 from aleator.surrogates.adaptive import Outlook, outlook
-from aleator.surrogates.responses import moving_parameters
 
 
 @dataclass(frozen=True)
@@ -339,7 +339,7 @@ def doubt(problem: Problem, inference: Inference, alpha: Array, checked: Checked
         moves[known] = 0.0
         steps = inference.covariance / inference.standard_error[inference.free]
         for off in (error, -error):
-            there = problem.given(problem.outcomes + off).likelihood(alpha)
+            there = problem.with_outcomes(problem.outcomes + off).likelihood(alpha)
             assert here.scores is not None
             assert there.scores is not None
             apart = (there.scores - here.scores)[:, inference.free]
@@ -348,7 +348,7 @@ def doubt(problem: Problem, inference: Inference, alpha: Array, checked: Checked
             moves = np.maximum(moves, np.where(reached, moved, 0.0))
     if problem.levels is not None:
         for off in (ACCURACY.farther * error, -ACCURACY.farther * error):
-            beyond = problem.levels.given(problem.outcomes + off).evaluate(alpha)
+            beyond = problem.levels.with_outcomes(problem.outcomes + off).evaluate(alpha)
             reached = beyond.status == Status.SOLVED
             changes = np.maximum(
                 changes, np.where(reached, np.abs(beyond.each - here.each), np.inf)

@@ -1,4 +1,4 @@
-"""The likelihood of experiments with any number of observations each."""
+"""The likelihood of experiments with any number of observations each, and what a search climbs."""
 
 from __future__ import annotations
 
@@ -9,18 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.core.status import Status
-from aleator.core.types import Array
-from aleator.laws.hyperparameter import Hyperparameter
+from aleator.core.types import Array, Flags
+from aleator.laws.hyperparameter import Hyperparameter, log_prior
 from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
-from aleator.likelihood.individual.following import Following, Parameters, holds, scattered_density
 from aleator.likelihood.individual.modes import (
     MODES,
-    AsManyAsNeeded,
     Curved,
+    DenseRule,
+    IndividualLaws,
     Modes,
+    ModeSettings,
     NodeRule,
     highest,
     modes,
+)
+from aleator.likelihood.individual.parameters import (
+    FOLLOWING,
+    FollowingSettings,
+    Parameters,
+    distance,
+    holds,
+    scattered_density,
 )
 from aleator.likelihood.individual.predictors import Block, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.rules import GaussHermite, Nodes, joined
@@ -33,11 +42,11 @@ class IndividualLikelihood:
     """log L(alpha) = sum_l log int prod_k p(y_lk | eta_lk(x), sigma_lk) p(x | alpha) dx.
 
     x is the image of standard normal variates xi (see `Individual`), and the integral over them a
-    quadrature at `nodes` that are adapted to each experiment (Pinheiro and Bates, 1995) and held:
-    called, it is smooth in alpha with an exact score (Fisher's identity). Where laws are mixtures
-    it is a sum over the classes, each with nodes of its own. `adapted` returns the same with nodes
-    adapted to another alpha; nothing changes in place. Nodes that are held far from where they
-    were adapted integrate poorly.
+    quadrature at `nodes` that are adapted to each experiment (Pinheiro and Bates, 1995) and then
+    fixed: called, it is smooth in alpha with an exact score (Fisher's identity). Where laws are
+    mixtures it is a sum over the classes, each with nodes of its own. `adapted` returns the same
+    with nodes adapted to another alpha; nothing changes in place. Nodes that are far from where
+    they were adapted integrate poorly.
     """
 
     inputs: Inputs
@@ -47,6 +56,7 @@ class IndividualLikelihood:
     rule: NodeRule
     nodes: Nodes
     parameters: Parameters | None = None
+    settings: ModeSettings = MODES
 
     @classmethod
     def of(
@@ -91,7 +101,7 @@ class IndividualLikelihood:
         return self.layout.blocks(self.nodes.xi.shape[1])
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """Value and score (N, K) at alpha (K,), nodes held."""
+        """Value and score (N, K) at alpha (K,), by the nodes as they are."""
         each, scores = np.zeros(self.count), np.zeros((self.count, alpha.size))
         held = self._held
         for block in self.blocks:
@@ -106,7 +116,7 @@ class IndividualLikelihood:
         return value.believed(self.hyperparameters, alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
-        """The value at alpha without its score, nodes held."""
+        """The value at alpha without its score, by the nodes as they are."""
         each, held = np.zeros(self.count), self._held
         for block in self.blocks:
             part = block.experiments
@@ -120,7 +130,7 @@ class IndividualLikelihood:
         return value.believed(self.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
-        """The totals (A,) at alphas (A, K), nodes held."""
+        """The totals (A,) at alphas (A, K), by the nodes as they are."""
         return np.array([self.evaluate(alpha).total for alpha in np.asarray(alphas)])
 
     def adapted(self, alpha: Array, arrived: float = MODES.arrived) -> IndividualLikelihood:
@@ -141,7 +151,8 @@ class IndividualLikelihood:
             peaks[part], information[part] = found.z, found.information
             x[part] = self._individual(alpha, block, found.z[:, :, 0]).x
             valued = partial(self.log_density, alpha, block)
-            placed.append((part, *self.rule.about(curved, valued, found, part.start)))
+            laws = IndividualLaws(curved, valued, found, part.start)
+            placed.append((part, *self.rule.place(laws)))
         xi, log_weight = joined(placed, self.count, classes)
         nodes = Nodes(xi, log_weight, peaks, information, x)
         parameters = None
@@ -150,7 +161,8 @@ class IndividualLikelihood:
         return replace(self, nodes=nodes, parameters=parameters)
 
     def distance(self, alpha: Array) -> float:
-        """How far alpha is from where the nodes serve, up to one; others than parameters do not."""
+        """How far alpha is from that of the nodes; up to one, they serve. Infinite for nodes that
+        are not parameters."""
         return np.inf if self._held is None else self._held.distance(alpha)
 
     def weighed(self, alpha: Array, block: Block) -> tuple[Array, Array, Individual, Terms]:
@@ -162,39 +174,41 @@ class IndividualLikelihood:
         return each, share, individual, terms
 
     def by(self, rule: NodeRule, alpha: Array) -> IndividualLikelihood:
-        """The same with other nodes, adapted to alpha."""
+        """The same by another rule, whose nodes are adapted to alpha."""
         return self.ruled(rule).adapted(alpha)
 
     def ruled(self, rule: NodeRule) -> IndividualLikelihood:
-        """The same with a rule by which nodes are not yet adapted."""
+        """The same by another rule, whose nodes are not yet adapted."""
         return replace(self, rule=rule, parameters=None)
 
     def sampled(self, size: int) -> IndividualLikelihood:
-        """That of about so many of the experiments, spread evenly; the others count as nothing."""
+        """The likelihood of about `size` of the experiments, spread evenly; the others count
+        nothing."""
         return replace(self, layout=self.layout.sampled(size))
 
     @property
     def continued(self) -> Following:
         """What a search climbs."""
-        return Following(self, MODES.near)
+        return Following(self, self.settings.near)
 
     @property
     def followed(self) -> Following:
-        """What derivatives by alpha are taken of: nodes that are held lose a sharp individual law.
+        """The objective that is differentiated by alpha: its nodes follow alpha, about exact modes.
 
-        The law of all experiments moves by more than its width in the least step of alpha.
+        Nodes that stayed would lose a sharp individual law, which the least step of alpha moves by
+        more than its width.
         """
-        return Following(self, MODES.arrived)
+        return Following(self, self.settings.arrived)
 
     def at(self, alpha: Array, block: Block, xi: Array) -> Evaluated:
-        """Some experiments at variates xi (B, J, s) of their own, with slopes."""
+        """A block of experiments at variates xi (B, J, s), with slopes."""
         individual = self._individual(alpha, block, xi)
         eta, slopes = self.predictor.with_slopes(block, individual.x)
         return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta), block)
 
     def sums(self, alpha: Array, block: Block, xi: Array) -> Array:
         """log P(class) + sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
-        own, often = alpha[: self.inputs.size], isinstance(self.rule, AsManyAsNeeded)
+        own, often = alpha[: self.inputs.size], isinstance(self.rule, DenseRule)
         x, log_weight = parameters_at(self.inputs, own, xi, block.experiments, often=often)
         return log_weight + self.sums_of(alpha, block, self.predictor.values(block, x))
 
@@ -216,13 +230,13 @@ class IndividualLikelihood:
 
     @property
     def _held(self) -> Parameters | None:
-        """The parameters at the nodes, where they were computed for this law and predictor."""
+        """The nodes as parameters, where they were computed for this law and predictor."""
         held = self.parameters
         known = held and held.inputs is self.inputs and held.predictor is self.predictor
         return held if known else None
 
     def _at_parameters(self, alpha: Array, nodes: Nodes) -> Parameters:
-        """What the simulator says at the nodes under alpha."""
+        """The nodes as parameters under alpha, with the simulated values there."""
         inputs, (count, most) = self.inputs, nodes.log_weight.shape
         x, eta = np.zeros((count, most, len(inputs.names))), np.zeros((self.layout.size, most))
         for block in self.layout.blocks(most):
@@ -235,7 +249,7 @@ class IndividualLikelihood:
         return Parameters(inputs, self.predictor, alpha, there, x[there], log_weight, eta)
 
     def _by_density(self, held: Parameters, alpha: Array, block: Block) -> tuple[Array, Array]:
-        """log L_l (B,) and scores (B, K) with the parameters at the nodes held."""
+        """log L_l (B,) and scores (B, K) with nodes that are kept as parameters."""
         terms = self._terms(alpha, block, held.eta[block.rows])
         of_laws = alpha[: self.inputs.size]
         each, share = mean_of(held.log_weights(of_laws, block) + block.summed(terms.value))
@@ -251,28 +265,30 @@ class IndividualLikelihood:
     def _modes(self, alpha: Array, block: Block, curved: Curved, arrived: float) -> Modes:
         """The modes (B, C, M, s) that the rule's nodes lie about.
 
-        They are sought from the last modes, as variates and as parameters, because where the
-        observations tell more than the law it is the parameters that stay, and from points all
-        about. One mode is sought from the likeliest of these alone; several that only have to be
-        near, from the last ones.
+        They are sought from the last modes, as variates and as parameters (where observations say
+        more than the law it is the parameters that stay), and from points along each axis. One mode
+        is sought from the likeliest of these starts; several that only have to be near, from the
+        last ones.
         """
         several = self.rule.centers > 1
-        if several and arrived >= MODES.near and self.nodes.x is not None:
+        if several and arrived >= self.settings.near and self.nodes.x is not None:
             known = self.nodes.modes[block.experiments]
-            return highest(curved, known, self.rule.centers, arrived)
+            return highest(curved, known, self.rule.centers, arrived, self.settings)
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
-        around = np.concatenate([np.zeros((1, s)), *(reach * np.eye(s) for reach in MODES.starts)])
+        around = np.concatenate(
+            [np.zeros((1, s)), *(reach * np.eye(s) for reach in self.settings.starts)]
+        )
         around = np.broadcast_to(around, (*last.shape[:2], *around.shape))
         again = self._again(alpha, block, last)
         trial = np.concatenate([last[:, :, None], again[:, :, None], around], axis=2)
         if several:
-            return highest(curved, trial, self.rule.centers, arrived)
+            return highest(curved, trial, self.rule.centers, arrived, self.settings)
         count, classes, points, _ = trial.shape
         flat = trial.reshape(count, classes * points, s)
         value = self.log_density(alpha, block, flat)
         best = np.argmax(value.reshape(count, classes, points), axis=2)
         start = np.take_along_axis(trial, best[:, :, None, None], axis=2)[:, :, 0]
-        found = modes(curved, start, arrived=arrived, classes=classes)
+        found = modes(curved, start, None, arrived, classes, self.settings)
         return Modes(found.z[:, :, None], found.information[:, :, None], found.value[..., None])
 
     def _again(self, alpha: Array, block: Block, last: Array) -> Array:
@@ -282,7 +298,7 @@ class IndividualLikelihood:
         with np.errstate(all="ignore"):
             own, x = alpha[: self.inputs.size], self.nodes.x[block.experiments]
             found = variates_of(self.inputs, own, x, block.experiments)
-        fine = np.all(np.abs(found) < MODES.farthest, axis=2, keepdims=True)
+        fine = np.all(np.abs(found) < self.settings.farthest, axis=2, keepdims=True)
         return np.where(fine, found, last)
 
     def _curved(self, alpha: Array, block: Block, z: Array) -> tuple[Array, Array, Array]:
@@ -305,6 +321,72 @@ class IndividualLikelihood:
         curvature = self.errors.curvature(of_errors, found.eta, block.rows)
         outer = curvature[..., None, None] * slopes[..., :, None] * slopes[..., None, :]
         return found, found.terms.d_eta[..., None] * slopes, outer
+
+
+class Following:
+    """An objective that adapts its nodes to every alpha.
+
+    Its score is exact but for the error of the quadrature. Modes are sought from the last ones.
+    Nodes that are kept as parameters serve until the laws have moved far; of those that it
+    remembers the nearest are taken. Where an experiment has one mode, the value is a function of
+    alpha alone. Modes are found to `arrived` in log-density.
+    """
+
+    def __init__(
+        self,
+        likelihood: IndividualLikelihood,
+        arrived: float,
+        settings: FollowingSettings = FOLLOWING,
+    ) -> None:
+        self._known, self._arrived, self._settings = [likelihood], arrived, settings
+        self.resolution = settings.resolution * arrived
+
+    def __call__(self, alpha: Array) -> LogLikelihood:
+        """Value and score at alpha (K,)."""
+        return self._adapted(alpha)(alpha)
+
+    def values(self, alphas: Array) -> Array:
+        """The totals (A,) at alphas (A, K)."""
+        return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
+
+    def expectation_step(self, alpha: Array) -> tuple[float, Array]:
+        """log L at alpha, and where it may be larger (see the function of this name)."""
+        return expectation_step(self._adapted(alpha), alpha)
+
+    def reach(self, alpha: Array, ahead: Array) -> float:
+        """The share of the way from alpha (K,) to another that a step may go.
+
+        Where nodes are kept as parameters a step far beyond them costs new ones, and only the slope
+        here made it so long.
+        """
+        nearest, share, settings = self.nearest(alpha), 1.0, self._settings
+        while (
+            nearest.parameters is not None
+            and distance(nearest.inputs, alpha, alpha + share * (ahead - alpha), settings) > 1.0
+        ):
+            share *= settings.shorter
+        return share
+
+    def remember(self, adapted: IndividualLikelihood) -> None:
+        """Remember these nodes, for every alpha to which they are the nearest."""
+        known = [*self._known, adapted] if adapted.parameters is not None else [adapted]
+        kept = self._settings.kept_nodes
+        while len(known) > 1 and sum(k.nodes.log_weight.size for k in known) > kept:
+            known = known[1:]
+        self._known = known
+
+    def nearest(self, alpha: Array) -> IndividualLikelihood:
+        """The likelihood with the nodes nearest to alpha, of those that are remembered."""
+        return min(self._known, key=lambda known: known.distance(alpha))
+
+    def _adapted(self, alpha: Array) -> IndividualLikelihood:
+        nearest = self.nearest(alpha)
+        if nearest.distance(alpha) <= 1.0:
+            return nearest
+        found = nearest.adapted(alpha, self._arrived)
+        if np.all(np.isfinite(found.nodes.mode)):
+            self.remember(found)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,3 +439,117 @@ def mean_of(total: Array) -> tuple[Array, Array]:
 def _status(each: Array) -> NDArray[np.int64]:
     status = np.where(np.isfinite(each), Status.SOLVED, Status.OUTSIDE_SUPPORT)
     return status.astype(np.int64)
+
+
+@dataclass(frozen=True)
+class ExpectationSettings:
+    """How long a step of expectation and maximization may be; chosen by judgement.
+
+    `least_share`: share of a law's information that observations give, at least, so that no step
+    becomes too long. `stretch`: how many times larger or smaller a step may make the sd of a law.
+    `smaller` and `larger`: the same of errors; laws must have time to explain more.
+    """
+
+    least_share: float = 0.05
+    stretch: float = 10.0
+    smaller: float = 0.1
+    larger: float = 2.0
+
+
+EXPECTATION = ExpectationSettings()
+
+
+def expectation_step(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    settings: ExpectationSettings = EXPECTATION,
+) -> tuple[float, Array]:
+    """log L at alpha, where the nodes are adapted, and where it may be larger: alpha (K,).
+
+    A step of expectation and maximization (Dempster, Laird and Rubin, 1977), made longer where
+    observations inform less (Louis, 1982). With m_l and V_l the mean and the variance of x in
+    experiment l given its observations, and mu and v those of the law,
+
+        mu' = mu + sum_l (m_l - mu) / sum_l w_l,                 w_l = 1 - V_l/v,
+        v'  = v + sum_l ((m_l - mu)^2 + V_l - v) / sum_l w_l^2,
+        sd'^2 = sd^2 (1 + sd/M d log L/d sd)                     of the errors of M observations.
+
+    For normal laws and errors its end is the maximum, for others near one. Constants, correlations,
+    shapes and laws without a mean and an sd stay; limits are not kept. Cost: an evaluation without
+    a score.
+    """
+    inputs, errors = likelihood.inputs, likelihood.errors
+    center, spread = _laws(inputs, alpha, likelihood.count)
+    mean, square = np.full(center.shape, np.nan), np.full(center.shape, np.nan)
+    slope, count = np.zeros(len(errors.hyperparameters)), np.zeros(len(errors.hyperparameters))
+    value = log_prior(likelihood.hyperparameters, alpha)
+    for block in likelihood.blocks:
+        part = block.experiments
+        each, share, individual, terms = likelihood.weighed(alpha, block)
+        value += float(each.sum())
+        mean[part] = np.einsum("bj,bjn->bn", share, individual.x)
+        away = individual.x - center[part, None]
+        square[part] = np.einsum("bj,bjn->bn", share, away**2)
+        for p, (rows, derivative) in enumerate(terms.d_values):
+            slope[p] += np.sum(share[block.owner[rows]] * derivative)
+            count[p] += len(rows)
+    found, counted = alpha.copy(), ~np.isnan(mean[:, 0])
+    if not np.isfinite(value) or not np.all(np.isfinite(square[counted])):
+        return value, found
+    for i in _known(inputs):
+        own = (mean[counted, i] - center[counted, i], square[counted, i], spread[counted, i])
+        _place(inputs, i, found, *own, counted, settings)
+    _place_errors(errors, found[inputs.size :], slope / np.maximum(count, 1.0), settings)
+    return value, found
+
+
+def _known(inputs: Inputs) -> list[int]:
+    """The parameters whose laws have a mean and an sd."""
+    names = [[h.name for h in law.hyperparameters] for law in inputs.laws.values()]
+    return [i for i in inputs.scattered if names[i] == ["mean", "sd"]]
+
+
+def _laws(inputs: Inputs, alpha: Array, count: int) -> tuple[Array, Array]:
+    """Means and variances (N, n) in all experiments; zero and one of laws without a mean and an
+    sd."""
+    values = inputs.values(alpha[: inputs.size], slice(0, count))
+    center, spread = np.zeros((count, len(values))), np.ones((count, len(values)))
+    for i in _known(inputs):
+        center[:, i], spread[:, i] = values[i][0].ravel(), values[i][1].ravel() ** 2
+    return center, spread
+
+
+def _place(
+    inputs: Inputs,
+    i: int,
+    alpha: Array,
+    shift: Array,
+    square: Array,
+    spread: Array,
+    counted: Flags,
+    settings: ExpectationSettings,
+) -> None:
+    """Set the law of parameter i in alpha, by m_l - mu, its mean square and v of experiments."""
+    at, model = inputs.parts[i].start, inputs.covariate_model
+    mean, sd = slice(at, at + 1), slice(at + 1, at + 2)
+    columns = np.ones((len(shift), 1))
+    if model is not None:
+        of_mean, of_sd = model.entries[at], model.entries[at + 1]
+        mean, sd = of_mean.places, of_sd.places
+        columns = columns if of_mean.design is None else of_mean.design.matrix[counted]
+    share = np.clip(1.0 - (square - shift**2) / spread, settings.least_share, 1.0)
+    alpha[mean] += np.linalg.lstsq((columns.T * share) @ columns, columns.T @ shift)[0]
+    if model is None or of_sd.design is None:
+        grown = 1.0 + np.mean(square / spread - 1.0) / np.mean(share**2)
+        stretch = settings.stretch
+        alpha[sd] *= np.sqrt(np.clip(grown, stretch**-2.0, stretch**2.0))
+
+
+def _place_errors(
+    errors: MeasurementErrors, values: Array, slope: Array, settings: ExpectationSettings
+) -> None:
+    """Set the sds of the errors, by the slope (P,) of the log-likelihood an observation."""
+    for p, h in enumerate(errors.hyperparameters):
+        if h.free and h.name.endswith(".sd"):
+            ratio = np.sqrt(np.maximum(1.0 + values[p] * slope[p], 0.0))
+            values[p] *= np.clip(ratio, settings.smaller, settings.larger)

@@ -75,7 +75,8 @@ class Pieces:
         whole: Array,
         points: int,
     ) -> Pieces:
-        """Panels of which the whole is known, with `points` nodes in each half."""
+        """Panels whose integrals by nodes of their own are known, `whole` (T,), with `points` nodes
+        in each half."""
         log_f = _evaluated(log_density, line, in_halves(low, high, points))
         top = np.maximum(log_f.max(axis=1, initial=-np.inf), LOWEST)
         f = np.exp(log_f - top[:, None])
@@ -110,7 +111,8 @@ class Pieces:
         top = known[self.line]
         top = np.where(np.isfinite(top), top, np.inf)
         halves = np.exp(self.halves - top[:, None])
-        found = np.abs(halves[:, 0] + halves[:, 1] - np.exp(self.whole - top))
+        with np.errstate(over="ignore"):
+            found = np.abs(halves[:, 0] + halves[:, 1] - np.exp(self.whole - top))
         order = np.lexsort((self.low, self.line))
         left, right = order[:-1], order[1:]
         ends = np.exp(self.ends - top[:, None])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class ModeSettings:
     one. `least_log_mass`: logarithm of a mode's share of the first one's mass from where on it is
     none. `farthest`: variates beyond this have no mass, and no step goes farther. `starts`: where
     modes are sought along each variate, besides about the last one. `informed`: information about a
-    variate, of which the law's part is one, from where on observations tell more than the law.
+    variate, of which the law's part is one, from which on observations say more than the law.
     """
 
     arrived: float = 1e-6
@@ -124,9 +125,10 @@ def _damped_step(information: Array, slope: Array, damping: Array, stiff: float)
 def _of_some(
     log_density: Curved, z: Array, wanted: Flags, classes: int
 ) -> tuple[Array, Array, Array]:
-    """The log-density with its derivatives at those points (B, P) that are wanted; others zero.
+    """The log-density with its derivatives at some of the points, `wanted` (B, P); zeros at the
+    others.
 
-    Each class of each experiment is given as many as the one that wants most.
+    It is evaluated at as many points of each class as the class with most of them has.
     """
     parts = wanted.reshape(len(wanted), classes, -1)
     most = int(parts.sum(axis=2).max())
@@ -144,7 +146,8 @@ def _of_some(
 
 
 def _reached(z: Array, step: Array, everywhere: bool, farthest: float) -> Array:
-    """Where a step ends that goes not too far; those of a few directions do not leave these."""
+    """Where a step from z ends that goes no farther than is allowed; unless it may go `everywhere`,
+    it keeps its direction."""
     if everywhere:
         return np.clip(z + step, -farthest, farthest)
     length = np.max(np.abs(step), axis=-1, keepdims=True)
@@ -195,81 +198,81 @@ def _within(gradient: Array, information: Array, basis: Array | None) -> tuple[A
     return (across @ gradient[..., None])[..., 0], across @ information @ basis
 
 
-class NodeRule(Protocol):
-    """Nodes of the integral over the s standard normal variates of an experiment."""
+@dataclass(frozen=True, eq=False)
+class IndividualLaws:
+    """The individual laws of experiments first, ..., first + B - 1, as a rule of nodes sees them.
 
-    @property
-    def name(self) -> str:
-        """Name for reports."""
+    The log-density of their variates, with and without its slopes, and M modes (B, C, M, s) of each
+    of C classes, the highest first.
+    """
+
+    curved: Curved
+    valued: Valued
+    modes: Modes
+    first: int
+
+
+class NodeRule(ABC):
+    """Nodes of the integral over the s standard normal variates of an experiment.
+
+    `name` is that of reports. Steps to the modes may have `arrived` left to gain in log-density, at
+    least. A rule `holds_parameters` whose nodes are kept as parameters, and not as variates (see
+    `Parameters`).
+    """
+
+    name: ClassVar[str]
+    arrived: ClassVar[float] = MODES.arrived
+    holds_parameters: ClassVar[bool] = False
 
     @property
     def centers(self) -> int:
         """M, the modes of an experiment that the nodes lie about."""
-
-    @property
-    def arrived(self) -> float:
-        """What the steps to these modes may have left to gain in log-density, at least."""
-
-    @property
-    def holds_parameters(self) -> bool:
-        """Whether its nodes are held as parameters, and not as variates (see `Parameters`)."""
+        return 1
 
     @property
     def rough(self) -> NodeRule:
         """One with few nodes that serves for statistics of many replicates."""
+        return self
 
-    def size(self, dimensions: int) -> int:
-        """J, the number of nodes."""
+    @abstractmethod
+    def size(self, dimensions: int, /) -> int:
+        """J, the number of nodes while they are sought."""
 
-    def finer(self, dimensions: int) -> tuple[NodeRule, ...]:
-        """The rules that tell how exact this one is."""
-
-    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> NodeRule | None:
-        """One with more nodes, where the finer rules change more than enough by these gaps.
-
-        None where they do not, and where more nodes would be too many.
-        """
-
-    def told(self, gaps: Sequence[float], dimensions: int) -> float:
-        """What more nodes change altogether, by what each of the finer rules changes."""
-
-    def about(
-        self, curved: Curved, valued: Valued, found: Modes, first: int
-    ) -> tuple[Array, Array]:
-        """Nodes xi (B, C J, s) of experiments first, ..., first + B - 1, and log weights (B, C J).
-
-        About the M modes (B, C, M, s) of each of C classes, the highest first, under a log-density
-        that is known with and without its slopes.
-        """
-
-
-class AsManyAsNeeded:
-    """What rules have in common whose panels are halved until they are enough."""
-
-    @property
-    def arrived(self) -> float:
-        """A mode only says where panels begin, or how they lie."""
-        return MODES.near
-
-    @property
-    def holds_parameters(self) -> bool:
-        """Yes: they are where an outcome is not smooth."""
-        return True
-
-    @property
-    def centers(self) -> int:
-        """One mode is known; the panels look for others themselves."""
-        return 1
+    def finer(self, dimensions: int, /) -> tuple[NodeRule, ...]:  # noqa: ARG002
+        """Finer rules, whose differences from this one show how exact it is."""
+        return ()
 
     def refined(
         self,
         gaps: Sequence[float],  # noqa: ARG002
         enough: float,  # noqa: ARG002
         dimensions: int,  # noqa: ARG002
+        /,
     ) -> NodeRule | None:
-        """None: panels are as many as are needed."""
+        """One with more nodes, where the finer rules change more than enough by these gaps.
+
+        None where they do not, and where more nodes would be too many.
+        """
         return None
 
-    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
-        """What more nodes in each panel change."""
+    def gap(self, gaps: Sequence[float], dimensions: int, /) -> float:  # noqa: ARG002
+        """What more nodes change altogether, by what each of the finer rules changes."""
         return float(sum(gaps))
+
+    @abstractmethod
+    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+        """Nodes xi (B, C J, s) of the experiments, class by class, and log weights (B, C J).
+
+        int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) in each class, where the log-density
+        is that of g(xi) exp(-xi^2/2).
+        """
+
+
+class DenseRule(NodeRule):
+    """What rules share whose nodes are as many as are needed, wherever an outcome is not smooth.
+
+    A mode only says where the nodes begin.
+    """
+
+    arrived = MODES.near
+    holds_parameters = True

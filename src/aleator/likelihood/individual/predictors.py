@@ -10,8 +10,8 @@ import numpy as np
 
 from aleator.core.blocks import blocks
 from aleator.core.types import Array, Flags, Indices
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import Surface
-from aleator.surrogates.responses import moving_parameters
 from aleator.surrogates.surface import chained, outcomes, products, products_with_gradient
 
 
@@ -154,9 +154,10 @@ class Predictor(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Direct:
-    """The simulator itself, for functions that cost less than a surface; central differences.
+    """The simulator itself, for functions that cost less than a surface; slopes are central
+    differences.
 
-    `moving` are the parameters whose derivatives are asked for; steps stay in the box (n, 2).
+    `moving` are the parameters by which it is differentiated; steps stay in the box (n, 2).
     """
 
     runner: Evaluator

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
+from typing import ClassVar
 
 import numpy as np
 from scipy import special
@@ -15,10 +16,10 @@ from aleator.core.polynomials import hermite_recurrence, polished_rule
 from aleator.core.types import Array, Indices
 from aleator.likelihood.individual.modes import (
     MODES,
-    AsManyAsNeeded,
-    Curved,
-    Modes,
-    Valued,
+    DenseRule,
+    IndividualLaws,
+    ModeSettings,
+    NodeRule,
     modes,
 )
 from aleator.likelihood.individual.panels import Panels
@@ -36,7 +37,7 @@ class RuleSettings:
     more are taken. `wider`: factor by which they lie farther out than the curvature of an
     individual law says. `ridge_points` and `most_ridge_points`: points along a ridge, as `points`
     and `most_points`. `least_probability`: distance of the probabilities of points from zero and
-    one, at least.
+    one, at least. `modes`: the settings of modes.
     """
 
     most_nodes: int = 3000
@@ -48,55 +49,29 @@ class RuleSettings:
     ridge_points: int = 64
     most_ridge_points: int = 4096
     least_probability: float = 1e-12
+    modes: ModeSettings = MODES
 
 
 RULES = RuleSettings()
 
 
-class AboutOneMode:
-    """What rules share whose nodes lie about the one mode of each experiment."""
-
-    @property
-    def centers(self) -> int:
-        """The modes of an experiment that the nodes lie about."""
-        return 1
-
-    @property
-    def arrived(self) -> float:
-        """The nodes are as good as the mode is exact."""
-        return MODES.arrived
-
-    @property
-    def holds_parameters(self) -> bool:
-        """No: nodes about a mode are where an outcome is smooth."""
-        return False
-
-
 @dataclass(frozen=True)
-class GaussHermite(AboutOneMode):
+class GaussHermite(NodeRule):
     """Gauss-Hermite nodes in each of s coordinates: `first` in the first, `others` in the others.
 
-    Exact where the integrand is the normal density it is adapted to, times a polynomial of degree
-    2 q - 1 in each coordinate of q nodes. The first coordinate is the one of which the
-    observations tell least, and wants most nodes. What has several modes it takes for one.
+    Exact where the integrand is the normal density it is adapted to, times a polynomial of degree 2
+    q - 1 in each coordinate of q nodes. The first coordinate is the one that the observations
+    inform least; it needs most nodes. An individual law with several modes is taken for one with
+    its highest.
 
     >>> GaussHermite(5, 3).nodes(2)[0].shape
     (15, 2)
     """
 
+    name: ClassVar[str] = "Gauss-Hermite"
     first: int
     others: int | None = None
     settings: RuleSettings = field(default=RULES, repr=False)
-
-    @property
-    def name(self) -> str:
-        """Name for reports."""
-        return "Gauss-Hermite"
-
-    @property
-    def rough(self) -> GaussHermite:
-        """The same: its nodes are few, or the experiments need many."""
-        return self
 
     def at_least(self, count: int) -> GaussHermite:
         """The same with so many nodes or more in every coordinate."""
@@ -115,14 +90,15 @@ class GaussHermite(AboutOneMode):
         nodes = np.array(list(product(*(t for t, _ in lines))))
         return nodes, np.array(list(product(*(log_w for _, log_w in lines)))).sum(axis=1)
 
-    def size(self, dimensions: int) -> int:
+    def size(self, dimensions: int, /) -> int:
         """J, the number of all nodes."""
         return int(np.prod([self.coordinate(i)[0].size for i in range(dimensions)]))
 
-    def finer(self, dimensions: int) -> tuple[GaussHermite | Panels, ...]:
-        """The rules that tell how exact this one is.
+    def finer(self, dimensions: int, /) -> tuple[GaussHermite | Panels, ...]:
+        """Finer rules, whose differences from this one show how exact it is.
 
-        Of one variate somewhat finer, and panels; else finer in the first, finer in the others.
+        For one variate a rule with more nodes, and panels; for several one with more nodes in the
+        first coordinate, and one with more in the others.
         """
         others = self.others or self.first
         whole = replace(self, others=others)
@@ -132,16 +108,16 @@ class GaussHermite(AboutOneMode):
         return (in_first, replace(whole, others=_more(others)))
 
     def refined(
-        self, gaps: Sequence[float], enough: float, dimensions: int
+        self, gaps: Sequence[float], enough: float, dimensions: int, /
     ) -> GaussHermite | Panels | None:
         """As many nodes as those finer rules have whose gaps are not small enough.
 
-        None where all are, or where that would be too many nodes. Of the rules of one variate that
-        tell the same as panels the first has the fewest nodes.
+        None where all are, or where that would be too many nodes. For one variate it is the first
+        that agrees with panels, because it has the fewest nodes.
         """
         pairs = list(zip(self.finer(dimensions), gaps, strict=True))
         if dimensions < 2:
-            whole = self.told(gaps, dimensions)
+            whole = self.gap(gaps, dimensions)
             same = (rule for rule, gap in pairs if abs(gap - whole) <= enough)
             return next(same) if abs(whole) > enough else None
         found = self
@@ -157,17 +133,12 @@ class GaussHermite(AboutOneMode):
         fits = found.size(dimensions) <= own.most_nodes and most <= own.finest
         return found if found != self and fits else None
 
-    def told(self, gaps: Sequence[float], dimensions: int) -> float:
-        """All that panels change, who leave nothing out; else what more nodes change together."""
+    def gap(self, gaps: Sequence[float], dimensions: int, /) -> float:
+        """For one variate what panels change, which leave nothing out; for several the sum of all
+        gaps."""
         return float(gaps[-1] if dimensions == 1 else sum(gaps))
 
-    def about(
-        self,
-        curved: Curved,
-        valued: Valued,  # noqa: ARG002
-        found: Modes,
-        first: int,  # noqa: ARG002
-    ) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
         """Nodes xi (B, C J, s) about the highest mode of each class, and their log weights.
 
         The coordinates w = Q' xi are those of the eigenvectors Q of the information at the mode,
@@ -182,7 +153,8 @@ class GaussHermite(AboutOneMode):
         So the nodes follow a curved ridge, which is what fewer observations than parameters leave.
         Where the log-density is quadratic they are those of Liu and Pierce (1994).
         """
-        z, information = found.z[:, :, 0], found.information[:, :, 0]
+        highest = laws.modes
+        z, information = highest.z[:, :, 0], highest.information[:, :, 0]
         s = z.shape[2]
         basis = np.linalg.eigh(information + self.settings.tie * np.diag(np.arange(s)))[1]
         log_weight = np.zeros(z.shape[:2])
@@ -199,7 +171,8 @@ class GaussHermite(AboutOneMode):
             log_weight = _spread((log_weight + np.log(scale))[:, :, None] + of_rule)
             if i < s - 1:
                 whole = np.repeat(rest, t.size, axis=1)[..., 1:]
-                again = modes(curved, z, whole, MODES.near, found.z.shape[1])
+                own, classes = self.settings.modes, highest.z.shape[1]
+                again = modes(laws.curved, z, whole, own.near, classes, own)
                 z, information = again.z, again.information
         return z, log_weight - 0.5 * np.sum(z**2, axis=2)
 
@@ -222,7 +195,7 @@ def _spread(values: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class ImportancePoints:
+class ImportancePoints(NodeRule):
     """Quasi-random points of a mixture of normal laws (defensive importance sampling).
 
         int g phi dxi = 1/J sum_j g(xi_j) phi(xi_j)/q(xi_j),
@@ -236,59 +209,36 @@ class ImportancePoints:
     60
     """
 
+    name: ClassVar[str] = "importance points"
+    holds_parameters: ClassVar[bool] = True
     count: int = RULES.points
     centers: int = 3
     settings: RuleSettings = field(default=RULES, repr=False)
-
-    @property
-    def name(self) -> str:
-        """Name for reports."""
-        return "importance points"
-
-    @property
-    def arrived(self) -> float:
-        """Points about a mode that is not exact are as good."""
-        return MODES.arrived
-
-    @property
-    def holds_parameters(self) -> bool:
-        """Yes: they are where an outcome is not smooth."""
-        return True
 
     @property
     def rough(self) -> ImportancePoints:
         """At most 300 points."""
         return replace(self, count=min(self.count, self.settings.points))
 
-    def size(self, dimensions: int) -> int:  # noqa: ARG002  the same for any
+    def size(self, _: int, /) -> int:
         """J, the number of points: as many about each mode."""
         return 2 * self.centers * _each(self.count, self.centers)
 
-    def finer(self, dimensions: int) -> tuple[ImportancePoints, ...]:  # noqa: ARG002
+    def finer(self, _: int, /) -> tuple[ImportancePoints, ...]:
         """One with twice as many points."""
         return (replace(self, count=2 * self.count),)
 
-    def refined(
-        self, gaps: Sequence[float], enough: float, dimensions: int
-    ) -> ImportancePoints | None:
+    def refined(self, gaps: Sequence[float], enough: float, _: int, /) -> ImportancePoints | None:
         """Twice as many points."""
-        (more,) = self.finer(dimensions)
-        return more if abs(gaps[0]) > enough and more.count <= self.settings.most_points else None
+        more = 2 * self.count
+        needed = abs(gaps[0]) > enough and more <= self.settings.most_points
+        return replace(self, count=more) if needed else None
 
-    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
-        """What twice as many points change."""
-        return float(sum(gaps))
-
-    def about(
-        self,
-        curved: Curved,  # noqa: ARG002
-        valued: Valued,  # noqa: ARG002
-        found: Modes,
-        first: int,
-    ) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
         """Points xi (B, C J, s) about the M modes of each class, and their log weights."""
-        shift = np.arange(first, first + len(found.z))
-        return proposed(found.z, found.information, self.count, shift, self.settings.wider)
+        z = laws.modes.z
+        shift = np.arange(laws.first, laws.first + len(z))
+        return proposed(z, laws.modes.information, self.count, shift, self.settings.wider)
 
 
 def standard_points(count: int, dimensions: int) -> Array:
@@ -332,7 +282,7 @@ def proposed(
 
 
 def _each(count: int, centers: int) -> int:
-    """Points about each mode, which are half of so many."""
+    """Points about each of the modes; those of all modes are half of `count`."""
     return max(1, count // (2 * centers))
 
 
@@ -358,125 +308,94 @@ def shifted_points(count: int, dimensions: int, shift: Indices | None) -> Array:
     return _normal((_uniform(count, dimensions) + steps[:, None]) % 1.0)
 
 
-def _normal(u: Array) -> Array:
+def _normal(u: Array, least: float = RULES.least_probability) -> Array:
     """Standard normal points of those of the unit cube."""
-    least = RULES.least_probability
     return np.asarray(special.ndtri(np.clip(u, least, 1.0 - least)))
 
 
 @dataclass(frozen=True)
-class LawPoints(AsManyAsNeeded):
+class LawPoints(DenseRule):
     """Quasi-random points of the law, those of each experiment its own.
 
-    int g phi dxi = 1/J sum_j g(xi_j). What was simulated there serves for any observations, each
-    with an error that is the larger the less of the law is likely under it.
+    int g phi dxi = 1/J sum_j g(xi_j). Values that are simulated there serve for any observations;
+    the error is the larger, the smaller the part of the law is that explains an observation.
     """
 
+    name: ClassVar[str] = "points of the law"
     count: int
 
-    @property
-    def name(self) -> str:
-        """Name for reports."""
-        return "points of the law"
-
-    @property
-    def rough(self) -> LawPoints:
-        """The same."""
-        return self
-
-    def size(self, dimensions: int) -> int:  # noqa: ARG002  one interface for all rules
+    def size(self, _: int, /) -> int:
         """J, the number of points."""
         return self.count
 
-    def finer(self, dimensions: int) -> tuple[LawPoints, ...]:  # noqa: ARG002
-        """None is asked."""
-        return ()
-
-    def about(
-        self,
-        curved: Curved,  # noqa: ARG002
-        valued: Valued,  # noqa: ARG002
-        found: Modes,
-        first: int,
-    ) -> tuple[Array, Array]:
-        """Points xi (B, C J, s) of B experiments with C classes, and log weights."""
-        experiments, classes, _, s = found.z.shape
-        own = shifted_points(self.count, s, first + np.arange(experiments))
+    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+        """Points xi (B, C J, s), the same in each class."""
+        experiments, classes, _, s = laws.modes.z.shape
+        own = shifted_points(self.count, s, laws.first + np.arange(experiments))
         xi = np.tile(own, (1, classes, 1))
         return xi, np.full(xi.shape[:2], -np.log(self.count))
 
 
 @dataclass(frozen=True)
-class RidgePoints(AboutOneMode):
+class RidgePoints(NodeRule):
     """Quasi-random points of a normal law that follows the ridge of an individual law.
 
-    A few observations inform k directions b of the s variates, and of the others a they tell next
-    to nothing. The points are those of a by the curvature at the mode, and of b by the mode and the
-    curvature given a:
+    Observations inform k directions b of the s variates, and the others, a, next to nothing. The
+    points are those of a by the curvature at the mode, and of b by the mode and the curvature given
+    a:
 
         int g phi dxi = 1/J sum_j g(xi_j) phi(xi_j) / (N(a_j; a*, A) N(b_j; b*(a_j), C(a_j))).
 
     Where the log-density is quadratic every term is the integral itself; where the ridge bends
-    slowly the terms differ little, however many variates there are and however small the noise.
-    The error falls about as 1/J. What has several modes it takes for one.
+    slowly the terms differ little, however many variates there are and however small the noise. The
+    error falls about as 1/J. An individual law with several modes is taken for one with its
+    highest.
 
     >>> RidgePoints(60).size(7)
     60
     """
 
+    name: ClassVar[str] = "importance points along a ridge"
     count: int = RULES.ridge_points
     settings: RuleSettings = field(default=RULES, repr=False)
-
-    @property
-    def name(self) -> str:
-        """Name for reports."""
-        return "importance points along a ridge"
 
     @property
     def rough(self) -> RidgePoints:
         """The fewest."""
         return replace(self, count=min(self.count, self.settings.ridge_points))
 
-    def size(self, dimensions: int) -> int:  # noqa: ARG002  the same for any
+    def size(self, _: int, /) -> int:
         """J, the number of points."""
         return self.count
 
-    def finer(self, dimensions: int) -> tuple[RidgePoints, ...]:  # noqa: ARG002
+    def finer(self, _: int, /) -> tuple[RidgePoints, ...]:
         """One with twice as many points."""
         return (replace(self, count=2 * self.count),)
 
-    def refined(self, gaps: Sequence[float], enough: float, dimensions: int) -> RidgePoints | None:
+    def refined(self, gaps: Sequence[float], enough: float, _: int, /) -> RidgePoints | None:
         """Twice as many points."""
-        (more,) = self.finer(dimensions)
-        fits = more.count <= self.settings.most_ridge_points
-        return more if abs(gaps[0]) > enough and fits else None
+        more = 2 * self.count
+        needed = abs(gaps[0]) > enough and more <= self.settings.most_ridge_points
+        return replace(self, count=more) if needed else None
 
-    def told(self, gaps: Sequence[float], dimensions: int) -> float:  # noqa: ARG002
-        """What twice as many points change."""
-        return float(sum(gaps))
-
-    def about(
-        self,
-        curved: Curved,
-        valued: Valued,  # noqa: ARG002
-        found: Modes,
-        first: int,
-    ) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
         """Points xi (B, C J, s) about the highest mode of each class, and their log weights.
 
         Directions are the eigenvectors of the information at the mode. Points come in pairs that
         lie on either side of the ridge, so that a score across it is no matter of chance.
         """
-        mode, information = found.z[:, :, 0], found.information[:, :, 0]
+        mode, information = laws.modes.z[:, :, 0], laws.modes.information[:, :, 0]
         experiments, classes, s = mode.shape
-        half = self.count // 2
+        half, own = self.count // 2, self.settings.modes
         values, basis = np.linalg.eigh(information + self.settings.tie * np.diag(np.arange(s)))
-        along = s - max(1, int((values > MODES.informed).sum(axis=2).max(initial=1)))
-        t = shifted_points(half, s, np.arange(first, first + experiments))[:, None]
+        along = s - max(1, int((values > own.informed).sum(axis=2).max(initial=1)))
+        t = shifted_points(half, s, laws.first + np.arange(experiments))[:, None]
         a = t[..., :along] / np.sqrt(values[:, :, None, :along])
         start = mode[:, :, None] + np.einsum("ncst,ncjt->ncjs", basis[..., :along], a)
         across = np.repeat(basis[..., along:], half, axis=1)
-        ridge = modes(curved, start.reshape(experiments, -1, s), across, MODES.near, classes)
+        ridge = modes(
+            laws.curved, start.reshape(experiments, -1, s), across, own.near, classes, own
+        )
         within = np.swapaxes(across, -1, -2) @ ridge.information @ across
         root = np.linalg.cholesky(np.linalg.inv(within))
         b = np.broadcast_to(t[..., along:], (experiments, classes, half, s - along))
@@ -534,7 +453,7 @@ def joined(
 ) -> tuple[Array, Array]:
     """Nodes (N, J, s) and log weights (N, J) of parts of N experiments, class by class.
 
-    Those that need fewer nodes than others get some without weight.
+    Experiments that need fewer nodes than others are filled up with nodes without weight.
     """
     most = max(xi.shape[1] for _, xi, _ in parts) // classes
     nodes = np.zeros((count, classes, most, parts[0][1].shape[2]))

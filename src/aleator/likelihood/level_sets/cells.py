@@ -46,7 +46,8 @@ def crossed(
     alike: float,
     settings: CellSettings = CELLS,
 ) -> tuple[Indices, Array, Array]:
-    """Whose sets (H,) go through cells: points on them there x (H, s), and weights (H,).
+    """Level sets in the cells of a grid: experiments (H,), points x (H, s) on their sets, weights
+    (H,).
 
     Of experiments `rows` (B,) with outcomes y (B,), and `eta` (C, P) of conditions, theirs being
     `condition` (B,), at the points of a grid with these `sides`. A weight is the length of the set
@@ -99,7 +100,7 @@ def _pieces(y: Array, v: Array, x: Array, slopes: Array) -> tuple[Array, Array]:
 
 
 def _flat(whose: Indices, on: Array, weight: Array) -> tuple[Indices, Array, Array]:
-    """Points in a row, each with its experiment."""
+    """Points and weights in a row, each with its experiment."""
     return np.repeat(whose, on.shape[1]), on.reshape(-1, on.shape[2]), weight.ravel()
 
 
@@ -115,8 +116,8 @@ def _halved(
     """Experiments (H,) with points (H, C, s) and weights (H, C) of sets in cells (M,).
 
     `ends` (2, M, s) are those of the cells, and v (M, 2) or (M, 2, 2) the outcomes at their
-    corners. A half in which the outcome is smooth is done, one where its set cannot be is left; any
-    other is halved again.
+    corners. A half in which the outcome is smooth is done, one that its set cannot reach is left
+    out, and any other is halved again.
     """
     s = ends.shape[2]
     triangles = _simplices(*[2] * s)
@@ -190,7 +191,7 @@ def _by_parabolas(v: Array) -> Array:
 
 
 def _passed(y: Array, eta: Array, shape: tuple[int, ...]) -> tuple[Indices, Indices, Indices]:
-    """Whose sets (H,) go through simplices, of which cells, and the corners (H, s + 1)."""
+    """Simplices that sets go through: experiments (H,), cells (H,) and corners (H, s + 1)."""
     simplices = _simplices(*shape)
     below, above = (found.view(np.uint8) for found in (eta <= y[:, None], eta > y[:, None]))
     place = NONE - (NONE - BELOW) * below - (NONE - ABOVE) * above
@@ -200,9 +201,9 @@ def _passed(y: Array, eta: Array, shape: tuple[int, ...]) -> tuple[Indices, Indi
 
 
 def _hiding(y: Array, condition: Indices, eta: Array, sides: tuple[Array, ...]) -> Indices:
-    """Cells in which a set may lie between corners that are all to one side, one number for each.
+    """Numbers of the cells that a set may go through although all corners are on one side of it.
 
-    They have a corner beside which the outcome bends by as much as it is off.
+    Such a cell has a corner where the outcome bends by more than it differs from what was measured.
     """
     v = eta.reshape(len(eta), *(side.size for side in sides))
     bend = np.zeros_like(v)

@@ -9,7 +9,7 @@ import numpy as np
 
 from aleator.core.types import Array, Indices
 from aleator.likelihood.level_sets.cells import CELLS, CellSettings, crossed
-from aleator.surrogates.responses import Divisible
+from aleator.simulators.response_functions import Divisible
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,9 @@ class Grid:
     settings: GridSettings = GRIDS
 
     def serves(self, marks: Array) -> bool:
-        """Whether a law is resolved on this grid, of which `marks` (s, Q) are rising quantiles.
+        """Whether this grid resolves a law with rising quantiles `marks` (s, Q).
 
-        It lies inside, and between two marks there are so many cells as its shape asks for.
+        The law lies inside, and between any two marks there are cells enough.
         """
         for side, own in zip(self.sides, marks, strict=True):
             if own[0] < side[0] or side[-1] < own[-1]:
@@ -141,9 +141,9 @@ class Grid:
         return points
 
     def _simulated(self, points: Array) -> Iterator[tuple[Indices, Indices, Array]]:
-        """Experiments (B,), theirs (B,) of C conditions, and the outcomes (C, P) of these.
+        """Experiments (B,), the condition (B,) of each, and the outcomes (C, P) of C conditions.
 
-        So many at a time as fit together.
+        As many at a time as fit into memory.
         """
         count = int(self.condition.max()) + 1
         block, known = max(1, self.settings.block // len(points)), self.values.of(self.sides)

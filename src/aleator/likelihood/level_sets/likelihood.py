@@ -12,12 +12,12 @@ import numpy as np
 from aleator.core.types import Array, Flags, Indices
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, image_at
-from aleator.likelihood.individual.following import moving
+from aleator.likelihood.individual.parameters import moving
 from aleator.likelihood.level_sets.grid import GRIDS, Grid, GridSettings, Values, in_rows
 from aleator.likelihood.level_sets.lines import CROSSINGS, Crossings, traced
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.interface import LogLikelihood
-from aleator.surrogates.responses import Divisible
+from aleator.simulators.response_functions import Divisible
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def on_a_grid(inputs: Inputs) -> bool:
 
 
 def searched(inputs: Inputs, conditions: int, settings: LevelSettings = LEVELS) -> int:
-    """The same for a search."""
+    """Cells of a parameter for a search, or lines of an experiment."""
     answers = cells_of(inputs, conditions, settings)
     return answers // 2 if on_a_grid(inputs) else answers // 4
 
@@ -137,7 +137,7 @@ class LevelLikelihood:
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood with its score.
 
-        That by a constant, or by a law whose support moves, is a difference.
+        The score by a constant, or by a law whose support moves, is a difference.
         """
         found = self.sets(alpha)(alpha)
         if self._on_a_grid or not moving(self.inputs):
@@ -159,7 +159,7 @@ class LevelLikelihood:
         return self.sets(alpha).evaluate(alpha)
 
     def sets(self, alpha: Array) -> LevelSets:
-        """The sets by which a law alpha (K,) is judged."""
+        """The level sets that serve for a law alpha (K,)."""
         return self._of_grid(alpha) if self._on_a_grid else self._of_lines(alpha)
 
     def _of_grid(self, alpha: Array) -> LevelSets:
@@ -201,21 +201,21 @@ class LevelLikelihood:
         return np.array([self.evaluate(alpha).total for alpha in alphas])
 
     def take(self, rows: Indices) -> LevelLikelihood:
-        """That of some of the experiments."""
+        """The likelihood of some of the experiments."""
         own, condition = np.unique(self.condition[rows], return_inverse=True)
         return LevelLikelihood(
             self.inputs, self.response.take(own), self.region, condition, self.outcomes[rows],
             self.cells, settings=self.settings,
         )  # fmt: skip
 
-    def given(self, outcomes: Array) -> LevelLikelihood:
+    def with_outcomes(self, outcomes: Array) -> LevelLikelihood:
         """The same experiments with other outcomes (N,)."""
         return self._with(outcomes, self.cells)
 
     def coarse(self, times: int = 2) -> LevelLikelihood:
         """The same on grids of half as many cells: for a search, and for drawn experiments.
 
-        Or of so many `times` fewer cells a parameter, to tell what cells change.
+        Or of so many `times` fewer cells a parameter, to see what cells change.
         """
         return self._with(self.outcomes, max(self._answers // times, 1))
 
@@ -248,7 +248,7 @@ class LevelLikelihood:
 
     @cached_property
     def _whole(self) -> Grid:
-        """Even, and all of the region."""
+        """The even grid over all of the region."""
         own = self.region[[*self.inputs.scattered]]
         return self._grid(np.linspace(own[:, 0], own[:, 1], self.cells + 1, axis=1))
 

@@ -18,16 +18,16 @@ from aleator.core.blocks import blocks
 from aleator.core.polynomials import gauss_hermite
 from aleator.core.types import Array, Flags, Indices
 from aleator.laws.inputs import Inputs, parameters_at
-from aleator.likelihood.individual.following import scattered_density
+from aleator.likelihood.individual.parameters import scattered_density
 from aleator.likelihood.individual.rules import RULES
-from aleator.surrogates.responses import Divisible
+from aleator.simulators.response_functions import Divisible
 
 
 @dataclass(frozen=True)
 class Crossings:
     """How lines are laid and crossed; measured by `tests/likelihood/test_level_lines.py`.
 
-    The `nearest` of `points` of the law tell the direction in which the outcome changes, and a few
+    The `nearest` of `points` of the law show the direction in which the outcome changes, and a few
     lines, `wider` than the law, where the set has its mass. A line goes to `reach` standard
     deviations and is looked at in `steps`, or in so many where it is `alone`; two of these between
     which the outcome turns are looked at `closer`. A crossing is found in `halvings` of the false
@@ -80,7 +80,7 @@ def traced(
     lines: int,
     settings: Crossings = CROSSINGS,
 ) -> tuple[Indices, Array, Array]:
-    """Whose sets (H,), points x (H, n) on them and log weights (H,), for laws near alpha (K,).
+    """Level sets on lines: experiments (H,), points x (H, n) and log weights (H,), near alpha (K,).
 
     f_l(y_l | beta) = sum_h w_h p(x_h | beta) for any beta near alpha. Cost: the outcomes of each
     experiment at 25 points of every line.
@@ -132,7 +132,7 @@ class _Block:
         return basis, np.einsum("bi,bik->bk", middle, basis[:, :, 1:])
 
     def crossed(self, laid: tuple[Array, Array], lines: int) -> tuple[Indices, Array, Array]:
-        """Crossings of lines that are placed by those of the first few.
+        """Crossings of lines that are placed by the crossings of a small number of first lines.
 
         Where the outcome changes along the direction of the lines all over the set, nodes of a
         Gauss rule do; elsewhere there are more lines, along every direction.
@@ -241,9 +241,11 @@ class _Block:
     def _brackets(
         self, off: Array, t: Array, start: Array, direction: Array
     ) -> tuple[Indices, Indices, Array, Array, Array, Array]:
-        """Whose steps (R,) of which lines cross, their ends, and how far off (B, J, T) these are.
+        """Steps that cross sets: experiments (R,), lines (R,), ends (R,) and what outcomes there
+        are `off`.
 
-        A step beside which the outcome turns may hide two crossings: it is looked at more closely.
+        `off` (B, J, T) are outcomes less those measured. A step beside which the outcome turns may
+        hide two crossings: it is looked at more closely.
         """
         changes = _changes(off)
         of, line, step = np.nonzero(changes)
@@ -328,7 +330,7 @@ def _scores(count: int, dimensions: int, seed: int = 1) -> Array:
     """Normal scores (count, dimensions) of a scrambled Sobol' sequence, always the same."""
     u = qmc.Sobol(dimensions, rng=seed).random_base2(int(np.ceil(np.log2(count))))[:count]
     least = RULES.least_probability
-    found: Array = special.ndtri(np.clip(u, least, 1.0 - least))
+    found = np.asarray(special.ndtri(np.clip(u, least, 1.0 - least)))
     found.flags.writeable = False
     return found
 
@@ -367,7 +369,7 @@ class _Crossed:
 
     @property
     def log_value(self) -> Array:
-        """The same with the share of this direction."""
+        """The logarithm (H,) of phi/|g_1| times the share of this direction."""
         return self.log_alone + self.log_part
 
     def of_lines(self, u: Array, log_value: Array) -> Array:

@@ -12,7 +12,7 @@ from aleator.core.status import Status
 from aleator.core.types import Array, Flags, Indices
 from aleator.laws.inputs import Inputs, parameters_at
 from aleator.likelihood.individual.rules import standard_points
-from aleator.surrogates.responses import ResponseFunction
+from aleator.simulators.response_functions import ResponseFunction
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from aleator.core.blocks import blocks
 from aleator.core.status import DEGENERATE_VALUE, Status
 from aleator.core.types import Array, Flags, Indices
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual.following import densities, law_scores
 from aleator.likelihood.individual.likelihood import mean_of
+from aleator.likelihood.individual.parameters import densities, law_scores
 from aleator.search.interface import LogLikelihood
 
 
@@ -44,18 +44,18 @@ class LevelSets:
         return self._found(alpha, total, scores)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
-        """The same without scores."""
+        """Log-densities (N,) without scores; where there is none it is DEGENERATE_VALUE."""
         found = [mean_of(self.take(rows)._terms(alpha))[0] for rows in self._blocks]
         return self._found(alpha, np.concatenate(found), None)
 
     def take(self, rows: Indices | slice) -> LevelSets:
-        """Those of some experiments, with as many points as these have."""
+        """The sets of some experiments, with as many points as these have."""
         log_weight = self.log_weight[rows]
         most = max(1, int(np.isfinite(log_weight).sum(axis=1).max(initial=0)))
         return replace(self, x=self.x[rows, :most], log_weight=log_weight[:, :most])
 
     def filled(self, other: LevelSets) -> LevelSets:
-        """With the sets of the other where there is none here."""
+        """The same, with the sets of `other` where an experiment has none here."""
         count = max(self.x.shape[1], other.x.shape[1])
         own, others = self._wide(count), other._wide(count)
         empty = self.empty
@@ -68,8 +68,7 @@ class LevelSets:
     @property
     def empty(self) -> Flags:
         """(N,) whose outcome is not reached."""
-        nothing: Flags = np.all(np.isinf(self.log_weight), axis=1)
-        return nothing
+        return np.asarray(np.all(np.isinf(self.log_weight), axis=1))
 
     @property
     def _blocks(self) -> list[slice]:
@@ -81,7 +80,7 @@ class LevelSets:
         return total, law_scores(self.inputs, alpha, self.x, share)
 
     def _wide(self, count: int) -> LevelSets:
-        """With points of no weight, so that each has `count`."""
+        """The same with points of no weight, so that each experiment has `count`."""
         more = count - self.x.shape[1]
         x = np.concatenate([self.x, np.repeat(self.x[:, :1], more, axis=1)], axis=1)
         log_weight = np.pad(self.log_weight, ((0, 0), (0, more)), constant_values=-np.inf)

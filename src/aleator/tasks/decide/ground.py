@@ -29,13 +29,14 @@ from aleator.likelihood.individual import (
     individual_points,
 )
 from aleator.likelihood.individual.predictors import Block
-from aleator.likelihood.problem import told
+from aleator.likelihood.problem import surface_progress
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.responses import Observations
 from aleator.simulators import Runner
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
-from aleator.surrogates.responses import Sites, moving_parameters
+from aleator.surrogates.samples import Sites
 
 
 def direct(runner: Runner, box: Array, region: Array) -> Predictor:
@@ -297,7 +298,9 @@ def predictor_for(
     x, ends = law_points(ground, draws, settings=settings)
     if ground.on_simulator:
         return direct(ground.runner, ground.inputs.box, ends)
-    return about(ground.runner, ground.inputs.box, x, ground.surfaces, ends, told(progress))
+    return about(
+        ground.runner, ground.inputs.box, x, ground.surfaces, ends, surface_progress(progress)
+    )
 
 
 def law_points(

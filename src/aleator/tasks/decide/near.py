@@ -14,9 +14,10 @@ from aleator.fit.regions import hull, padded
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.likelihood.individual import Direct, Layout, OnSurfaces, Predictor
 from aleator.likelihood.individual.predictors import Block
-from aleator.likelihood.problem import told
+from aleator.likelihood.problem import surface_progress
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces
-from aleator.surrogates.responses import Samples, Sites, moving_parameters
+from aleator.surrogates.samples import Samples, Sites
 from aleator.surrogates.shared import PROCESS, SHARING, Covariance, ProcessPosterior, learned
 from aleator.tasks.decide.ground import (
     GROUND,
@@ -189,7 +190,7 @@ class OneSurface:
         self._trend = self._kriged = None
         where = x[:: max(1, len(x) // self.settings.places)][:, moving_parameters(self.region)]
         self.surfaces.judge(where)
-        self.surfaces.refine(where, self.settings.level, told(self.progress))
+        self.surfaces.refine(where, self.settings.level, surface_progress(self.progress))
 
 
 def _alike(z: Array) -> Indices:

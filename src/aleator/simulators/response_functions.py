@@ -1,133 +1,26 @@
-"""Who answers for the outcome at a point: the simulator itself, its runs, or surfaces."""
+"""Outcomes of experiments as functions of the parameters, and their distributions under a law.
+
+A `Run` gives the outcomes of pairs of an experiment and a point; a `ResponseFunction` those of all
+experiments at the same points. The simulator itself is one (`DirectResponse`), surfaces are others,
+and both may be `Confined` to a region.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aleator.core.types import Array, Flags, Indices
+from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
-from aleator.simulators import Runner
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Runs of N experiments at M points `x` (M, n): `outcome` (N, M), NaN where there is none.
-
-    `asked` (N, M) tells a run that failed, asked for and NaN, from one that was never made.
-
-    >>> none = Samples.none(2, 1)
-    >>> one = none.joined(np.array([[0.5]]), np.array([1]), np.array([0]), np.array([7.0]))
-    >>> one.outcome.tolist(), one.asked.tolist()
-    ([[nan], [7.0]], [[False], [True]])
-    """
-
-    x: Array
-    outcome: Array
-    asked: Flags
-
-    @classmethod
-    def none(cls, experiments: int, parameters: int) -> Samples:
-        """No run."""
-        return cls(
-            np.empty((0, parameters)),
-            np.empty((experiments, 0)),
-            np.empty((experiments, 0), dtype=np.bool_),
-        )
-
-    @property
-    def worked(self) -> Flags:
-        """Which runs have an outcome, (N, M)."""
-        return np.isfinite(self.outcome)
-
-    @property
-    def runs(self) -> Indices:
-        """Runs of each experiment, (N,)."""
-        return np.asarray(self.asked.sum(axis=1), dtype=np.intp)
-
-    @property
-    def failed(self) -> Indices:
-        """Those of the runs without an outcome, (N,)."""
-        return np.asarray(self.runs - self.worked.sum(axis=1), dtype=np.intp)
-
-    @property
-    def listed(self) -> tuple[Indices, Array, Array]:
-        """The runs that worked as a list: experiments (R,), points (R, n), outcomes (R,)."""
-        column, index = np.nonzero(self.worked.T)
-        return index, self.x[column], self.outcome[index, column]
-
-    def joined(self, x: Array, index: Indices, place: Indices, outcome: Array) -> Samples:
-        """With the runs of experiments `index` (R,) at the points x[place], x (Q, n)."""
-        values = np.full((len(self.outcome), len(x)), np.nan)
-        asked = np.zeros(values.shape, dtype=np.bool_)
-        values[index, place], asked[index, place] = outcome, True
-        return Samples(
-            np.vstack([self.x, x]),
-            np.hstack([self.outcome, values]),
-            np.hstack([self.asked, asked]),
-        )
-
-    def inside(self, box: Array) -> Samples:
-        """Those at points in the box (n, 2)."""
-        kept = np.all((self.x >= box[:, 0]) & (self.x <= box[:, 1]), axis=1)
-        return Samples(self.x[kept], self.outcome[:, kept], self.asked[:, kept])
-
-
-@dataclass(frozen=True)
-class FeatureSettings:
-    """Conditions as inputs of a shared surface; by judgement."""
-
-    decade: float = 10.0
-    """Largest over least value, from which a positive condition is taken as its logarithm."""
-    texts: int = 6
-    """Different texts of one condition; with more there is nothing to learn from."""
-
-
-FEATURES = FeatureSettings()
-
-
-def features(
-    columns: Mapping[str, NDArray[Any]], settings: FeatureSettings = FEATURES
-) -> Array | None:
-    """Return conditions (N,) by name as inputs (N, d) in [-1, 1], or None where they cannot be.
-
-    Numbers are scaled to their range, or their logarithms are. A text is one input for each of its
-    values, 1 where it has it and -1 elsewhere: how far apart texts are is for the data to say.
-    Columns that do not vary are left out. None where a column is neither numbers nor text of at
-    most 6 values, a number is not finite, or none varies.
-
-    >>> features({"speed": np.array([1.0, 2.0, 3.0]), "oil": np.array(["a", "b", "a"], object)})
-    array([[-1.,  1., -1.], [ 0., -1.,  1.], [ 1.,  1., -1.]])
-    """
-    parts: list[Array] = []
-    for column in columns.values():
-        if column.dtype == object:
-            kinds = sorted({str(cell) for cell in column})
-            if len(kinds) > settings.texts:
-                return None
-            texts = column.astype(str)
-            parts += [np.where(texts == kind, 1.0, -1.0) for kind in kinds if len(kinds) > 1]
-        else:
-            numbers = column.astype(np.float64)
-            if not np.isfinite(numbers).all():
-                return None
-            parts += [_scaled(numbers, settings)] if np.ptp(numbers) > 0.0 else []
-    return np.column_stack(parts) if parts else None
-
-
-def _scaled(numbers: Array, settings: FeatureSettings = FEATURES) -> Array:
-    if numbers.min() > 0.0 and numbers.max() > settings.decade * numbers.min():
-        numbers = np.log(numbers)
-    low, high = numbers.min(), numbers.max()
-    return np.asarray((2.0 * numbers - low - high) / (high - low))
-
+from aleator.simulators.runner import Runner
 
 Run = Callable[[Indices, Array], Array]
+"""Outcomes (R,) of experiments index (R,), each at a point x (R, n) of its own."""
 
 
 class ResponseFunction(Protocol):
@@ -144,7 +37,8 @@ class ResponseFunction(Protocol):
 
 @runtime_checkable
 class Divisible(ResponseFunction, Protocol):
-    """A response whose experiments may be asked for in parts."""
+    """A response that also gives outcomes of some experiments only, or of each at a point of its
+    own."""
 
     def take(self, rows: Indices) -> Divisible:
         """The response of the experiments `rows`, each at most once."""
@@ -247,6 +141,13 @@ def moving_parameters(region: Array) -> Indices:
     return np.flatnonzero(region[:, 1] > region[:, 0])
 
 
+def completed(region: Array, x: Array) -> Array:
+    """Parameters (R, n): x (R, moving) of those whose region (n, 2) has a width, and the others."""
+    full = np.tile(region[:, 0], (len(x), 1))
+    full[:, moving_parameters(region)] = x
+    return full
+
+
 @dataclass(frozen=True)
 class Confined:
     """A response known only inside a region (n, 2): outside, the value at its nearest point.
@@ -297,7 +198,8 @@ def by_calls(runner: Runner) -> Run:
 
 
 def straight(runner: Runner) -> Run:
-    """The same, neither remembered nor stored; NaN where a run has no finite value."""
+    """Outcomes (R,) of the distinct conditions, by runs that are neither remembered nor stored; NaN
+    where a run has no finite value."""
     first = runner.cases.first
 
     def run(index: Indices, x: Array) -> Array:
@@ -313,58 +215,10 @@ def attempts(runner: Runner, region: Array) -> Run:
     Of the parameters whose region (n, 2) has a width; the others are known. Raises InputsError
     where all are.
     """
-    moving = moving_parameters(region)
-    if moving.size == 0:
+    if moving_parameters(region).size == 0:
         raise InputsError(
             "every parameter is known: there is nothing to identify but noise",
             "free a hyperparameter, or give a parameter a law",
         )
     first = runner.cases.first
-    known = region[:, 0]
-
-    def run(index: Indices, x: Array) -> Array:
-        full = np.tile(known, (x.shape[0], 1))
-        full[:, moving] = x
-        return runner.attempt(first[index], full)
-
-    return run
-
-
-@dataclass(frozen=True, eq=False)
-class Sites:
-    """The distinct values that surfaces are made of: `case` and `column` (U,) of each.
-
-    `unit` (U,) is a unit of each case, and `of` (M,) the site of each observation.
-    """
-
-    unit: Indices
-    column: Indices
-    of: Indices
-
-    @classmethod
-    def seen(cls, runner: Runner, unit: Indices, column: Indices) -> Sites:
-        """Those of observations that are values of these units (M,), in these columns (M,)."""
-        case = runner.cases.condition[unit]
-        pairs = np.stack([case, column], axis=1)
-        distinct, of = np.unique(pairs, axis=0, return_inverse=True)
-        return cls(runner.cases.first[distinct[:, 0]], distinct[:, 1], of.ravel())
-
-    def __len__(self) -> int:
-        return self.unit.size
-
-    def run(self, runner: Runner, region: Array) -> Run:
-        """`run(index (R,), x (R, moving)) -> (R,)` of the sites, NaN where a run fails."""
-        moving, known = moving_parameters(region), region[:, 0]
-
-        def run(index: Indices, x: Array) -> Array:
-            full = np.tile(known, (len(x), 1))
-            full[:, moving] = x
-            return np.asarray(
-                runner.values(self.unit[index], full)[np.arange(len(x)), self.column[index]]
-            )
-
-        return run
-
-    def together(self, members: Flags) -> Flags:
-        """With all sites of the units of some: the same runs give them their values."""
-        return np.isin(self.unit, self.unit[members])
+    return lambda index, x: runner.attempt(first[index], completed(region, x))

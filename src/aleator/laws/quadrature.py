@@ -16,8 +16,9 @@ the standard normal variate for a law that goes through it (lognormal, and every
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from math import comb
 from typing import Protocol
@@ -89,7 +90,6 @@ class Cubature(Protocol):
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
         """Nodes and weights of the law alpha (K,), with their derivatives by alpha."""
-        ...
 
 
 def check_whole(name: str, value: int, lower: int, upper: int | None) -> None:
@@ -128,7 +128,6 @@ class TensorGauss:
     per_dimension: int
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("per_dimension", self.per_dimension, 1, 100)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
@@ -138,8 +137,23 @@ class TensorGauss:
         return combined(inputs, alpha, rules, tensor(tuple(rule.x.size for rule in rules)))
 
 
+class _EqualWeights(ABC):
+    """Base of choices whose points are standard normal variates that do not depend on alpha."""
+
+    @abstractmethod
+    def _variates(self, dimensions: int) -> Array:
+        """Standard normal variates (J, dimensions)."""
+
+    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
+        """The points at alpha, with equal weights. Cost O(J n K)."""
+        xi = self._variates(inputs.scattering) if inputs.scattering else np.zeros((1, 0))
+        x, dx = inputs.image(alpha, xi)
+        count = len(xi)
+        return CubatureNodes(x, np.full(count, 1.0 / count), dx, np.zeros((count, inputs.size)))
+
+
 @dataclass(frozen=True)
-class SobolPoints:
+class SobolPoints(_EqualWeights):
     """Scrambled Sobol' points of standard normal variates, mapped by the laws; equal weights.
 
     theta = Phi^-1(u) for points u of (0, 1)^d that do not depend on alpha (Sobol', 1967; Owen,
@@ -157,7 +171,6 @@ class SobolPoints:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("points", self.points, 2, 2**20)
         check_whole("seed", self.seed, 0, None)
         if self.points & (self.points - 1):
@@ -167,13 +180,12 @@ class SobolPoints:
                 f"use {below} or {2 * below}",
             )
 
-    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
-        """The points at alpha. Cost O(J n K)."""
-        return _equal(inputs, alpha, _sobol_variates(self.points, inputs.scattering, self.seed))
+    def _variates(self, dimensions: int) -> Array:
+        return _sobol_variates(self.points, dimensions, self.seed)
 
 
 @dataclass(frozen=True)
-class MonteCarloPoints:
+class MonteCarloPoints(_EqualWeights):
     """Independent standard normal variates, drawn once, mapped by the laws; equal weights.
 
     The error falls with J^(-1/2) whatever the outcome; here to compare with. `points` J from 2 to
@@ -189,17 +201,15 @@ class MonteCarloPoints:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("points", self.points, 2, 10**6)
         check_whole("seed", self.seed, 0, None)
 
-    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
-        """The points at alpha. Cost O(J n K)."""
-        return _equal(inputs, alpha, _random_variates(self.points, inputs.scattering, self.seed))
+    def _variates(self, dimensions: int) -> Array:
+        return _random_variates(self.points, dimensions, self.seed)
 
 
 @dataclass(frozen=True)
-class ProbabilityGrid:
+class ProbabilityGrid(_EqualWeights):
     """A regular grid in probability, (i + 1/2)/m in each dimension, with equal weights.
 
     The paper's quasi-Monte Carlo: J = m^d. Misses the tails, whose share of a moment vanishes only
@@ -215,25 +225,15 @@ class ProbabilityGrid:
     per_dimension: int
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("per_dimension", self.per_dimension, 1, 10_000)
 
-    def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
-        """The grid at alpha. Cost O(J n K)."""
-        affordable(self.per_dimension**inputs.scattering)
-        return _equal(inputs, alpha, _grid_variates(self.per_dimension, inputs.scattering))
-
-
-def _equal(inputs: Inputs, alpha: Array, xi: Array) -> CubatureNodes:
-    x, dx = inputs.image(alpha, xi)
-    count = xi.shape[0]
-    return CubatureNodes(x, np.full(count, 1.0 / count), dx, np.zeros((count, inputs.size)))
+    def _variates(self, dimensions: int) -> Array:
+        affordable(self.per_dimension**dimensions)
+        return _grid_variates(self.per_dimension, dimensions)
 
 
 @lru_cache(maxsize=16)
 def _sobol_variates(points: int, dimensions: int, seed: int, bits: int = 30) -> Array:
-    if not dimensions:
-        return np.zeros((1, 0))
     engine = qmc.Sobol(dimensions, bits=bits, rng=np.random.default_rng(seed))
     # the points are multiples of 2^-bits, zero among them: half a step keeps them inside
     return _frozen(special.ndtri(engine.random(points) + 0.5 ** (bits + 1)))
@@ -241,15 +241,11 @@ def _sobol_variates(points: int, dimensions: int, seed: int, bits: int = 30) -> 
 
 @lru_cache(maxsize=16)
 def _random_variates(points: int, dimensions: int, seed: int) -> Array:
-    if not dimensions:
-        return np.zeros((1, 0))
     return _frozen(np.random.default_rng(seed).standard_normal((points, dimensions)))
 
 
 @lru_cache(maxsize=16)
 def _grid_variates(per_dimension: int, dimensions: int) -> Array:
-    if not dimensions:
-        return np.zeros((1, 0))
     middles = special.ndtri((np.arange(per_dimension) + 0.5) / per_dimension)
     return _frozen(middles[tensor((per_dimension,) * dimensions)])
 
@@ -285,7 +281,6 @@ class Smolyak:
     level: int
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
         check_whole("level", self.level, 0, 20)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
@@ -354,13 +349,8 @@ def _levels(dimensions: int, total: int) -> list[tuple[int, ...]]:
 
 def _stacked(rules: list[Rule]) -> Rule:
     """Rules of one parameter one after the other."""
-    return Rule(
-        np.concatenate([rule.x for rule in rules]),
-        np.concatenate([rule.weights for rule in rules]),
-        np.concatenate([rule.t for rule in rules]),
-        np.concatenate([rule.dx for rule in rules]),
-        np.concatenate([rule.dweights for rule in rules]),
-    )
+    parts = ([getattr(rule, field.name) for rule in rules] for field in fields(Rule))
+    return Rule(*(np.concatenate(part) for part in parts))
 
 
 def _identity(stack: Rule) -> tuple[int, ...]:
