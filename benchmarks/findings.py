@@ -37,10 +37,10 @@ from aleator import (
 )
 from aleator.core.progress import Silent
 from aleator.core.types import Array
+from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.results.values import Consistency
-from aleator.tasks.consistency import consistency_of
 from benchmarks.kept import Entry, kept
 from benchmarks.mixed import Mixed, Plan
 

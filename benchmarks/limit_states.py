@@ -24,9 +24,8 @@ from aleator.inference.rare_events import Event
 from aleator.observations.experiments import Conditions
 from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.near import Near
-from aleator.tasks.decide.probability import Probability, probability
+from aleator.tasks.new_experiments import Ground, Near
+from aleator.tasks.probability import Probability, probability
 
 Shape = Callable[[Array, Array], Array]
 END = 8.6

@@ -8,8 +8,7 @@ import numpy as np
 
 from aleator.core.types import Array
 from aleator.inference.information import infer
-from aleator.inference.profile import profile_intervals
-from aleator.inference.profile_end import ENDS, TARGET
+from aleator.inference.profile import ENDS, TARGET, profile_intervals
 from aleator.laws import Hyperparameter
 from aleator.search import GradientMultistart
 from aleator.search.interface import LogLikelihood

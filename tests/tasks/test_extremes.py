@@ -24,8 +24,7 @@ from aleator import (
 )
 from aleator.core.types import Array
 from aleator.errors import ExperimentsError
-from aleator.inference.diagnostics import by_finer_cells, cells_error
-from aleator.inference.diagnostics.estimates import search_refusals
+from aleator.inference.diagnostics import by_finer_cells, cells_error, search_refusals
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.surrogates.responses import DirectResponse
 

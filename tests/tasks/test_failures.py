@@ -13,7 +13,7 @@ from identifications import unjudged
 from aleator import cli
 from aleator.core.types import Array
 from aleator.errors import SimulatorError
-from aleator.fit.way import fails_here_and_there
+from aleator.fit.question import fails_here_and_there
 from aleator.inference.check import Check
 from aleator.laws import Free, Normal, TruncatedNormal
 from aleator.laws.inputs import Inputs

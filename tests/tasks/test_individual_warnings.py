@@ -19,7 +19,7 @@ from aleator import (
     Noise,
     Normal,
 )
-from aleator.inference.diagnostics.experiments import Rival, rival_warnings
+from aleator.inference.diagnostics import Rival, rival_warnings
 from aleator.laws import Hyperparameter
 from aleator.observations.outcomes import Censoring
 

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from aleator import Check, Free, Inputs, Normal, identify
-from aleator.tasks.consistency import CONSISTENCY
+from aleator.inference.consistency import CONSISTENCY
 
 LOADS = np.repeat(np.linspace(1.0, 3.0, 31), 100)
 

@@ -29,7 +29,6 @@ from aleator.core.progress import Progress
 from aleator.core.types import Indices
 from aleator.errors import AleatorError, short
 from aleator.inference.alpha_draws import AlphaDraws, alpha_draws, estimated
-from aleator.inference.extrapolation import compared
 from aleator.observations.experiments import Conditions
 from aleator.results import documents
 from aleator.results.printed import Content, number
@@ -39,10 +38,16 @@ from aleator.results.units import label
 from aleator.results.values import REPORTED, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.limits import Tolerance, limits
-from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
-from aleator.tasks.decide.sample import SAMPLE
+from aleator.tasks.event_points import SAMPLE
+from aleator.tasks.new_experiments import Ground
+from aleator.tasks.prediction import compared
+from aleator.tasks.probability import (
+    Tolerance,
+    events_asked,
+    limits,
+    probabilities,
+    responses_asked,
+)
 from aleator.tasks.session import OWN, Session
 from aleator.views import predictions
 

@@ -17,11 +17,9 @@ from aleator.fit.ledger import Ledger
 from aleator.fit.refine import WITH_NOISE, Refined, Refinement
 from aleator.fit.search import in_order
 from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, climbed, settled
-from aleator.inference.diagnostics.estimates import ESTIMATES
-from aleator.inference.diagnostics.experiments import Rival
+from aleator.inference.diagnostics import ESTIMATES, Rival
 from aleator.inference.information import Inference, infer
-from aleator.inference.profile import Profile, profile_intervals
-from aleator.inference.profile_end import ENDS
+from aleator.inference.profile import ENDS, Profile, profile_intervals
 from aleator.laws.hyperparameter import limits_of
 from aleator.likelihood.individual import (
     Following,

@@ -15,9 +15,9 @@ from aleator.fit.ledger import Ledger, affordable
 from aleator.fit.question import Question, start_point
 from aleator.fit.refine import EXACT, Refinement, refined
 from aleator.fit.regions import REGIONS, draws, likely_alphas
-from aleator.inference import diagnostics
+from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
-from aleator.inference.diagnostics import Doubt, doubt
+from aleator.inference.surface_diagnostics import Doubt, doubt
 from aleator.likelihood.individual import Layout, OnSurfaces
 from aleator.likelihood.problem import Problem
 from aleator.surrogates.responses import moving_parameters
@@ -48,7 +48,7 @@ def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
         with ledger.stage("repeated run"):
             runner.require_repeatable(start)
         answer = _checked(answered(question, ledger), check, ledger)
-        for _ in range(diagnostics.ACCURACY.rounds):
+        for _ in range(surface_diagnostics.ACCURACY.rounds):
             better = _nearer(answer, ledger)
             if better is None:
                 break

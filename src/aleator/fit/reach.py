@@ -16,7 +16,7 @@ from aleator.core.progress import Progress
 from aleator.core.types import Array, Indices
 from aleator.fit.question import Question
 from aleator.fit.regions import hull, within
-from aleator.inference import diagnostics
+from aleator.inference import surface_diagnostics
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs, law_region
 from aleator.likelihood.problem import Problem, prepare
@@ -65,7 +65,7 @@ def on_surfaces(
     model, outcomes = question.choices.model, question.measured
     for _ in range(REACH.rounds):
         problem = prepare(runner, outcomes, model, region, progress, surfaces.surface())
-        short = diagnostics.shortfalls(problem)
+        short = surface_diagnostics.shortfalls(problem)
         lost = np.flatnonzero(short)
         most = REACH.most(len(moving_parameters(region)))
         if not lost.size or runner.account.given(most) < most:
@@ -78,7 +78,7 @@ def on_surfaces(
             float(outcomes[farthest]), side, _support(inputs)[moving_parameters(region)],
         )  # fmt: skip
         if x is None:
-            raise diagnostics.unreachable(problem, question.ids)
+            raise surface_diagnostics.unreachable(problem, question.ids)
         wider = _holding(region, x, inputs.box)
         if not np.array_equal(wider, region):
             region = wider
@@ -126,7 +126,7 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
         if _reached(run, start, condition, y[row], side, whole) is None:
             missed.append(row)
     if missed:
-        raise diagnostics.out_of_reach(np.array(missed), y, (low, high), question.ids)
+        raise surface_diagnostics.out_of_reach(np.array(missed), y, (low, high), question.ids)
     return problem
 
 

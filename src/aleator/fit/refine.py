@@ -17,7 +17,13 @@ from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags
 from aleator.fit import reach
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
-from aleator.fit.question import Question, start_point
+from aleator.fit.question import (
+    Question,
+    failing_observations,
+    start_point,
+    way_of,
+    way_of_outcomes,
+)
 from aleator.fit.regions import (
     REGIONS,
     draws,
@@ -31,7 +37,6 @@ from aleator.fit.regions import (
 )
 from aleator.fit.search import searched
 from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, compared, highest, settled
-from aleator.fit.way import failing_observations, way_of, way_of_outcomes
 from aleator.inference.information import Inference, infer
 from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
 from aleator.likelihood.model import Model

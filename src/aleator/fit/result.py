@@ -21,12 +21,12 @@ from aleator.fit.ledger import Ledger
 from aleator.fit.question import varying_conditions
 from aleator.fit.search import GUESSES, LeastSquares, LinearGaussian, by_tangent, least_squares
 from aleator.fit.soundness import Reviewed
-from aleator.inference import diagnostics
+from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Check, Checked
-from aleator.inference.diagnostics.surfaces import judged
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
+from aleator.inference.surface_diagnostics import judged
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import has_prior
 from aleator.laws.inputs import Inputs
@@ -75,7 +75,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     reviewed = Reviewed(answer, table)
     notes = []
     if answer.checked is None and surfaces is not None and check.wanted:
-        notes.append(diagnostics.UNCHECKED)
+        notes.append(surface_diagnostics.UNCHECKED)
     if isinstance(likelihood, Problem):
         own = _of_outcomes(likelihood, reviewed)
     else:
@@ -156,7 +156,7 @@ def _verified(
     exact: LogLikelihood,
     checked: Checked | None,
     cells: float,
-    doubted: diagnostics.Doubt,
+    doubted: surface_diagnostics.Doubt,
 ) -> LogLikelihoodReport:
     """With its error, of which `cells` is that of level sets.
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aleator.core.types import Array, Indices
-from aleator.inference.diagnostics.experiments import EXPERIMENTS
+from aleator.inference.diagnostics import EXPERIMENTS
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.likelihood.individual import (
     Following,

@@ -9,8 +9,7 @@ import numpy as np
 
 from aleator.core.types import Array, Flags
 from aleator.fit.flow import Answer
-from aleator.inference import diagnostics
-from aleator.inference.diagnostics import estimates, experiments, surfaces
+from aleator.inference import diagnostics, surface_diagnostics
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
 from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
@@ -50,7 +49,7 @@ class Reviewed:
         end = self.answer.certain.settled
         if not isinstance(end.likelihood, Problem):
             return None
-        return diagnostics.exact_density(end.likelihood, end.alpha)
+        return surface_diagnostics.exact_density(end.likelihood, end.alpha)
 
     @cached_property
     def by_cells(self) -> Array:
@@ -79,26 +78,26 @@ class Reviewed:
         likelihood, inference = end.likelihood, answer.certain.inference
         found = [
             *diagnostics.density_refusals(self.at, ids),
-            *estimates.search_refusals(inference, likelihood.hyperparameters),
-            *experiments.too_few_nodes(end.gap, experiments.EXPERIMENTS.gap),
+            *diagnostics.search_refusals(inference, likelihood.hyperparameters),
+            *diagnostics.too_few_nodes(end.gap, diagnostics.EXPERIMENTS.gap),
         ]
         if checked is not None:
-            found += surfaces.check_refusals(checked.total, checked.standard_error)
+            found += surface_diagnostics.check_refusals(checked.total, checked.standard_error)
         if isinstance(likelihood, Problem):
-            found += surfaces.useless(likelihood, checked, self.surface_error, ids)
+            found += surface_diagnostics.useless(likelihood, checked, self.surface_error, ids)
         else:
-            found += experiments.without_surfaces(
+            found += diagnostics.without_surfaces(
                 self._lost, self._seen.observations.experiment, ids
             )
         if checked is not None and not any(one.about == "response surface" for one in found):
             of = self._seen.observations.experiment
-            found += surfaces.worse_than_estimated(
+            found += surface_diagnostics.worse_than_estimated(
                 checked, self._estimated, [ids[l] for l in of.tolist()]
             )
-        found += surfaces.doubt_refusals(answer.doubt, ids)
-        found += experiments.level_refusals(self.by_cells, ids)
+        found += surface_diagnostics.doubt_refusals(answer.doubt, ids)
+        found += diagnostics.level_refusals(self.by_cells, ids)
         if isinstance(likelihood, Problem):
-            found += experiments.unreached_refusals(likelihood, end.alpha, ids)
+            found += diagnostics.unreached_refusals(likelihood, end.alpha, ids)
         return found
 
     @cached_property
@@ -113,31 +112,31 @@ class Reviewed:
         made = certain.refined.surfaces
         against = "the outcome's scatter" if isinstance(likelihood, Problem) else "the noise"
         notes = [
-            *estimates.count_warnings(len(ids), inference),
-            *estimates.once_warnings(certain.found),
-            *estimates.bound_warnings(hyperparameters, inference, profile),
-            *estimates.weak_directions(inference, hyperparameters),
+            *diagnostics.count_warnings(len(ids), inference),
+            *diagnostics.once_warnings(certain.found),
+            *diagnostics.bound_warnings(hyperparameters, inference, profile),
+            *diagnostics.weak_directions(inference, hyperparameters),
             *self._centering,
-            *experiments.rival_warnings(certain.rivals, hyperparameters, profile.intervals),
-            *experiments.level_warnings(self.by_cells),
+            *diagnostics.rival_warnings(certain.rivals, hyperparameters, profile.intervals),
+            *diagnostics.level_warnings(self.by_cells),
         ]
         if isinstance(likelihood, Problem):
-            notes += surfaces.surface_warnings(likelihood, self.surface_error, ids)
+            notes += surface_diagnostics.surface_warnings(likelihood, self.surface_error, ids)
             if not self._refusals:
-                notes += surfaces.density_notes(self.exact, inference, likelihood)
+                notes += surface_diagnostics.density_notes(self.exact, inference, likelihood)
         else:
             notes += self._of_individuals(likelihood)
             if not self._refusals:
-                notes += experiments.too_few_nodes(
-                    certain.settled.gap, experiments.EXPERIMENTS.noted_gap
+                notes += diagnostics.too_few_nodes(
+                    certain.settled.gap, diagnostics.EXPERIMENTS.noted_gap
                 )
         notes += diagnostics.failure_warnings(
             None if made is None and not isinstance(likelihood, Problem)
             else diagnostics.failure_report(runner)
         )  # fmt: skip
-        notes += diagnostics.budget_warnings(runner.account, made, against)
+        notes += surface_diagnostics.budget_warnings(runner.account, made, against)
         if made is not None and (self._refusals or made.broken):
-            notes += diagnostics.step_warnings(made, likelihood.inputs)
+            notes += surface_diagnostics.step_warnings(made, likelihood.inputs)
         return notes
 
     def _of_individuals(self, likelihood: IndividualLikelihood) -> list[Diagnostic]:
@@ -145,8 +144,8 @@ class Reviewed:
         alpha, model = self.answer.certain.settled.alpha, likelihood.inputs.covariate_model
         ids = self._seen.ids
         return [
-            *experiments.held_warnings({} if model is None else model.held(alpha), ids),
-            *experiments.review_data(
+            *diagnostics.held_warnings({} if model is None else model.held(alpha), ids),
+            *diagnostics.review_data(
                 self.table.observations, self._seen.observations,
                 failing_share(likelihood, alpha), ids,
             ),
@@ -172,7 +171,7 @@ class Reviewed:
             for block in likelihood.blocks:
                 at = likelihood.at(alpha, block, np.zeros((len(block), 1, inputs.scattering)))
                 slopes[block.rows] = at.slopes[:, :, 0].T
-        return estimates.centering_advice(
+        return diagnostics.centering_advice(
             slopes, inputs, likelihood.hyperparameters, certain.inference, conditions
         )
 

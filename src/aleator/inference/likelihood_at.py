@@ -20,7 +20,7 @@ from aleator.errors import InputsError
 from aleator.inference.alpha_draws import quantiles
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Remembered
-from aleator.inference.diagnostics.surfaces import relative_errors
+from aleator.inference.surface_diagnostics import relative_errors
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, drawn
 from aleator.likelihood.individual import (

@@ -26,7 +26,7 @@ from aleator.results import printed
 from aleator.results.documents import make_folder
 from aleator.simulators.pool import packed
 from aleator.tasks.identification import Identification
-from aleator.tasks.parallel import in_processes
+from aleator.tasks.runs import in_processes
 
 
 def percentile(alpha: Array, level: float = INTERVALS.level) -> Array:

@@ -20,7 +20,7 @@ from aleator.core.types import Array, Flags
 from aleator.errors import SimulatorError
 from aleator.laws.inputs import Inputs
 from aleator.simulators import Runner
-from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
+from aleator.tasks.runs import AnySimulator, AnyTable, runner_on
 
 
 @dataclass(frozen=True)

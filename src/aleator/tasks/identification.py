@@ -27,10 +27,15 @@ from aleator.results.schema import read_answer
 from aleator.results.values import REPORTED, in_order
 from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.limits import Tolerance, limits
-from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
-from aleator.tasks.decide.sample import SAMPLE
+from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.pictures import pictured
+from aleator.tasks.probability import (
+    Tolerance,
+    events_asked,
+    limits,
+    probabilities,
+    responses_asked,
+)
 from aleator.tasks.session import Runners, Session, kept, missing, runners, runners_like
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from aleator.fit.ledger import Ledger, spend
 from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
 from aleator.fit.result import result_of
 from aleator.inference.check import Check
+from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
@@ -26,7 +27,6 @@ from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.ceiling import best_possible
-from aleator.tasks.consistency import consistency_of
 from aleator.tasks.identification import Identification
 from aleator.tasks.session import Session
 

@@ -32,8 +32,7 @@ from aleator.simulators.command.run import passing
 from aleator.simulators.pool import packed
 from aleator.simulators.store import Store
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
-from aleator.tasks.parallel import in_processes
+from aleator.tasks.runs import AnySimulator, AnyTable, in_processes, runner_on
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

@@ -20,8 +20,8 @@ from aleator.moments.projection import Regression
 from aleator.observations.experiments import Conditions
 from aleator.results import printed
 from aleator.simulators import Runner
-from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
 from aleator.tasks.first_look import SingleValues, of_values, one_each
+from aleator.tasks.runs import AnySimulator, AnyTable, runner_on
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,8 @@ from aleator.results.result import Result
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.ground import Ground, MeasuredExperiments, about, direct
-from aleator.tasks.decide.prediction import Draws, tabled, tails
+from aleator.tasks.new_experiments import Ground, MeasuredExperiments, about, direct
+from aleator.tasks.prediction import Draws, tabled, tails
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density

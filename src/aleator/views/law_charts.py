@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from aleator.core.types import Array
-from aleator.inference.profile_end import DROP
+from aleator.inference.profile import DROP
 from aleator.results.units import label, transforms
 from aleator.tasks.pictures import PICTURES, finer, profile_line
 from aleator.views import chart

@@ -8,10 +8,9 @@ import pytest
 from scipy import stats
 
 from aleator import Experiments
-from aleator.inference.consistency.battery import contrasts_of, moments, shared
-from aleator.inference.consistency.columns import ORDER, columns_of
-from aleator.inference.consistency.judged import corrected, effective, probabilities
-from aleator.inference.consistency.sentences import told
+from aleator.inference.consistency import corrected, effective, probabilities, told
+from aleator.inference.residual_statistics import contrasts_of, moments, shared
+from aleator.inference.table_columns import ORDER, columns_of
 from aleator.results.values import Statistic
 
 NONE = np.zeros(1, dtype=bool)

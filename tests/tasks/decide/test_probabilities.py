@@ -17,10 +17,9 @@ from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions
 from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.near import Kriged, Near
-from aleator.tasks.decide.probability import events_asked, interval_about, probability
-from aleator.tasks.decide.sample import corrected, of_law, unseen_by
+from aleator.tasks.event_points import corrected, of_law, unseen_by
+from aleator.tasks.new_experiments import Ground, Kriged, Near
+from aleator.tasks.probability import events_asked, interval_about, probability
 
 ONE = pd.DataFrame({"load": [1.0]})
 

@@ -1,4 +1,4 @@
-"""The statistics of the tests: residuals of a fit in, one number for each test out.
+"""Statistics of the residuals of a fit: one number for each test of consistency.
 
 Residuals are normal scores of observations and scores of experiments. A `Battery` asks for their
 shape, for what they depend on (`Contrasts` by column, `Relations` of individual parameters), and
@@ -15,8 +15,8 @@ import numpy as np
 from scipy import special
 
 from aleator.core.types import Array, Flags, Indices
-from aleator.inference.consistency.columns import COLUMNS, ORDER, Column
 from aleator.inference.fit import Fit
+from aleator.inference.table_columns import COLUMNS, ORDER, Column
 from aleator.results.values import Relation, Statistic
 
 

@@ -22,8 +22,16 @@ from aleator.inference.rare_events import (
     importance_density,
     uniform_points,
 )
-from aleator.tasks.decide.ground import GROUND, DrawnParameters, Points, normal_points
-from aleator.tasks.decide.near import NEAR, Exploration, Near, some_of
+from aleator.tasks.new_experiments import (
+    GROUND,
+    NEAR,
+    DrawnParameters,
+    Exploration,
+    Near,
+    Points,
+    normal_points,
+    some_of,
+)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from aleator.core.status import Status
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError
 from aleator.inference.check import Checked
-from aleator.inference.diagnostics.experiments import chosen, named
+from aleator.inference.diagnostics import chosen, named
 from aleator.inference.information import Inference
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
