@@ -24,7 +24,8 @@ from aleator import (
 )
 from aleator.core.types import Array
 from aleator.errors import ExperimentsError
-from aleator.inference.diagnostics import by_finer_cells, cells_error, search_refusals
+from aleator.inference.diagnostics import search_refusals
+from aleator.inference.surface_diagnostics import by_finer_cells, cells_error
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.surrogates.responses import DirectResponse
 

@@ -26,7 +26,7 @@ from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Check, Checked
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
-from aleator.inference.surface_diagnostics import judged
+from aleator.inference.surface_diagnostics import surface_report
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import has_prior
 from aleator.laws.inputs import Inputs
@@ -115,12 +115,12 @@ def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
     return {
         "log_likelihood": _verified(
             at, reviewed.exact or at, answer.checked,
-            diagnostics.cells_error(problem, reviewed.by_cells), answer.doubt,
+            surface_diagnostics.cells_error(problem, reviewed.by_cells), answer.doubt,
         ),
         "density": problem.likelihood.name,
         "propagation": problem.name,
         "experiments": experiment_reports(problem, alpha, at, table.ids, surface_error),
-        "surface": None if problem.surface is None else judged(problem.surface, where),
+        "surface": surface_report(problem.surface, where),
         "density_distances": _distances(problem, alpha, reviewed.exact),
         "outcome": table.outcome_name,
     }  # fmt: skip
@@ -141,7 +141,7 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
         "density": likelihood.name,
         "propagation": DIRECT if surfaces is None else "response_surface",
         "experiments": _individuals(table, at.each, at.status, found, names),
-        "surface": None if surfaces is None else judged(surfaces.surface(), against="the noise"),
+        "surface": surface_report(surfaces and surfaces.surface(), against="the noise"),
         "outcome": ", ".join(response.name for response in table.observations.responses),
         "observations": observation_reports(table, likelihood, alpha, found, columns, pit),
         "shrinkage": {name: float(value) for name, value in shrinkage if np.isfinite(value)},

@@ -57,7 +57,7 @@ class Reviewed:
         end = self.answer.certain.settled
         if not isinstance(end.likelihood, Problem):
             return np.zeros((2, end.likelihood.count))
-        return diagnostics.by_finer_cells(end.likelihood, end.alpha)
+        return surface_diagnostics.by_finer_cells(end.likelihood, end.alpha)
 
     @property
     def surface_error(self) -> Array:
@@ -95,9 +95,9 @@ class Reviewed:
                 checked, self._estimated, [ids[l] for l in of.tolist()]
             )
         found += surface_diagnostics.doubt_refusals(answer.doubt, ids)
-        found += diagnostics.level_refusals(self.by_cells, ids)
+        found += surface_diagnostics.level_refusals(self.by_cells, ids)
         if isinstance(likelihood, Problem):
-            found += diagnostics.unreached_refusals(likelihood, end.alpha, ids)
+            found += surface_diagnostics.unreached_refusals(likelihood, end.alpha, ids)
         return found
 
     @cached_property
@@ -118,7 +118,7 @@ class Reviewed:
             *diagnostics.weak_directions(inference, hyperparameters),
             *self._centering,
             *diagnostics.rival_warnings(certain.rivals, hyperparameters, profile.intervals),
-            *diagnostics.level_warnings(self.by_cells),
+            *surface_diagnostics.level_warnings(self.by_cells),
         ]
         if isinstance(likelihood, Problem):
             notes += surface_diagnostics.surface_warnings(likelihood, self.surface_error, ids)

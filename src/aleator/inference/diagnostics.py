@@ -1,8 +1,7 @@
 """What a reader must know before trusting an answer: warnings and refusals, each with a remedy.
 
 Of estimates: too few experiments, limits, directions left open. Of single experiments: no density,
-no runs, no observations, coarse level sets. What surfaces leave unknown is in
-`surface_diagnostics.py`.
+no runs, no observations. What surfaces and level sets leave unknown is in `surface_diagnostics.py`.
 """
 
 from __future__ import annotations
@@ -22,38 +21,38 @@ from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.problem import Problem
 from aleator.observations.responses import Observations
 from aleator.results.values import Diagnostic, FailureReport
 from aleator.search import SearchResult, wide_limits
 from aleator.search.interface import LogLikelihood
 from aleator.simulators import NoOutcome, Runner, working_box
 
+# ---------------------------------------------------------------------------------- estimates
+
 
 @dataclass(frozen=True)
 class EstimateSettings:
-    """When estimates are not at a maximum, too many, or hardly determined; by judgement.
-
-    edm: distance to the maximum, in log-likelihood, that still counts as arrived: 0.1 standard
-    errors. experiments: experiments for each free hyperparameter; with fewer, intervals of a normal
-    law contain the truth in less than 93 % of all cases: 92 % at four, 91 % at three, by the laws
-    of Student and Helmert.
-    weak: curvature of a direction over that of each hyperparameter alone; with less it is weak.
-    part: share of a direction from which a hyperparameter is named.
-    correlation: that of two estimates from which advice on it is a warning.
-    distance: the mean of a condition over its standard deviation from which it is far from zero.
-    proportional: relative deviation of the ratio of two effects from a condition that counts as
-    none, at most the share `spread` of the relative spread of the condition.
-    """
+    """When estimates are not at a maximum, too many, or hardly determined; by judgement."""
 
     edm: float = 5e-3
+    """Distance to the maximum, in log-likelihood, that still counts as arrived: 0.1 standard
+    errors."""
     experiments: int = 5
+    """Experiments for each free hyperparameter. With fewer, intervals of a normal law contain the
+    truth in less than 93 % of all cases: 92 % at four, 91 % at three, by the laws of Student and
+    Helmert."""
     weak: float = 0.02
+    """Curvature of a direction, over that of each hyperparameter alone, below which it is weak."""
     part: float = 0.3
+    """Share of a direction from which a hyperparameter is named."""
     correlation: float = 0.95
+    """Correlation of two estimates from which advice on it is a warning."""
     distance: float = 3.0
+    """Mean of a condition, over its standard deviation, from which it is far from zero."""
     proportional: float = 0.01
+    """Relative deviation of the ratio of two effects from a condition that counts as none."""
     spread: float = 0.2
+    """The same over the relative spread of the condition; the smaller of both counts."""
 
 
 ESTIMATES = EstimateSettings()
@@ -62,7 +61,7 @@ ESTIMATES = EstimateSettings()
 def count_warnings(
     experiments: int, inference: Inference, settings: EstimateSettings = ESTIMATES
 ) -> list[Diagnostic]:
-    """Whether normal theory can be trusted at this number of experiments."""
+    """A warning where there are too few experiments for normal theory."""
     free = inference.identified.size
     if experiments >= settings.experiments * free:
         return []
@@ -84,34 +83,28 @@ def search_refusals(
     hyperparameters: Sequence[Hyperparameter],
     settings: EstimateSettings = ESTIMATES,
 ) -> list[Diagnostic]:
-    """Whether the answer is a maximum, and the search arrived there."""
-    warnings = []
-    wide = wide_limits(hyperparameters)
-    narrow = f"; narrow the limits of {', '.join(wide)}, many orders of magnitude wide"
-    also = narrow if wide else ""
+    """A refusal where the answer is no maximum, or the search did not arrive there."""
+    wide = ", ".join(wide_limits(hyperparameters))
+    also = f"; narrow the limits of {wide}, many orders of magnitude wide" if wide else ""
     if not inference.positive:
-        warnings.append(
-            Diagnostic(
-                "search",
-                "the information matrix at the answer is not positive definite: it is no maximum, "
-                "or a hyperparameter has no effect",
-                f"fix a hyperparameter, or search from more starts{also}",
-            )
+        message = (
+            "the information matrix at the answer is not positive definite: it is no maximum, or a "
+            "hyperparameter has no effect"
         )
+        remedy = "fix a hyperparameter, or search from more starts"
     elif not inference.edm < settings.edm:
-        warnings.append(
-            Diagnostic(
-                "search",
-                "the search did not arrive: the maximum is an estimated "
-                f"{inference.edm:.2g} higher in log-likelihood",
-                f"allow more evaluations a start, search from more starts, or polish{also}",
-            )
+        message = (
+            f"the search did not arrive: the maximum is an estimated {inference.edm:.2g} higher in "
+            "log-likelihood"
         )
-    return warnings
+        remedy = "allow more evaluations a start, search from more starts, or polish"
+    else:
+        return []
+    return [Diagnostic("search", message, remedy + also)]
 
 
 def once_warnings(found: SearchResult) -> list[Diagnostic]:
-    """Whether the maximum is one that no second start came to."""
+    """A warning where no second start of the search came to the maximum."""
     if not found.once:
         return []
     return [
@@ -127,23 +120,19 @@ def once_warnings(found: SearchResult) -> list[Diagnostic]:
 def bound_warnings(
     hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
 ) -> list[Diagnostic]:
-    """Estimates on a limit, and intervals of which an end was not found."""
-    warnings = [
-        _on_limit(h, side)
-        for h, side in zip(hyperparameters, inference.at_bound, strict=True)
-        if side is not None
-    ]
-    unknown = [hyperparameters[k] for k in profile.unknown(inference.identified)]
+    """Estimates on a limit, and intervals of which an end could not be computed."""
+    sides = zip(hyperparameters, inference.at_bound, strict=True)
+    warnings = [_on_limit(h, side) for h, side in sides if side is not None]
+    unknown = tuple(hyperparameters[k].name for k in profile.unknown(inference.identified))
     if unknown and inference.positive:
-        names = tuple(h.name for h in unknown)
         warnings.append(
             Diagnostic(
                 "interval",
-                f"no interval is told of {', '.join(names)}: an end of it could not be found, at "
+                f"no interval is told of {', '.join(unknown)}: an end of it could not be found, at "
                 "which the profile of the log-likelihood has dropped by 1.92",
                 "take the standard error for what it is worth, or a bootstrap of the experiments; "
                 "see whether the likelihood is rough because the simulator jumps",
-                names,
+                unknown,
             )
         )
     return warnings
@@ -180,17 +169,11 @@ def weak_directions(
 ) -> list[Diagnostic]:
     """What the experiments hardly determine: pairs, groups, and directions without any effect.
 
-    Pairs and groups are those whose estimates are correlated beyond 0.98. That a single standard
-    deviation is uncertain its interval says.
+    Pairs and groups are those whose estimates are correlated beyond 0.98. Of one standard deviation
+    alone the interval says how uncertain it is.
     """
-    named = _correlated if inference.positive else _flat
-    return [*named(inference, [hyperparameters[k] for k in inference.free], settings)]
-
-
-def _weakest(correlation: Array, settings: EstimateSettings) -> Array:
-    """Of these correlations the eigenvectors, as rows, of eigenvalues near zero."""
-    values, vectors = np.linalg.eigh(correlation)
-    return np.asarray(vectors.T[values <= settings.weak])
+    weak = _correlated if inference.positive else _flat
+    return [*weak(inference, [hyperparameters[k] for k in inference.free], settings)]
 
 
 def _correlated(
@@ -199,7 +182,8 @@ def _correlated(
     if inference.free.size < 2:
         return
     names = [h.name for h in free]
-    for vector in _weakest(inference.correlation, settings):
+    values, vectors = np.linalg.eigh(inference.correlation)
+    for vector in vectors.T[values <= settings.weak]:
         # the small eigenvalue is well determined; what moves along its large parts is not apart
         parts = _large(vector, settings)
         which = [names[i] for i in parts]
@@ -213,7 +197,7 @@ def _correlated(
 
 
 def _remedy(which: Sequence[Hyperparameter]) -> str:
-    """An intercept far from all experiments is another matter than what they do not tell."""
+    """Centering, where one of the hyperparameters is an intercept far from all experiments."""
     terms = [name for h in which if h.beside for name, _ in h.beside.terms]
     if not terms:
         return REMEDY
@@ -227,27 +211,26 @@ def _remedy(which: Sequence[Hyperparameter]) -> str:
 def _flat(
     inference: Inference, free: Sequence[Hyperparameter], settings: EstimateSettings
 ) -> Iterator[Diagnostic]:
-    """Directions along which the log-likelihood is flat: there is no covariance."""
-    names = [h.name for h in free]
+    """Directions along which the log-likelihood is flat, so that there is no covariance."""
     inside = np.isin(inference.identified, inference.free)
     information = inference.information[np.ix_(inside, inside)]
     scale = np.sqrt(np.abs(np.diag(information)))
     if not np.all(np.isfinite(information)):
         return
     acts = scale > 0.0
-    for name, act in zip(names, acts, strict=True):
+    for h, act in zip(free, acts, strict=True):
         if not act:
-            yield _weak(f"{name} has no effect", name)
-    known = [name for name, act in zip(names, acts, strict=True) if act]
+            yield _weak(f"{h.name} has no effect", h.name)
+    names = [h.name for h, act in zip(free, acts, strict=True) if act]
     values, vectors = np.linalg.eigh(
         information[np.ix_(acts, acts)] / np.outer(scale[acts], scale[acts])
     )
     for vector in vectors.T[np.abs(values) < settings.weak]:
         parts = _large(vector, settings)
-        which = [known[i] for i in parts]
+        which = [names[i] for i in parts]
         yield _weak(
             f"{', '.join(which)} can change together without effect, along "
-            f"{_combination(vector, parts, known)} (se: standard error of each by itself)",
+            f"{_combination(vector, parts, names)} (se: standard error of each by itself)",
             *which,
         )
 
@@ -276,10 +259,9 @@ def centering_advice(
 ) -> list[Diagnostic]:
     """Advice for pairs of parameters of which one acts as the other times a condition.
 
-    By slopes (M, n) of M simulated values by the parameters; a row of conditions for each.
-
-    In y = a + b T with T far from zero, a and b take each other's place; in a' + b (T - T0) with
-    T0 in the middle they do not. None where laws follow covariates: their values are not in alpha.
+    By slopes (M, n) of M simulated values by the parameters; a row of conditions for each. In
+    y = a + b T with T far from zero, a and b take each other's place; in a' + b (T - T0) with T0 in
+    the middle they do not. None where laws follow covariates: their values are not in alpha.
     """
     if inputs.regressed:
         return []
@@ -288,13 +270,13 @@ def centering_advice(
         for name, column in conditions.items()
         if pd.api.types.is_float_dtype(column) and _far(column.to_numpy(), settings)
     }
-    found = []
-    for i, j in _close(inputs, hyperparameters, inference, settings):
-        for a, b in ((i, j), (j, i)):
-            for name, values in far.items():
-                if _times(slope[:, b], slope[:, a], values, settings):
-                    found.append(_advice(inputs.names[a], inputs.names[b], name, values))
-    return found
+    return [
+        _advice(inputs.names[a], inputs.names[b], name, values)
+        for i, j in _close(inputs, hyperparameters, inference, settings)
+        for a, b in ((i, j), (j, i))
+        for name, values in far.items()
+        if _times(slope[:, b], slope[:, a], values, settings)
+    ]
 
 
 def _far(values: Array, settings: EstimateSettings) -> bool:
@@ -306,11 +288,11 @@ def _far(values: Array, settings: EstimateSettings) -> bool:
 
 def _times(effect: Array, other: Array, condition: Array, settings: EstimateSettings) -> bool:
     """Whether one effect is the other times the condition and a constant, over all experiments."""
-    wanted = other * condition
-    size = float(wanted @ wanted)
+    product = other * condition
+    size = float(product @ product)
     if size == 0.0:
         return False
-    off = effect - (effect @ wanted) / size * wanted
+    off = effect - (effect @ product) / size * product
     # as close as to the other alone would be no sign of the condition
     spread = float(condition.std() / abs(condition.mean()))
     closeness = min(settings.proportional, settings.spread * spread)
@@ -323,7 +305,7 @@ def _close(
     inference: Inference,
     settings: EstimateSettings,
 ) -> Iterator[tuple[int, int]]:
-    """Pairs of parameters whose means or values are free, and hardly told apart."""
+    """Pairs of parameters whose means or values are free and strongly correlated."""
     where = {
         int(k): i
         for i, part in enumerate(inputs.slices)
@@ -350,33 +332,30 @@ def _advice(a: str, b: str, name: str, values: Array) -> Diagnostic:
     )
 
 
+# --------------------------------------------------------------------------- single experiments
+
+
 @dataclass(frozen=True)
 class ExperimentSettings:
-    """When something is said of single experiments, and how much of it; by judgement.
-
-    gap: change of the log-likelihood with more nodes from which an answer is refused, and
-    noted_gap that from which it is reported.
-    equal: maxima whose log-likelihoods differ by less are as high as each other.
-    failing: share of a law at which runs fail, from which it is reported. censored: share of the
-    values of which only bounds are known, from which it is reported.
-    ids: experiments that a message names. points: failed runs of which a result says where.
-    """
+    """When something is said of single experiments, and how much of it; by judgement."""
 
     gap: float = 0.1
+    """Change of the log-likelihood with more nodes from which an answer is refused."""
     noted_gap: float = 0.01
+    """The same from which it is reported."""
     equal: float = 0.1
+    """Maxima whose log-likelihoods differ by less are as high as each other."""
     failing: float = 0.02
+    """Share of a law at which runs fail, from which it is reported."""
     censored: float = 0.5
+    """Share of the values of which only bounds are known, from which it is reported."""
     ids: int = 8
+    """Experiments that a message names."""
     points: int = 300
+    """Failed runs of which a result says where they were."""
 
 
 EXPERIMENTS = ExperimentSettings()
-
-
-def chosen(which: NDArray[np.intp], ids: Sequence[str]) -> tuple[str, ...]:
-    """The ids of the experiments `which`."""
-    return tuple(ids[l] for l in which)
 
 
 def named(which: NDArray[np.intp], ids: Sequence[str], most: int = EXPERIMENTS.ids) -> str:
@@ -390,6 +369,17 @@ def named(which: NDArray[np.intp], ids: Sequence[str], most: int = EXPERIMENTS.i
     return f"experiment{'s' if which.size > 1 else ''} {shown}{more}"
 
 
+def of_experiments(
+    about: str, which: Flags, ids: Sequence[str], message: str, remedy: str
+) -> list[Diagnostic]:
+    """What is said of the experiments `which` (N,) by name; nothing where there are none."""
+    rows = np.flatnonzero(which)
+    if not rows.size:
+        return []
+    names = tuple(ids[l] for l in rows)
+    return [Diagnostic(about, f"{named(rows, ids)}: {message}", remedy, names)]
+
+
 def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
     """One word for each experiment: solved, outside_support, or why the density failed."""
     outside = (codes == Status.SOLVED) & ~np.isfinite(log_density)
@@ -400,28 +390,25 @@ def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
 def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnostic]:
     """Experiments whose observations have no density."""
     words = np.array(statuses(honest.status, honest.each))
-    warnings = []
+    refusals = []
     for status in (s for s in Status if s is not Status.SOLVED):
-        bad = np.flatnonzero(words == status.name.lower())
-        if bad.size:
-            what, _, remedy = status.explanation.partition(": ")
-            warnings.append(
-                Diagnostic("density", f"{named(bad, ids)}: {what}", remedy, chosen(bad, ids))
-            )
-    return warnings
+        what, _, remedy = status.explanation.partition(": ")
+        refusals += of_experiments("density", words == status.name.lower(), ids, what, remedy)
+    return refusals
 
 
 def held_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diagnostic]:
     """Experiments whose covariates would take a value of their law beyond its limits."""
     return [
-        Diagnostic(
-            "bounds",
-            f"{named(which, ids)}: the formula of {name} leads beyond the limits of {name}, "
-            "where it is held",
-            f"widen the limits of {name} if they are not physical, or take another formula",
-            chosen(which, ids),
-        )
+        warning
         for name, which in held.items()
+        for warning in of_experiments(
+            "bounds",
+            np.isin(np.arange(len(ids)), which),
+            ids,
+            f"the formula of {name} leads beyond the limits of {name}, where it is held",
+            f"widen the limits of {name} if they are not physical, or take another formula",
+        )
     ]
 
 
@@ -433,39 +420,83 @@ def review_data(
     `seen` are the observations of the table, `left` those of them that runs give a value of, and
     `failing` (N,) is the share of each experiment's law at which runs fail.
     """
+    count, kept = (np.bincount(part.experiment, minlength=len(ids)) for part in (seen, left))
+    lost, share = count - kept, float(np.mean(left.censored)) if len(left) else 0.0
     return [
-        *_unobserved(seen, ids),
-        *_lost(seen, left, ids),
-        *_failing(failing, ids),
-        *_censored(left),
+        *of_experiments(
+            "experiments",
+            count == 0,
+            ids,
+            "nothing was observed. It says nothing of the law, and of its parameters only the law "
+            "is known",
+            "leave it out, or see whether cells are blank that should not be",
+        ),
+        *of_experiments(
+            "simulator",
+            lost > 0,
+            ids,
+            f"no run gives a value of {int(lost.sum()):,} of the {len(seen):,} observations, "
+            "wherever the parameters are. They are left out: the likelihood is that of the others, "
+            "on condition that what is left out has nothing to do with the parameters",
+            "mend the simulator there, or delete these rows of the table",
+        ),
+        *of_experiments(
+            "simulator",
+            failing > EXPERIMENTS.failing,
+            ids,
+            f"runs fail at up to {100 * failing.max():.2g} % of the identified law. These "
+            "parameters count as impossible there: the likelihood is that of the observations and "
+            "of a run that works",
+            "mend the simulator, or give the law a box where it works (`aleator box STUDY.toml`)",
+        ),
+        *(
+            [
+                Diagnostic(
+                    "observations",
+                    f"of {100 * share:.0f} % of the values only bounds are known: the answer rests "
+                    "on the form of the law beyond what was measured",
+                    "see whether another law gives the same answer",
+                )
+            ]
+            if share > EXPERIMENTS.censored
+            else []
+        ),
     ]
 
 
 def without_surfaces(lost: Flags, of: Indices, ids: Sequence[str]) -> list[Diagnostic]:
     """A refusal where observations (M,) have no surface in the end; `of` (M,) whose they are."""
-    if not np.any(lost):
-        return []
-    which = np.unique(of[lost])
-    return [
-        Diagnostic(
-            "surface",
-            f"{named(which, ids)}: too few runs work near the identified law for a surface",
-            "mend the simulator there, or narrow the limits of the law",
-            chosen(which, ids),
-        )
-    ]
+    return of_experiments(
+        "surface",
+        np.bincount(of[lost], minlength=len(ids)) > 0,
+        ids,
+        "too few runs work near the identified law for a surface",
+        "mend the simulator there, or narrow the limits of the law",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """Another maximum alpha (K,), lower by `drop`, beside the one `here` (K,).
+
+    `moved` are the hyperparameters that differ by more than a standard error.
+    """
+
+    alpha: Array
+    here: Array
+    drop: float
+    moved: tuple[int, ...]
+
+    def outside(self, intervals: Array) -> bool:
+        """Whether what moved lies outside its interval (K, 2)."""
+        return any(not intervals[k, 0] <= self.alpha[k] <= intervals[k, 1] for k in self.moved)
 
 
 def rival_warnings(
     rivals: Sequence[Rival], hyperparameters: Sequence[Hyperparameter], intervals: Array
 ) -> list[Diagnostic]:
     """That there is another maximum, and where: as high, or outside the intervals (K, 2)."""
-    rivals = [
-        rival
-        for rival in rivals
-        if rival.drop < EXPERIMENTS.equal
-        or any(not _within(rival.alpha[k], intervals[k]) for k in rival.moved)
-    ]
+    rivals = [one for one in rivals if one.drop < EXPERIMENTS.equal or one.outside(intervals)]
     if not rivals:
         return []
     best = rivals[0]
@@ -487,91 +518,10 @@ def rival_warnings(
     ]
 
 
-def _within(value: float, ends: Array) -> bool:
-    return bool(ends[0] <= value <= ends[1])
-
-
-@dataclass(frozen=True, eq=False)
-class Rival:
-    """Another maximum alpha (K,), lower by `drop`, beside the one `here` (K,).
-
-    `moved` are the hyperparameters that differ by more than a standard error.
-    """
-
-    alpha: Array
-    here: Array
-    drop: float
-    moved: tuple[int, ...]
-
-
-def _unobserved(seen: Observations, ids: Sequence[str]) -> list[Diagnostic]:
-    none = np.flatnonzero(np.bincount(seen.experiment, minlength=len(ids)) == 0)
-    if not none.size:
-        return []
-    return [
-        Diagnostic(
-            "experiments",
-            f"{named(none, ids)}: nothing was observed. It says nothing of the law, and of its "
-            "parameters only the law is known",
-            "leave it out, or see whether cells are blank that should not be",
-            chosen(none, ids),
-        )
-    ]
-
-
-def _lost(seen: Observations, left: Observations, ids: Sequence[str]) -> list[Diagnostic]:
-    count = [np.bincount(part.experiment, minlength=len(ids)) for part in (seen, left)]
-    lost = count[0] - count[1]
-    which = np.flatnonzero(lost)
-    if not which.size:
-        return []
-    return [
-        Diagnostic(
-            "simulator",
-            f"{named(which, ids)}: no run gives a value of {int(lost.sum()):,} of the "
-            f"{len(seen):,} observations, wherever the parameters are. They are left out: the "
-            "likelihood is that of the others, on condition that what is left out has nothing to "
-            "do with the parameters",
-            "mend the simulator there, or delete these rows of the table",
-            chosen(which, ids),
-        )
-    ]
-
-
-def _failing(failing: Array, ids: Sequence[str]) -> list[Diagnostic]:
-    which = np.flatnonzero(failing > EXPERIMENTS.failing)
-    if not which.size:
-        return []
-    return [
-        Diagnostic(
-            "simulator",
-            f"{named(which, ids)}: runs fail at up to {100 * failing.max():.2g} % of the "
-            "identified law. These parameters count as impossible there: the likelihood is that of "
-            "the observations and of a run that works",
-            "mend the simulator, or give the law a box where it works (`aleator box STUDY.toml`)",
-            chosen(which, ids),
-        )
-    ]
-
-
-def _censored(left: Observations) -> list[Diagnostic]:
-    share = float(np.mean(left.censored)) if len(left) else 0.0
-    if share <= EXPERIMENTS.censored:
-        return []
-    return [
-        Diagnostic(
-            "observations",
-            f"of {100 * share:.0f} % of the values only bounds are known: the answer rests on the "
-            "form of the law beyond what was measured",
-            "see whether another law gives the same answer",
-        )
-    ]
-
-
-def too_few_nodes(gap: float, from_where: float) -> list[Diagnostic]:
-    """That more nodes change the log-likelihood by as much as that."""
-    # of an outcome without density there is no difference, and it is told as such
-    if not np.isfinite(gap) or abs(gap) <= from_where:
+def too_few_nodes(gap: float, admitted: float) -> list[Diagnostic]:
+    """That more nodes change the log-likelihood by more than is admitted."""
+    # of an outcome without density there is no difference, and it is refused as such
+    if not np.isfinite(gap) or abs(gap) <= admitted:
         return []
     return [
         Diagnostic(
@@ -584,94 +534,7 @@ def too_few_nodes(gap: float, from_where: float) -> list[Diagnostic]:
     ]
 
 
-@dataclass(frozen=True)
-class Cells:
-    """What cells tell of a log-likelihood by level sets; measured by `benchmarks folds`.
-
-    `jumped` is the loss of a log-density from coarse cells to those of half their size that says
-    that the outcome is nowhere reached: it is log 2 where a set is only the cells that a jump
-    crosses. `coarse` is the error of the log-likelihood that is worth a warning. `margin` is the
-    error that is left, over what the last two halvings changed: 1.4 on random study 25. `rounding`
-    is the least error of a log-density: of a slope over a cell that was halved eight times.
-    """
-
-    jumped: float = 0.5
-    coarse: float = 0.1
-    margin: float = 2.0
-    rounding: float = 1e-8
-
-
-CELLS = Cells()
-
-
-def by_finer_cells(problem: Problem, alpha: Array) -> Array:
-    """What cells of half the size changed in each log-density, the last time and before (2, N).
-
-    Nothing without level sets. One halving alone may change nothing by chance: beside a kink the
-    error of cells has either sign.
-    """
-    if problem.levels is None:
-        return np.zeros((2, problem.outcomes.size))
-    sizes = (problem.levels, problem.levels.coarse(), problem.levels.coarse(4))
-    return np.asarray(-np.diff([levels.evaluate(alpha).each for levels in sizes], axis=0))
-
-
-def cells_error(problem: Problem, changed: Array) -> float:
-    """Of the log-likelihood by level sets, of what finer cells changed (2, N); zero without."""
-    if problem.levels is None:
-        return 0.0
-    total, rounding = changed.sum(axis=1), CELLS.rounding * np.sqrt(changed.shape[1])
-    return float(np.hypot(CELLS.margin * np.sqrt(total @ total + np.sum(changed**2)), rounding))
-
-
-def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
-    """Experiments whose outcome lies between the values on either side of a jump."""
-    rows = np.flatnonzero(changed[0] < -CELLS.jumped)
-    if not rows.size:
-        return []
-    return [
-        Diagnostic(
-            "jump",
-            f"{named(rows, ids)}: the simulator jumps over the measured outcome, which it reaches "
-            "for no parameters, so that no law explains it",
-            "add measurement noise ([noise] sd), check these rows, or see why the simulator jumps",
-            chosen(rows, ids),
-        )
-    ]
-
-
-def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> list[Diagnostic]:
-    """Experiments whose outcome is not reached: it lies beyond an extreme of the response."""
-    rows = np.flatnonzero(problem.unreached_at(alpha))
-    if not rows.size:
-        return []
-    what = "the simulator" if problem.surface is None else "the response surface"
-    return [
-        Diagnostic(
-            "extreme",
-            f"{named(rows, ids)}: {what} does not go so far: the measured outcome lies at an "
-            "extreme of it or beyond, where its density is not known",
-            "add measurement noise ([noise] sd), check these rows, or choose a tolerance, such as "
-            "0.005, for surfaces that are more exact there",
-            chosen(rows, ids),
-        )
-    ]
-
-
-def level_warnings(changed: Array) -> list[Diagnostic]:
-    """Cells that are too coarse for the answer."""
-    # what is left is as much at most, if the error is of first order
-    error = float(np.sum(changed[0]))
-    if abs(error) < CELLS.coarse:
-        return []
-    return [
-        Diagnostic(
-            "quadrature",
-            f"the cells in which the simulator is looked at may change the log-likelihood by "
-            f"{abs(error):.2g}: they are too coarse",
-            "narrow the box of the parameters around the law",
-        )
-    ]
+# ------------------------------------------------------------------------------- failed runs
 
 
 def failure_report(runner: Runner) -> FailureReport | None:
@@ -683,29 +546,24 @@ def failure_report(runner: Runner) -> FailureReport | None:
     kept = runner.failures
     if not len(kept) and not lost:
         return None
-    told = kept if len(kept) else straight
-    first = told.failures[int(_in_order(told.case, told.x)[0])]
+    shown = kept if len(kept) else straight
+    first = shown.failures[int(_in_order(shown.case, shown.x)[0])]
     case, x = np.concatenate([kept.case, straight.case]), np.concatenate([kept.x, straight.x])
     x = x[_in_order(case, x)]
-    lowest, highest = x.min(axis=0).tolist(), x.max(axis=0).tolist()
+    ends = zip(x.min(axis=0).tolist(), x.max(axis=0).tolist(), strict=True)
+    some = np.unique(np.linspace(0, len(x) - 1, EXPERIMENTS.points).round().astype(int))
     return FailureReport(
         len(kept) + lost,
         runner.runs,
         tuple(runner.ids[k] for k in np.unique(runner.experiment[runner.cases.first[case]])),
-        dict(zip(runner.parameters, zip(lowest, highest, strict=True), strict=True)),
+        dict(zip(runner.parameters, ends, strict=True)),
         first.message,
-        _points(runner.parameters, x),
+        {name: tuple(x[some, k].tolist()) for k, name in enumerate(runner.parameters)},
     )
 
 
 def _in_order(case: Indices, x: Array) -> Indices:
     return np.lexsort((*x.T[::-1], case))
-
-
-def _points(parameters: Sequence[str], x: Array) -> dict[str, tuple[float, ...]]:
-    """Columns of some of the points x (F, n), evenly chosen."""
-    chosen = np.unique(np.linspace(0, len(x) - 1, EXPERIMENTS.points).round().astype(int))
-    return {name: tuple(x[chosen, k].tolist()) for k, name in enumerate(parameters)}
 
 
 def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
