@@ -19,8 +19,8 @@ from aleator.inference.npmle import (
     NPMLE_SETTINGS,
     GapTest,
     gap,
+    gap_test,
     gradient,
-    judged,
     local_maxima,
     mixed,
     npmle,
@@ -295,7 +295,7 @@ def points(fit: object, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG001
 
 
 def of(fit: Measured, most: int, seed: int = 0) -> GapTest:
-    test = judged(fit, points, most, seed, Silent())  # type: ignore[arg-type]
+    test = gap_test(fit, points, most, seed, Silent())  # type: ignore[arg-type]
     assert test is not None
     return test
 
@@ -357,4 +357,4 @@ def test_replicates_without_a_likelihood_count_as_larger_and_are_told() -> None:
 def test_data_without_a_likelihood_are_not_judged() -> None:
     fit = Measured.of(np.random.default_rng(2).normal(0.0, 1.2, COUNT))
     lost = replace(fit, y=np.full(COUNT, np.nan))
-    assert judged(lost, points, 30, 0, Silent()) is None  # type: ignore[arg-type]
+    assert gap_test(lost, points, 30, 0, Silent()) is None  # type: ignore[arg-type]

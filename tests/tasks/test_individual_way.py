@@ -8,7 +8,7 @@ from identifications import unjudged
 from individual_cases import ALPHA, PAIR, decay, likelihood_of, straight_line, table
 
 from aleator import Experiments, Free, Noise, ResponseSurface
-from aleator.fit.settle import climbed, settled
+from aleator.fit.quadrature import nearest_maximum, with_enough_nodes
 from aleator.inference.check import checked
 from aleator.likelihood.individual import OnSurfaces
 from aleator.simulators import Runner
@@ -23,8 +23,8 @@ def line(time, a, b):
 
 def test_it_settles_where_no_step_and_no_node_gains():
     likelihood = likelihood_of(decay, table(decay, experiments=20), nodes=3)
-    end = settled(likelihood, ALPHA)
-    again, alpha = climbed(end.likelihood, end.alpha * 1.02)
+    end = with_enough_nodes(likelihood, ALPHA)
+    again, alpha = nearest_maximum(end.likelihood, end.alpha * 1.02)
     assert again.evaluate(alpha).total == pytest.approx(end.value, abs=1e-3)
     finest = end.likelihood.by(replace(end.likelihood.rule, first=41, others=41), end.alpha)
     assert finest.evaluate(end.alpha).total == pytest.approx(end.value, abs=1e-2)

@@ -39,14 +39,14 @@ from aleator.results.values import REPORTED, in_order
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.tasks.event_points import SAMPLE
-from aleator.tasks.new_experiments import Ground
+from aleator.tasks.new_experiments import PredictionContext
 from aleator.tasks.prediction import compared
 from aleator.tasks.probability import (
     Tolerance,
-    events_asked,
     limits,
     probabilities,
-    responses_asked,
+    requested_events,
+    requested_responses,
 )
 from aleator.tasks.session import OWN, Session
 from aleator.views import predictions
@@ -144,14 +144,16 @@ class PredictionRequest:
             part is not None for part in (self.above, self.below, self.between)
         )
 
-    def table(self, ground: Ground, draws: AlphaDraws, progress: Progress) -> pd.DataFrame:
+    def table(
+        self, context: PredictionContext, draws: AlphaDraws, progress: Progress
+    ) -> pd.DataFrame:
         """The probabilities or the limits, a row for each row of the conditions."""
         if self.limits is not None:
-            numbers = responses_asked(ground, self.response)
-            which = np.flatnonzero(np.isin(ground.seen.response, numbers))
-            return limits(ground, draws, self.limits, which, progress)
-        events = events_asked(ground, self.response, self.above, self.below, self.between)
-        return probabilities(ground, draws, events, self.checks, progress)
+            numbers = requested_responses(context, self.response)
+            which = np.flatnonzero(np.isin(context.seen.response, numbers))
+            return limits(context, draws, self.limits, which, progress)
+        events = requested_events(context, self.response, self.above, self.below, self.between)
+        return probabilities(context, draws, events, self.checks, progress)
 
     def content(self, found: pd.DataFrame, outcome: str) -> Content:
         """The table with its title, for the terminal."""
@@ -323,8 +325,8 @@ def predict(
         if asked.distribution:
             found = session.predict(table, draws, REPORTED.quantiles, progress, who, not no_noise)
         else:
-            ground = session.ground(table, draws.estimate, who, not no_noise)
-            found = asked.table(ground, draws, progress)
+            context = session.context(table, draws.estimate, who, not no_noise)
+            found = asked.table(context, draws, progress)
     for note in (*made_runs(runner), *fixed_notes(draws, session), *untested(value, table)):
         options.say(note)
     if output is not None:

@@ -1,4 +1,4 @@
-"""The flow of an identification: question, refine, certain, check.
+"""The flow of an identification: question, refine, uncertainty, check.
 
 `identify` asks for the experiments that were measured, `recover` for virtual ones.
 """
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.core.types import Array, Indices
-from aleator.fit.certain import Certain, certain
 from aleator.fit.ledger import Ledger, affordable
 from aleator.fit.question import Question, start_point
 from aleator.fit.refine import EXACT, Refinement, refined
-from aleator.fit.regions import REGIONS, draws, likely_alphas
+from aleator.fit.regions import REGIONS, draws, plausible_alphas
+from aleator.fit.uncertainty import Inferred, with_uncertainty
 from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
 from aleator.inference.surface_diagnostics import Doubt, doubt
@@ -30,7 +30,7 @@ class Answer:
     `checked` is None where nothing rests on surfaces, or no run was left or wanted.
     """
 
-    certain: Certain
+    inferred: Inferred
     checked: Checked | None
     doubt: Doubt
 
@@ -60,15 +60,15 @@ def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
     return answer
 
 
-def answered(question: Question, ledger: Ledger) -> Certain:
+def answered(question: Question, ledger: Ledger) -> Inferred:
     """The maximum that nothing moves, and how sure it is."""
-    return certain(refined(question, ledger), ledger)
+    return with_uncertainty(refined(question, ledger), ledger)
 
 
-def _checked(found: Certain, check: Check, ledger: Ledger) -> Answer:
+def _checked(found: Inferred, check: Check, ledger: Ledger) -> Answer:
     """With a few fresh runs under the individual laws."""
     question, surfaces = found.refined.question, found.refined.surfaces
-    likelihood, alpha, runner = found.settled.likelihood, found.settled.alpha, question.runner
+    likelihood, alpha, runner = found.maximum.likelihood, found.maximum.alpha, question.runner
     none = np.zeros(likelihood.count)
     result: Checked | None = None
     if surfaces is not None and check.wanted:
@@ -86,11 +86,11 @@ def _checked(found: Certain, check: Check, ledger: Ledger) -> Answer:
     return Answer(found, result, doubted)
 
 
-def _against_simulator(found: Certain, check: Check, runs: int) -> Checked:
+def _against_simulator(found: Inferred, check: Check, runs: int) -> Checked:
     runner, likelihood, alpha = (
         found.refined.question.runner,
-        found.settled.likelihood,
-        found.settled.alpha,
+        found.maximum.likelihood,
+        found.maximum.alpha,
     )
     if not isinstance(likelihood, Problem):
         return checked(likelihood, alpha, runner, runs, check)
@@ -103,31 +103,31 @@ def _against_simulator(found: Certain, check: Check, runs: int) -> Checked:
     return result if exact is None else unsmoothed(result, exact, law)
 
 
-def _nearer(answer: Answer, ledger: Ledger) -> Certain | None:
+def _nearer(answer: Answer, ledger: Ledger) -> Inferred | None:
     """The answer with more runs near some outcomes, where their surfaces are doubted."""
-    found, likelihood = answer.certain, answer.certain.settled.likelihood
+    found, likelihood = answer.inferred, answer.inferred.maximum.likelihood
     surfaces = found.refined.surfaces
     if surfaces is None or not isinstance(likelihood, Problem):
         return None
-    doubtful = answer.doubt.wanting | likelihood.unreached_at(found.settled.alpha)
+    doubtful = answer.doubt.wanting | likelihood.unreached_at(found.maximum.alpha)
     members = np.isin(np.arange(surfaces.good.size), likelihood.condition[doubtful])
     rows = np.flatnonzero(doubtful & surfaces.granted(members)[likelihood.condition])
     if not rows.size:
         return None
     refinement = Refinement(found.refined.question, ledger)
     near = _draws_near(likelihood, found, rows)
-    return certain(refinement.sharpened(found.refined, near), ledger)
+    return with_uncertainty(refinement.sharpened(found.refined, near), ledger)
 
 
 def _draws_near(
-    problem: Problem, found: Certain, rows: Indices, times: int = 16
+    problem: Problem, found: Inferred, rows: Indices, times: int = 16
 ) -> dict[int, Array]:
     """Draws (512, moving) for the conditions of some experiments, near their outcomes.
 
     Of so many `times` as many draws of likely laws those with the nearest outcomes.
     """
     inputs, region = problem.inputs, problem.region
-    likely = likely_alphas(found.settled.alpha, found.inference, problem.hyperparameters)
+    likely = plausible_alphas(found.maximum.alpha, found.inference, problem.hyperparameters)
     wide = draws(inputs, [*likely], problem.count, EXACT.wide, times * REGIONS.draws)
     wide = np.clip(wide, *region.T)[:, moving_parameters(region)]
     surface = problem.surface

@@ -15,8 +15,16 @@ import numpy as np
 
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags
-from aleator.fit import reach
+from aleator.fit import outcome_range
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
+from aleator.fit.quadrature import (
+    NODE_ACCURACY,
+    AnyLikelihood,
+    Maximum,
+    highest_maximum,
+    with_enough_nodes,
+    with_other_optima,
+)
 from aleator.fit.question import (
     Question,
     failing_observations,
@@ -30,13 +38,12 @@ from aleator.fit.regions import (
     first_region,
     hull,
     interval_alphas,
-    likely_alphas,
     padded,
+    plausible_alphas,
     reaching_out,
     region_of,
 )
 from aleator.fit.search import searched
-from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, compared, highest, settled
 from aleator.inference.information import Inference, infer
 from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
 from aleator.likelihood.model import Model
@@ -103,13 +110,13 @@ class Refined:
     """
 
     question: Question
-    settled: Settled
+    maximum: Maximum
     found: SearchResult
     region: Array
     reason: str
     surfaces: AdaptiveSurfaces | None = None
     sites: Sites | None = None
-    others: tuple[Settled, ...] = ()
+    others: tuple[Maximum, ...] = ()
     possible: tuple[Array, ...] = ()
     spread: bool = False
 
@@ -136,15 +143,15 @@ def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger
     likelihood: AnyLikelihood
     if question.exact:
         with ledger.stage("preparation"):
-            likelihood = reach.on_simulator(question, ledger.progress)
+            likelihood = outcome_range.on_simulator(question, ledger.progress)
     else:
         lost = failing_observations(runner, region, question.unit, question.column)
         question = question.without(lost)
         likelihood = question.integral(Direct(runner, moving_parameters(inputs.box), inputs.box))
     found = searched(question, likelihood, [], ledger)
     with ledger.stage(SEARCH):
-        top = highest(settled(likelihood, found.alpha), found)
-    return Refined(question, top.settled, top.found, likelihood.region, reason, possible=top.others)
+        top = highest_maximum(with_enough_nodes(likelihood, found.alpha), found)
+    return Refined(question, top.maximum, top.found, likelihood.region, reason, possible=top.others)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,14 +178,14 @@ class Refinement:
         ends = [self._finished(self._ended(first))]
         for alpha, surfaces in zip(others, again, strict=True):
             with self.ledger.stage(SEARCH):
-                start = settled(self._likelihood(first), alpha, SETTLING.rough)
-            known = [end.settled.alpha for end in ends]
-            follow = self._refined(replace(first, settled=start, surfaces=surfaces), known)
-            end = follow.settled
+                start = with_enough_nodes(self._likelihood(first), alpha, NODE_ACCURACY.rough)
+            known = [end.maximum.alpha for end in ends]
+            follow = self._refined(replace(first, maximum=start, surfaces=surfaces), known)
+            end = follow.maximum
             if not _infer(end).among(end.alpha, known, self.rounds.apart):
                 ends.append(self._finished(self._ended(follow)))
-        best, *lower = sorted(ends, key=lambda end: -end.settled.value)
-        return replace(best, others=tuple(end.settled for end in lower))
+        best, *lower = sorted(ends, key=lambda end: -end.maximum.value)
+        return replace(best, others=tuple(end.maximum for end in lower))
 
     def spread(self, answer: Refined, inference: Inference, intervals: Array) -> Refined | None:
         """The answer on surfaces that serve the laws at the ends of intervals (K, 2) too.
@@ -187,8 +194,8 @@ class Refinement:
         """
         surfaces, likelihood, alpha = (
             answer.surfaces,
-            answer.settled.likelihood,
-            answer.settled.alpha,
+            answer.maximum.likelihood,
+            answer.maximum.alpha,
         )
         assert surfaces is not None
         inputs, hyperparameters = likelihood.inputs, likelihood.hyperparameters
@@ -225,11 +232,11 @@ class Refinement:
             surfaces.sharpen_each(draws_of)
             moved = self._on(answer)
         found = searched(
-            self.question, moved.settled.likelihood, [answer.settled.alpha], self.ledger
+            self.question, moved.maximum.likelihood, [answer.maximum.alpha], self.ledger
         )
-        start = settled(moved.settled.likelihood, found.alpha, SETTLING.rough)
+        start = with_enough_nodes(moved.maximum.likelihood, found.alpha, NODE_ACCURACY.rough)
         found = replace(found, once=answer.found.once)
-        return self._finished(replace(moved, settled=start, found=found))
+        return self._finished(replace(moved, maximum=start, found=found))
 
     def _first(self, region: Array, reason: str) -> Refined:
         """Surfaces of all observations, exact to the user's tolerance or coarse, and a search."""
@@ -253,7 +260,7 @@ class Refinement:
             likelihood, region = self._made(question, surfaces, region, sites)
         found = searched(question, likelihood, [], self.ledger)
         with self.ledger.stage(SEARCH):
-            start = settled(likelihood, found.alpha, SETTLING.rough)
+            start = with_enough_nodes(likelihood, found.alpha, NODE_ACCURACY.rough)
         return Refined(question, start, found, region, reason, surfaces, sites)
 
     def _made(
@@ -265,7 +272,7 @@ class Refinement:
             surfaces.judge(None)
             surfaces.refine(None, surfaces.level, told(progress))
         if question.exact:
-            problem = reach.on_surfaces(question, surfaces, region, progress)
+            problem = outcome_range.on_surfaces(question, surfaces, region, progress)
             return problem, problem.region
         return question.integral(OnSurfaces(surfaces.surface(), region, sites.of)), region
 
@@ -274,15 +281,15 @@ class Refinement:
         assert answer.surfaces is not None
         assert answer.sites is not None
         made, region = self._made(answer.question, answer.surfaces, answer.region, answer.sites)
-        before = answer.settled.likelihood
+        before = answer.maximum.likelihood
         if isinstance(made, IndividualLikelihood) and isinstance(before, IndividualLikelihood):
             # the nodes of the last round will do again
             made = replace(made, rule=before.rule)
-        return replace(answer, settled=replace(answer.settled, likelihood=made), region=region)
+        return replace(answer, maximum=replace(answer.maximum, likelihood=made), region=region)
 
     def _likelihood(self, answer: Refined) -> AnyLikelihood:
         """With few nodes, on the surfaces of an answer."""
-        likelihood = answer.settled.likelihood
+        likelihood = answer.maximum.likelihood
         if isinstance(likelihood, IndividualLikelihood):
             return answer.question.integral(likelihood.predictor)
         return likelihood
@@ -291,21 +298,21 @@ class Refinement:
         """Run and climb from an answer until neither moves it, and no search finds a higher one."""
         while True:
             answer = self._refined(answer)
-            before, likelihood = answer.settled, self._likelihood(answer)
+            before, likelihood = answer.maximum, self._likelihood(answer)
             found = searched(answer.question, likelihood, [before.alpha], self.ledger)
             found = replace(found, once=answer.found.once)
             with self.ledger.stage(SEARCH):
-                again = settled(likelihood, found.alpha, SETTLING.rough)
+                again = with_enough_nodes(likelihood, found.alpha, NODE_ACCURACY.rough)
             if again.value < before.value + OPTIMA.same_value:
                 return replace(answer, found=found)
-            answer = replace(answer, settled=again, found=found)
+            answer = replace(answer, maximum=again, found=found)
 
     def _finished(self, answer: Refined) -> Refined:
         """With the nodes of an answer; surfaces are exact near it: it is as far as they know."""
         with self.ledger.stage(SEARCH):
-            end = settled(self._likelihood(answer), answer.settled.alpha)
-            top = compared(end, answer.found)
-        return replace(answer, settled=top.settled, found=top.found, possible=top.others)
+            end = with_enough_nodes(self._likelihood(answer), answer.maximum.alpha)
+            top = with_other_optima(end, answer.found)
+        return replace(answer, maximum=top.maximum, found=top.found, possible=top.others)
 
     def _refined(self, answer: Refined, known: Sequence[Array] = ()) -> Refined:
         """Run where the laws are, and climb, until nothing moves, or one comes to what is known."""
@@ -313,15 +320,17 @@ class Refinement:
         assert surfaces is not None
         level, calm = rounds.first * surfaces.caution, False
         for _ in range(rounds.most):
-            inference = _infer(answer.settled)
-            if inference.among(answer.settled.alpha, known, rounds.apart):
+            inference = _infer(answer.maximum)
+            if inference.among(answer.maximum.alpha, known, rounds.apart):
                 break
             with self.ledger.stage(SURFACE):
                 moved, done = self._sharpened(answer, inference, level)
             with self.ledger.stage(SEARCH):
-                after = settled(moved.settled.likelihood, answer.settled.alpha, SETTLING.rough)
-            calm = self._calm(answer.settled, after, inference)
-            answer = replace(moved, settled=after)
+                after = with_enough_nodes(
+                    moved.maximum.likelihood, answer.maximum.alpha, NODE_ACCURACY.rough
+                )
+            calm = self._calm(answer.maximum, after, inference)
+            answer = replace(moved, maximum=after)
             if calm and level <= rounds.last * surfaces.caution:
                 break
             if calm or done:
@@ -333,12 +342,12 @@ class Refinement:
     ) -> tuple[Refined, bool]:
         """Runs for all sites whose error is above a level where the laws lie; whether none is."""
         likelihood, alpha, surfaces = (
-            answer.settled.likelihood,
-            answer.settled.alpha,
+            answer.maximum.likelihood,
+            answer.maximum.alpha,
             answer.surfaces,
         )
         assert surfaces is not None
-        likely = likely_alphas(alpha, inference, likelihood.hyperparameters)
+        likely = plausible_alphas(alpha, inference, likelihood.hyperparameters)
         region = answer.region
         if isinstance(likelihood, IndividualLikelihood):
             assert answer.sites is not None
@@ -379,8 +388,8 @@ class Refinement:
         They lie apart, no mean is on a limit, and the noise that they need is at most e times
         larger.
         """
-        found, likelihood = first.found, first.settled.likelihood
-        inference = _infer(first.settled)
+        found, likelihood = first.found, first.maximum.likelihood
+        inference = _infer(first.maximum)
         limits = np.array(
             [(h.lower, h.upper) if h.free and not h.log else (-np.inf, np.inf)
              for h in likelihood.hyperparameters]
@@ -397,7 +406,7 @@ class Refinement:
                 known.append(alpha)
         return known[1:]
 
-    def _calm(self, before: Settled, after: Settled, inference: Inference) -> bool:
+    def _calm(self, before: Maximum, after: Maximum, inference: Inference) -> bool:
         """Whether neither alpha nor the log-likelihood has moved."""
         step = (after.alpha - before.alpha)[inference.identified]
         length = float(step @ inference.information @ step)
@@ -434,7 +443,7 @@ def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
 
     A narrower one only if it is smaller than the share `shrink` of the present one.
     """
-    likelihood, alpha, region = answer.settled.likelihood, answer.settled.alpha, answer.region
+    likelihood, alpha, region = answer.maximum.likelihood, answer.maximum.alpha, answer.region
     inputs = likelihood.inputs
     certain = region_of(inputs, [alpha], likelihood.count, REGIONS.far)
     possible = region_of(inputs, [*likely], likelihood.count, REGIONS.likely)
@@ -460,6 +469,6 @@ def _noise(likelihood: IndividualLikelihood, alpha: Array, sites: Sites) -> Arra
     return np.where(np.isfinite(least), least, 1.0)
 
 
-def _infer(answer: Settled) -> Inference:
+def _infer(answer: Maximum) -> Inference:
     likelihood = answer.likelihood
     return infer(likelihood.followed, answer.alpha, likelihood.hyperparameters)

@@ -101,7 +101,7 @@ def first_region(
     return within(inputs.box, region_of(inputs, [lower, upper], experiments, REGIONS.likely))
 
 
-def likely_alphas(
+def plausible_alphas(
     alpha: Array, inference: Inference, hyperparameters: tuple[Hyperparameter, ...]
 ) -> Array:
     """Values (32, K) of alpha that its uncertainty leaves open: normal, within the limits.

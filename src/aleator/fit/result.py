@@ -62,8 +62,8 @@ CUT = {(True, True): "both", (True, False): "lower", (False, True): "upper", (Fa
 
 def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) -> Result:
     """The result of an answer to the experiments of a table, as plain data."""
-    certain = answer.certain
-    end, inference, profile = certain.settled, certain.inference, certain.profile
+    certain = answer.inferred
+    end, inference, profile = certain.maximum, certain.inference, certain.profile
     likelihood, alpha, question = end.likelihood, end.alpha, certain.refined.question
     hyperparameters, surfaces = likelihood.hyperparameters, certain.refined.surfaces
     with ledger.stage("baselines"):
@@ -110,7 +110,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
 def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
     """What a result says of exact outcomes."""
     answer, table, at = reviewed.answer, reviewed.table, reviewed.at
-    alpha, surface_error = answer.certain.settled.alpha, reviewed.surface_error
+    alpha, surface_error = answer.inferred.maximum.alpha, reviewed.surface_error
     where = "under the law" if problem.model.follows else "on the box"
     return {
         "log_likelihood": _verified(
@@ -128,8 +128,8 @@ def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
 
 def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dict[str, Any]:
     """What a result says of experiments with parameters of their own."""
-    certain, checked = reviewed.answer.certain, reviewed.answer.checked
-    alpha, gap, surfaces = certain.settled.alpha, certain.settled.gap, certain.refined.surfaces
+    certain, checked = reviewed.answer.inferred, reviewed.answer.checked
+    alpha, gap, surfaces = certain.maximum.alpha, certain.maximum.gap, certain.refined.surfaces
     question, inputs, at = certain.refined.question, likelihood.inputs, reviewed.at
     table, names = question.table, likelihood.inputs.names
     found = individual_parameters(likelihood, alpha)
@@ -141,7 +141,9 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
         "density": likelihood.name,
         "propagation": DIRECT if surfaces is None else "response_surface",
         "experiments": _individuals(table, at.each, at.status, found, names),
-        "surface": surface_report(surfaces and surfaces.surface(), against="the noise"),
+        "surface": surface_report(
+            None if surfaces is None else surfaces.surface(), "under the law", "the noise"
+        ),
         "outcome": ", ".join(response.name for response in table.observations.responses),
         "observations": observation_reports(table, likelihood, alpha, found, columns, pit),
         "shrinkage": {name: float(value) for name, value in shrinkage if np.isfinite(value)},

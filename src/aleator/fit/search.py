@@ -17,8 +17,8 @@ from scipy import optimize
 from aleator.core.status import DEGENERATE_VALUE, Status
 from aleator.core.types import Array
 from aleator.fit.ledger import SEARCH, Ledger
+from aleator.fit.quadrature import AnyLikelihood, nearest_maximum
 from aleator.fit.question import Question, start_point
-from aleator.fit.settle import AnyLikelihood, climbed
 from aleator.laws import Hyperparameter
 from aleator.laws import mixture as classes
 from aleator.laws.hyperparameter import limits_of
@@ -151,7 +151,7 @@ def of_many(
     found = search(likelihood.sampled(settings.size).continued)
     optima, ascents = list[Optimum](), list[Ascent]()
     for of_sample in found.optima[: settings.best]:
-        there, alpha = climbed(likelihood, of_sample.alpha)
+        there, alpha = nearest_maximum(likelihood, of_sample.alpha)
         at = there(alpha)
         assert at.scores is not None
         led = [a for a in found.ascents if _level(a.log_likelihood, of_sample.log_likelihood)]

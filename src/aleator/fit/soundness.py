@@ -38,7 +38,7 @@ class Reviewed:
     @cached_property
     def at(self) -> LogLikelihood:
         """The likelihood itself at the estimate, minus infinity where there is no density."""
-        end = self.answer.certain.settled
+        end = self.answer.inferred.maximum
         likelihood = end.likelihood
         honest = likelihood.likelihood if isinstance(likelihood, Problem) else likelihood
         return honest.evaluate(end.alpha)
@@ -46,7 +46,7 @@ class Reviewed:
     @cached_property
     def exact(self) -> LogLikelihood | None:
         """By the level sets of the same surfaces, where a density of moments was chosen."""
-        end = self.answer.certain.settled
+        end = self.answer.inferred.maximum
         if not isinstance(end.likelihood, Problem):
             return None
         return surface_diagnostics.exact_density(end.likelihood, end.alpha)
@@ -54,7 +54,7 @@ class Reviewed:
     @cached_property
     def by_cells(self) -> Array:
         """What halving the cells of level sets changed, the last time and before, (2, N)."""
-        end = self.answer.certain.settled
+        end = self.answer.inferred.maximum
         if not isinstance(end.likelihood, Problem):
             return np.zeros((2, end.likelihood.count))
         return surface_diagnostics.by_finer_cells(end.likelihood, end.alpha)
@@ -69,13 +69,13 @@ class Reviewed:
     @property
     def _seen(self) -> Experiments:
         """The experiments without observations that no run gives a value of."""
-        return self.answer.certain.refined.question.table
+        return self.answer.inferred.refined.question.table
 
     @cached_property
     def _refusals(self) -> list[Diagnostic]:
         answer, ids = self.answer, self._seen.ids
-        end, checked = answer.certain.settled, answer.checked
-        likelihood, inference = end.likelihood, answer.certain.inference
+        end, checked = answer.inferred.maximum, answer.checked
+        likelihood, inference = end.likelihood, answer.inferred.inference
         found = [
             *diagnostics.density_refusals(self.at, ids),
             *diagnostics.search_refusals(inference, likelihood.hyperparameters),
@@ -102,9 +102,9 @@ class Reviewed:
 
     @cached_property
     def _notes(self) -> list[Diagnostic]:
-        certain, ids = self.answer.certain, self._seen.ids
+        certain, ids = self.answer.inferred, self._seen.ids
         likelihood, inference, profile = (
-            certain.settled.likelihood,
+            certain.maximum.likelihood,
             certain.inference,
             certain.profile,
         )
@@ -128,7 +128,7 @@ class Reviewed:
             notes += self._of_individuals(likelihood)
             if not self._refusals:
                 notes += diagnostics.too_few_nodes(
-                    certain.settled.gap, diagnostics.EXPERIMENTS.noted_gap
+                    certain.maximum.gap, diagnostics.EXPERIMENTS.noted_gap
                 )
         notes += diagnostics.failure_warnings(
             None if made is None and not isinstance(likelihood, Problem)
@@ -141,10 +141,10 @@ class Reviewed:
 
     def _of_individuals(self, likelihood: IndividualLikelihood) -> list[Diagnostic]:
         """What is missing, and experiments whose laws are held at their limits."""
-        alpha, model = self.answer.certain.settled.alpha, likelihood.inputs.covariate_model
+        alpha, model = self.answer.inferred.maximum.alpha, likelihood.inputs.covariate_model
         ids = self._seen.ids
         return [
-            *diagnostics.held_warnings({} if model is None else model.held(alpha), ids),
+            *diagnostics.limit_warnings({} if model is None else model.held(alpha), ids),
             *diagnostics.review_data(
                 self.table.observations, self._seen.observations,
                 failing_share(likelihood, alpha), ids,
@@ -154,8 +154,8 @@ class Reviewed:
     @property
     def _centering(self) -> list[Diagnostic]:
         """Advice to count conditions from their middle, by the slopes at the middle of the laws."""
-        certain, seen = self.answer.certain, self._seen.observations
-        likelihood, alpha = certain.settled.likelihood, certain.settled.alpha
+        certain, seen = self.answer.inferred, self._seen.observations
+        likelihood, alpha = certain.maximum.likelihood, certain.maximum.alpha
         inputs = likelihood.inputs
         conditions = self._seen.conditions.iloc[seen.row]
         if isinstance(likelihood, Problem):
@@ -178,7 +178,7 @@ class Reviewed:
     @property
     def _estimated(self) -> Array:
         """The estimated errors (M,) of the surfaces."""
-        likelihood = self.answer.certain.settled.likelihood
+        likelihood = self.answer.inferred.maximum.likelihood
         if isinstance(likelihood, Problem):
             assert likelihood.surface is not None
             return likelihood.surface.error[likelihood.condition]
@@ -189,7 +189,7 @@ class Reviewed:
     @property
     def _lost(self) -> Flags:
         """Which observations (M,) have no surface: too few runs worked."""
-        if self.answer.certain.refined.surfaces is None:
+        if self.answer.inferred.refined.surfaces is None:
             return np.zeros(len(self._seen.observations), dtype=np.bool_)
         return np.asarray(np.isinf(self._estimated))
 

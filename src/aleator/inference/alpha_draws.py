@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from aleator.errors import InputsError
 from aleator.inference.information import INTERVALS
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.results.values import Estimate, in_order
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import Scored
 
 
 def quantiles(values: Array, weights: Array, probabilities: Array) -> Array:
@@ -158,7 +158,7 @@ class AlphaDraws:
             log_density=self.log_density[:most],
         )  # fmt: skip
 
-    def reweighted(self, objective: Callable[[Array], LogLikelihood]) -> AlphaDraws:
+    def reweighted(self, objective: Scored) -> AlphaDraws:
         """The draws by the likelihood itself, not its approximation.
 
         Weights L(alpha_a) prior(alpha_a)/q(alpha_a), q the density of the draws, cut at sqrt(A)

@@ -144,9 +144,14 @@ def checked(
     too. Cost: `most` runs a unit, which are remembered and stored.
     """
     inputs, settings = likelihood.inputs, settings or Check()
-    few = likelihood
+    few, variates = likelihood, inputs.scattering
     if isinstance(likelihood.rule, GaussHermite):
-        few = likelihood.by(_rule(inputs.scattering, settings), alpha)
+        rule = (
+            ImportancePoints(settings.nodes, 1)
+            if variates > 2
+            else GaussHermite(EXACT_OUTCOMES.nodes[variates])
+        )
+        few = likelihood.by(rule, alpha)
     simulator = Direct(Remembered(runner), np.zeros(0, dtype=np.intp), inputs.box)
     change, error = np.zeros(likelihood.count), np.zeros(likelihood.count)
     count = likelihood.layout.experiment.size
@@ -240,13 +245,6 @@ def scatter_of(likelihood: IndividualLikelihood, alpha: Array, points: int = 128
         mean = np.sum(share * eta, axis=1, keepdims=True)
         found[block.rows] = np.sqrt(np.sum(share * (eta - mean) ** 2, axis=1))
     return np.nan_to_num(found)
-
-
-def _rule(variates: int, settings: Check) -> GaussHermite | ImportancePoints:
-    """Points from which those of the check are chosen: of a rule, or else about the mode."""
-    if variates > 2:
-        return ImportancePoints(settings.nodes, 1)
-    return GaussHermite(EXACT_OUTCOMES.nodes[variates])
 
 
 def _lost(block: Block, eta: Array) -> Flags:

@@ -136,12 +136,12 @@ def consistency_of(
         found.together,
         found.replicates,
         tuple(
-            told(test, battery.several, within, measured)
+            discrepancy_of(test, battery.several, within, measured)
             for test in _causes(against, within, settings)
         ),
         outliers_of(observed, table),
         found.tests,
-        relations=battery.relations.told(
+        relations=battery.relations.correlations(
             observed.means, [t for t in found.tests if t.kind in RELATED]
         ),
         copies=tuple(name for column in copies for name in (column.name, *column.alike)),
@@ -177,7 +177,7 @@ def _enough(
     most: int,
     progress: Progress,
     settings: ConsistencySettings,
-) -> Judgement | None:
+) -> Assessment | None:
     replicates: list[Array] = []
     exists, made, found = np.isfinite(statistics), 0, None
     for stage, low, high in settings.stages:
@@ -189,7 +189,7 @@ def _enough(
                 replicates.append(np.where(exists, values, 0.0))
         if len(replicates) < (1.0 - settings.lost) * made:
             return None
-        found = judged(battery.subjects, np.where(exists, statistics, 0.0), np.array(replicates))
+        found = assessed(battery.subjects, np.where(exists, statistics, 0.0), np.array(replicates))
         if count == most or found.together < low or found.together > high:
             break
     return found
@@ -223,7 +223,7 @@ def _causes(
 
 
 @dataclass(frozen=True)
-class JudgementSettings:
+class AssessmentSettings:
     """How few replicates tell small probabilities: held against the tests of statistics."""
 
     flattest: float = 1e-12
@@ -244,7 +244,7 @@ class JudgementSettings:
     """Outliers that are named."""
 
 
-JUDGEMENT = JudgementSettings()
+ASSESSMENT = AssessmentSettings()
 
 
 def probabilities(
@@ -253,7 +253,7 @@ def probabilities(
     skewed: Flags,
     one_sided: Flags,
     least: Array,
-    settings: JudgementSettings = JUDGEMENT,
+    settings: AssessmentSettings = ASSESSMENT,
 ) -> tuple[Array, Array, Array]:
     """p (T,) of observed statistics, p (B, T) of each replicate among the others, and z (T,).
 
@@ -292,10 +292,10 @@ def effective(smallest: Array) -> float:
 
 def corrected(p: Array, tests: float) -> Array:
     """The probability that the smallest of so many is as small."""
-    return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(p, 1.0 - JUDGEMENT.certain))))
+    return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(p, 1.0 - ASSESSMENT.certain))))
 
 
-def _normal(z: Array, skewness: Array, settings: JudgementSettings) -> Array:
+def _normal(z: Array, skewness: Array, settings: AssessmentSettings) -> Array:
     """Standardized values of a skewed law as normal ones; a skewness near zero changes nothing.
 
     Only on the side of the long tail: where the short one ends hangs on a skewness that few
@@ -313,7 +313,7 @@ def _tail(z: Array, freedom: float, one_sided: Flags) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class Assessment:
     """Tests with their probabilities, that of all `together`, and how many replicates told them."""
 
     tests: tuple[Statistic, ...]
@@ -321,12 +321,12 @@ class Judgement:
     replicates: int
 
 
-def judged(
+def assessed(
     subjects: tuple[Subject, ...],
     observed: Array,
     replicates: Array,
-    settings: JudgementSettings = JUDGEMENT,
-) -> Judgement:
+    settings: AssessmentSettings = ASSESSMENT,
+) -> Assessment:
     """What B replicates (B, T) of the statistics say of the observed ones (T,).
 
     First within each group of tests, the smallest p over its weight, then of the groups: each has
@@ -347,7 +347,7 @@ def judged(
     found = corrected(found, effective(np.min(smallest, axis=0)))
     rows = zip(subjects, z.tolist(), p.tolist(), found.tolist(), strict=True)
     tests_found = tuple(Statistic(s.kind, s.of, s.column, s.where, *values) for s, *values in rows)
-    return Judgement(tests_found, float(found.min()), len(replicates))
+    return Assessment(tests_found, float(found.min()), len(replicates))
 
 
 def replicated(
@@ -355,7 +355,7 @@ def replicated(
     battery: Battery,
     points: int,
     rng: np.random.Generator,
-    settings: JudgementSettings = JUDGEMENT,
+    settings: AssessmentSettings = ASSESSMENT,
 ) -> Iterator[Array]:
     """Statistics (T,) of other data under the fitted model, alpha fitted to them; without end.
 
@@ -369,7 +369,7 @@ def replicated(
 
 
 def outliers_of(
-    residuals: Residuals, table: Experiments, settings: JudgementSettings = JUDGEMENT
+    residuals: Residuals, table: Experiments, settings: AssessmentSettings = ASSESSMENT
 ) -> tuple[Outlier, ...]:
     """The observations that the farthest of M lies beyond once in twenty times, farthest first."""
     seen = table.observations
@@ -392,7 +392,7 @@ LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may 
 HEAVY = "more outcomes lie far out, and more in the middle, than the law says"
 
 
-def told(
+def discrepancy_of(
     test: Statistic, several: bool, within: Collection[str], measured: Collection[str] = ()
 ) -> Discrepancy:
     """A test as a sentence with a remedy.

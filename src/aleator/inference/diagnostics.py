@@ -376,7 +376,7 @@ def of_experiments(
     rows = np.flatnonzero(which)
     if not rows.size:
         return []
-    names = tuple(ids[l] for l in rows)
+    names = tuple(ids[l] for l in rows.tolist())
     return [Diagnostic(about, f"{named(rows, ids)}: {message}", remedy, names)]
 
 
@@ -397,7 +397,7 @@ def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnost
     return refusals
 
 
-def held_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diagnostic]:
+def limit_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diagnostic]:
     """Experiments whose covariates would take a value of their law beyond its limits."""
     return [
         warning

@@ -6,7 +6,6 @@ comparison, posterior, the best possible law and the design of further experimen
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,11 +19,9 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, NodeRule
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import LogLikelihood, Scored
 from aleator.search.newton import ASCENT, Summit, ascended, held
 from aleator.search.objective import SIGHT
-
-Objective = Callable[[Array], LogLikelihood]
 
 
 @dataclass(frozen=True)
@@ -103,7 +100,7 @@ class Fit:
         """Log-densities (N,) of all experiments at alpha, with scores (N, K)."""
         return self._scored
 
-    def objective(self) -> Objective:
+    def objective(self) -> Scored:
         """The same as a function of alpha, which a search or a sampler may climb."""
         return self.likelihood.objective()
 
@@ -139,7 +136,7 @@ class Fit:
 class Weighted:
     """An objective in which experiment l counts `weights[l]` times, (N,)."""
 
-    objective: Callable[[Array], LogLikelihood]
+    objective: Scored
     weights: Array
 
     def __call__(self, alpha: Array) -> LogLikelihood:
@@ -211,7 +208,7 @@ def refitted(fit: Fit, weights: Array | None = None, settings: RefitSettings = R
     values too: the score by a standard deviation is zero at zero, whether that is the maximum or
     not, so that no climb begins there. Cost: a climb, some ten evaluations; two with such a scale.
     """
-    objective: Objective = fit.objective()
+    objective: Scored = fit.objective()
     if weights is not None:
         objective = Weighted(objective, weights)
     end = _climb(fit, objective, fit.alpha, fit.inference.information)
@@ -222,7 +219,7 @@ def refitted(fit: Fit, weights: Array | None = None, settings: RefitSettings = R
     return Refit(fit.at(end.alpha), end.value, end.value > SIGHT.floor and end.gain < settings.left)
 
 
-def _climb(fit: Fit, objective: Objective, alpha: Array, matrix: Array) -> Summit:
+def _climb(fit: Fit, objective: Scored, alpha: Array, matrix: Array) -> Summit:
     return ascended(
         objective,
         alpha,
@@ -242,7 +239,7 @@ def _near_zero(fit: Fit, alpha: Array) -> list[int]:
     return found
 
 
-def _best(objective: Objective, alpha: Array, k: int, h: Hyperparameter, trials: int) -> Array:
+def _best(objective: Scored, alpha: Array, k: int, h: Hyperparameter, trials: int) -> Array:
     """The best of alpha with hyperparameter k at scales above zero."""
     scales = np.geomspace(max(h.lower, LIMITS.nearest * h.upper), h.upper, trials + 2)[1:-1]
     points = np.repeat(alpha[None], trials, axis=0)

@@ -6,11 +6,8 @@ over each experiment's own parameters, with nodes adapted to alpha.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from scipy import special
@@ -37,7 +34,7 @@ from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
 from aleator.observations.responses import Observations
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import LogLikelihood, Scored
 from aleator.simulators import Runner
 from aleator.surrogates.responses import DirectResponse, OutcomeDistribution
 
@@ -66,140 +63,6 @@ class FitSettings:
 FIT = FitSettings()
 
 
-class LikelihoodAt(ABC):
-    """The likelihood of N experiments with M observations at alpha (K,).
-
-    A value: each method that changes something returns another one. Those with a default need
-    measurement noise, without which an outcome tells no single parameter.
-    """
-
-    alpha: Array
-
-    @property
-    @abstractmethod
-    def inputs(self) -> Inputs:
-        """The laws of the parameters, resolved by the covariates that they follow."""
-
-    @property
-    @abstractmethod
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of alpha, in its order."""
-
-    @property
-    @abstractmethod
-    def count(self) -> int:
-        """N."""
-
-    @property
-    @abstractmethod
-    def region(self) -> Array:
-        """Where simulated values are known, (n, 2): the region of the surfaces, or the box."""
-
-    @property
-    @abstractmethod
-    def roughness(self) -> Array | None:
-        """Of each observation the estimated error of its surface, relative, (M,); None without."""
-
-    @abstractmethod
-    def scored(self) -> LogLikelihood:
-        """Log-densities (N,) of all experiments at alpha, with scores (N, K)."""
-
-    @abstractmethod
-    def log_likelihood(self) -> float:
-        """The sum of the log-densities, without priors; minus infinity beyond a support."""
-
-    @abstractmethod
-    def objective(self) -> Callable[[Array], LogLikelihood]:
-        """The same as a function of alpha, which a search may climb: continued where it ends."""
-
-    @abstractmethod
-    def honest(self) -> Callable[[Array], LogLikelihood]:
-        """The same for a sampler: a function of alpha alone, minus infinity outside a support."""
-
-    @abstractmethod
-    def more_nodes(self, alpha: Array) -> float:
-        """What more nodes change of the log-likelihood at alpha; zero where there are no more."""
-
-    @abstractmethod
-    def rough(self) -> Self:
-        """The same with the fewest nodes that serve."""
-
-    @abstractmethod
-    def for_replicates(self) -> tuple[Self, bool]:
-        """The same with nodes that many data sets in turn are quickly judged by.
-
-        And whether the maximum by these nodes is another one, so that alpha is to be moved there.
-        """
-
-    @abstractmethod
-    def at(self, alpha: Array) -> Self:
-        """The same data at another alpha."""
-
-    @abstractmethod
-    def seeing(self, seen: Observations) -> Self:
-        """The same experiments with other observations."""
-
-    @abstractmethod
-    def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """Other observations under the law and the noise of alpha, with bounds like those seen."""
-
-    @abstractmethod
-    def probabilities(self, seen: Observations, points: int | None) -> Array:
-        """P(below what was measured | earlier ones of the same experiment, alpha) (M,).
-
-        Under the right alpha they are independent and uniform. NaN where one is not known. By so
-        many `points` of each experiment where they are integrals; None takes what a report needs.
-        """
-
-    @abstractmethod
-    def span(self) -> tuple[Array, Array]:
-        """Ends (M,) between which each observation would lie, but for one in many thousands."""
-
-    @abstractmethod
-    def quantiles(self, probabilities: Array) -> Array:
-        """Quantiles (M, P) of what would be measured in place of each observation, under alpha.
-
-        Of the law, not of what is known of the experiment. NaN where there is none.
-        """
-
-    @abstractmethod
-    def simulated(self, x: Array) -> Array | None:
-        """What is known of the simulator at points x (J, n): of each observation, (M, J).
-
-        By its surfaces, or by itself where it is fast. NaN where it has no value; None with
-        collocation, which knows its nodes only.
-        """
-
-    def nodes(self) -> tuple[Array, Array] | None:
-        """With collocation its nodes x (J, n), and the outcomes of its runs there (M, J).
-
-        None where `simulated` answers.
-        """
-        return None
-
-    def variates(self) -> tuple[Array, Array] | None:
-        """Means (N, s) and mean products (N, s, s) of the variates of the scattering parameters.
-
-        Given the observations of their experiment; under the law they are standard normal. None
-        where there is no noise, or one observation an experiment, which tells no parameter alone.
-        """
-        return None
-
-    def individuals(self, rng: np.random.Generator) -> Array:  # noqa: ARG002
-        """A draw (N, n) of the parameters of each experiment given its observations.
-
-        Under the right model they are a sample of the law. Raises as `given`.
-        """
-        raise _without_noise()
-
-    def given(self, x: Array) -> Array:  # noqa: ARG002
-        """log p(observations of an experiment | parameters) (N, J) at points x (J, n).
-
-        Raises InputsError where there is no noise.
-        """
-        raise _without_noise()
-
-
 def _without_noise() -> InputsError:
     return InputsError(
         "without measurement noise an outcome has no density given its parameters",
@@ -208,7 +71,7 @@ def _without_noise() -> InputsError:
 
 
 @dataclass(frozen=True, eq=False)
-class OutcomesAt(LikelihoodAt):
+class OutcomesAt:
     """The likelihood of exact outcomes, one an experiment."""
 
     problem: Problem
@@ -217,102 +80,119 @@ class OutcomesAt(LikelihoodAt):
 
     @property
     def inputs(self) -> Inputs:
-        """Those of the model."""
+        """The laws of the parameters."""
         return self.problem.model.inputs
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the model."""
+        """Those of alpha, in its order."""
         return self.problem.model.hyperparameters
 
     @property
     def count(self) -> int:
-        """One outcome each."""
+        """N."""
         return len(self.problem.outcomes)
 
     @property
     def region(self) -> Array:
-        """That of the surfaces; with collocation the box."""
+        """Where simulated values are known, (n, 2): the region of the surfaces, else the box."""
         return self.problem.region
 
     @property
     def roughness(self) -> Array | None:
-        """Over the scatter of the outcome under the law, (N,)."""
+        """Of each outcome the estimated error of its surface over its scatter, (N,), or None."""
         surface, of = self.problem.surface, self.problem.condition
         return None if surface is None else relative_errors(surface)[of]
 
     def scored(self) -> LogLikelihood:
-        """With a smooth continuation where there is no density."""
+        """Log-densities (N,) at alpha with scores (N, K), continued where there is no density."""
         return self.problem.continued(self.alpha)
 
     def log_likelihood(self) -> float:
-        """Not continued."""
+        """Their sum without priors; minus infinity beyond a support."""
         return self.problem.likelihood.evaluate(self.alpha).likelihood
 
-    def objective(self) -> Callable[[Array], LogLikelihood]:
-        """Continued where there is no density."""
+    def objective(self) -> Scored:
+        """The same as a function of alpha that a search may climb, continued."""
         return self.problem.continued
 
-    def honest(self) -> Callable[[Array], LogLikelihood]:
-        """Not continued."""
+    def honest(self) -> Scored:
+        """The same for a sampler: minus infinity beyond a support."""
         return self.problem.likelihood
 
     def more_nodes(self, alpha: Array) -> float:
-        """With half as many nodes again; zero for collocation, where nodes cost runs."""
+        """What half as many nodes again change of the log-likelihood at alpha.
+
+        Zero for collocation, where nodes cost runs.
+        """
         return self.problem.gap(alpha)
 
     def rough(self) -> OutcomesAt:
-        """With level sets on coarser grids; other nodes are those of the law."""
+        """The same with level sets on coarser grids; other nodes are those of the law."""
         return replace(self, problem=self.problem.coarse())
 
     def for_replicates(self) -> tuple[OutcomesAt, bool]:
-        """On coarser grids, alpha fitted by these; other nodes are those of the law."""
+        """The same with nodes that many data sets in turn are quickly judged by.
+
+        And whether the maximum by these nodes is another one, so that alpha is to be moved there.
+        """
         levels = self.problem.levels is not None
         return (self.rough() if levels else self), levels
 
     def at(self, alpha: Array) -> OutcomesAt:
-        """The same outcomes."""
+        """The same outcomes at another alpha."""
         return replace(self, alpha=alpha)
 
     def seeing(self, seen: Observations) -> OutcomesAt:
-        """The lower ends are the outcomes."""
+        """The same experiments with other observations, whose lower ends are the outcomes."""
         return replace(self, problem=self.problem.given(seen.lower))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """With surfaces values of these, and with level sets of the simulator.
+        """Other outcomes under the law of alpha.
 
-        With collocation they are quantiles of the densities, and where one failed the outcome
-        stays as it is.
+        With surfaces values of these, and with level sets of the simulator. With collocation they
+        are quantiles of the densities; where one failed the outcome stays as it is.
         """
         (response,) = seen.responses
         return Observations.exact(self._drawn(rng), response.name, response.transform)
 
     def probabilities(self, seen: Observations, points: int | None) -> Array:  # noqa: ARG002
-        """By the distributions of the outcomes."""
+        """P(below what was measured | alpha) (N,): uniform under the right alpha."""
         return self._under.cdf(self.problem.outcomes)
 
     def span(self) -> tuple[Array, Array]:
-        """Some standard deviations about the mean, within what can be reached."""
+        """Ends (N,) between which each outcome would lie, within what can be reached."""
         under, ends, far = self._under, self.problem.predictor, self.settings.span
         low, high = under.mean - far * under.sd, under.mean + far * under.sd
         return np.maximum(ends.lower, low), np.minimum(ends.upper, high)
 
     def quantiles(self, probabilities: Array) -> Array:
-        """Those of the densities."""
+        """Quantiles (N, P) of each outcome under alpha."""
         return self._under.quantile(probabilities)
 
     def simulated(self, x: Array) -> Array | None:
-        """Of surfaces, or of a simulator that is integrated over itself."""
+        """The simulated outcomes (N, J) at points x (J, n); None with collocation."""
         if not self.problem.free:
             return None
         return self.problem.response.evaluate(x)[self.problem.condition]
 
     def nodes(self) -> tuple[Array, Array] | None:
-        """Those of the law at alpha, whose runs the likelihood at alpha has made."""
+        """With collocation its nodes x (J, n) and their outcomes (N, J); else None."""
         if self.problem.free:
             return None
         x = self.problem.nodes(self.alpha)
         return x, self.problem.response.evaluate(x)[self.problem.condition]
+
+    def variates(self) -> None:
+        """None: an outcome tells no single parameter."""
+
+    def individuals(self, rng: np.random.Generator) -> Array:  # noqa: ARG002
+        """Raises InputsError: without noise an experiment has no law of its own parameters."""
+        raise _without_noise()
+
+    def given(self, x: Array) -> Array:  # noqa: ARG002
+        """Raises InputsError: without noise there is no density given the parameters."""
+        raise _without_noise()
 
     def _drawn(self, rng: np.random.Generator) -> Array:
         """Outcomes (N,), simulated ones each at a point of its own, which may be far out."""
@@ -351,7 +231,7 @@ class OutcomesAt(LikelihoodAt):
 
 
 @dataclass(frozen=True, eq=False)
-class IndividualsAt(LikelihoodAt):
+class IndividualsAt:
     """The integral over each experiment's own parameters, on surfaces or the simulator itself.
 
     `fewest` is the rule with the fewest nodes of which more hardly change the log-likelihood. Nodes
@@ -366,7 +246,7 @@ class IndividualsAt(LikelihoodAt):
 
     @property
     def inputs(self) -> Inputs:
-        """Resolved by the covariates."""
+        """The laws of the parameters, resolved by the covariates that they follow."""
         return self.integral.inputs
 
     @property
@@ -376,45 +256,45 @@ class IndividualsAt(LikelihoodAt):
 
     @property
     def count(self) -> int:
-        """Of one observation or more."""
+        """N."""
         return self.integral.count
 
     @property
     def region(self) -> Array:
-        """That of the surfaces; of the simulator itself the box."""
+        """Where simulated values are known, (n, 2): the region of the surfaces, else the box."""
         predictor = self.integral.predictor
         return predictor.region if isinstance(predictor, OnSurfaces) else self.inputs.box
 
     @property
     def roughness(self) -> Array | None:
-        """Over the noise, (M,)."""
+        """Of each observation the estimated error of its surface over the noise, (M,), or None."""
         predictor = self.integral.predictor
         if not isinstance(predictor, OnSurfaces):
             return None
         return relative_errors(predictor.surface)[predictor.of]
 
     def scored(self) -> LogLikelihood:
-        """With the nodes as they are."""
+        """Log-densities (N,) at alpha with scores (N, K), by the nodes as they are."""
         return self.integral(self.alpha)
 
     def log_likelihood(self) -> float:
-        """With the nodes as they are."""
+        """Their sum without priors, by the nodes as they are."""
         return self.integral.evaluate(self.alpha).likelihood
 
-    def objective(self) -> Callable[[Array], LogLikelihood]:
-        """Nodes follow alpha, but importance points, whose error does."""
+    def objective(self) -> Scored:
+        """A function of alpha that a search may climb: nodes follow, but importance points."""
         one = self.integral.rule.centers == 1
         return self.integral.continued if one else self.integral.__call__
 
-    def honest(self) -> Callable[[Array], LogLikelihood]:
-        """With nodes adapted to each alpha, from those here; importance points are kept."""
+    def honest(self) -> Scored:
+        """A function of alpha alone: nodes are adapted to each, but importance points are kept."""
         here = self.integral
         if here.rule.centers > 1 or not here.inputs.scattering:
             return here.__call__
         return lambda alpha: here.adapted(alpha)(alpha)
 
     def more_nodes(self, alpha: Array) -> float:
-        """By the finest of the rules that tell how exact this one is, adapted to alpha."""
+        """What the finest of the rules that tell how exact this one is changes at alpha."""
         here, s = self.integral, self.inputs.scattering
         finer = here.rule.finer(s) if s else ()
         if not finer:
@@ -424,7 +304,7 @@ class IndividualsAt(LikelihoodAt):
         return more - self.honest()(alpha).likelihood
 
     def rough(self) -> IndividualsAt:
-        """By the roughest rule that serves."""
+        """The same by the roughest rule that serves."""
         return replace(self, integral=self.integral.by(self.fewest.rough, self.alpha))
 
     def for_replicates(self) -> tuple[IndividualsAt, bool]:
@@ -439,27 +319,30 @@ class IndividualsAt(LikelihoodAt):
         return replace(self, integral=integral, kept=integral.parameters is not None), False
 
     def at(self, alpha: Array) -> IndividualsAt:
-        """Nodes are adapted to it, unless they are kept."""
+        """The same data at another alpha; nodes are adapted to it, unless they are kept."""
         return replace(self, integral=self._adapted(self.integral, alpha), alpha=alpha)
 
     def seeing(self, seen: Observations) -> IndividualsAt:
-        """Nodes are adapted to them, unless they are kept."""
+        """The same experiments with other observations; nodes are adapted, unless they are kept."""
         other = replace(self.integral, errors=self.integral.errors.of_others(seen))
         return replace(self, integral=self._adapted(other, self.alpha))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """Of values that are simulated under drawn parameters, with their errors."""
+        """Other observations under the law and the noise of alpha, with bounds like those seen."""
         eta = self._simulated(rng)
         uniform = rng.random(eta.shape)
         y = self.integral.errors.quantile(self._of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
         return censored_alike(seen, y, rng)
 
     def probabilities(self, seen: Observations, points: int | None) -> Array:
-        """By importance points: see `sequential_pit`."""
+        """P(below what was measured | earlier ones of the experiment, alpha) (M,).
+
+        Independent and uniform under the right alpha; see `sequential_pit`.
+        """
         return sequential_pit(self.integral, self.alpha, seen, points)
 
     def span(self) -> tuple[Array, Array]:
-        """Some standard deviations about the mean of what would be measured."""
+        """Ends (M,) between which each observation would lie, but for one in many thousands."""
         middle, reach = np.empty((2, self._observations))
         for block, eta, share in values_under_law(self.integral, self.alpha, self.settings.points):
             scale = self.integral.errors.scale(self._of_errors, eta, block.rows)
@@ -469,9 +352,10 @@ class IndividualsAt(LikelihoodAt):
         return middle - reach, middle + reach
 
     def quantiles(self, probabilities: Array) -> Array:
-        """Of one measurement at each of many points of the law and the error (Sobol).
+        """Quantiles (M, P) of what would be measured in place of each observation.
 
-        Exact to some hundredths of a standard deviation. NaN where no run gives a value.
+        Of one measurement at each of many points of the law and the error (Sobol): exact to some
+        hundredths of a standard deviation. NaN where no run gives a value.
         """
         integral, inputs, count = self.integral, self.inputs, self.settings.marginal
         classes = len(inputs.classes)
@@ -490,7 +374,7 @@ class IndividualsAt(LikelihoodAt):
         return found
 
     def simulated(self, x: Array) -> Array:
-        """Of the surfaces, or of the simulator."""
+        """Simulated values (M, J) at points x (J, n), of the surfaces or the simulator."""
         found = np.empty((self._observations, len(x)))
         for block in self.integral.layout.blocks(len(x)):
             points = np.broadcast_to(x, (len(block), *x.shape))
@@ -498,12 +382,22 @@ class IndividualsAt(LikelihoodAt):
                 found[block.rows] = self.integral.predictor.values(block, points)
         return found
 
+    def nodes(self) -> None:
+        """None: `simulated` answers at any point."""
+
     def variates(self) -> tuple[Array, Array] | None:
-        """By the nodes."""
+        """Means (N, s) and mean products (N, s, s) of the variates, given the observations.
+
+        Under the law they are standard normal. None with one observation an experiment, which
+        tells no parameter alone.
+        """
         return None if self._alone else individual_variates(self.integral, self.alpha)
 
     def individuals(self, rng: np.random.Generator) -> Array:
-        """One of many points of its individual law."""
+        """A draw (N, n) of the parameters of each experiment given its observations.
+
+        Under the right model they are a sample of the law.
+        """
         found, count = np.empty((self.count, len(self.inputs.names))), self.settings.points
         for block in self.integral.layout.blocks(count):
             x, share = individual_points(self.integral, self.alpha, block, count)
@@ -514,7 +408,7 @@ class IndividualsAt(LikelihoodAt):
         return found
 
     def given(self, x: Array) -> Array:
-        """The sum over its observations."""
+        """log p(observations of an experiment | parameters) (N, J) at points x (J, n)."""
         found = np.empty((self.count, len(x)))
         for block in self.integral.layout.blocks(len(x)):
             points = np.broadcast_to(x, (len(block), *x.shape))
@@ -565,6 +459,13 @@ class IndividualsAt(LikelihoodAt):
             return eta
         found = self.integral.predictor.values(block, x[:, None])
         return np.where(lacking[block.owner], found, eta)
+
+
+LikelihoodAt = OutcomesAt | IndividualsAt
+"""The likelihood of N experiments with M observations at one alpha (K,).
+
+A value: each method that changes something returns another one. Both kinds answer the same.
+"""
 
 
 def censored_alike(seen: Observations, y: Array, rng: np.random.Generator) -> Observations:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,8 @@ import numpy as np
 from aleator.core.types import Array, Indices
 from aleator.inference.information import Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import Scored
 from aleator.search.newton import ascended, positive
-
-Objective = Callable[[Array], LogLikelihood]
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class LikelihoodGrid:
 
 
 def likelihood_curve(
-    objective: Objective,
+    objective: Scored,
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
@@ -82,7 +80,7 @@ def likelihood_curve(
 
 
 def likelihood_surface(
-    objective: Objective,
+    objective: Scored,
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
@@ -122,7 +120,7 @@ def likelihood_surface(
     )
 
 
-def around(
+def curve_points(
     interval: Sequence[float], estimate: float, h: Hyperparameter, settings: ShapeSettings = SHAPE
 ) -> Array:
     """The estimate, both ends of its interval, and somewhat beyond, within the limits.

@@ -412,7 +412,7 @@ def gap(fit: Fit, points: Array, settings: NPMLESettings = NPMLE_SETTINGS) -> fl
     return best - fit.scored().likelihood
 
 
-def judged(
+def gap_test(
     fit: Fit,
     points: Points,
     most: int,

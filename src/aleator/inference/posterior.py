@@ -24,7 +24,7 @@ from aleator.core.types import Array, Flags, Indices
 from aleator.errors import AleatorError, installing
 from aleator.inference.information import DIFFERENCES
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import LogLikelihood, Scored
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class RealLine:
     impossible; the others are as in `alpha` (K,). Constant factors are left out.
     """
 
-    objective: Callable[[Array], LogLikelihood]
+    objective: Scored
     hyperparameters: Sequence[Hyperparameter]
     alpha: Array
     moving: Indices

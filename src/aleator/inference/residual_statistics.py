@@ -301,7 +301,7 @@ class Relations:
         pairs = [products[:, i, j].mean() for i, j in self.pairs]
         return np.concatenate([pairs, (of_size_one(means).T @ self.ranks.T).ravel()])
 
-    def told(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
+    def correlations(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
         """The correlations of individual means with all else, each with the p of its test."""
         if not tests:
             return ()

@@ -6,13 +6,14 @@ import json
 import os
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from pydantic import ConfigDict, TypeAdapter
 from scipy import special
 
 from aleator.core.progress import Progress, Silent
@@ -91,10 +92,16 @@ class Refitted:
     The status is "arrived", or says that the climb did not end at a maximum.
     """
 
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
     number: int
     alpha: tuple[float, ...]
     log_likelihood: float
     status: str
+
+
+REPLICATE = TypeAdapter(Refitted)
+"""Reads a replicate strictly: a number is no text, and every field is there."""
 
 
 @dataclass(frozen=True)
@@ -125,21 +132,16 @@ class ReplicateFile:
 
     def _replicate(self, number: int, line: Mapping[str, Any]) -> Refitted:
         """What a line of the file says; raises AleatorError where it is no replicate."""
-        alpha = line.get("alpha")
-        sound = (
-            line.keys() == {field.name for field in fields(Refitted)}
-            and isinstance(alpha, list)
-            and len(alpha) == len(self.head["hyperparameters"])
-            and all(type(value) in (int, float) for value in (*alpha, line["log_likelihood"]))
-            and type(line["number"]) is int
-            and isinstance(line["status"], str)
-        )
-        if not sound:
+        try:
+            found = REPLICATE.validate_json(json.dumps(line), strict=True)
+        except ValueError:
+            found = None
+        if found is None or len(found.alpha) != len(self.head["hyperparameters"]):
             raise AleatorError(
                 f"{short(self.path)}: line {number} is no replicate",
                 "delete the line, and its replicate is made again",
             )
-        return Refitted(**{**line, "alpha": tuple(map(float, alpha or ()))})
+        return found
 
     def add(self, replicate: Refitted) -> None:
         """Append a line, and have it on the disk before anything else is done."""

@@ -21,7 +21,7 @@ from aleator.fit.regions import REGIONS, padded, region_of, within
 from aleator.fit.result import law_curves
 from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
-from aleator.inference.npmle import NPMLE, GapTest, gradient, judged, mixed, npmle
+from aleator.inference.npmle import NPMLE, GapTest, gap_test, gradient, mixed, npmle
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import OnSurfaces
 from aleator.results import printed
@@ -171,7 +171,7 @@ def ceiling_of(
     test = None
     if replicates:
         progress.stage("bootstrap of the gap")
-        test = judged(fit, sought.points, replicates, seed, progress)
+        test = gap_test(fit, sought.points, replicates, seed, progress)
     names = sought.names
     x = sought.x(best.points)[:, sought.moving]
     order = np.lexsort((*x.T[::-1],))
@@ -221,7 +221,7 @@ def best_possible(
     if len(fit.table.observations) * sought.count > _allowed(fit, settings):
         return None
     best = best_of(sought, seed).log_likelihood
-    test = judged(fit, sought.points, settings.replicates, seed, progress)
+    test = gap_test(fit, sought.points, settings.replicates, seed, progress)
     if test is None:
         return None
     return {

@@ -23,12 +23,11 @@ from aleator.inference.rare_events import (
     uniform_points,
 )
 from aleator.tasks.new_experiments import (
-    GROUND,
-    NEAR,
+    CONTEXT,
     DrawnParameters,
     Exploration,
-    Near,
     Points,
+    PredictedValue,
     normal_points,
     some_of,
 )
@@ -95,14 +94,14 @@ class Sample:
         return Points.joined(self.replicates)
 
 
-def of_law(near: Near) -> Sample:
+def of_law(predicted: PredictedValue) -> Sample:
     """Points of the law itself."""
-    s = near.ground.inputs.scattering
+    s = predicted.context.inputs.scattering
     return Sample(tuple(Points.standard(SAMPLE.each, s, seed) for seed in range(SAMPLE.replicates)))
 
 
 def about_event(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     choice: CrossEntropy | None = None,
@@ -115,31 +114,35 @@ def about_event(
     points: the variates of an event move little with alpha.
     """
     laws, choice = chosen_laws(draws), choice or CrossEntropy()
-    if near.surface is not None:
-        near.surface.follow(near.wide(laws[0][: settings.followed], settings.far, settings.placed))
-    before, found = np.nan, sought(near, draws, event, choice)
-    for _ in range(settings.rounds if near.surface is not None and found.reached else 0):
-        assert near.surface is not None
+    if predicted.surface is not None:
+        predicted.surface.follow(
+            predicted.wide(laws[0][: settings.followed], settings.far, settings.placed)
+        )
+    before, found = np.nan, sought(predicted, draws, event, choice)
+    for _ in range(settings.rounds if predicted.surface is not None and found.reached else 0):
+        assert predicted.surface is not None
         points = found.replicates[0]
-        away, weights = missed(near, laws, event, points)
+        away, weights = missed(predicted, laws, event, points)
         now = float(np.sum(weights, where=away == 0.0))
         if abs(now - before) < settings.still * now:
             break
         before = now
-        x = near.outcomes(laws[0][: settings.followed], _heavy(points, away, weights))[1].x
-        near.surface.follow(x.reshape(-1, x.shape[2]))
-        found = sought(near, draws, event, choice)
+        x = predicted.outcomes(laws[0][: settings.followed], _heavy(points, away, weights))[1].x
+        predicted.surface.follow(x.reshape(-1, x.shape[2]))
+        found = sought(predicted, draws, event, choice)
     return found
 
 
-def sought(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) -> Sample:
+def sought(
+    predicted: PredictedValue, draws: AlphaDraws, event: Event, choice: CrossEntropy
+) -> Sample:
     """The same by the surface as it is, or by the simulator."""
     laws = chosen_laws(draws)
-    return _sought(near, lambda points: missed(near, laws, event, points), choice)
+    return _sought(predicted, lambda points: missed(predicted, laws, event, points), choice)
 
 
 def possible(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     choice: CrossEntropy,
@@ -149,24 +152,24 @@ def possible(
     laws = chosen_laws(draws, settings.followed)
 
     def away(points: Points) -> tuple[Array, Array]:
-        y, apart, found = near.possible(laws[0], points)
+        y, apart, found = predicted.possible(laws[0], points)
         least = np.maximum(event.missed(y) - settings.sure * apart, 0.0)
         return _by_law(least, found, laws[1], points)
 
-    return _sought(near, away, choice)
+    return _sought(predicted, away, choice)
 
 
 def _sought(
-    near: Near, away: Callable[[Points], tuple[Array, Array]], choice: CrossEntropy
+    predicted: PredictedValue, away: Callable[[Points], tuple[Array, Array]], choice: CrossEntropy
 ) -> Sample:
-    if near.ground.measured is not None:
-        return of_law(near)
+    if predicted.context.measured is not None:
+        return of_law(predicted)
     density, reached = importance_density(
-        lambda u: away(points_at(near, u)), variates(near), choice
+        lambda u: away(points_at(predicted, u)), variates(predicted), choice
     )
     seeds = range(100, 100 + SAMPLE.replicates)
     return Sample(
-        tuple(drawn(near, density, SAMPLE.each, seed) for seed in seeds), density, reached
+        tuple(drawn(predicted, density, SAMPLE.each, seed) for seed in seeds), density, reached
     )
 
 
@@ -177,22 +180,22 @@ def _heavy(points: Points, away: Array, weights: Array) -> Points:
     return Points(points.xi[order], points.score[order], points.weights[order])
 
 
-def drawn(near: Near, density: ImportanceDensity, count: int, seed: int) -> Points:
+def drawn(predicted: PredictedValue, density: ImportanceDensity, count: int, seed: int) -> Points:
     """Points of a density, with their weights; `count` is a power of two."""
-    u = density.drawn(uniform_points(count, variates(near) + 1, seed))
-    return points_at(near, u, density.weights(u))
+    u = density.drawn(uniform_points(count, variates(predicted) + 1, seed))
+    return points_at(predicted, u, density.weights(u))
 
 
-def points_at(near: Near, u: Array, weights: Array | None = None) -> Points:
+def points_at(predicted: PredictedValue, u: Array, weights: Array | None = None) -> Points:
     """The points u (J, d): parameters' variates first, then the error's if there is one."""
-    s = near.ground.inputs.scattering
-    score = np.zeros(len(u)) if near.ground.errors is None else u[:, s]
+    s = predicted.context.inputs.scattering
+    score = np.zeros(len(u)) if predicted.context.errors is None else u[:, s]
     return Points(u[:, :s], score, np.ones(len(u)) if weights is None else weights)
 
 
-def variates(near: Near) -> int:
+def variates(predicted: PredictedValue) -> int:
     """Variates of parameters and errors, one at least."""
-    return max(near.ground.inputs.scattering + (near.ground.errors is not None), 1)
+    return max(predicted.context.inputs.scattering + (predicted.context.errors is not None), 1)
 
 
 def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Array]:
@@ -206,10 +209,10 @@ def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Arr
 
 
 def missed(
-    near: Near, laws: tuple[Array, Array], event: Event, points: Points
+    predicted: PredictedValue, laws: tuple[Array, Array], event: Event, points: Points
 ) -> tuple[Array, Array]:
     """By how much (L, J) each law and class misses the event at the points, and its weight."""
-    y, found = near.outcomes(laws[0], points)
+    y, found = predicted.outcomes(laws[0], points)
     return _by_law(event.missed(y), found, laws[1], points)
 
 
@@ -222,23 +225,23 @@ def _by_law(
     return away.reshape(shape), weights.reshape(shape)
 
 
-def by_some(near: Near, draws: AlphaDraws, event: Event, points: Points) -> float:
+def by_some(predicted: PredictedValue, draws: AlphaDraws, event: Event, points: Points) -> float:
     """The probability of an event by points, under the laws that its density is sought for."""
-    away, weights = missed(near, chosen_laws(draws), event, points)
+    away, weights = missed(predicted, chosen_laws(draws), event, points)
     return float(np.sum(weights, where=away == 0.0)) / len(points.score)
 
 
-def often(near: Near, draws: AlphaDraws, event: Event) -> bool:
+def often(predicted: PredictedValue, draws: AlphaDraws, event: Event) -> bool:
     """Whether the event is more likely than its contrary."""
     laws = chosen_laws(draws)
     away, weights = missed(
-        near, laws, event, Points.standard(SAMPLE.each, near.ground.inputs.scattering)
+        predicted, laws, event, Points.standard(SAMPLE.each, predicted.context.inputs.scattering)
     )
     return bool(np.sum(weights, where=away == 0.0) > 0.5 * np.sum(weights, where=away < np.inf))
 
 
 def distance_of(
-    near: Near,
+    predicted: PredictedValue,
     alpha: Array,
     event: Event,
     samples: Sequence[Points],
@@ -251,21 +254,21 @@ def distance_of(
     """
 
     def inside(points: Points) -> Flags:
-        away = missed(near, (alpha[None], np.ones(1)), event, points)[0]
+        away = missed(predicted, (alpha[None], np.ones(1)), event, points)[0]
         return np.asarray(np.any(away == 0.0, axis=0))
 
-    s = near.ground.inputs.scattering
+    s = predicted.context.inputs.scattering
     points = Points.joined(samples)
-    u = np.column_stack([points.xi, points.score])[:, : variates(near)]
+    u = np.column_stack([points.xi, points.score])[:, : variates(predicted)]
     u = u[inside(points)]
-    if not len(u) or variates(near) > u.shape[1]:
+    if not len(u) or variates(predicted) > u.shape[1]:
         return float("nan")
     best = u[np.argmin(np.sum(u**2, axis=1))]
     rng, step = np.random.default_rng(s), 0.5
     for _ in range(settings.searches):
         tried = best + step * rng.normal(size=(settings.each, best.size))
         tried = tried[np.sum(tried**2, axis=1) < np.sum(best**2)]
-        tried = tried[inside(points_at(near, tried))] if len(tried) else tried
+        tried = tried[inside(points_at(predicted, tried))] if len(tried) else tried
         if not len(tried):
             step *= 0.5
         else:
@@ -304,11 +307,11 @@ class SurfaceDoubt:
 
     @classmethod
     def of(
-        cls, near: Near, draws: AlphaDraws, event: Event, points: Points, count: int
+        cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, points: Points, count: int
     ) -> SurfaceDoubt:
         """By some of the points and so many laws."""
         laws, share = chosen_laws(draws, count)
-        y, apart, found = near.possible(laws, points.thinned(SAMPLE.pool // len(laws)))
+        y, apart, found = predicted.possible(laws, points.thinned(SAMPLE.pool // len(laws)))
         mass = share[:, None] * found.weights
         away = np.nan_to_num(event.distance(y), nan=np.inf)
         return cls(found.x, found.score, laws, mass, event.holds(y), away, apart)
@@ -338,7 +341,7 @@ class Correction:
 
 
 def explored(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     probability: float,
@@ -350,24 +353,24 @@ def explored(
 
     Sobol' points of the variates, each under a law of its own.
     """
-    assert near.surface is not None
-    d = variates(near)
+    assert predicted.surface is not None
+    d = variates(predicted)
     farthest = stats.chi.isf(max(choice.beyond * probability, settings.tiny), d)
-    u, _ = _all_over(choice.runs, d, min(farthest, NEAR.reach), settings.seed + seed, settings)
+    u, _ = _all_over(choice.runs, d, min(farthest, CONTEXT.reach), settings.seed + seed, settings)
     _, weights = _all_over(
-        settings.pool, d, min(farthest, NEAR.reach), settings.seed + seed, settings
+        settings.pool, d, min(farthest, CONTEXT.reach), settings.seed + seed, settings
     )
     unseen = unseen_by(weights, choice.runs, settings=settings)
     rng = np.random.default_rng([settings.seed, seed])
     laws, share = chosen_laws(draws)
-    y, sd, found = near.possible(laws, points_at(near, u))
+    y, sd, found = predicted.possible(laws, points_at(predicted, u))
     mass = (share[:, None] * found.weights).reshape(-1, len(u)).cumsum(axis=0)
     row = (mass < rng.uniform(size=len(u)) * mass[-1]).sum(axis=0)
     law, place = np.unravel_index(row * len(u) + np.arange(len(u)), y.shape)
     x, y, sd = found.x[law, place], y[law, place], sd[law, place]
-    run = near.at_runs(laws[law], x, found.score[place])
-    usual = near.outcomes(
-        laws, points_at(near, normal_points(settings.pool // settings.usual, d, settings.seed))
+    run = predicted.at_runs(laws[law], x, found.score[place])
+    usual = predicted.outcomes(
+        laws, points_at(predicted, normal_points(settings.pool // settings.usual, d, settings.seed))
     )[0]
     scale = np.nan_to_num(event.distance(y)) + float(np.nanstd(usual))
     sure = stats.norm.isf(0.5 * settings.missed / choice.runs)
@@ -376,20 +379,20 @@ def explored(
     return Explored(x, apart, float(unseen))
 
 
-def settling(near: Near, doubt: SurfaceDoubt, count: int) -> Array:
+def settling(predicted: PredictedValue, doubt: SurfaceDoubt, count: int) -> Array:
     """Points (count, n) of runs that leave the least probability on the wrong side of an end.
 
     A run lowers the variances of all outcomes by their covariances with its own. Each point is the
     best one after those before (stepwise uncertainty reduction; Bect et al., 2012), among those of
     which the surface has most wrong.
     """
-    assert near.surface is not None
+    assert predicted.surface is not None
     wrong = doubt.wrong.ravel()
-    top = np.argsort(-wrong, kind="stable")[: GROUND.places]
+    top = np.argsort(-wrong, kind="stable")[: CONTEXT.places]
     x, mass, away, apart = (
         part.reshape(wrong.size, -1)[top] for part in (doubt.x, doubt.mass, doubt.away, doubt.apart)
     )
-    surface = near.surface.kriged
+    surface = predicted.surface.kriged
     joint, noise = surface.joint(x), surface.missed.noise
     # measurement errors may stretch deviations
     unit = apart / np.sqrt(np.maximum(np.diag(joint), noise))[:, None]
@@ -446,7 +449,7 @@ def unseen_by(weights: Array, runs: int, settings: SampleSettings = SAMPLE) -> f
 
 
 def corrected(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     points: Points,
@@ -460,7 +463,7 @@ def corrected(
     point. Where all agree the correction is zero, and its error is that mass of which one of R + 1
     might differ. What is in the event far from where the surface sees it is not found.
     """
-    known = SurfaceDoubt.of(near, draws, event, points, settings.laws)
+    known = SurfaceDoubt.of(predicted, draws, event, points, settings.laws)
     doubt = known.mass * np.exp(-_deviations(known.away, known.apart))
     parts = ((settings.doubted, doubt), (1.0 - settings.doubted, known.mass * known.within))
     chance = np.sum(
@@ -472,7 +475,7 @@ def corrected(
     rng = np.random.default_rng(settings.seed)
     chosen = rng.choice(chance.size, size=checks, p=chance.ravel())
     law, place = np.unravel_index(chosen, chance.shape)
-    run = near.at_runs(known.alphas[law], known.x[law, place], known.score[place])
+    run = predicted.at_runs(known.alphas[law], known.x[law, place], known.score[place])
     ratio = known.mass[law, place] / chance[law, place]
     apart = (event.holds(run).astype(float) - known.within[law, place]) * ratio
     doubted = float(known.wrong.sum()) / (checks + 1)

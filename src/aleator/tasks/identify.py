@@ -153,8 +153,8 @@ def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -
 
 def _session(answer: Answer, table: Experiments) -> Session:
     """What the answer was made with, for what is asked of it later."""
-    certain = answer.certain
-    question, end = certain.refined.question, certain.settled
+    certain = answer.inferred
+    question, end = certain.refined.question, certain.maximum
     if isinstance(end.likelihood, Problem):
         fit = Fit.of_outcomes(end.likelihood, end.alpha, certain.inference, table)
         return Session.of_outcomes(end.likelihood.model, question.runner.simulator, fit)

@@ -41,13 +41,13 @@ from aleator.surrogates.responses import Samples, Sites, moving_parameters
 from aleator.surrogates.shared import PROCESS, SHARING, Covariance, ProcessPosterior, learned
 
 
-def direct(runner: Runner, box: Array, region: Array) -> Predictor:
+def simulator_itself(runner: Runner, box: Array, region: Array) -> Predictor:
     """The simulator itself, with arrays where it takes them."""
     runner.takes_arrays(region)
     return Direct(runner, moving_parameters(box), box)
 
 
-def about(
+def surfaces_about(
     runner: Runner,
     box: Array,
     x: Array,
@@ -59,12 +59,12 @@ def about(
     region = padded(ends_of(x) if ends is None else ends, box)
     moving, sites = moving_parameters(region), Sites.seen(runner, runner.unit, runner.column)
     if not moving.size:
-        return direct(runner, box, region)
-    where = x[:: max(1, len(x) // GROUND.places)][:, moving]
+        return simulator_itself(runner, box, region)
+    where = x[:: max(1, len(x) // CONTEXT.places)][:, moving]
     run = sites.run(runner, region)
     surfaces = AdaptiveSurfaces(run, region[moving], len(sites), choice)
     surfaces.judge(where)
-    surfaces.refine(where, GROUND.level, tell)
+    surfaces.refine(where, CONTEXT.level, tell)
     return OnSurfaces(surfaces.surface(), region, sites.of)
 
 
@@ -74,7 +74,7 @@ def ends_of(x: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class GroundSettings:
+class ContextSettings:
     """Points of laws, and surfaces that are exact there; by judgement."""
 
     most: int = 64
@@ -91,19 +91,20 @@ class GroundSettings:
     """Estimated error of a surface over the scatter of its outcome."""
     edge: float = 1e-12
     """Uniform numbers stay so far from zero and one."""
-    pad: float = 0.05
-    """Share of its width by which a region is widened on either side."""
-    least: float = 1e-3
-    """Width of a region over that of the box, at least."""
     places: int = 512
     """Points of a law by which runs are placed and errors judged."""
     points: int = 512
     """Points of the law for each alpha."""
     largest: int = 4_000_000
     """Simulated values that are held at once."""
+    reach: float = 6.5
+    """Standard normal variates that a surface of a rare event reaches to: 4e-11 of the law lie
+    beyond."""
+    seed: int = 5
+    """Seed of the points by which such a surface is placed."""
 
 
-GROUND = GroundSettings()
+CONTEXT = ContextSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +128,7 @@ class MeasuredExperiments:
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class PredictionContext:
     """B experiments with m values that are asked for, under laws `inputs` of their own.
 
     `errors` are those of a measurement; without them the values are the simulated ones.
@@ -143,7 +144,7 @@ class Ground:
     surfaces: ResponseSurface
     measured: MeasuredExperiments | None = None
     tested: Experiments | None = None
-    settings: GroundSettings = GROUND
+    settings: ContextSettings = CONTEXT
 
     @property
     def count(self) -> int:
@@ -185,7 +186,7 @@ class Ground:
         return np.where(np.isfinite(eta), y, eta)
 
 
-def _below(score: Array, settings: GroundSettings = GROUND) -> Array:
+def _below(score: Array, settings: ContextSettings = CONTEXT) -> Array:
     return np.asarray(special.ndtr(np.clip(score, -settings.certain, settings.certain)))
 
 
@@ -237,30 +238,34 @@ def normal_points(count: int, dimensions: int, seed: int) -> Array:
     """Scrambled Sobol' points (count, dimensions) of the standard normal law."""
     power = int(np.ceil(np.log2(count)))
     uniform = qmc.Sobol(dimensions, rng=seed).random_base2(power)[:count]
-    return np.asarray(special.ndtri(np.clip(uniform, GROUND.edge, 1.0 - GROUND.edge)))
+    return np.asarray(special.ndtri(np.clip(uniform, CONTEXT.edge, 1.0 - CONTEXT.edge)))
 
 
-def parameters(ground: Ground, alphas: Array, experiment: int, points: Points) -> DrawnParameters:
+def parameters(
+    context: PredictionContext, alphas: Array, experiment: int, points: Points
+) -> DrawnParameters:
     """Those of one experiment at the same points under the laws alphas (A, K)."""
-    if ground.measured is not None:
-        return _of_measured(ground, alphas, experiment, points)
-    inputs, one = ground.inputs, slice(experiment, experiment + 1)
+    if context.measured is not None:
+        return _of_measured(context, alphas, experiment, points)
+    inputs, one = context.inputs, slice(experiment, experiment + 1)
     classes = len(inputs.classes)
     xi = np.tile(points.xi, (1, classes, 1))
-    found = [inputs.individual(ground.law(alpha), xi, one) for alpha in alphas]
+    found = [inputs.individual(context.law(alpha), xi, one) for alpha in alphas]
     own = np.tile(points.weights, classes) / len(points.weights)
     weights = np.stack([np.exp(part.log_weight[0]) * own for part in found])
     x = np.stack([part.x[0] for part in found])
     return DrawnParameters(x, weights, np.tile(points.score, classes))
 
 
-def _of_measured(ground: Ground, alphas: Array, experiment: int, points: Points) -> DrawnParameters:
+def _of_measured(
+    context: PredictionContext, alphas: Array, experiment: int, points: Points
+) -> DrawnParameters:
     """Given the observations: points about the individual law, weighted by the likelihood."""
-    assert ground.measured is not None
-    which, count = int(ground.measured.which[experiment]), len(points.score)
+    assert context.measured is not None
+    which, count = int(context.measured.which[experiment]), len(points.score)
     x, weights = [], []
     for alpha in alphas:
-        likelihood = ground.measured.at(alpha)
+        likelihood = context.measured.at(alpha)
         own, share = individual_points(likelihood, alpha, likelihood.layout.alone(which), count)
         x.append(own[0])
         weights.append(share[0])
@@ -274,7 +279,7 @@ def simulated(values: Callable[[Block, Array], Array], block: Block, x: Array) -
     laws, points, n = x.shape
     size = block.owner.size
     found = np.empty((size, laws, points))
-    for rows in blocks(laws, points * size, GROUND.largest):
+    for rows in blocks(laws, points * size, CONTEXT.largest):
         part = x[rows]
         with np.errstate(all="ignore"):
             eta = values(block, part.reshape(1, -1, n))
@@ -282,53 +287,60 @@ def simulated(values: Callable[[Block, Array], Array], block: Block, x: Array) -
     return found
 
 
-def measured(ground: Ground, alphas: Array, eta: Array, score: Array, rows: slice) -> Array:
+def measured(
+    context: PredictionContext, alphas: Array, eta: Array, score: Array, rows: slice
+) -> Array:
     """What is measured (m, A, J) where eta (m, A, J) is simulated, under the errors of alphas."""
-    if ground.errors is None:
+    if context.errors is None:
         return eta
-    parts = [ground.values(a, eta[:, k], score, rows) for k, a in enumerate(alphas)]
+    parts = [context.values(a, eta[:, k], score, rows) for k, a in enumerate(alphas)]
     return np.stack(parts, axis=1)
 
 
 def predictor_for(
-    ground: Ground,
+    context: PredictionContext,
     draws: AlphaDraws,
     progress: Progress | None = None,
-    settings: GroundSettings = GROUND,
+    settings: ContextSettings = CONTEXT,
 ) -> Predictor:
     """The simulator, or surfaces of it that are exact where the laws of all draws lie."""
-    x, ends = law_points(ground, draws, settings=settings)
-    if ground.on_simulator:
-        return direct(ground.runner, ground.inputs.box, ends)
-    return about(ground.runner, ground.inputs.box, x, ground.surfaces, ends, told(progress))
+    x, ends = law_points(context, draws, settings=settings)
+    if context.on_simulator:
+        return simulator_itself(context.runner, context.inputs.box, ends)
+    return surfaces_about(
+        context.runner, context.inputs.box, x, context.surfaces, ends, told(progress)
+    )
 
 
 def law_points(
-    ground: Ground, draws: AlphaDraws, only: int | None = None, settings: GroundSettings = GROUND
+    context: PredictionContext,
+    draws: AlphaDraws,
+    only: int | None = None,
+    settings: ContextSettings = CONTEXT,
 ) -> tuple[Array, Array]:
     """Parameters (D, n) of experiments under all draws, and the region (n, 2) of their laws.
 
     Of all experiments, or `only` one. The region holds variates four out, one at a time.
     """
-    inputs, s = ground.inputs, ground.inputs.scattering
+    inputs, s = context.inputs, context.inputs.scattering
     alphas = np.concatenate([draws.estimate[None], draws.alpha])
-    if ground.measured is not None:
+    if context.measured is not None:
         few = Points.standard(settings.placed, s)
         x = np.concatenate(
             [
-                parameters(ground, alphas[:: 1 + len(alphas) // settings.placing], l, few).x
-                for l in (range(ground.count) if only is None else [only])
+                parameters(context, alphas[:: 1 + len(alphas) // settings.placing], l, few).x
+                for l in (range(context.count) if only is None else [only])
             ]
         ).reshape(-1, len(inputs.names))
         return x, ends_of(x)
     xi = normal_points(settings.placed, max(s, 1), 3)[:, :s]
     axes = settings.far * np.concatenate([np.eye(s), -np.eye(s)])
     first = only if only is not None and inputs.regressed else 0
-    last = ground.count if only is None and inputs.regressed else first + 1
+    last = context.count if only is None and inputs.regressed else first + 1
 
     def image(variates: Array) -> Array:
         whole = np.tile(variates, (last - first, len(inputs.classes), 1))
-        found = [inputs.individual(ground.law(a), whole, slice(first, last)).x for a in alphas]
+        found = [inputs.individual(context.law(a), whole, slice(first, last)).x for a in alphas]
         return np.concatenate([x.reshape(-1, len(inputs.names)) for x in found])
 
     x = image(xi)
@@ -336,21 +348,6 @@ def law_points(
 
 
 ZERO = np.zeros(1, dtype=np.intp)
-
-
-@dataclass(frozen=True)
-class NearSettings:
-    """How far a surface of a rare event reaches; by judgement.
-
-    reach: standard normal variates; 4e-11 of the law lie beyond. seed: that of the points by which
-    a surface is placed.
-    """
-
-    reach: float = 6.5
-    seed: int = 5
-
-
-NEAR = NearSettings()
 
 
 @dataclass(frozen=True)
@@ -385,7 +382,7 @@ class Kriged:
     def values(self, block: Block, x: Array) -> Array:
         """Values (1, J) at points x (1, J, n): those of the runs, where they were made."""
         found, z = self.trend.values(block, x), self.trend.inward(x[0])
-        for part in blocks(len(z), len(self.missed.u), GROUND.largest):
+        for part in blocks(len(z), len(self.missed.u), CONTEXT.largest):
             found[0, part] += self.missed.mean(_alike(z[part]), z[part])
         return found
 
@@ -414,19 +411,19 @@ class OneSurface:
     """
 
     def __init__(
-        self, ground: Ground, place: int, x: Array, ends: Array, progress: Progress | None,
-        most: int,
+        self, context: PredictionContext, place: int, x: Array, ends: Array,
+        progress: Progress | None, most: int,
     ) -> None:  # fmt: skip
-        runner = ground.runner
-        self.box, self.progress = ground.inputs.box, progress
+        runner = context.runner
+        self.box, self.progress = context.inputs.box, progress
         self._trend: OnSurfaces | None = None
         self._kriged: Kriged | None = None
-        self.settings = ground.settings
+        self.settings = context.settings
         self.region = padded(ends, self.box)
         where = slice(place, place + 1)
         self.sites = Sites.seen(runner, runner.unit[where], runner.column[where])
         moving = moving_parameters(self.region)
-        choice = replace(ground.surfaces, max_runs=min(most, ground.surfaces.max_runs))
+        choice = replace(context.surfaces, max_runs=min(most, context.surfaces.max_runs))
         self.run = self.sites.run(runner, self.region)
         self.surfaces = AdaptiveSurfaces(self.run, self.region[moving], 1, choice)
         self.further = Samples.none(1, moving.size)
@@ -502,10 +499,10 @@ def _alike(z: Array) -> Indices:
 
 
 @dataclass(frozen=True, eq=False)
-class Near:
+class PredictedValue:
     """Value number `place` of a ground, by the simulator or a surface of its own."""
 
-    ground: Ground
+    context: PredictionContext
     place: int
     block: Block
     surface: OneSurface | None
@@ -514,36 +511,36 @@ class Near:
     @classmethod
     def of(
         cls,
-        ground: Ground,
+        context: PredictionContext,
         place: int,
         draws: AlphaDraws,
         progress: Progress | None = None,
         most: int = Exploration.runs,
-    ) -> Near:
+    ) -> PredictedValue:
         """With a surface about the laws of all draws, unless the simulator itself is asked.
 
         The surface is a polynomial of at most `most` runs.
         """
-        runner, where = ground.runner, slice(place, place + 1)
+        runner, where = context.runner, slice(place, place + 1)
         layout = Layout(1, ZERO, runner.unit[where], runner.column[where])
-        x, ends = law_points(ground, draws, ground.experiment(place))
-        moving = moving_parameters(ground.inputs.box)
-        if ground.on_simulator or not moving_parameters(ends).size:
+        x, ends = law_points(context, draws, context.experiment(place))
+        moving = moving_parameters(context.inputs.box)
+        if context.on_simulator or not moving_parameters(ends).size:
             runner.takes_arrays(ends)
-            return cls(ground, place, layout.alone(0), None,
-                       Direct(runner, moving, ground.inputs.box))  # fmt: skip
-        surface = OneSurface(ground, place, x, ends, progress, most)
-        return cls(ground, place, layout.alone(0), surface, None)
+            return cls(context, place, layout.alone(0), None,
+                       Direct(runner, moving, context.inputs.box))  # fmt: skip
+        surface = OneSurface(context, place, x, ends, progress, most)
+        return cls(context, place, layout.alone(0), surface, None)
 
     @property
-    def fixed(self) -> Near:
+    def fixed(self) -> PredictedValue:
         """With its surface as it is now."""
         return replace(self, surface=None, direct=self.predictor)
 
     @property
     def experiment(self) -> int:
         """The experiment that it is of."""
-        return self.ground.experiment(self.place)
+        return self.context.experiment(self.place)
 
     @property
     def predictor(self) -> Predictor | Kriged:
@@ -555,43 +552,44 @@ class Near:
 
     def outcomes(self, alphas: Array, points: Points) -> tuple[Array, DrawnParameters]:
         """Outcomes (A, J) at the points under each law, and the parameters there."""
-        found = parameters(self.ground, alphas, self.experiment, points)
+        found = parameters(self.context, alphas, self.experiment, points)
         eta = simulated(self.predictor.values, self.block, found.x)
         rows = slice(self.place, self.place + 1)
-        return measured(self.ground, alphas, eta, found.score, rows)[0], found
+        return measured(self.context, alphas, eta, found.score, rows)[0], found
 
     def possible(self, alphas: Array, points: Points) -> tuple[Array, Array, DrawnParameters]:
         """Outcomes (A, J) by a surface, and their standard deviations that its runs leave."""
         assert self.surface is not None
         surface = self.surface.kriged
-        found = parameters(self.ground, alphas, self.experiment, points)
+        found = parameters(self.context, alphas, self.experiment, points)
         eta = simulated(surface.values, self.block, found.x)
         apart = surface.deviation(found.x.reshape(-1, found.x.shape[2])).reshape(eta.shape)
         rows = slice(self.place, self.place + 1)
         y, moved = (
-            measured(self.ground, alphas, part, found.score, rows)[0] for part in (eta, eta + apart)
+            measured(self.context, alphas, part, found.score, rows)[0]
+            for part in (eta, eta + apart)
         )
         return y, np.abs(moved - y), found
 
     def at_runs(self, alphas: Array, x: Array, score: Array) -> Array:
         """Outcomes (R,) of runs of the simulator at x (R, n), each under an alpha of its own."""
-        unit = np.repeat(self.ground.runner.unit[self.place], len(x))
-        eta = self.ground.runner.values(unit, x)[:, self.ground.runner.column[self.place]]
+        unit = np.repeat(self.context.runner.unit[self.place], len(x))
+        eta = self.context.runner.values(unit, x)[:, self.context.runner.column[self.place]]
         rows = slice(self.place, self.place + 1)
         found = [
-            self.ground.values(a, e[None, None], z[None], rows)[0, 0]
+            self.context.values(a, e[None, None], z[None], rows)[0, 0]
             for a, e, z in zip(alphas, eta, score, strict=True)
         ]
         return np.array(found)
 
     def wide(self, alphas: Array, far: float, count: int) -> Array:
         """Parameters (D, n) that are `far` times as far out as the laws say, and the farthest."""
-        s = self.ground.inputs.scattering
-        axes = NEAR.reach * np.concatenate([np.eye(s), -np.eye(s)])
-        xi = np.concatenate([far * normal_points(count, max(s, 1), NEAR.seed)[:, :s], axes])
+        s = self.context.inputs.scattering
+        axes = CONTEXT.reach * np.concatenate([np.eye(s), -np.eye(s)])
+        xi = np.concatenate([far * normal_points(count, max(s, 1), CONTEXT.seed)[:, :s], axes])
         points = Points(xi, np.zeros(len(xi)), np.ones(len(xi)))
-        return parameters(self.ground, alphas, self.experiment, points).x.reshape(
-            -1, len(self.ground.inputs.names)
+        return parameters(self.context, alphas, self.experiment, points).x.reshape(
+            -1, len(self.context.inputs.names)
         )
 
 

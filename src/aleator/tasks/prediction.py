@@ -25,17 +25,17 @@ from aleator.likelihood.individual import IndividualLikelihood, Layout, Predicto
 from aleator.likelihood.individual.rules import standard_points
 from aleator.observations.errors import MeasurementErrors
 from aleator.tasks.new_experiments import (
-    GROUND,
+    CONTEXT,
     DrawnParameters,
-    Ground,
     Points,
-    about,
-    direct,
+    PredictionContext,
     ends_of,
     measured,
     parameters,
     predictor_for,
     simulated,
+    simulator_itself,
+    surfaces_about,
 )
 
 
@@ -382,7 +382,7 @@ def _inverted(
 
 
 def widened(
-    ground: Ground,
+    context: PredictionContext,
     predictor: Predictor,
     draws: AlphaDraws,
     probabilities: Array,
@@ -394,18 +394,18 @@ def widened(
     of the law for every alpha: what the points miss is the same under all. Cost: an evaluation of
     the predictor for each draw, each of the 512 points and value.
     """
-    size = len(ground.seen)
+    size = len(context.seen)
     moments_of, quantiles_of = np.empty((4, size)), np.empty((size, len(probabilities)))
     ends = np.empty((size, len(probabilities), 2))
-    points = Points.standard(GROUND.points, ground.inputs.scattering)
+    points = Points.standard(CONTEXT.points, context.inputs.scattering)
     alphas = np.concatenate([draws.estimate[None], draws.alpha])
     known: DrawnParameters | None = None
-    for l in range(ground.count):
-        if known is None or ground.inputs.regressed or ground.measured is not None:
-            known = parameters(ground, alphas, l, points)
-        block = ground.layout.alone(l)
+    for l in range(context.count):
+        if known is None or context.inputs.regressed or context.measured is not None:
+            known = parameters(context, alphas, l, points)
+        block = context.layout.alone(l)
         eta = simulated(predictor.values, block, known.x)
-        y = measured(ground, alphas, eta, known.score, block.rows)
+        y = measured(context, alphas, eta, known.score, block.rows)
         for k, own in enumerate(y, block.rows.start):
             values = _PointValues.of(own, known.weights, draws, probabilities)
             at = np.array([found.mean[k], found.sd[k], found.skewness[k], found.kurtosis[k]])
@@ -459,7 +459,7 @@ def _moved(at: Array, mixed: Array, own: Array) -> Array:
 
 
 def tabled(
-    ground: Ground,
+    context: PredictionContext,
     draws: AlphaDraws,
     quantiles: tuple[float, ...],
     progress: Progress | None,
@@ -470,31 +470,31 @@ def tabled(
     With draws of alpha, their mixture, and columns ``q<p>.lower`` and ``q<p>.upper`` with 95 %
     intervals of the quantiles.
     """
-    draws, probabilities = ground.taken(draws), np.array(quantiles)
-    own = _own(ground, draws.estimate)
-    predictor = _about(ground, own) if draws.certain else predictor_for(ground, draws, progress)
+    draws, probabilities = context.taken(draws), np.array(quantiles)
+    own = _own(context, draws.estimate)
+    predictor = _about(context, own) if draws.certain else predictor_for(context, draws, progress)
     found = forecast(
-        own, predictor, ground.layout, ground.errors,
-        draws.estimate[ground.inputs.size :], probabilities,
+        own, predictor, context.layout, context.errors,
+        draws.estimate[context.inputs.size :], probabilities,
     settings=settings)  # fmt: skip
     ends = None
     if not draws.certain:
-        found, ends = widened(ground, predictor, draws, probabilities, found)
-    columns = heads(ground)
+        found, ends = widened(context, predictor, draws, probabilities, found)
+    columns = heads(context)
     columns["mean"], columns["standard_deviation"] = found.mean, found.sd
     columns["skewness"], columns["kurtosis"] = found.skewness, found.kurtosis
     columns |= {f"q{p:g}": found.quantiles[:, i] for i, p in enumerate(quantiles)}
     if ends is not None:
         for i, p in enumerate(quantiles):
             columns[f"q{p:g}.lower"], columns[f"q{p:g}.upper"] = ends[:, i].T
-    columns |= tails(ground)
+    columns |= tails(context)
     columns["status"] = np.where(found.lost > settings.lost, "runs_failed", "solved")
-    return in_rows(ground, columns)
+    return in_rows(context, columns)
 
 
-def heads(ground: Ground, asked: Indices | None = None) -> dict[str, Any]:
+def heads(context: PredictionContext, asked: Indices | None = None) -> dict[str, Any]:
     """The columns that say which row and response each value is, or those that are `asked`."""
-    conditions, seen = ground.conditions, ground.seen
+    conditions, seen = context.conditions, context.seen
     which = np.arange(len(seen)) if asked is None else asked
     columns: dict[str, Any] = {"id": [conditions.ids[l] for l in seen.experiment[which]]}
     if len(conditions.ids) < len(conditions.conditions):
@@ -504,44 +504,46 @@ def heads(ground: Ground, asked: Indices | None = None) -> dict[str, Any]:
     return columns
 
 
-def tails(ground: Ground, asked: Indices | None = None) -> dict[str, Array]:
+def tails(context: PredictionContext, asked: Indices | None = None) -> dict[str, Array]:
     """How far each value is `beyond` the tested conditions, in tested ranges."""
-    found, row = beyond(ground), ground.seen.row
+    found, row = beyond(context), context.seen.row
     return {} if found is None else {"beyond": found.distance[row if asked is None else row[asked]]}
 
 
-def beyond(ground: Ground) -> Beyond | None:
+def beyond(context: PredictionContext) -> Beyond | None:
     """Of the conditions that the simulator asks for, and the covariates of the laws.
 
     None where the experiments that were measured are not at hand.
     """
-    if ground.tested is None:
+    if context.tested is None:
         return None
-    new, tested = ground.conditions.table, ground.tested.table
-    asked = dict.fromkeys([*ground.runner.cases.columns, *ground.inputs.covariates])
+    new, tested = context.conditions.table, context.tested.table
+    asked = dict.fromkeys([*context.runner.cases.columns, *context.inputs.covariates])
     names = [name for name in asked if name in new and name in tested]
     return compared(tested[names], new[names])
 
 
-def in_rows(ground: Ground, columns: dict[str, Any], asked: Indices | None = None) -> pd.DataFrame:
+def in_rows(
+    context: PredictionContext, columns: dict[str, Any], asked: Indices | None = None
+) -> pd.DataFrame:
     """The columns in the order of the rows; the responses of a row one below the other."""
-    which = np.arange(len(ground.seen)) if asked is None else asked
-    order = np.lexsort((ground.seen.response[which], ground.seen.row[which]))
+    which = np.arange(len(context.seen)) if asked is None else asked
+    order = np.lexsort((context.seen.response[which], context.seen.row[which]))
     return pd.DataFrame(columns).iloc[order].reset_index(drop=True)
 
 
-def _own(ground: Ground, alpha: Array) -> Draws:
+def _own(context: PredictionContext, alpha: Array) -> Draws:
     """Points of each new experiment, or of the measured one that it is, under one alpha."""
-    if ground.measured is None:
-        return Draws.new(ground.inputs, alpha, ground.count)
-    likelihood, which = ground.measured.likelihood, ground.measured.which.tolist()
+    if context.measured is None:
+        return Draws.new(context.inputs, alpha, context.count)
+    likelihood, which = context.measured.likelihood, context.measured.which.tolist()
     each = {k: Draws.old(likelihood, alpha, k) for k in dict.fromkeys(which)}
     return Draws.joined([each[k] for k in which])
 
 
-def _about(ground: Ground, own: Draws) -> Predictor:
+def _about(context: PredictionContext, own: Draws) -> Predictor:
     """The simulator, or surfaces about the law of the estimate."""
-    x, box = own.x.reshape(-1, own.x.shape[2]), ground.inputs.box
-    if ground.on_simulator:
-        return direct(ground.runner, box, ends_of(x))
-    return about(ground.runner, box, x, ground.surfaces)
+    x, box = own.x.reshape(-1, own.x.shape[2]), context.inputs.box
+    if context.on_simulator:
+        return simulator_itself(context.runner, box, ends_of(x))
+    return surfaces_about(context.runner, box, x, context.surfaces)

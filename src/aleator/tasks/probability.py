@@ -32,11 +32,11 @@ from aleator.tasks.event_points import (
     settling,
     sought,
 )
-from aleator.tasks.new_experiments import Exploration, Ground, Near, Points
+from aleator.tasks.new_experiments import Exploration, Points, PredictedValue, PredictionContext
 from aleator.tasks.prediction import PREDICTION, heads, in_rows, tails
 
 
-def responses_asked(ground: Ground, response: str | None) -> Indices:
+def requested_responses(context: PredictionContext, response: str | None) -> Indices:
     """The numbers of the response of that name, or of all. Raises InputsError where it is unknown.
 
     >>> from types import SimpleNamespace as Some
@@ -44,7 +44,7 @@ def responses_asked(ground: Ground, response: str | None) -> Indices:
     >>> responses_asked(ground, "wear").tolist(), responses_asked(ground, None).tolist()
     ([1], [0, 1])
     """
-    names = [r.name for r in ground.seen.responses]
+    names = [r.name for r in context.seen.responses]
     # a table with one response may have been given without its name
     if response is None or names == [response] or len(names) == 1:
         return np.arange(len(names))
@@ -56,8 +56,8 @@ def responses_asked(ground: Ground, response: str | None) -> Indices:
     return np.array([names.index(response)], dtype=np.intp)
 
 
-def events_asked(
-    ground: Ground,
+def requested_events(
+    context: PredictionContext,
     response: str | None,
     above: float | None,
     below: float | None,
@@ -73,13 +73,13 @@ def events_asked(
             "the probability of which outcomes?",
             "give one of above, below and between, in the unit of the outcome",
         )
-    which = responses_asked(ground, response)
+    which = requested_responses(context, response)
     if which.size > 1:
-        names = ", ".join(r.name for r in ground.seen.responses)
+        names = ", ".join(r.name for r in context.seen.responses)
         raise InputsError(
             f"the probability of which response? There are {names}", "name one with response"
         )
-    transform = ground.seen.responses[which[0]].transform
+    transform = context.seen.responses[which[0]].transform
     low, high = between or (above, below)
     ends = _end(low, -np.inf, transform), _end(high, np.inf, transform)
     if not ends[0] < ends[1]:
@@ -141,32 +141,32 @@ class Probability:
 
 
 def probabilities(
-    ground: Ground,
+    context: PredictionContext,
     draws: AlphaDraws,
     events: dict[int, Event],
     checks: int = SAMPLE.checks,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """A row for each response that has an event (by its number) and each row of the conditions."""
-    draws = ground.taken(draws)
-    asked = np.flatnonzero(np.isin(ground.seen.response, [*events]))
+    draws = context.taken(draws)
+    asked = np.flatnonzero(np.isin(context.seen.response, [*events]))
     found: list[Probability] = []
     for place in asked.tolist():
         if progress is not None:
             progress.stage(f"probability {len(found) + 1} of {asked.size}")
-        near = Near.of(ground, place, draws, progress)
-        event = events[int(ground.seen.response[place])]
-        found.append(probability(near, draws, event, checks, progress))
+        predicted = PredictedValue.of(context, place, draws, progress)
+        event = events[int(context.seen.response[place])]
+        found.append(probability(predicted, draws, event, checks, progress))
     names = ("probability", "lower", "upper", "error", "at_estimate", "distance", "checks",
              "unseen")  # fmt: skip
     columns = {name: np.array([getattr(p, name) for p in found]) for name in names}
     status = {"status": np.array([p.status for p in found])}
-    return in_rows(ground, {**heads(ground, asked), **columns, **tails(ground, asked), **status},
+    return in_rows(context, {**heads(context, asked), **columns, **tails(context, asked), **status},
                    asked)  # fmt: skip
 
 
 def probability(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     checks: int = SAMPLE.checks,
@@ -182,25 +182,25 @@ def probability(
     checks change the probability by more than the `share` of the choice.
     """
     asked, turned, choice = event, False, choice or Exploration()
-    if near.ground.measured is not None:
-        sample = of_law(near)
+    if predicted.context.measured is not None:
+        sample = of_law(predicted)
     else:
-        turned = often(near, draws, event)
+        turned = often(predicted, draws, event)
         asked = event.contrary if turned else event
-        sample = about_event(near, draws, asked)
+        sample = about_event(predicted, draws, asked)
     found = _Explored(sample, float("nan"), True)
-    if near.surface is not None:
-        found = _explored(near, draws, asked, sample, choice, progress)
+    if predicted.surface is not None:
+        found = _explored(predicted, draws, asked, sample, choice, progress)
     sample, settled = found.sample, found.settled
-    told = _Told.of(near, draws, asked, sample)
+    told = _Told.of(predicted, draws, asked, sample)
     distance = float("nan")
     if sample.density is not None:
-        distance = distance_of(near, draws.estimate, asked, sample.replicates)
+        distance = distance_of(predicted, draws.estimate, asked, sample.replicates)
     change = Correction(0.0, 0.0, 0)
-    if near.surface is not None and checks and sample.reached:
+    if predicted.surface is not None and checks and sample.reached:
         if progress is not None:
             progress.stage(f"{checks} runs of the simulator check a probability")
-        change = corrected(near, draws, asked, sample.joined, checks)
+        change = corrected(predicted, draws, asked, sample.joined, checks)
         settled = settled and np.hypot(change.value, change.error) <= choice.share * told.mixed
     whole = told.found(draws, change, sample, distance, found.unseen, settled)
     return _turned(whole) if turned else whole
@@ -216,7 +216,7 @@ class _Explored:
 
 
 def _explored(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     sample: Sample,
@@ -224,17 +224,17 @@ def _explored(
     progress: Progress | None,
 ) -> _Explored:
     """Rounds of fresh runs all over the law, and of runs where kriging doubts (`Exploration`)."""
-    surface, most, round_ = near.surface, near.ground.surfaces.max_runs, 0
+    surface, most, round_ = predicted.surface, predicted.context.surfaces.max_runs, 0
     assert surface is not None
     while True:
         if progress is not None:
             progress.stage(f"{choice.runs} runs of the simulator look for other regions")
-        before = near.fixed
+        before = predicted.fixed
         probability = by_some(before, draws, event, sample.joined)
-        seen = explored(near, draws, event, probability, choice, round_)
+        seen = explored(predicted, draws, event, probability, choice, round_)
         surface.learn(seen.x)
-        sample, certain = _sharpened(near, draws, event, choice)
-        now, was = (by_some(one, draws, event, sample.joined) for one in (near, before))
+        sample, certain = _sharpened(predicted, draws, event, choice)
+        now, was = (by_some(one, draws, event, sample.joined) for one in (predicted, before))
         settled = certain and abs(now - was) <= choice.share * now
         if (settled and not seen.contrary.any()) or surface.runs + 2 * choice.runs > most:
             return _Explored(sample, seen.unseen, settled)
@@ -242,18 +242,18 @@ def _explored(
 
 
 def _sharpened(
-    near: Near, draws: AlphaDraws, event: Event, choice: Exploration
+    predicted: PredictedValue, draws: AlphaDraws, event: Event, choice: Exploration
 ) -> tuple[Sample, bool]:
     """The sample where the surface is certain of the event, and whether it is."""
-    assert near.surface is not None
+    assert predicted.surface is not None
     runs, seek = 0, CrossEntropy()
     while True:
-        seen = possible(near, draws, event, seek)
-        doubt = SurfaceDoubt.of(near, draws, event, seen.joined, SAMPLE.followed)
+        seen = possible(predicted, draws, event, seek)
+        doubt = SurfaceDoubt.of(predicted, draws, event, seen.joined, SAMPLE.followed)
         certain = not seen.reached or bool(doubt.wrong.sum() <= choice.doubt * doubt.probability)
         if certain or runs + choice.batch > choice.runs:
-            return sought(near, draws, event, seek), certain
-        near.surface.correct(settling(near, doubt, choice.batch))
+            return sought(predicted, draws, event, seek), certain
+        predicted.surface.correct(settling(predicted, doubt, choice.batch))
         runs += choice.batch
 
 
@@ -269,13 +269,17 @@ class _Told:
     plain: bool
 
     @classmethod
-    def of(cls, near: Near, draws: AlphaDraws, event: Event, sample: Sample) -> _Told:
+    def of(
+        cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, sample: Sample
+    ) -> _Told:
         """By outcomes at the points of the sample."""
         alphas = np.concatenate([draws.estimate[None], draws.alpha])
         parts, lost = [], 0.0
         for points in sample.replicates:
-            y, found = near.outcomes(alphas, points)
-            parts.append(_shares(event.holds(y), found.weights, near.ground.measured is not None))
+            y, found = predicted.outcomes(alphas, points)
+            parts.append(
+                _shares(event.holds(y), found.weights, predicted.context.measured is not None)
+            )
             lost = max(lost, float(np.max(np.sum(found.weights, axis=1, where=np.isnan(y)))))
         each = np.stack(parts, axis=1)
         return cls(each, draws.weights, lost, sample.density is None)
@@ -404,7 +408,7 @@ class Tolerance:
 
 
 def limits(
-    ground: Ground,
+    context: PredictionContext,
     draws: AlphaDraws,
     asked: Tolerance,
     which: Indices,
@@ -412,18 +416,18 @@ def limits(
     settings: ToleranceSettings = LIMITS,
 ) -> pd.DataFrame:
     """A row for each of the values `which`; limits are in the unit of the outcome."""
-    draws = ground.taken(draws)
+    draws = context.taken(draws)
     lower, upper, error = np.full((3, which.size), np.nan)
     for row, place in enumerate(which.tolist()):
         if progress is not None:
             progress.stage(f"limits {row + 1} of {which.size}")
-        near = Near.of(ground, place, draws, progress, ground.surfaces.max_runs)
-        back = ground.seen.responses[ground.seen.response[place]].transform.inverse
+        predicted = PredictedValue.of(context, place, draws, progress, context.surfaces.max_runs)
+        back = context.seen.responses[context.seen.response[place]].transform.inverse
         if asked.side == "both":
-            low, high = _interval(near, draws, asked)
+            low, high = _interval(predicted, draws, asked)
             lower[row], upper[row] = back(np.array([low, high]))
         else:
-            value, error[row] = _bound(near, draws, asked, settings)
+            value, error[row] = _bound(predicted, draws, asked, settings)
             (upper if asked.side == "upper" else lower)[row] = back(np.array(value))
             # the error is one of the logarithm, where that is what the likelihood sees
             slope = back(np.array([value + error[row], value - error[row]]))
@@ -431,17 +435,19 @@ def limits(
     columns = {"lower": lower, "upper": upper} if asked.side == "both" else {
         asked.side: upper if asked.side == "upper" else lower, "error": error
     }  # fmt: skip
-    return in_rows(ground, {**heads(ground, which), **columns, **tails(ground, which)}, which)
+    return in_rows(context, {**heads(context, which), **columns, **tails(context, which)}, which)
 
 
-def _interval(near: Near, draws: AlphaDraws, asked: Tolerance) -> tuple[float, float]:
-    points = of_law(near).joined
-    y, found = near.outcomes(draws.alpha, points)
+def _interval(
+    predicted: PredictedValue, draws: AlphaDraws, asked: Tolerance
+) -> tuple[float, float]:
+    points = of_law(predicted).joined
+    y, found = predicted.outcomes(draws.alpha, points)
     return content_interval(y, found.weights, draws.weights, asked.content, asked.confidence)
 
 
 def _bound(
-    near: Near, draws: AlphaDraws, asked: Tolerance, settings: ToleranceSettings
+    predicted: PredictedValue, draws: AlphaDraws, asked: Tolerance, settings: ToleranceSettings
 ) -> tuple[float, float]:
     """The confidence bound of a quantile, and the standard error of its computation.
 
@@ -450,26 +456,30 @@ def _bound(
     upper = asked.side == "upper"
     probability = asked.content if upper else 1.0 - asked.content
     confidence = asked.confidence if upper else 1.0 - asked.confidence
-    y, scatter, sample = 0.0, 1.0, of_law(near)
+    y, scatter, sample = 0.0, 1.0, of_law(predicted)
     for _ in range(settings.rounds):
         before = y
-        y, scatter = _once(near, draws, sample.joined, probability, confidence)
+        y, scatter = _once(predicted, draws, sample.joined, probability, confidence)
         settled = abs(y - before) < settings.still * scatter
-        if 1.0 - asked.content > settings.far or near.ground.measured is not None or settled:
+        if 1.0 - asked.content > settings.far or predicted.context.measured is not None or settled:
             break
         event = Event(((y, np.inf),) if upper else ((-np.inf, y),))
-        found = about_event(near, draws, event)
+        found = about_event(predicted, draws, event)
         if not found.reached:
             break
         sample = found
-    parts = [_once(near, draws, p, probability, confidence)[0] for p in sample.replicates]
+    parts = [_once(predicted, draws, p, probability, confidence)[0] for p in sample.replicates]
     return y, float(np.std(parts, ddof=1) / np.sqrt(len(parts)))
 
 
 def _once(
-    near: Near, draws: AlphaDraws, points: Points, probability: float, confidence: float
+    predicted: PredictedValue,
+    draws: AlphaDraws,
+    points: Points,
+    probability: float,
+    confidence: float,
 ) -> tuple[float, float]:
-    y, found = near.outcomes(draws.alpha, points)
+    y, found = predicted.outcomes(draws.alpha, points)
     weights = _completed(y, found.weights, probability)
     value, _ = quantile_bound(y, weights, draws.weights, probability, confidence)
     middle = quantiles(y[0], found.weights[0], np.array(LIMITS.middle))

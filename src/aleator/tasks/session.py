@@ -16,7 +16,7 @@ from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, nearest
 from aleator.fit.question import DEFAULT_PROPAGATION, varying_conditions
 from aleator.fit.refine import under_law
-from aleator.fit.regions import draws, likely_alphas
+from aleator.fit.regions import draws, plausible_alphas
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
@@ -32,7 +32,12 @@ from aleator.results.result import Result
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.new_experiments import Ground, MeasuredExperiments, about, direct
+from aleator.tasks.new_experiments import (
+    MeasuredExperiments,
+    PredictionContext,
+    simulator_itself,
+    surfaces_about,
+)
 from aleator.tasks.prediction import Draws, tabled, tails
 
 if TYPE_CHECKING:
@@ -185,20 +190,20 @@ class Session:
 
         Of exact outcomes and the estimate alone it is that of the density of the outcome itself.
         """
-        ground = self.ground(conditions, plausible.estimate, of, noise)
+        context = self.context(conditions, plausible.estimate, of, noise)
         if progress is not None:
             progress.stage("prediction")
         if self.model is None or not plausible.certain:
-            return tabled(ground, plausible, quantiles, progress)
-        return _by_density(ground, self.model, plausible.estimate, quantiles, progress)
+            return tabled(context, plausible, quantiles, progress)
+        return _by_density(context, self.model, plausible.estimate, quantiles, progress)
 
-    def ground(
+    def context(
         self,
         conditions: Conditions | pd.DataFrame,
         alpha: Array,
         of: str | None = None,
         noise: bool = True,
-    ) -> Ground:
+    ) -> PredictionContext:
         """New experiments, or those `of` measured ones, and what makes their outcomes."""
         if of is not None and self.model is not None:
             raise InputsError(
@@ -212,7 +217,7 @@ class Session:
         known = None if of is None else self._measured(conditions, alpha, of)
         if inputs.regressed and known is None:
             inputs = inputs.resolved(covariates(conditions, inputs.covariates))
-        return Ground(
+        return PredictionContext(
             conditions,
             inputs,
             MeasurementErrors.of(self.noise, conditions) if noise and self.noise else None,
@@ -265,7 +270,7 @@ class Session:
         if inputs.regressed:
             inputs = inputs.resolved(covariates(candidates, inputs.covariates))
         table = table.with_observations(with_limits_of_test(seen, fit.table.observations))
-        likely = likely_alphas(fit.alpha, fit.inference, fit.hyperparameters)
+        likely = plausible_alphas(fit.alpha, fit.inference, fit.hyperparameters)
         x = draws(inputs, [alpha, *likely], len(candidates.ids))
         # as many nodes as the answer needed
         likelihood = replace(
@@ -290,8 +295,8 @@ class Session:
         assert self.inputs is not None
         box = self.inputs.box
         if not self.on_simulator:
-            return about(runner, box, x, self.surfaces)
-        return direct(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
+            return surfaces_about(runner, box, x, self.surfaces)
+        return simulator_itself(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
 
     def _measured(self, conditions: Conditions, alpha: Array, of: str) -> MeasuredExperiments:
         """The measured experiments that the new ones are said to be."""
@@ -319,23 +324,23 @@ class Session:
 
 
 def _by_density(
-    ground: Ground,
+    context: PredictionContext,
     model: Model,
     alpha: Array,
     quantiles: tuple[float, ...],
     progress: Progress | None,
 ) -> pd.DataFrame:
     """The table of one exact outcome an experiment by its own density, under the law alpha (K,)."""
-    outcomes = under_law(ground.runner, model, alpha, progress).predictor.under(alpha)
+    outcomes = under_law(context.runner, model, alpha, progress).predictor.under(alpha)
     found = outcomes.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
-        "id": list(ground.runner.ids),
+        "id": list(context.runner.ids),
         "mean": outcomes.mean,
         "standard_deviation": outcomes.sd,
         "skewness": outcomes.standardized[:, 3],
         "kurtosis": outcomes.standardized[:, 4],
     }
-    columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)} | tails(ground)
+    columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)} | tails(context)
     columns["status"] = [Status(int(code)).name.lower() for code in outcomes.status]
     return pd.DataFrame(columns)
 

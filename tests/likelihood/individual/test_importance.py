@@ -6,7 +6,7 @@ from individual_cases import ALPHA, decay, likelihood_of, straight_line, table
 from scipy import integrate, stats
 
 from aleator import Free, Inputs, Noise, Normal
-from aleator.fit.settle import settled, several_modes
+from aleator.fit.quadrature import several_modes, with_enough_nodes
 from aleator.likelihood.individual import GaussHermite, ImportancePoints, PlanePanels
 from aleator.likelihood.individual.modes import highest
 from aleator.likelihood.individual.rules import proposed
@@ -72,7 +72,7 @@ def test_a_second_mode_is_noticed_and_a_ridge_is_none(both):
 
 def test_an_answer_with_two_modes_is_that_of_the_exact_integral(both):
     likelihood, frame = both
-    end = settled(likelihood, AT, enough=0.02)
+    end = with_enough_nodes(likelihood, AT, enough=0.02)
     assert isinstance(end.likelihood.rule, PlanePanels)
     assert end.value == pytest.approx(exact(frame, end.alpha).sum(), abs=0.05)
     for k in range(5):

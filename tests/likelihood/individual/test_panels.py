@@ -7,7 +7,7 @@ from individual_cases import likelihood_of
 from scipy import stats
 
 from aleator import Free, Inputs, Normal
-from aleator.fit.settle import settled
+from aleator.fit.quadrature import with_enough_nodes
 from aleator.likelihood.individual import GaussHermite, Panels
 
 ONE = Inputs({"x": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
@@ -84,6 +84,6 @@ def test_the_score_with_panels_held_is_that_of_differences() -> None:
 
 @pytest.mark.parametrize(("model", "kind"), [(line, GaussHermite), (square, Panels)])
 def test_an_answer_settles_on_panels_where_they_tell_something_else(model, kind) -> None:
-    end = settled(likelihood_of(model, drawn(model), ONE), ALPHA)
+    end = with_enough_nodes(likelihood_of(model, drawn(model), ONE), ALPHA)
     assert isinstance(end.likelihood.rule, kind)
     assert abs(end.gap) < 2e-3

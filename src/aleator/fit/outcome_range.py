@@ -26,7 +26,7 @@ from aleator.surrogates.surface import Axes, logarithms
 
 
 @dataclass(frozen=True)
-class Reach:
+class OutcomeSearch:
     """How an outcome is sought on the simulator; measured by `benchmarks folds` (its valleys).
 
     An ascent from the point that the surface says is nearest, then one from each of the best
@@ -49,7 +49,7 @@ class Reach:
         return self.looks + (1 + self.starts) * self.steps * parameters
 
 
-REACH = Reach()
+OUTCOME_SEARCH = OutcomeSearch()
 
 
 def on_surfaces(
@@ -63,11 +63,11 @@ def on_surfaces(
     """
     runner, inputs = question.runner, question.inputs
     model, outcomes = question.choices.model, question.measured
-    for _ in range(REACH.rounds):
+    for _ in range(OUTCOME_SEARCH.rounds):
         problem = prepare(runner, outcomes, model, region, progress, surfaces.surface())
         short = surface_diagnostics.shortfalls(problem)
         lost = np.flatnonzero(short)
-        most = REACH.most(len(moving_parameters(region)))
+        most = OUTCOME_SEARCH.most(len(moving_parameters(region)))
         if not lost.size or runner.account.given(most) < most:
             return problem
         farthest = int(lost[np.argmax(np.abs(short[lost]))])
@@ -133,7 +133,7 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
 def _support(inputs: Inputs) -> Array:
     """Where the laws of the admissible alphas have their mass, (n, 2): within the box."""
     lower, upper = (end[: inputs.size] for end in limits_of(inputs.hyperparameters))
-    u = qmc.Sobol(max(inputs.size, 1), rng=0).random(REACH.looks)[:, : inputs.size]
+    u = qmc.Sobol(max(inputs.size, 1), rng=0).random(OUTCOME_SEARCH.looks)[:, : inputs.size]
     return within(inputs.box, law_region(inputs, [*(lower + u * (upper - lower)), lower, upper]))
 
 
@@ -170,17 +170,17 @@ def _reached(
         simplex[1:][np.all(simplex[1:] == z, axis=1)] -= 0.1
         optimize.minimize(
             short, z, method="Nelder-Mead", callback=ended,
-            options={"initial_simplex": simplex, "maxfev": REACH.steps * z.size,
+            options={"initial_simplex": simplex, "maxfev": OUTCOME_SEARCH.steps * z.size,
                      "xatol": 1e-5, "fatol": 1e-9 * max(np.ptp(seen), 1e-300)},
         )  # fmt: skip
 
     ascend(first)
     if farthest < 0.0:
-        looks = 2.0 * qmc.Sobol(len(whole), rng=0).random(REACH.looks) - 1.0
-        for z in looks[np.argsort([short(z) for z in looks])[: REACH.starts]]:
+        looks = 2.0 * qmc.Sobol(len(whole), rng=0).random(OUTCOME_SEARCH.looks) - 1.0
+        for z in looks[np.argsort([short(z) for z in looks])[: OUTCOME_SEARCH.starts]]:
             if farthest < 0.0:
                 ascend(z)
-    missed = farthest < -REACH.near * np.ptp(seen)
+    missed = farthest < -OUTCOME_SEARCH.near * np.ptp(seen)
     return None if missed else np.asarray(axes.outward(best[None])[0])
 
 
@@ -192,7 +192,7 @@ def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bo
         points, values = _by_surface(surfaces, condition)
         away = np.abs(values - outcomes[lost == condition][:, None]).min(axis=0)
         surfaces.sharpen(
-            np.arange(members.size) == condition, points[np.argsort(away)[: REACH.draws]]
+            np.arange(members.size) == condition, points[np.argsort(away)[: OUTCOME_SEARCH.draws]]
         )
     return bool(granted.size)
 
@@ -209,7 +209,9 @@ def _holding(region: Array, x: Array, box: Array) -> Array:
 def _spread(box: Array) -> Array:
     """Points (4096, n) all over a box (n, 2)."""
     axes = Axes(box, logarithms(box))
-    return np.asarray(axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(REACH.candidates) - 1.0))
+    return np.asarray(
+        axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(OUTCOME_SEARCH.candidates) - 1.0)
+    )
 
 
 def _by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Array]:

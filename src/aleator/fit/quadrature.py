@@ -86,7 +86,7 @@ class NodeAccuracy:
     same: float = 0.3
 
 
-SETTLING = NodeAccuracy()
+NODE_ACCURACY = NodeAccuracy()
 
 
 AnyLikelihood = IndividualLikelihood | Problem
@@ -94,7 +94,7 @@ AnyLikelihood = IndividualLikelihood | Problem
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class Maximum:
     """A maximum alpha (K,), the likelihood with nodes adapted there, and what more nodes change.
 
     `coarse` is the likelihood with the fewest nodes of which more hardly change it, or change it
@@ -113,23 +113,27 @@ class Settled:
 
 
 @dataclass(frozen=True, eq=False)
-class _End(Settled):
+class _End(Maximum):
     """That of an integral over individual parameters."""
 
     likelihood: IndividualLikelihood
     coarse: IndividualLikelihood
 
 
-def settled(likelihood: AnyLikelihood, alpha: Array, enough: float = SETTLING.enough) -> Settled:
+def with_enough_nodes(
+    likelihood: AnyLikelihood, alpha: Array, enough: float = NODE_ACCURACY.enough
+) -> Maximum:
     """The nearest maximum, with as many nodes as are `enough` for it."""
     if isinstance(likelihood, Problem):
-        fine = likelihood.fine() if enough < SETTLING.rough else likelihood
-        end, alpha = climbed(fine, alpha)
-        return Settled(end, alpha, fine.gap(alpha) if enough < SETTLING.rough else 0.0, None)
-    return _integral_settled(likelihood, alpha, enough)
+        fine = likelihood.fine() if enough < NODE_ACCURACY.rough else likelihood
+        end, alpha = nearest_maximum(fine, alpha)
+        return Maximum(end, alpha, fine.gap(alpha) if enough < NODE_ACCURACY.rough else 0.0, None)
+    return _integral_with_enough_nodes(likelihood, alpha, enough)
 
 
-def _integral_settled(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> Settled:
+def _integral_with_enough_nodes(
+    likelihood: IndividualLikelihood, alpha: Array, enough: float
+) -> Maximum:
     """Climb with nodes held, adapt them, take more where they are too few, until nothing moves.
 
     Nodes are enough where more change the log-likelihood by less than `enough`. Of more than four
@@ -138,18 +142,18 @@ def _integral_settled(likelihood: IndividualLikelihood, alpha: Array, enough: fl
     importance points are taken, and panels where there is one variate.
     """
     variates = likelihood.inputs.scattering
-    many = variates > SETTLING.products
+    many = variates > NODE_ACCURACY.products
     end = _refined(likelihood.ruled(RidgePoints()) if many else _scoring(likelihood), alpha, enough)
     if variates < 2:
         return end
-    most = SETTLING.little if enough >= SETTLING.rough else SETTLING.hardly
+    most = NODE_ACCURACY.little if enough >= NODE_ACCURACY.rough else NODE_ACCURACY.hardly
     if variates == 2:
         if _told_by_panels(end, most, enough):
             return end
         return _refined(end.likelihood.ruled(PlanePanels.coarse()), end.alpha, enough)
     if not _misses_modes(end) and (abs(end.gap) < most or _points_tell_less(end)):
         return end
-    none = max(enough, SETTLING.rough) if many else enough
+    none = max(enough, NODE_ACCURACY.rough) if many else enough
     again = _refined(likelihood.ruled(ImportancePoints()), end.alpha, none)
     return again if abs(again.gap) < most or abs(again.gap) < abs(end.gap) else end
 
@@ -161,7 +165,7 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     """
     if not isinstance(likelihood.rule, GaussHermite) or likelihood.inputs.scattering < 2:
         return likelihood
-    return likelihood.ruled(likelihood.rule.at_least(SETTLING.scoring))
+    return likelihood.ruled(likelihood.rule.at_least(NODE_ACCURACY.scoring))
 
 
 def _told_by_panels(end: _End, most: float, enough: float) -> bool:
@@ -175,8 +179,8 @@ def _told_by_panels(end: _End, most: float, enough: float) -> bool:
     if _smooth(end) and not several_modes(likelihood, end.alpha):
         return True
     tried = (
-        likelihood.sampled(SETTLING.panels_tried)
-        if likelihood.count > 2 * SETTLING.panels_tried
+        likelihood.sampled(NODE_ACCURACY.panels_tried)
+        if likelihood.count > 2 * NODE_ACCURACY.panels_tried
         else likelihood
     )
     return abs(_change(tried, PlanePanels.coarse(), end.alpha, large=False)) < enough
@@ -188,10 +192,10 @@ def _smooth(end: _End) -> bool:
     A hundred of them cost a hundredth of what panels do.
     """
     held, gap = end.likelihood, end.gap
-    while abs(gap) >= SETTLING.smooth:
+    while abs(gap) >= NODE_ACCURACY.smooth:
         rules = held.rule.finer(2)
-        finer = held.rule.refined([np.inf] * len(rules), SETTLING.smooth, 2)
-        if not isinstance(finer, GaussHermite) or finer.size(2) > SETTLING.some:
+        finer = held.rule.refined([np.inf] * len(rules), NODE_ACCURACY.smooth, 2)
+        if not isinstance(finer, GaussHermite) or finer.size(2) > NODE_ACCURACY.some:
             return False
         held = held.by(finer, end.alpha)
         gap = finer.told(_gaps(held, end.alpha), 2)
@@ -207,10 +211,10 @@ def _misses_modes(end: _End) -> bool:
     known = tried.evaluate(alpha).each
     coarse, fine = (
         tried.by(ImportancePoints(count), alpha).evaluate(alpha).each
-        for count in SETTLING.points_tried
+        for count in NODE_ACCURACY.points_tried
     )
     error = float(np.sqrt(np.sum((fine - coarse) ** 2)))
-    return float(np.sum(fine - known)) > SETTLING.hardly + SETTLING.certain * error
+    return float(np.sum(fine - known)) > NODE_ACCURACY.hardly + NODE_ACCURACY.certain * error
 
 
 def _points_tell_less(end: _End) -> bool:
@@ -219,23 +223,23 @@ def _points_tell_less(end: _End) -> bool:
     That is, if their error falls as that of random points.
     """
     coarse, fine = (
-        _some(end.likelihood).by(ImportancePoints(n), end.alpha) for n in SETTLING.points_tried
+        _some(end.likelihood).by(ImportancePoints(n), end.alpha) for n in NODE_ACCURACY.points_tried
     )
     change = _change_of_points(fine, end.alpha, coarse.evaluate(end.alpha).each)
-    return change * float(np.sqrt(SETTLING.points_tried[0] / RULES.most_points)) > abs(end.gap)
+    return change * float(np.sqrt(NODE_ACCURACY.points_tried[0] / RULES.most_points)) > abs(end.gap)
 
 
 def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
     """Whether the individual law of an experiment has a second mode that counts; of many, some."""
-    found = _some(likelihood).by(ImportancePoints(SETTLING.mode_points, 2), alpha).nodes.modes
+    found = _some(likelihood).by(ImportancePoints(NODE_ACCURACY.mode_points, 2), alpha).nodes.modes
     return bool(np.any(found[:, :, 1] != found[:, :, 0]))
 
 
 def _some(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     """That of some of many experiments, or of all where they are not many."""
     return (
-        likelihood.sampled(SETTLING.sample)
-        if likelihood.count > 2 * SETTLING.sample
+        likelihood.sampled(NODE_ACCURACY.sample)
+        if likelihood.count > 2 * NODE_ACCURACY.sample
         else likelihood
     )
 
@@ -245,19 +249,19 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
     tried = list[tuple[float, IndividualLikelihood]]()
     variates = likelihood.inputs.scattering
     while True:
-        held, alpha = integral_climbed(likelihood, alpha)
+        held, alpha = _nearest_of_integral(likelihood, alpha)
         gaps = _gaps(held, alpha)
         gap = held.rule.told(gaps, variates)
         before = tried[-1][0] if tried else np.inf
         tried.append((abs(gap), held))
-        exact = variates == 2 and enough < SETTLING.rough
+        exact = variates == 2 and enough < NODE_ACCURACY.rough
         large, slowly = (
-            (SETTLING.plane_large, SETTLING.plane_slow)
+            (NODE_ACCURACY.plane_large, NODE_ACCURACY.plane_slow)
             if exact
-            else (SETTLING.large, SETTLING.slow)
+            else (NODE_ACCURACY.large, NODE_ACCURACY.slow)
         )
         slow = held.nodes.xi.shape[1] > large and abs(gap) > slowly * before
-        if held.rule.centers == 1 and slow and abs(gap) > SETTLING.hardly:
+        if held.rule.centers == 1 and slow and abs(gap) > NODE_ACCURACY.hardly:
             # what is not smooth converges slowly about one centre
             return _End(held, alpha, gap, _fewest(tried))
         none = max(enough, min(1e-5 * held.count, EXPERIMENTS.noted_gap))
@@ -269,7 +273,7 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
 
 def _fewest(tried: Sequence[tuple[float, IndividualLikelihood]]) -> IndividualLikelihood:
     """Of ever more nodes the first that more hardly change, or change little; else the last."""
-    for most in (SETTLING.hardly, SETTLING.little):
+    for most in (NODE_ACCURACY.hardly, NODE_ACCURACY.little):
         for gap, held in tried:
             if gap < most:
                 return held
@@ -283,7 +287,7 @@ def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
     if isinstance(held.rule, ImportancePoints | RidgePoints):
         each = held.evaluate(alpha).each
         return [_change_of_points(held.by(rule, alpha), alpha, each) for rule in rules]
-    return [_change(held, rule, alpha, rule.size(variates) > SETTLING.large) for rule in rules]
+    return [_change(held, rule, alpha, rule.size(variates) > NODE_ACCURACY.large) for rule in rules]
 
 
 def _change(held: IndividualLikelihood, rule: NodeRule, alpha: Array, large: bool) -> float:
@@ -309,10 +313,10 @@ def _change_of_points(finer: IndividualLikelihood, alpha: Array, each: Array) ->
     return max(abs(float(change.sum())), float(np.sqrt(np.sum(change**2))), left)
 
 
-def climbed(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelihood, Array]:
+def nearest_maximum(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelihood, Array]:
     """The nearest maximum, and the likelihood with nodes that serve there."""
     if not isinstance(likelihood, Problem):
-        return integral_climbed(likelihood, alpha)
+        return _nearest_of_integral(likelihood, alpha)
     hyperparameters = likelihood.hyperparameters
     free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
     if not free.size:
@@ -322,40 +326,44 @@ def climbed(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelihood, Arr
     return likelihood, ascended(objective, alpha, hyperparameters, free, information).alpha
 
 
-def integral_climbed(
+def _nearest_of_integral(
     likelihood: IndividualLikelihood, alpha: Array
 ) -> tuple[IndividualLikelihood, Array]:
     """The same: with nodes that follow alpha until it is near, then with nodes held."""
     hyperparameters = likelihood.hyperparameters
     free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
-    held = likelihood if likelihood.distance(alpha) < SETTLING.close else likelihood.adapted(alpha)
+    held = (
+        likelihood
+        if likelihood.distance(alpha) < NODE_ACCURACY.close
+        else likelihood.adapted(alpha)
+    )
     if not free.size:
         return held, alpha
     information = _outer(held(alpha).scores, free, hyperparameters)
     following = held.continued
-    near = ascended(following, alpha, hyperparameters, free, information, SETTLING.rough)
+    near = ascended(following, alpha, hyperparameters, free, information, NODE_ACCURACY.rough)
     alpha, information = near.alpha, near.information
     nearest = following.nearest(alpha)
-    held = nearest if nearest.distance(alpha) < SETTLING.close else held.adapted(alpha)
+    held = nearest if nearest.distance(alpha) < NODE_ACCURACY.close else held.adapted(alpha)
     if isinstance(held.rule, RidgePoints):
         # held where a ridge was, points promise much beside it that is not there
         alpha = ascended(held.followed, alpha, hyperparameters, free, information).alpha
         return held.adapted(alpha), alpha
     if held.rule.centers > 1:
         return _climbed_with_points(held, alpha, information, free)
-    for _ in range(SETTLING.rounds):
+    for _ in range(NODE_ACCURACY.rounds):
         before = held.evaluate(alpha).total
         following.remember(held)
         # variates as a plain function: a search would let the nodes follow
         objective = held.__call__ if held.parameters is None else following
         end = ascended(objective, alpha, hyperparameters, free, information)
-        again, close = held.adapted(end.alpha), held.distance(end.alpha) < SETTLING.close
+        again, close = held.adapted(end.alpha), held.distance(end.alpha) < NODE_ACCURACY.close
         gain = again.evaluate(end.alpha).total - before
         if gain < 0.0 and end.value > before:
             # nodes that were held too far from where they were adapted promised what is not there
             break
         held, alpha, information = again, end.alpha, end.information
-        if close or abs(gain) < SETTLING.still:
+        if close or abs(gain) < NODE_ACCURACY.still:
             break
     return held, alpha
 
@@ -364,14 +372,14 @@ def _climbed_with_points(
     held: IndividualLikelihood, alpha: Array, information: Array, free: Indices
 ) -> tuple[IndividualLikelihood, Array]:
     """The maximum with points held, until what is climbed is not there with new ones."""
-    for _ in range(SETTLING.rounds):
+    for _ in range(NODE_ACCURACY.rounds):
         before = held.evaluate(alpha).total
         end = ascended(held.__call__, alpha, held.hyperparameters, free, information)
         alpha, information = end.alpha, end.information
-        if end.value < before + SETTLING.rough:
+        if end.value < before + NODE_ACCURACY.rough:
             break
         held = held.adapted(alpha)
-        if held.evaluate(alpha).total < before + SETTLING.rough:
+        if held.evaluate(alpha).total < before + NODE_ACCURACY.rough:
             break
     return held, alpha
 
@@ -391,13 +399,13 @@ class Highest:
     `found` is the search with the answer as its first optimum, and the others after it.
     """
 
-    settled: Settled
+    maximum: Maximum
     found: SearchResult
     others: tuple[Array, ...]
 
     @classmethod
     def of(
-        cls, end: Settled, found: SearchResult, looked: Sequence[Optimum], rest: Sequence[Optimum]
+        cls, end: Maximum, found: SearchResult, looked: Sequence[Optimum], rest: Sequence[Optimum]
     ) -> Highest:
         """With the optima that were looked at, and the `rest` that were not."""
         lower = [replace(o, log_likelihood=min(o.log_likelihood, end.value)) for o in looked]
@@ -407,13 +415,13 @@ class Highest:
         return cls(end, moved, tuple(o.alpha for o in lower if _possible(o, end)))
 
 
-def compared(end: Settled, found: SearchResult) -> Highest:
+def with_other_optima(end: Maximum, found: SearchResult) -> Highest:
     """An answer as it is, and what the next optima are by its nodes."""
     looked = _looked_at(end.likelihood.continued, found)
-    return Highest.of(end, found, looked, found.optima[1 + SETTLING.others :])
+    return Highest.of(end, found, looked, found.optima[1 + NODE_ACCURACY.others :])
 
 
-def highest(end: Settled, found: SearchResult) -> Highest:
+def highest_maximum(end: Maximum, found: SearchResult) -> Highest:
     """Climb from the next optima of the search too, and take the highest end.
 
     A search has few nodes: with those of the answer another optimum than its best may be the
@@ -429,9 +437,9 @@ def highest(end: Settled, found: SearchResult) -> Highest:
         climbs.append(_climbed(near or end.likelihood, optimum))
         ascents = tuple(_moved(ascent, optimum, climbs[-1]) for ascent in ascents)
     best = max(climbs, key=lambda one: one.log_likelihood, default=None)
-    if best is not None and best.log_likelihood > end.value + SETTLING.higher:
+    if best is not None and best.log_likelihood > end.value + NODE_ACCURACY.higher:
         climbs.append(Optimum(end.alpha, end.value, found.optima[0].starts))
-        end = max(settled(end.likelihood, best.alpha), end, key=lambda one: one.value)
+        end = max(with_enough_nodes(end.likelihood, best.alpha), end, key=lambda one: one.value)
         found = replace(found, once=_reached(end, ascents) < 2)
     known = [end.alpha]
     for climb in sorted(climbs, key=lambda one: -one.log_likelihood):
@@ -439,7 +447,7 @@ def highest(end: Settled, found: SearchResult) -> Highest:
             known.append(climb.alpha)
             looked.append(climb)
     return Highest.of(
-        end, replace(found, ascents=ascents), looked, found.optima[1 + SETTLING.others :]
+        end, replace(found, ascents=ascents), looked, found.optima[1 + NODE_ACCURACY.others :]
     )
 
 
@@ -447,16 +455,16 @@ def _looked_at(objective: Objective, found: SearchResult) -> list[Optimum]:
     """The next optima of a search with log-likelihoods by other nodes."""
     return [
         replace(optimum, log_likelihood=objective(optimum.alpha).total)
-        for optimum in found.optima[1 : 1 + SETTLING.others]
+        for optimum in found.optima[1 : 1 + NODE_ACCURACY.others]
     ]
 
 
-def _possible(optimum: Optimum, end: Settled) -> bool:
+def _possible(optimum: Optimum, end: Maximum) -> bool:
     return end.value - optimum.log_likelihood < OPTIMA.ruled_out
 
 
 def _climbed(likelihood: AnyLikelihood, optimum: Optimum) -> Optimum:
-    held, alpha = climbed(likelihood, optimum.alpha)
+    held, alpha = nearest_maximum(likelihood, optimum.alpha)
     return replace(optimum, alpha=alpha, log_likelihood=held.evaluate(alpha).total)
 
 
@@ -467,7 +475,7 @@ def _moved(ascent: Ascent, optimum: Optimum, climb: Optimum) -> Ascent:
     return replace(ascent, alpha=climb.alpha, log_likelihood=climb.log_likelihood)
 
 
-def _reached(end: Settled, ascents: Sequence[Ascent]) -> int:
+def _reached(end: Maximum, ascents: Sequence[Ascent]) -> int:
     """How many starts ended on the hill of the answer."""
     scores = end.likelihood(end.alpha).scores
     assert scores is not None
@@ -475,8 +483,8 @@ def _reached(end: Settled, ascents: Sequence[Ascent]) -> int:
     return sum(one_hill(a.alpha - end.alpha, scores, free) for a in ascents)
 
 
-def _same(alpha: Array, other: Array, end: Settled) -> bool:
+def _same(alpha: Array, other: Array, end: Maximum) -> bool:
     scores = end.likelihood(end.alpha).scores
     assert scores is not None
     step = alpha - other
-    return float(step @ outer(scores) @ step) < SETTLING.same**2
+    return float(step @ outer(scores) @ step) < NODE_ACCURACY.same**2

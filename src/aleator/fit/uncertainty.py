@@ -14,9 +14,15 @@ import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.fit.ledger import Ledger
+from aleator.fit.quadrature import (
+    NODE_ACCURACY,
+    AnyLikelihood,
+    Maximum,
+    nearest_maximum,
+    with_enough_nodes,
+)
 from aleator.fit.refine import WITH_NOISE, Refined, Refinement
 from aleator.fit.search import in_order
-from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, climbed, settled
 from aleator.inference.diagnostics import ESTIMATES, Rival
 from aleator.inference.information import Inference, infer
 from aleator.inference.profile import ENDS, Profile, profile_intervals
@@ -32,7 +38,7 @@ from aleator.search.newton import ascend, ascended, outer
 
 
 @dataclass(frozen=True)
-class Certainty:
+class UncertaintySettings:
     """How sure an answer is to be made, by judgement where nothing else is said.
 
     - `wider`: times that surfaces may be made to serve the ends of the intervals.
@@ -65,11 +71,11 @@ class Certainty:
     others: int = 2
 
 
-CERTAINTY = Certainty()
+UNCERTAINTY = UncertaintySettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Certain:
+class Inferred:
     """A refined answer with its information, its profile intervals, and other maxima."""
 
     refined: Refined
@@ -78,9 +84,9 @@ class Certain:
     rivals: tuple[Rival, ...]
 
     @property
-    def settled(self) -> Settled:
+    def maximum(self) -> Maximum:
         """The maximum."""
-        return self.refined.settled
+        return self.refined.maximum
 
     @property
     def found(self) -> SearchResult:
@@ -88,14 +94,14 @@ class Certain:
         return self.refined.found
 
 
-def certain(answer: Refined, ledger: Ledger) -> Certain:
+def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
     """How sure an answer is, on surfaces that serve the laws at the ends of its intervals too."""
     refinement = Refinement(answer.question, ledger)
-    for widened in range(CERTAINTY.wider + 1):
+    for widened in range(UNCERTAINTY.wider + 1):
         with ledger.stage("inference"):
-            end, found, inference, profile = inferred(answer.settled, answer.found, answer.possible)
-            answer = replace(answer, settled=end, found=found)
-        if answer.surfaces is None or widened == CERTAINTY.wider:
+            end, found, inference, profile = inferred(answer.maximum, answer.found, answer.possible)
+            answer = replace(answer, maximum=end, found=found)
+        if answer.surfaces is None or widened == UNCERTAINTY.wider:
             break
         spread = refinement.spread(answer, inference, profile.intervals)
         if spread is None:
@@ -103,21 +109,21 @@ def certain(answer: Refined, ledger: Ledger) -> Certain:
         answer = spread
     with ledger.stage("inference"):
         rivals = _rivals(answer, inference) or _followed_rivals(answer, inference)
-    return Certain(answer, inference, profile, rivals)
+    return Inferred(answer, inference, profile, rivals)
 
 
 def inferred(
-    end: Settled, found: SearchResult, others: Sequence[Array] = ()
-) -> tuple[Settled, SearchResult, Inference, Profile]:
+    end: Maximum, found: SearchResult, others: Sequence[Array] = ()
+) -> tuple[Maximum, SearchResult, Inference, Profile]:
     """The information, and profiles with as few nodes as serve at each end.
 
     `others` (K,) are lower optima, whose hills the profiles may go over.
     """
-    for _ in range(CERTAINTY.climbs):
+    for _ in range(UNCERTAINTY.climbs):
         before = end
         end, inference = _informed(end)
         likelihood, alpha = end.likelihood, end.alpha
-        if inference.positive and inference.edm > CERTAINTY.enough:
+        if inference.positive and inference.edm > UNCERTAINTY.enough:
             # with the information itself, which a search on a flat top has not learned
             alpha = ascend(
                 likelihood.followed, alpha, likelihood.hyperparameters, inference.identified,
@@ -131,7 +137,7 @@ def inferred(
         if profile.better is None:
             break
         others = (alpha, *others)
-        end = settled(likelihood, profile.better)
+        end = with_enough_nodes(likelihood, profile.better)
         found = found.improved(end.alpha, end.likelihood(end.alpha), inference.identified)
     return end, found, inference, profile
 
@@ -145,23 +151,23 @@ def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
     """
     if not inference.positive:
         return ()
-    end, found = answer.settled, answer.found
+    end, found = answer.maximum, answer.found
     likelihood = end.likelihood
     arrived = list(answer.possible)
     rule = likelihood.rule if isinstance(likelihood, IndividualLikelihood) else None
     if not isinstance(rule, PlanePanels):
         arrived += [a.alpha for a in found.ascents if a.converged]
     if isinstance(likelihood, IndividualLikelihood) and isinstance(rule, GaussHermite):
-        likelihood = likelihood.by(GaussHermite(min(rule.first, CERTAINTY.nodes)), end.alpha)
+        likelihood = likelihood.by(GaussHermite(min(rule.first, UNCERTAINTY.nodes)), end.alpha)
     known, kept = [end.alpha], list[Rival]()
     for optimum in found.optima[1:]:
-        if len(known) > CERTAINTY.others:
+        if len(known) > UNCERTAINTY.others:
             break
         if not any(np.array_equal(optimum.alpha, other) for other in arrived):
             continue
         if inference.among(optimum.alpha, known, WITH_NOISE.apart):
             continue
-        held, alpha = climbed(likelihood, optimum.alpha)
+        held, alpha = nearest_maximum(likelihood, optimum.alpha)
         alpha = in_order(alpha, end.likelihood.inputs)
         if inference.among(alpha, known, WITH_NOISE.apart):
             continue
@@ -173,7 +179,7 @@ def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
 
 def _followed_rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
     """Those of maxima that were followed to their own ends which are maxima indeed."""
-    end, kept = answer.settled, list[Rival]()
+    end, kept = answer.maximum, list[Rival]()
     for other in answer.others:
         if not inference.among(other.alpha, [end.alpha], WITH_NOISE.apart):
             drop = end.value - other.value
@@ -194,7 +200,7 @@ def _maximum(
     return [Rival(alpha, here, drop, moved)]
 
 
-def _informed(end: Settled) -> tuple[Settled, Inference]:
+def _informed(end: Maximum) -> tuple[Maximum, Inference]:
     """The information at an answer, and the answer: where it is a saddle, a maximum beside it.
 
     Where the top is as flat as the errors of the quadrature, differences of the score may tell
@@ -209,13 +215,13 @@ def _informed(end: Settled) -> tuple[Settled, Inference]:
     told = infer(objective, alpha, hyperparameters, by_scores=True)
     if (
         not told.positive
-        or np.linalg.eigvalsh(np.linalg.inv(told.correlation))[0] < CERTAINTY.determined
+        or np.linalg.eigvalsh(np.linalg.inv(told.correlation))[0] < UNCERTAINTY.determined
     ):
         return end, inference
     higher = _beside_a_saddle(likelihood, alpha, inference, told)
     if higher is None:
         return end, told
-    end = settled(likelihood, higher)
+    end = with_enough_nodes(likelihood, higher)
     return end, infer(end.likelihood.followed, end.alpha, hyperparameters)
 
 
@@ -227,15 +233,15 @@ def _beside_a_saddle(
     errors = told.standard_error[told.free]
     bends = inference.information[np.ix_(inside, inside)] * np.outer(errors, errors)
     steepest = errors * np.linalg.eigh(bends)[1][:, 0]
-    points = np.tile(alpha, (len(CERTAINTY.looks), 1))
-    points[:, told.free] += np.outer(CERTAINTY.looks, steepest)
+    points = np.tile(alpha, (len(UNCERTAINTY.looks), 1))
+    points[:, told.free] += np.outer(UNCERTAINTY.looks, steepest)
     points = np.clip(points, *limits_of(likelihood.hyperparameters))
     *values, here = likelihood.continued.values(np.vstack([points, alpha]))
     best = int(np.nanargmax(values))
-    return points[best] if values[best] > here + CERTAINTY.higher else None
+    return points[best] if values[best] > here + UNCERTAINTY.higher else None
 
 
-def _profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
+def _profiled(end: Maximum, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
     """By few nodes that follow alpha; by those of the answer, or finer, where these tell more.
 
     The laws of experiments at an end are others than at the answer, and may need more nodes. What
@@ -250,7 +256,7 @@ def _profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence
         same = end.coarse.rule == likelihood.rule
         few = likelihood if same else likelihood.by(end.coarse.rule, alpha)
         return _by_held(few, alpha, inference, rivals)
-    many = likelihood.nodes.xi.shape[1] > CERTAINTY.dear
+    many = likelihood.nodes.xi.shape[1] > UNCERTAINTY.dear
     found = profile_intervals(
         end.coarse.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals
     )
@@ -260,7 +266,7 @@ def _profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence
         likelihood,
         alpha,
         found,
-        CERTAINTY.unknown if many else CERTAINTY.differs,
+        UNCERTAINTY.unknown if many else UNCERTAINTY.differs,
         inference,
         rivals,
     )
@@ -269,13 +275,13 @@ def _profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence
     finer = _finer(likelihood, alpha)
     if finer is None or found.better is not None:
         return found
-    if finer.nodes.xi.shape[1] > CERTAINTY.dear:
-        return found.only_known(_off(finer, alpha, found, CERTAINTY.unknown))
-    again = _anew(finer, alpha, found, CERTAINTY.unknown, inference, rivals)
+    if finer.nodes.xi.shape[1] > UNCERTAINTY.dear:
+        return found.only_known(_off(finer, alpha, found, UNCERTAINTY.unknown))
+    again = _anew(finer, alpha, found, UNCERTAINTY.unknown, inference, rivals)
     finest = _finer(finer, alpha)
     if again is found or again.better is not None or finest is None:
         return again
-    return again.only_known(_off(finest, alpha, again, CERTAINTY.unknown))
+    return again.only_known(_off(finest, alpha, again, UNCERTAINTY.unknown))
 
 
 def _anew(
@@ -360,7 +366,7 @@ def _row_by_held(
     """The interval of one hyperparameter; a better maximum is one if nodes adapted to it say so."""
     hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
     off, about = np.full((alpha.size, 2), np.inf), None
-    for _ in range(CERTAINTY.adapted):
+    for _ in range(UNCERTAINTY.adapted):
         found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals, about)
         if found.better is not None:
             if top - _with_own(objective, likelihood, found.better) < -ENDS.better:
@@ -370,9 +376,9 @@ def _row_by_held(
         for k, side in np.argwhere(found.drops > 0.0):
             drop = top - _with_own(objective, likelihood, found.points[k, side])
             off[k, side] = abs(drop - found.drops[k, side])
-        if np.max(off) < CERTAINTY.differs:
+        if np.max(off) < UNCERTAINTY.differs:
             break
-    return replace(found, better=None).only_known(off > CERTAINTY.unknown)
+    return replace(found, better=None).only_known(off > UNCERTAINTY.unknown)
 
 
 def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Array) -> float:
@@ -381,7 +387,7 @@ def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Arr
     Or with some that were adapted as near to it as that.
     """
     own = objective.nearest(point)
-    if own.distance(point) > SETTLING.close:
+    if own.distance(point) > NODE_ACCURACY.close:
         own = likelihood.adapted(point)
         objective.remember(own)
     return own.evaluate(point).total
