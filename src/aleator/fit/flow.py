@@ -66,7 +66,7 @@ def answered(question: Question, ledger: Ledger) -> Inferred:
 
 
 def _checked(found: Inferred, check: Check, ledger: Ledger) -> Answer:
-    """With a few fresh runs under the individual laws."""
+    """The answer with the check: a few fresh runs under the individual laws."""
     question, surfaces = found.refined.question, found.refined.surfaces
     likelihood, alpha, runner = found.maximum.likelihood, found.maximum.alpha, question.runner
     none = np.zeros(likelihood.count)
@@ -104,7 +104,7 @@ def _against_simulator(found: Inferred, check: Check, runs: int) -> Checked:
 
 
 def _nearer(answer: Answer, ledger: Ledger) -> Inferred | None:
-    """The answer with more runs near some outcomes, where their surfaces are doubted."""
+    """The answer with more runs near outcomes whose surfaces are doubted; None without any."""
     found, likelihood = answer.inferred, answer.inferred.maximum.likelihood
     surfaces = found.refined.surfaces
     if surfaces is None or not isinstance(likelihood, Problem):
@@ -122,9 +122,9 @@ def _nearer(answer: Answer, ledger: Ledger) -> Inferred | None:
 def _draws_near(
     problem: Problem, found: Inferred, rows: Indices, times: int = 16
 ) -> dict[int, Array]:
-    """Draws (512, moving) for the conditions of some experiments, near their outcomes.
+    """Draws (512, moving) near the measured outcomes of some experiments, by condition.
 
-    Of so many `times` as many draws of likely laws those with the nearest outcomes.
+    Of `times` as many draws of plausible laws, those whose outcomes are nearest are taken.
     """
     inputs, region = problem.inputs, problem.region
     likely = plausible_alphas(found.maximum.alpha, found.inference, problem.hyperparameters)

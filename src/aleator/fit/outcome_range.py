@@ -131,7 +131,7 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
 
 
 def _support(inputs: Inputs) -> Array:
-    """Where the laws of the admissible alphas have their mass, (n, 2): within the box."""
+    """The part of the box (n, 2) where laws of admissible hyperparameters have their mass."""
     lower, upper = (end[: inputs.size] for end in limits_of(inputs.hyperparameters))
     u = qmc.Sobol(max(inputs.size, 1), rng=0).random(OUTCOME_SEARCH.looks)[:, : inputs.size]
     return within(inputs.box, law_region(inputs, [*(lower + u * (upper - lower)), lower, upper]))
@@ -185,7 +185,7 @@ def _reached(
 
 
 def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bool:
-    """Whether conditions `lost` have more runs now, each where its surface is near its outcome."""
+    """Run some conditions near their outcomes; False where none is granted a run."""
     members = np.isin(np.arange(surfaces.good.size), lost)
     granted = np.flatnonzero(surfaces.granted(members))
     for condition in granted.tolist():
@@ -198,7 +198,7 @@ def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bo
 
 
 def _holding(region: Array, x: Array, box: Array) -> Array:
-    """The region (n, 2), wider where a point x (moving,) lies outside: by half as much again."""
+    """The region (n, 2), widened so that it holds the point x (moving,) with some room."""
     moving = moving_parameters(region)
     wide = region.copy()
     inside = np.clip(x, *region[moving].T)
@@ -207,7 +207,7 @@ def _holding(region: Array, x: Array, box: Array) -> Array:
 
 
 def _spread(box: Array) -> Array:
-    """Points (4096, n) all over a box (n, 2)."""
+    """4096 quasi-random points all over a box (n, 2)."""
     axes = Axes(box, logarithms(box))
     return np.asarray(
         axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(OUTCOME_SEARCH.candidates) - 1.0)
@@ -215,6 +215,6 @@ def _spread(box: Array) -> Array:
 
 
 def _by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Array]:
-    """Points (4096, n) all over the region, and what the surface of a condition says there."""
+    """4096 points all over the region, and the outcomes of one condition's surface there."""
     points = _spread(surfaces.box)
     return points, surfaces.surface().take(np.array([condition])).evaluate(points)[0]

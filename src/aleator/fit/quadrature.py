@@ -114,7 +114,7 @@ class Maximum:
 
 @dataclass(frozen=True, eq=False)
 class _End(Maximum):
-    """That of an integral over individual parameters."""
+    """A maximum of an integral over individual parameters."""
 
     likelihood: IndividualLikelihood
     coarse: IndividualLikelihood
@@ -134,12 +134,12 @@ def with_enough_nodes(
 def _integral_with_enough_nodes(
     likelihood: IndividualLikelihood, alpha: Array, enough: float
 ) -> Maximum:
-    """Climb with nodes held, adapt them, take more where they are too few, until nothing moves.
+    """Climb with fixed nodes, adapt them, and take more of them, until nothing moves.
 
-    Nodes are enough where more change the log-likelihood by less than `enough`. Of more than four
-    variates they are points along the ridge of each individual law. Where one centre does not do,
-    because an individual law has other modes that count or the nodes about one would be too many,
-    importance points are taken, and panels where there is one variate.
+    Nodes are enough where more of them change the log-likelihood by less than `enough`. With more
+    than four variates they are points along the ridge of each individual law. Importance points
+    replace nodes about one mode where an individual law has other modes that count, or where these
+    nodes would be too many; with two variates panels do.
     """
     variates = likelihood.inputs.scattering
     many = variates > NODE_ACCURACY.products
@@ -159,9 +159,10 @@ def _integral_with_enough_nodes(
 
 
 def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
-    """With as many nodes a variate as scores need: one at the mode gives a density its height.
+    """The likelihood with at least three nodes a variate, as scores need.
 
-    Of its width it knows nothing, so that the score of a standard deviation is not its slope.
+    One node at the mode gives an individual density its height but not its width, so that the score
+    of a standard deviation would not be the slope of the log-likelihood.
     """
     if not isinstance(likelihood.rule, GaussHermite) or likelihood.inputs.scattering < 2:
         return likelihood
@@ -169,9 +170,10 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
 
 
 def _told_by_panels(end: _End, most: float, enough: float) -> bool:
-    """Whether nodes about one mode of two variates tell what panels do, who leave nothing out.
+    """Whether nodes about one mode of two variates give the same value as panels.
 
-    They do where more of them change less than `most`, and panels less than what is `enough`.
+    Panels cover the whole plane and miss nothing. It is so where more nodes change less than
+    `most`, and panels change less than `enough`.
     """
     if abs(end.gap) > most:
         return False
@@ -187,9 +189,9 @@ def _told_by_panels(end: _End, most: float, enough: float) -> bool:
 
 
 def _smooth(end: _End) -> bool:
-    """Whether ever more nodes about one mode change as little as they do not at a kink.
+    """Whether ever more nodes about one mode converge, as they do not at a kink.
 
-    A hundred of them cost a hundredth of what panels do.
+    A hundred nodes cost a hundredth of what panels cost.
     """
     held, gap = end.likelihood, end.gap
     while abs(gap) >= NODE_ACCURACY.smooth:
@@ -203,7 +205,7 @@ def _smooth(end: _End) -> bool:
 
 
 def _misses_modes(end: _End) -> bool:
-    """Whether nodes about one mode of each experiment leave a part of the likelihood out."""
+    """Whether nodes about one mode of each experiment miss a part of the likelihood."""
     likelihood, alpha = end.likelihood, end.alpha
     if not several_modes(likelihood, alpha):
         return False
@@ -218,9 +220,9 @@ def _misses_modes(end: _End) -> bool:
 
 
 def _points_tell_less(end: _End) -> bool:
-    """Whether the most importance points would be off by more than the nodes of an answer are.
+    """Whether importance points would have a larger error than the nodes of the answer.
 
-    That is, if their error falls as that of random points.
+    The error of the largest number of points is extrapolated as that of random points.
     """
     coarse, fine = (
         _some(end.likelihood).by(ImportancePoints(n), end.alpha) for n in NODE_ACCURACY.points_tried
@@ -236,7 +238,7 @@ def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
 
 
 def _some(likelihood: IndividualLikelihood) -> IndividualLikelihood:
-    """That of some of many experiments, or of all where they are not many."""
+    """The likelihood of a sample of the experiments; of all where they are few."""
     return (
         likelihood.sampled(NODE_ACCURACY.sample)
         if likelihood.count > 2 * NODE_ACCURACY.sample
@@ -245,7 +247,7 @@ def _some(likelihood: IndividualLikelihood) -> IndividualLikelihood:
 
 
 def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _End:
-    """Settled with one kind of rule."""
+    """The nearest maximum by one kind of rule, with as many nodes as are enough."""
     tried = list[tuple[float, IndividualLikelihood]]()
     variates = likelihood.inputs.scattering
     while True:
@@ -272,7 +274,7 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
 
 
 def _fewest(tried: Sequence[tuple[float, IndividualLikelihood]]) -> IndividualLikelihood:
-    """Of ever more nodes the first that more hardly change, or change little; else the last."""
+    """The likelihood with the fewest nodes of which more hardly change it; else with the most."""
     for most in (NODE_ACCURACY.hardly, NODE_ACCURACY.little):
         for gap, held in tried:
             if gap < most:
@@ -281,7 +283,7 @@ def _fewest(tried: Sequence[tuple[float, IndividualLikelihood]]) -> IndividualLi
 
 
 def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
-    """What each of the finer rules changes of the log-likelihood."""
+    """The changes of the log-likelihood by each of the finer rules."""
     variates = held.inputs.scattering
     rules = held.rule.finer(variates)
     if isinstance(held.rule, ImportancePoints | RidgePoints):
@@ -291,16 +293,17 @@ def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
 
 
 def _change(held: IndividualLikelihood, rule: NodeRule, alpha: Array, large: bool) -> float:
-    """What a rule changes; one of many nodes is tried on some of many experiments."""
+    """The change of the log-likelihood by a rule; a large rule is tried on a sample."""
     tried = _some(held) if large else held
     change = tried.by(rule, alpha).evaluate(alpha).total - tried.evaluate(alpha).total
     return float(change * held.count / sum(len(block) for block in tried.blocks))
 
 
 def _change_of_points(finer: IndividualLikelihood, alpha: Array, each: Array) -> float:
-    """What other points change, at least: changes of experiments may cancel by chance.
+    """The change of the log-likelihood by other importance points.
 
-    Or what there is to climb with them, as far as the scores of experiments tell, if that is more.
+    It is at least the root of the sum of squares, since changes of experiments may cancel by
+    chance, and at least what there is left to climb with the other points.
     """
     hyperparameters, found = finer.hyperparameters, finer(alpha)
     free = np.array(
@@ -329,7 +332,7 @@ def nearest_maximum(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelih
 def _nearest_of_integral(
     likelihood: IndividualLikelihood, alpha: Array
 ) -> tuple[IndividualLikelihood, Array]:
-    """The same: with nodes that follow alpha until it is near, then with nodes held."""
+    """The nearest maximum: nodes follow alpha until it is near, then they are fixed."""
     hyperparameters = likelihood.hyperparameters
     free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
     held = (
@@ -371,7 +374,7 @@ def _nearest_of_integral(
 def _climbed_with_points(
     held: IndividualLikelihood, alpha: Array, information: Array, free: Indices
 ) -> tuple[IndividualLikelihood, Array]:
-    """The maximum with points held, until what is climbed is not there with new ones."""
+    """The maximum with fixed importance points, drawn anew until a climb gains nothing."""
     for _ in range(NODE_ACCURACY.rounds):
         before = held.evaluate(alpha).total
         end = ascended(held.__call__, alpha, held.hyperparameters, free, information)
@@ -385,7 +388,7 @@ def _climbed_with_points(
 
 
 def _outer(scores: Array | None, free: Indices, hyperparameters: Sequence[Hyperparameter]) -> Array:
-    """The information by outer products of the scores, never less than the limits tell."""
+    """The sum of outer products of the scores (F, F), and at least 1/width^2 of the limits."""
     assert scores is not None
     own = scores[:, free]
     lower, upper = limits_of(hyperparameters, free)
@@ -452,7 +455,7 @@ def highest_maximum(end: Maximum, found: SearchResult) -> Highest:
 
 
 def _looked_at(objective: Objective, found: SearchResult) -> list[Optimum]:
-    """The next optima of a search with log-likelihoods by other nodes."""
+    """The next optima of a search, with their log-likelihoods by the nodes of the answer."""
     return [
         replace(optimum, log_likelihood=objective(optimum.alpha).total)
         for optimum in found.optima[1 : 1 + NODE_ACCURACY.others]
@@ -469,14 +472,14 @@ def _climbed(likelihood: AnyLikelihood, optimum: Optimum) -> Optimum:
 
 
 def _moved(ascent: Ascent, optimum: Optimum, climb: Optimum) -> Ascent:
-    """An ascent that ended at an optimum, ended where a climb from there did."""
+    """An ascent whose end is moved to where a climb from its optimum ended."""
     if not np.array_equal(ascent.alpha, optimum.alpha):
         return ascent
     return replace(ascent, alpha=climb.alpha, log_likelihood=climb.log_likelihood)
 
 
 def _reached(end: Maximum, ascents: Sequence[Ascent]) -> int:
-    """How many starts ended on the hill of the answer."""
+    """The number of starts that ended on the hill of the answer."""
     scores = end.likelihood(end.alpha).scores
     assert scores is not None
     free = np.flatnonzero([h.free for h in end.likelihood.hyperparameters])

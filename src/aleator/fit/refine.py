@@ -138,7 +138,7 @@ def refined(question: Question, ledger: Ledger) -> Refined:
 
 
 def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger) -> Refined:
-    """The maximum by the simulator itself: there is nothing to refine but nodes."""
+    """The maximum by the simulator itself, where only nodes are refined."""
     runner, inputs = question.runner, question.inputs
     likelihood: AnyLikelihood
     if question.exact:
@@ -266,7 +266,7 @@ class Refinement:
     def _made(
         self, question: Question, surfaces: AdaptiveSurfaces, region: Array, sites: Sites
     ) -> tuple[AnyLikelihood, Array]:
-        """The likelihood on surfaces as they are, and the region where it is known."""
+        """The likelihood on the surfaces as they are, and the region of the surfaces."""
         progress = self.ledger.progress
         if surfaces.choice.tolerance is not None:
             surfaces.judge(None)
@@ -277,7 +277,6 @@ class Refinement:
         return question.integral(OnSurfaces(surfaces.surface(), region, sites.of)), region
 
     def _on(self, answer: Refined) -> Refined:
-        """The answer with the likelihood on its surfaces as they are now."""
         assert answer.surfaces is not None
         assert answer.sites is not None
         made, region = self._made(answer.question, answer.surfaces, answer.region, answer.sites)
@@ -288,7 +287,7 @@ class Refinement:
         return replace(answer, maximum=replace(answer.maximum, likelihood=made), region=region)
 
     def _likelihood(self, answer: Refined) -> AnyLikelihood:
-        """With few nodes, on the surfaces of an answer."""
+        """The likelihood with few nodes, on the surfaces of an answer."""
         likelihood = answer.maximum.likelihood
         if isinstance(likelihood, IndividualLikelihood):
             return answer.question.integral(likelihood.predictor)
@@ -308,14 +307,17 @@ class Refinement:
             answer = replace(answer, maximum=again, found=found)
 
     def _finished(self, answer: Refined) -> Refined:
-        """With the nodes of an answer; surfaces are exact near it: it is as far as they know."""
+        """The answer with as many nodes as it needs, on the surfaces as they are."""
         with self.ledger.stage(SEARCH):
             end = with_enough_nodes(self._likelihood(answer), answer.maximum.alpha)
             top = with_other_optima(end, answer.found)
         return replace(answer, maximum=top.maximum, found=top.found, possible=top.others)
 
     def _refined(self, answer: Refined, known: Sequence[Array] = ()) -> Refined:
-        """Run where the laws are, and climb, until nothing moves, or one comes to what is known."""
+        """Make runs where the laws are, and climb, until nothing moves.
+
+        It also ends where the answer comes to one of the `known` alphas.
+        """
         rounds, surfaces = self.rounds, answer.surfaces
         assert surfaces is not None
         level, calm = rounds.first * surfaces.caution, False
@@ -340,7 +342,7 @@ class Refinement:
     def _sharpened(
         self, answer: Refined, inference: Inference, level: float
     ) -> tuple[Refined, bool]:
-        """Runs for all sites whose error is above a level where the laws lie; whether none is."""
+        """Make runs at all sites whose error is above a level; also whether none is left above."""
         likelihood, alpha, surfaces = (
             answer.maximum.likelihood,
             answer.maximum.alpha,
@@ -373,20 +375,19 @@ class Refinement:
     def _draws(
         self, likelihood: AnyLikelihood, alphas: Sequence[Array], region: Array, wide: float = 1.0
     ) -> Array:
-        """Parameters (D, moving) of the laws, moved into a region (n, 2)."""
         x = np.clip(draws(likelihood.inputs, alphas, likelihood.count, wide), *region.T)
         return x[:, moving_parameters(region)]
 
     def _together(self, answer: Refined, members: Flags) -> Flags:
-        """With all sites of the same runs."""
+        """The members and all other sites that the same runs serve."""
         assert answer.sites is not None
         return answer.sites.together(members)
 
     def _elsewhere(self, first: Refined) -> list[Array]:
-        """Optima (K,) of a search on coarse surfaces that exact ones may prefer to its best.
+        """Other optima (K,) of the first search that exact surfaces may prefer to its best.
 
-        They lie apart, no mean is on a limit, and the noise that they need is at most e times
-        larger.
+        They lie apart from each other, no mean of them is on a limit, and the noise that they need
+        is at most e times larger.
         """
         found, likelihood = first.found, first.maximum.likelihood
         inference = _infer(first.maximum)
@@ -407,7 +408,7 @@ class Refinement:
         return known[1:]
 
     def _calm(self, before: Maximum, after: Maximum, inference: Inference) -> bool:
-        """Whether neither alpha nor the log-likelihood has moved."""
+        """Whether neither alpha nor the log-likelihood has moved in a round."""
         step = (after.alpha - before.alpha)[inference.identified]
         length = float(step @ inference.information @ step)
         change = abs(after.value - before.value)
@@ -439,9 +440,9 @@ def under_law(
 
 
 def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
-    """One that holds the laws of all that alpha may be, if that is better than the present one.
+    """A region that holds the laws of all plausible alphas, where it is better than the present.
 
-    A narrower one only if it is smaller than the share `shrink` of the present one.
+    A narrower region is better only if it is smaller than the share `shrink` of the present one.
     """
     likelihood, alpha, region = answer.maximum.likelihood, answer.maximum.alpha, answer.region
     inputs = likelihood.inputs

@@ -179,5 +179,5 @@ def within(box: Array, region: Array) -> Array:
 
 
 def _laws(inputs: Inputs, experiments: int) -> int:
-    """How many experiments have laws of their own: all that follow covariates, else one."""
+    """The number of different laws: one for each experiment with covariates, else one."""
     return experiments if inputs.regressed else 1

@@ -108,7 +108,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
 
 
 def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
-    """What a result says of exact outcomes."""
+    """The part of a result that only exact outcomes have."""
     answer, table, at = reviewed.answer, reviewed.table, reviewed.at
     alpha, surface_error = answer.inferred.maximum.alpha, reviewed.surface_error
     where = "under the law" if problem.model.follows else "on the box"
@@ -127,7 +127,7 @@ def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
 
 
 def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dict[str, Any]:
-    """What a result says of experiments with parameters of their own."""
+    """The part of a result that only experiments with noise have."""
     certain, checked = reviewed.answer.inferred, reviewed.answer.checked
     alpha, gap, surfaces = certain.maximum.alpha, certain.maximum.gap, certain.refined.surfaces
     question, inputs, at = certain.refined.question, likelihood.inputs, reviewed.at
@@ -160,9 +160,10 @@ def _verified(
     cells: float,
     doubted: surface_diagnostics.Doubt,
 ) -> LogLikelihoodReport:
-    """With its error, of which `cells` is that of level sets.
+    """The log-likelihood of exact outcomes with its error.
 
-    What was verified is the `exact` one on the surfaces and what the simulator changes of it.
+    The verified value is the `exact` one on the surfaces with the change by the simulator; `cells`
+    is the error of the level sets.
     """
     found = honest.likelihood
     if checked is None:
@@ -175,7 +176,7 @@ def _verified(
 
 
 def _with_nodes(total: float, gap: float, check: Checked | None) -> LogLikelihoodReport:
-    """Its error is that of the check and what more nodes change, which the check does not see."""
+    """The log-likelihood with its error: that of the check and that of the quadrature."""
     if check is None:
         return LogLikelihoodReport(total, None, None)
     error = max(float(np.hypot(check.standard_error, gap)), LEAST)
@@ -186,7 +187,7 @@ def _with_nodes(total: float, gap: float, check: Checked | None) -> LogLikelihoo
 def _distances(
     problem: Problem, alpha: Array, exact: LogLikelihood | None
 ) -> tuple[DensityDistance, ...]:
-    """How far densities of moments are from the exact one, where one of them was chosen."""
+    """How far the densities by moments are from the exact ones, where moments were chosen."""
     if exact is None or not np.isfinite(exact.total) or not np.all(exact.status == Status.SOLVED):
         return ()
     from aleator.moments.likelihood import Likelihood, density_distances
@@ -426,7 +427,6 @@ def law_curves(
 
 
 def _mean_curve(x: Array, density: Array) -> tuple[Array, Array]:
-    """The mean of the curves (B, J) of several experiments, on twice as many points."""
     if len(x) == 1:
         return x[0], density[0]
     at = np.linspace(x.min(), x.max(), 2 * x.shape[1])

@@ -267,7 +267,6 @@ class _LinearGaussian:
         return np.array([self(alpha).total for alpha in np.asarray(alphas)])
 
     def _moments(self, alpha: Array) -> tuple[Array, Array, Array, Array]:
-        """Mean and sd (N,) of the outcomes with derivatives (N, K)."""
         n, k_total = self.x0.size, alpha.size
         center, spread = np.zeros(n), np.zeros(n)
         d_center, d_spread = np.zeros((n, k_total)), np.zeros((n, k_total))
@@ -292,10 +291,10 @@ class _LinearGaussian:
 
 
 def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -> list[Array]:
-    """Laws about the point of least squares, with their sds at the start.
+    """Laws about the point of least squares, from which the search starts too.
 
-    Of exact outcomes also the law of the tangent; with noise also much narrower laws, and where
-    laws are mixtures, components about groups of the experiments' own parameters.
+    Of exact outcomes also the law of the tangent; with noise also much narrower laws; of mixtures
+    also components about groups of the experiments' own parameters.
     """
     inputs, around = question.inputs, likelihood.inputs.about(fit.x)
     if isinstance(likelihood, Problem):
@@ -316,7 +315,7 @@ def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -
 def _grouped(
     likelihood: IndividualLikelihood, fit: LeastSquares, y: Array, seed: int
 ) -> Iterator[Array]:
-    """Components about random groups, and the noise that the centers of the groups leave."""
+    """Mixtures about random groups of experiments, with the noise that the groups leave."""
     # wide laws leave each experiment's parameters to its observations
     inputs, alone = likelihood.inputs, undivided(likelihood.inputs)
     wide = alone.about(fit.x)
@@ -337,7 +336,7 @@ def _grouped(
 
 
 def _with_noise(likelihood: IndividualLikelihood, of_laws: Array, rmse: float) -> Array:
-    """The alpha (K,) of laws with errors of this size."""
+    """Values (K,) of all hyperparameters: those of the laws, then errors of this size."""
     errors = likelihood.errors.hyperparameters
     sizes = [float(np.clip(rmse, h.lower, h.upper)) if h.log else h.start for h in errors]
     return np.concatenate([of_laws, sizes])
@@ -380,11 +379,10 @@ def _kept(
     seed: int,
     searched: Callable[[], SearchResult],
 ) -> SearchResult:
-    """What `searched` finds, or has found before in a study whose runner has the same store.
+    """The result of a search, read from the store where the same search was made before.
 
-    A likelihood is known again by its values and scores of all experiments at some alphas. A search
-    that is not a dataclass may hold what cannot be seen, and is made again; so is one that makes
-    runs, which are counted: it has no `runner`.
+    A likelihood is recognized by its values and scores at some alphas. A search that is no
+    dataclass may have hidden settings, and one that makes runs counts them: both are made again.
     """
     if runner is None or runner.cache is None or not is_dataclass(search):
         return searched()
@@ -405,7 +403,7 @@ def _key(
     guesses: Sequence[Array],
     seed: int,
 ) -> str:
-    """Of what a search depends on, a digest."""
+    """A digest of all that a search depends on."""
     digest = hashlib.sha256(repr((GUESSES.format, search, [*hyperparameters], seed)).encode())
     start = np.array([h.start for h in hyperparameters])
     for guess in guesses:

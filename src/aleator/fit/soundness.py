@@ -68,7 +68,7 @@ class Reviewed:
 
     @property
     def _seen(self) -> Experiments:
-        """The experiments without observations that no run gives a value of."""
+        """The experiments without those observations that no run gives a value of."""
         return self.answer.inferred.refined.question.table
 
     @cached_property
@@ -140,7 +140,7 @@ class Reviewed:
         return notes
 
     def _of_individuals(self, likelihood: IndividualLikelihood) -> list[Diagnostic]:
-        """What is missing, and experiments whose laws are held at their limits."""
+        """Warnings of missing data, and of laws that a formula leads to their limits."""
         alpha, model = self.answer.inferred.maximum.alpha, likelihood.inputs.covariate_model
         ids = self._seen.ids
         return [
@@ -177,7 +177,6 @@ class Reviewed:
 
     @property
     def _estimated(self) -> Array:
-        """The estimated errors (M,) of the surfaces."""
         likelihood = self.answer.inferred.maximum.likelihood
         if isinstance(likelihood, Problem):
             assert likelihood.surface is not None
@@ -188,7 +187,7 @@ class Reviewed:
 
     @property
     def _lost(self) -> Flags:
-        """Which observations (M,) have no surface: too few runs worked."""
+        """Which observations (M,) have no surface because too few runs worked."""
         if self.answer.inferred.refined.surfaces is None:
             return np.zeros(len(self._seen.observations), dtype=np.bool_)
         return np.asarray(np.isinf(self._estimated))

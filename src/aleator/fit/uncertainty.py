@@ -143,11 +143,10 @@ def inferred(
 
 
 def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
-    """Other optima of the search that are maxima indeed: arrived at, inside, and bent down.
+    """Other optima of the search that are maxima: the climb arrived, inside the limits.
 
-    Those that only a limit holds are none. With panels of two variates, where a climb costs most,
-    only those that were climbed to with them. Cost: some tens of evaluations for each, with no more
-    nodes than a search takes.
+    With panels of two variates, where a climb costs most, only optima that were climbed to with
+    panels count. Cost: some tens of evaluations for each, with no more nodes than a search takes.
     """
     if not inference.positive:
         return ()
@@ -178,7 +177,7 @@ def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
 
 
 def _followed_rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
-    """Those of maxima that were followed to their own ends which are maxima indeed."""
+    """The maxima among those optima that were followed with surfaces of their own."""
     end, kept = answer.maximum, list[Rival]()
     for other in answer.others:
         if not inference.among(other.alpha, [end.alpha], WITH_NOISE.apart):
@@ -190,7 +189,7 @@ def _followed_rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]
 def _maximum(
     likelihood: AnyLikelihood, alpha: Array, drop: float, here: Array, inference: Inference
 ) -> list[Rival]:
-    """What lies lower than `here` (K,) by `drop`, if it is a maximum."""
+    """The optimum alpha as a rival of `here` (K,), if it is a maximum; it is lower by `drop`."""
     about = infer(likelihood.followed, alpha, likelihood.hyperparameters)
     stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
     if stuck or not about.positive or not about.edm < ESTIMATES.edm or not np.isfinite(drop):
@@ -201,11 +200,11 @@ def _maximum(
 
 
 def _informed(end: Maximum) -> tuple[Maximum, Inference]:
-    """The information at an answer, and the answer: where it is a saddle, a maximum beside it.
+    """The information at an answer; at a saddle, of the maximum beside it.
 
-    Where the top is as flat as the errors of the quadrature, differences of the score may tell
-    that it bends upward. It does not where the likelihood is no higher a standard error away, and
-    then the scores of the experiments tell the information, if they determine all of it.
+    Where the top is flat, differences of the score may say falsely that it bends upward. If the
+    likelihood is not higher a standard error away, the outer products of the scores give the
+    information in their place, provided that they determine all of it.
     """
     likelihood, alpha = end.likelihood, end.alpha
     objective, hyperparameters = likelihood.followed, likelihood.hyperparameters
@@ -228,7 +227,7 @@ def _informed(end: Maximum) -> tuple[Maximum, Inference]:
 def _beside_a_saddle(
     likelihood: AnyLikelihood, alpha: Array, inference: Inference, told: Inference
 ) -> Array | None:
-    """The highest point where the information tells that the likelihood bends upward, if higher."""
+    """The highest point along the direction that bends upward; None if the answer is higher."""
     inside = np.isin(inference.identified, told.free)
     errors = told.standard_error[told.free]
     bends = inference.information[np.ix_(inside, inside)] * np.outer(errors, errors)
@@ -242,10 +241,10 @@ def _beside_a_saddle(
 
 
 def _profiled(end: Maximum, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
-    """By few nodes that follow alpha; by those of the answer, or finer, where these tell more.
+    """Profile intervals by few nodes, and by more of them where these change an end.
 
-    The laws of experiments at an end are others than at the answer, and may need more nodes. What
-    the finest change at an end is what cannot be known.
+    The individual laws at an end differ from those at the answer, and may need more nodes. An end
+    whose drop the finest nodes still change is not reported.
     """
     likelihood = end.likelihood
     if end.coarse is None or not isinstance(likelihood, IndividualLikelihood):
@@ -292,7 +291,7 @@ def _anew(
     inference: Inference,
     rivals: Sequence[Array],
 ) -> Profile:
-    """The same, with the ends sought anew whose drop by these nodes is another one by so much."""
+    """The profile with those ends sought again whose drop these nodes change by `least`."""
     higher = _climbed_on(likelihood, found, inference)
     rows = np.flatnonzero(np.any(_off(likelihood, alpha, higher, least), axis=1))
     if not rows.size:
@@ -305,7 +304,7 @@ def _anew(
 
 
 def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inference) -> Profile:
-    """The same with the conditional maxima at its ends by the nodes of this likelihood."""
+    """The profile with the conditional maxima at its ends by this likelihood."""
     objective, points = likelihood.continued, found.points.copy()
     for k, side in np.argwhere(found.drops > 0.0):
         moving, point = inference.identified[inference.identified != k], points[k, side]
@@ -319,7 +318,7 @@ def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inf
 
 
 def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikelihood | None:
-    """The likelihood by more nodes about one mode, or by finer panels; None where there is none."""
+    """The likelihood by more nodes about one mode or by finer panels; None if there is none."""
     if likelihood.rule.centers > 1:
         return None
     rules = likelihood.rule.finer(likelihood.inputs.scattering)
@@ -327,7 +326,7 @@ def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikeliho
 
 
 def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least: float) -> Flags:
-    """Ends (K, 2) whose drop is another one with the nodes of this likelihood, by so much."""
+    """Which ends (K, 2) have a drop that this likelihood changes by `least` or more."""
     top = likelihood.adapted(alpha).evaluate(alpha).total
     wrong = np.zeros(profile.drops.shape, dtype=np.bool_)
     for k, side in np.argwhere(profile.drops > 0.0):
@@ -340,10 +339,10 @@ def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least
 def _by_held(
     likelihood: IndividualLikelihood, alpha: Array, inference: Inference, rivals: Sequence[Array]
 ) -> Profile:
-    """By nodes that are held as parameters, which take longer to find than a profile by them.
+    """Profile intervals by nodes fixed as parameters, which cost more than a profile.
 
-    Those that are nearest in law serve. Nodes that are adapted to an end tell whether its drop is
-    right; where it is not, it is sought again with these too.
+    The nearest nodes in law are used. Nodes adapted to an end verify its drop; where the drop is
+    wrong, the end is sought again with these nodes added.
     """
     objective, nothing = likelihood.continued, np.full((alpha.size, 2), np.nan)
     found = Profile(nothing, nothing, np.full((alpha.size, 2, alpha.size), np.nan), None)
@@ -363,7 +362,7 @@ def _row_by_held(
     rivals: Sequence[Array],
     only: Indices,
 ) -> Profile:
-    """The interval of one hyperparameter; a better maximum is one if nodes adapted to it say so."""
+    """The interval of one hyperparameter; a better maximum must be confirmed by own nodes."""
     hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
     off, about = np.full((alpha.size, 2), np.inf), None
     for _ in range(UNCERTAINTY.adapted):
@@ -382,10 +381,7 @@ def _row_by_held(
 
 
 def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Array) -> float:
-    """The log-likelihood at a point (K,) with nodes of its own, which the objective remembers.
-
-    Or with some that were adapted as near to it as that.
-    """
+    """The log-likelihood at a point (K,) with nodes adapted near it, which are remembered."""
     own = objective.nearest(point)
     if own.distance(point) > NODE_ACCURACY.close:
         own = likelihood.adapted(point)

@@ -42,7 +42,7 @@ def quantiles(values: Array, weights: Array, probabilities: Array) -> Array:
 
 
 def _between(y: Array, reached: Array, probabilities: Array) -> Array:
-    """By interpolation; beside an infinite value the next one itself."""
+    """Quantiles by interpolation; beside an infinite value the next value itself."""
     if np.all(np.isfinite(y)):
         return np.interp(probabilities, reached, y)
     return y[np.clip(np.searchsorted(reached, probabilities), 0, len(y) - 1)]
@@ -269,7 +269,7 @@ def _bent(z: Array | float, bend: float) -> Array:
 
 
 def _bend(reach: float, settings: DrawSettings = DRAWING) -> float:
-    """The bend with which 1.96 variates reach so many standard errors up."""
+    """The bend with which 1.96 normal variates reach `reach` standard errors up."""
     ends = [float(_bent(END, b)) - reach for b in (-settings.steepest, settings.steepest)]
     if ends[0] >= 0.0 or ends[1] <= 0.0:
         return -settings.steepest if ends[0] >= 0.0 else settings.steepest
@@ -281,7 +281,7 @@ def _bend(reach: float, settings: DrawSettings = DRAWING) -> float:
 
 
 def _correlation(known: Estimated, moving: Indices) -> Array:
-    """That (G, G) of the variates of the moving ones; one on its limit goes alone."""
+    """The correlations (G, G) of the moving variates; none of one that is on its limit."""
     place = {int(k): row for row, k in enumerate(known.which)}
     found = np.eye(moving.size)
     for i, k in enumerate(moving.tolist()):

@@ -111,11 +111,10 @@ def _of_block(
 def _stages(
     likelihood: IndividualLikelihood, alpha: Array, block: Block, stages: int
 ) -> tuple[Array, Array]:
-    """Centers (B, C, M, s) and information of the individual laws as observations come in.
+    """Centers (B, C, M, s) and information of individual laws as observations come in.
 
-    Of those after none, one, two, ... observations some are chosen, whose information grows evenly
-    from the law's own to that before the last observation: by the logarithm of its determinant.
-    About each mode the center is a Newton step away.
+    Of the laws after none, one, two, ... observations some are chosen, whose information grows
+    evenly in the logarithm of its determinant. About each mode the center is a Newton step away.
     """
     modes = likelihood.nodes.modes[block.experiments]
     experiments, classes, centers, s = modes.shape
@@ -140,7 +139,7 @@ def _stages(
 
 
 def _before(terms: Array, block: Block) -> Array:
-    """The sums (m, ...) of the terms of the same experiment before each observation."""
+    """Sums (m, ...) of the terms of the earlier observations of the same experiment."""
     running = np.cumsum(terms, axis=0) - terms
     return np.asarray(running - running[block.starts[block.owner]])
 
@@ -148,7 +147,7 @@ def _before(terms: Array, block: Block) -> Array:
 def _cdf(
     likelihood: IndividualLikelihood, of_errors: Array, y: Array, eta: Array, rows: slice
 ) -> Array:
-    """P(value <= y) (m, J) at eta (m, J); y may be infinite. No value where eta is none."""
+    """P(value <= y) (m, J) at eta (m, J); y may be infinite. Zero where eta is NaN."""
     inside = np.where(np.isfinite(y), y, 0.0)
     found = likelihood.errors.cdf(of_errors, inside[:, None], eta, rows)
     found = np.where(np.isfinite(y)[:, None], found, (y > 0.0)[:, None])

@@ -206,7 +206,7 @@ def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked
 
 
 def _line(off: Array, away: Array, weights: Array) -> tuple[Array, Array]:
-    """Weighted lines (m, 2) through differences `away` (m, P) by `off` (m, P), and their errors."""
+    """Weighted least-squares lines (m, 2) of `away` (m, P) by `off` (m, P), with their errors."""
     weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), EXACT_OUTCOMES.smallest)
     middle, mean = (np.sum(weights * of, axis=1, keepdims=True) for of in (off, away))
     wide = np.sum(weights * (off - middle) ** 2, axis=1)
@@ -248,7 +248,7 @@ def scatter_of(likelihood: IndividualLikelihood, alpha: Array, points: int = 128
 
 
 def _lost(block: Block, eta: Array) -> Flags:
-    """Nodes (B, J) where a run failed, of experiments that have others."""
+    """Nodes (B, J) at which a run failed, of experiments that have other nodes."""
     failed = block.summed(np.isnan(eta).astype(float)) > 0.0
     return np.asarray(failed & ~np.all(failed, axis=1, keepdims=True))
 
@@ -267,7 +267,7 @@ class Remembered(Evaluator):
 def _likeliest(
     likelihood: IndividualLikelihood, alpha: Array, block: Block, most: int
 ) -> tuple[Array, Array]:
-    """The nodes with the largest shares as parameters x (B, P, n), and their log weights (B, P)."""
+    """The nodes of largest weight as parameters x (B, P, n), and log weights (B, P)."""
     part = block.experiments
     found = likelihood.inputs.individual(
         alpha[: likelihood.inputs.size], likelihood.nodes.xi[part], part

@@ -149,10 +149,10 @@ def consistency_of(
 
 
 def _rising(table: Experiments, normal: Array) -> Array:
-    """What rises or falls along a table (M,) that was sorted by its outcomes.
+    """The values (M,) along which a sorted table rises or falls.
 
-    The normal scores of a bound are drawn at random within it. One value an experiment is therefore
-    taken as the table tells it, bounds too.
+    The normal scores of a bound are drawn at random. With one value an experiment the bounds and
+    values of the table are therefore taken themselves.
     """
     seen = table.observations
     if len(seen) > len(table.ids):
@@ -161,7 +161,7 @@ def _rising(table: Experiments, normal: Array) -> Array:
 
 
 def _scattering(fit: Fit) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]:
-    """The parameters that scatter, and the places of pairs of them that the law does not tie."""
+    """The scattering parameters, and the pairs of them that the law takes as independent."""
     inputs = fit.inputs
     names, tied = inputs.names, inputs.correlation
     known = {frozenset((tied.members[i], tied.members[j])) for i, j in tied.pairs}
@@ -198,12 +198,12 @@ def _enough(
 def _causes(
     tests: list[Statistic], within: Collection[str], settings: ConsistencySettings
 ) -> list[Statistic]:
-    """What is told of the tests that contradict the model, of which each explains others.
+    """Of the tests that contradict the model those that explain the others.
 
-    The strongest, and what differs between experiments by a column of them, each column once. A
-    scale that is wrong makes the scatter within experiments odd; groups that differ scatter alike;
-    tails and skewness bring far values; what one column tells, all together tell again; and what
-    differs by a column makes the shape of all residuals odd. None of it is so the other way round.
+    The strongest one, and one of each column that differs between experiments. Left out is what
+    follows from another finding: scatter within experiments from a wrong scale, unequal scatter
+    from groups that differ, far values from tails and skewness, the columns together from one
+    column, and the shape of all residuals from a column.
     """
     found = {(test.kind, test.column) for test in tests}
     inside = {SAME, *within}
@@ -296,10 +296,10 @@ def corrected(p: Array, tests: float) -> Array:
 
 
 def _normal(z: Array, skewness: Array, settings: AssessmentSettings) -> Array:
-    """Standardized values of a skewed law as normal ones; a skewness near zero changes nothing.
+    """Standardized values of a skewed law as normal ones.
 
-    Only on the side of the long tail: where the short one ends hangs on a skewness that few
-    replicates hardly know.
+    Only on the side of the long tail: where the short tail ends depends on a skewness that few
+    replicates hardly determine.
     """
     straight = (np.abs(skewness) < settings.straight) | (z * skewness < 0.0)
     g = np.where(straight, 1.0, skewness)
@@ -457,7 +457,6 @@ def _curved(test: Statistic) -> str:
 
 
 def _other(test: Statistic, several: bool) -> tuple[str, str]:
-    """The message and the remedy of every kind of test but contrasts."""
     up, of, column = test.z > 0.0, test.of, test.column
     match test.kind:
         case "level":

@@ -236,7 +236,7 @@ class DesignPlan:
 
     @cached_property
     def _scale(self) -> Array:
-        """(A, F, F): the information of all experiments together has ones on its diagonal."""
+        """Factors (A, F, F) by which the information of all experiments has a unit diagonal."""
         offered = np.where(np.isfinite(self.offered), self.offered, 0.0)
         whole = np.diagonal(self.present + offered.sum(axis=1), axis1=1, axis2=2)
         scale = 1.0 / np.sqrt(np.maximum(whole, self.settings.tiny))
@@ -249,7 +249,7 @@ class DesignPlan:
 
     @cached_property
     def _volume(self) -> Array:
-        """(A,): of the scale that was multiplied by, det^(1/F)."""
+        """det^(1/F) (A,) of these factors."""
         return np.asarray(np.exp(np.mean(np.log(self._diagonal), axis=1)))
 
     @property
@@ -317,7 +317,7 @@ def repetitions(
 def _greedy(
     plan: DesignPlan, among: Sequence[int], count: int, begin: Sequence[int] = ()
 ) -> list[int]:
-    """`count` of the candidates `among`, after the first each the best beside those before."""
+    """`count` of the candidates, each the best beside those chosen before."""
     taken = [*begin]
     left = Counter(among) - Counter(taken)
     for _ in range(count - len(taken)):
@@ -359,7 +359,7 @@ def _ties(
 
 
 def _left(plan: DesignPlan, others: list[int], repeat: int) -> list[int]:
-    """The candidates that may stand beside these others."""
+    """The candidates that may still be chosen beside these others."""
     taken = Counter(others)
     return [c for c in range(plan.offered.shape[1]) if taken[c] < repeat]
 
@@ -369,7 +369,7 @@ def _sum(plan: DesignPlan, members: list[int]) -> Array:
 
 
 def _beside(plan: DesignPlan, members: list[int], candidates: list[int]) -> Array:
-    """The variance after these members with each of the candidates."""
+    """The variance after these members and each of the candidates."""
     return plan.variance(_sum(plan, members)[:, None] + plan.offered[:, candidates])
 
 

@@ -240,7 +240,7 @@ def _near_zero(fit: Fit, alpha: Array) -> list[int]:
 
 
 def _best(objective: Scored, alpha: Array, k: int, h: Hyperparameter, trials: int) -> Array:
-    """The best of alpha with hyperparameter k at scales above zero."""
+    """The best of alphas in which hyperparameter k has one of some scales above zero."""
     scales = np.geomspace(max(h.lower, LIMITS.nearest * h.upper), h.upper, trials + 2)[1:-1]
     points = np.repeat(alpha[None], trials, axis=0)
     points[:, k] = scales
@@ -250,7 +250,7 @@ def _best(objective: Scored, alpha: Array, k: int, h: Hyperparameter, trials: in
 
 
 def _outer(fit: Fit, found: LogLikelihood) -> Array:
-    """The sum of the outer products of the scores (G, G): positive wherever it is asked."""
+    """The sum of the outer products of the scores (G, G), which is never negative."""
     assert found.scores is not None
     scores = found.scores[:, fit.inference.identified]
     return np.asarray(scores.T @ scores)

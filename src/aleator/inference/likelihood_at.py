@@ -195,7 +195,7 @@ class OutcomesAt:
         raise _without_noise()
 
     def _drawn(self, rng: np.random.Generator) -> Array:
-        """Outcomes (N,), simulated ones each at a point of its own, which may be far out."""
+        """Drawn outcomes (N,), each simulated at a point of its own, which may be far out."""
         problem = self.problem
         direct = problem.levels is not None and isinstance(problem.response, DirectResponse)
         if not direct and problem.surface is None:
@@ -208,7 +208,6 @@ class OutcomesAt:
         return problem.surface.at(problem.condition, inside[:, problem.moving])
 
     def _from_densities(self, rng: np.random.Generator) -> Array:
-        """Outcomes (N,) by interpolation between the quantiles of the densities."""
         score, table = self._quantiles
         drawn = rng.standard_normal(self.count)
         place = np.clip(np.searchsorted(score, drawn) - 1, 0, score.size - 2)
@@ -219,7 +218,6 @@ class OutcomesAt:
 
     @cached_property
     def _under(self) -> OutcomeDistribution:
-        """The distributions of the outcomes at alpha."""
         return self.problem.predictor.under(self.alpha)
 
     @cached_property
@@ -425,12 +423,12 @@ class IndividualsAt:
 
     @property
     def _of_errors(self) -> Array:
-        """The part of alpha that is of the measurement errors."""
+        """The hyperparameters of the measurement errors."""
         return self.alpha[self.inputs.size :]
 
     @property
     def _observations(self) -> int:
-        """M."""
+        """M, the number of observations."""
         return int(self.integral.layout.experiment.size)
 
     @property
@@ -442,7 +440,6 @@ class IndividualsAt:
         return integral if self.kept else integral.adapted(alpha)
 
     def _simulated(self, rng: np.random.Generator) -> Array:
-        """Values (M, 1) of runs at parameters drawn from the law of each experiment."""
         inputs, eta = self.inputs, np.full((self._observations, 1), np.nan)
         for _ in range(self.settings.tries):
             x = drawn(inputs, self.alpha[: inputs.size], self.count, rng)
@@ -453,7 +450,7 @@ class IndividualsAt:
         return eta
 
     def _completed(self, block: Block, eta: Array, x: Array) -> Array:
-        """Values (m, 1), at x (B, n) where an experiment of the block lacks one."""
+        """Simulated values (m, 1), run again at x (B, n) for experiments that lack one."""
         lacking = block.summed(np.isnan(eta).astype(float)) > 0.0
         if not np.any(lacking):
             return eta

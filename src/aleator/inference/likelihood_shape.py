@@ -149,9 +149,10 @@ def weakest_pair(correlation: Array) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, eq=False)
 class _Ridge:
-    """How the `moving` hyperparameters follow those that are `held`.
+    """How the `moving` hyperparameters follow the `fixed` ones along the ridge.
 
-    `own` (F, F) is the information of the moving ones, `follow` (F, H) their slopes by the held.
+    `own` (F, F) is the information of the moving ones, `follow` (F, H) their slopes by the fixed
+    ones.
     """
 
     held: list[int]

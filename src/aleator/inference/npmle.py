@@ -140,7 +140,7 @@ def mixed(
 
 
 def _ascended(density: Array, enough: float, settings: NPMLESettings) -> Array:
-    """Newton steps from the few points that explain every experiment."""
+    """Weights by Newton steps from a few points that explain every experiment."""
     weights = np.zeros(density.shape[1])
     first = _cover(density, settings)
     weights[first] = 1.0 / max(first.size, 1)
@@ -161,7 +161,7 @@ def _ascended(density: Array, enough: float, settings: NPMLESettings) -> Array:
 
 
 def _cover(density: Array, settings: NPMLESettings) -> Indices:
-    """Points such that each experiment has a likelihood that counts at one of them."""
+    """Points such that each experiment has a considerable likelihood at one of them."""
     chosen, open_ = list[int](), np.ones(len(density), dtype=np.bool_)
     while open_.any():
         chosen.append(int(np.argmax(density[open_].sum(axis=0))))
@@ -190,7 +190,7 @@ def _newton(ratio: Array) -> Array:
 def _searched(
     density: Array, weights: Array, moved: Array, gradient: Array, settings: NPMLESettings
 ) -> Array | None:
-    """A point of the step at which the objective has risen; None where rounding leaves none."""
+    """The weights on the way to `moved` where the log-likelihood rises; None without any."""
     promised = len(density) * float(gradient @ (moved - weights))
     now, then = density @ weights, density @ moved
     share = 1.0
@@ -265,7 +265,7 @@ def _cross(s: int) -> Array:
 def _top(
     points: Array, width: Array, value: Array, around: Array, settings: NPMLESettings
 ) -> Array:
-    """The top of the parabola through each cross; where it has none, a step up the slope."""
+    """The top of the parabola through each cross; without one a step up the slope."""
     count, s = points.shape
     up, down = around[:, 0 : 2 * s : 2], around[:, 1 : 2 * s : 2]
     slope = 0.5 * (up - down)
@@ -362,16 +362,16 @@ def _higher(
 
 
 def _between(law: NPMLE, settings: NPMLESettings) -> Array:
-    """The middles of points that are near each other, which the law may have in their place."""
+    """Means of points that are near each other, as candidates in their place."""
     near = cKDTree(law.points).query_pairs(settings.near, output_type="ndarray")
     share = law.weights[near] / law.weights[near].sum(axis=1, keepdims=True)
     return np.asarray(np.einsum("pk,pks->ps", share, law.points[near]))
 
 
 def _merged(log_density: LogDensity, law: NPMLE, settings: NPMLESettings) -> NPMLE:
-    """The law with one point in place of those that are all but one, where that loses nothing.
+    """The law with nearly equal points merged, where that costs nothing.
 
-    What it loses is added to the gap.
+    What it costs is added to the gap.
     """
     pairs = cKDTree(law.points).query_pairs(settings.same, output_type="ndarray")
     count = len(law.points)
@@ -445,9 +445,10 @@ def gap_test(
 def _larger(
     fit: Fit, seen: float, points: Points, rng: np.random.Generator, settings: NPMLESettings
 ) -> bool | None:
-    """Whether the gap of other data is as large; None where it is no number.
+    """Whether the gap of a drawn data set is as large; None where it is no number.
 
-    One step comes near the maximum, from below: what is smaller after it is smaller in the end.
+    One step comes near the maximum from below, so that a gap that is smaller after it stays
+    smaller.
     """
     near = stepped(fit.drawn(rng))
     found = gap(near, points(near, rng), settings=settings)

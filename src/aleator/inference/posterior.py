@@ -156,7 +156,7 @@ def scaled(
 def _within(
     density: Callable[[Array], DensityAt], scale: NormalScale, settings: PosteriorSettings
 ) -> NormalScale:
-    """A scale at half of whose points there is a density: a likelihood may end abruptly."""
+    """The scale, shrunk until half of its points have a density: it may end abruptly."""
     z = np.random.default_rng(0).standard_normal((settings.tried, scale.center.size))
     for _ in range(settings.shrunk):
         inside = [np.isfinite(density(scale.center + scale.factor @ one).value) for one in z]
@@ -219,7 +219,7 @@ def _counted(told: Callable[[int, int], None], done: int, total: int, steps: int
 
 
 class _Chain:
-    """One chain in z, u = center + factor z, that remembers what it asked in its trajectory."""
+    """One chain in z, u = center + factor z, that remembers values along its trajectory."""
 
     def __init__(
         self,
@@ -303,7 +303,7 @@ class _Chain:
         return found
 
     def _traced(self, state: Any) -> dict[str, Any]:
-        """What is kept of a draw; the trajectory that led there is forgotten."""
+        """What is stored of a draw; the values along the trajectory are forgotten."""
         z = np.asarray(state.pos)
         found = self._at(z)
         self._known = {z.tobytes(): found}
@@ -332,7 +332,7 @@ def installed(package: str) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """No word of the package's own on an interruption, which is told by whoever asked."""
+    """Silence the sampler's own message on an interruption."""
     log = logging.getLogger("mici.samplers")
     before, log.disabled = log.disabled, True
     try:

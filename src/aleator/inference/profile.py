@@ -292,7 +292,7 @@ class Trace:
         return drop if drop < self.settings.impossible else float("inf")
 
     def _summit(self, guesses: Sequence[Array], information: Array, most: float) -> Summit:
-        """The conditional maximum; where the root there is larger than `most`, from each guess."""
+        """The conditional maximum; from each guess where the root there is larger than `most`."""
         best = self._arrived(guesses[0], information)
         if not _root(self._drop(best)) > most and best.gain < self.settings.left:
             return best
@@ -302,14 +302,14 @@ class Trace:
         return best
 
     def _above(self, summit: Summit, value: float) -> Summit:
-        """The conditional maximum, or that of the hill of a rival where this is higher."""
+        """The conditional maximum, or that on the hill of a rival where this is higher."""
         for rival in self.rivals:
             other = self._arrived(self._beside(rival, value), self.information)
             summit = other if other.value > summit.value + self.settings.left else summit
         return summit
 
     def _arrived(self, guess: Array, information: Array) -> Summit:
-        """Climbed from a guess, and anew where a climb ended below the maximum."""
+        """The maximum climbed to from a guess; again from where a climb stopped too early."""
         summit = self._climbed(guess, information)
         for _ in range(self.settings.again - 1):
             if summit.gain < self.settings.left or not np.isfinite(summit.value):
@@ -320,7 +320,7 @@ class Trace:
         return summit
 
     def _verified(self, summit: Summit) -> Summit:
-        """Climbed on, where the scores of the experiments tell of more to climb than the steps.
+        """The summit, climbed on where the scores of the experiments say that more is left.
 
         Where nothing is gained by that, nothing was left.
         """
@@ -357,7 +357,7 @@ class Trace:
     def _best_first(
         self, alpha: Array, known: Array, inner: Array, value: float, nearest: Summit
     ) -> list[Array]:
-        """Guesses at a value; where the likeliest is no good, the best of all comes first."""
+        """Guesses at a value, the best of them first where the first one is poor."""
         guesses = self._guesses(alpha, known, inner, value)
         if self._below(guesses[0]) < self.settings.fair:
             return guesses
@@ -366,18 +366,18 @@ class Trace:
         return [guesses[best], *guesses[:best], *guesses[best + 1 :]]
 
     def _below(self, guess: Array) -> float:
-        """How far a guess lies below the maximum."""
+        """How far the log-likelihood at a guess lies below the maximum."""
         return float(np.nan_to_num(self.top - self.objective(guess).total, nan=np.inf))
 
     def _guesses(self, alpha: Array, known: Array, inner: Array, value: float) -> list[Array]:
-        """Where the conditional maximum may be, the likeliest first; the second beside `inner`."""
+        """Guesses of the conditional maximum, the most plausible first."""
         along, beside = self._guess(alpha, known, value), self._beside(inner, value)
         error = np.sqrt(np.diag(np.linalg.pinv(self.information, hermitian=True)))
         lost = np.any(np.abs(along - known)[self.moving] > self.settings.distance * error)
         return [beside if lost else along, beside, self._guess(alpha, alpha, value)]
 
     def _tangent(self, summit: Summit, value: float) -> Array:
-        """From a conditional maximum along the ridge, as the scores of the experiments tell it."""
+        """A guess from a conditional maximum along the ridge that the scores give."""
         information = summit.outer(np.append(self.moving, self.k))
         limits = limits_of(self.hyperparameters, self.moving)
         free = ~held(summit.alpha[self.moving], summit.score[self.moving], *limits)
@@ -397,7 +397,7 @@ class Trace:
         return moved
 
     def _guess(self, alpha: Array, known: Array, value: float) -> Array:
-        """Where the conditional maximum may be: along a parabola from the maximum through `known`.
+        """A guess along the parabola from the maximum through `known`.
 
         Its slope at the maximum is `follow`. From the maximum itself it is a straight line.
         """
@@ -456,7 +456,7 @@ class Profile:
 
 
 class _Remembering:
-    """An objective that knows the last alphas: a guess is judged, and then climbed from."""
+    """An objective that remembers the last alphas, since guesses are judged and climbed from."""
 
     def __init__(self, objective: Objective, size: int = 4) -> None:
         """`size` is the number of alphas that are kept."""
@@ -534,10 +534,10 @@ def profile_intervals(
 
 
 def _tied(inference: Inference) -> Array:
-    """The information (G, G) by which others follow: what is on a limit stays there.
+    """The information (G, G) without correlations of hyperparameters on a limit.
 
-    Where a standard deviation is on its lower limit the likelihood need not bend down, and the
-    inverse would lead all others far away.
+    With a standard deviation on its lower limit the likelihood need not bend down, and the inverse
+    would lead all others far away.
     """
     free = np.array([inference.at_bound[k] is None for k in inference.identified], dtype=np.bool_)
     alone = np.diag(np.abs(np.diag(inference.information)))

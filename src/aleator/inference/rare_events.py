@@ -204,10 +204,11 @@ def _effective(weights: Array) -> float:
 
 
 def _within(level: float, ratio: Array, misses: Array, shares: Array) -> Array:
-    """Weights (J,) of the points within a level: of the mixture of all laws, and of each alike.
+    """Weights (J,) of the points that miss the event by no more than a level.
 
-    Laws under which the event is far less probable would have no points by their mixture alone, and
-    the lower end of an interval is theirs.
+    The mean of the weights under the mixture of all laws and under each law alike: laws under which
+    the event is far less probable would have no points by the mixture alone, and the lower end of
+    an interval is theirs.
     """
     each = ratio * shares * (misses <= level)
     own = each.sum(axis=1)
@@ -219,7 +220,7 @@ def _within(level: float, ratio: Array, misses: Array, shares: Array) -> Array:
 
 
 def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Array | None:
-    """Weights (J,) of the points within the least miss that enough points are within.
+    """Weights (J,) of the points within the smallest level that holds enough of them.
 
     None where no point has an outcome.
     """
@@ -246,7 +247,7 @@ def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Arra
 def _fitted(
     u: Array, weights: Array, variates: int, choice: CrossEntropy, rng: np.random.Generator
 ) -> ImportanceDensity:
-    """The mixture of least cross-entropy to the weighted points, from distant first centers."""
+    """The normal mixture of least cross-entropy to the weighted points."""
     counted = weights > 0.0
     u, w = u[counted], weights[counted] / weights.sum()
     law = ImportanceDensity.of_law(variates, choice.scales)
@@ -280,14 +281,14 @@ def _fitted(
 
 
 def _rounder(spread: Array, count: float) -> Array:
-    """A covariance (d, d) of so many points, nearer to one that is alike in all directions."""
+    """A covariance (d, d), shrunk towards equal variances by the number of points."""
     d = len(spread)
     alike = (d + 1.0) * float(np.trace(spread)) / d + RARE_EVENTS.round
     return np.asarray((count * spread + alike * np.eye(d)) / (count + d + 1.0))
 
 
 def _distant(u: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
-    """Numbers of points far from each other, by chance (k-means++; Arthur, Vassilvitskii, 2007)."""
+    """Indices of points far from each other, drawn at random (k-means++, 2007)."""
     chosen = [int(rng.choice(len(u), p=weights))]
     nearest = np.sum((u - u[chosen[0]]) ** 2, axis=1)
     while len(chosen) < min(count, len(u)):

@@ -342,7 +342,7 @@ def of_size_one(values: Array) -> Array:
 
 
 def _length(rows: Array, settings: BatterySettings = BATTERY) -> Array:
-    """The length of each row, as a column; one where there is nothing."""
+    """The lengths of the rows, as a column; one where a row is zero."""
     length = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.where(length > settings.scatter_least, length, 1.0)
 
@@ -447,7 +447,7 @@ class Battery:
         yield from self._along(np.ones_like(self._whole), SCATTER, SCATTER)
 
     def _along(self, which: Flags, group: str, of: str) -> Iterator[Subject]:
-        """The contrasts of some columns; those of scatter are skewed, and have no main form."""
+        """Tests of the contrasts of some columns."""
         for i in np.flatnonzero(which):
             column, where = self.contrasts.column[i], self.contrasts.where[i]
             skewed = group == SCATTER
@@ -476,7 +476,7 @@ class Battery:
 
     @cached_property
     def _shaped(self) -> tuple[int, ...]:
-        """The hyperparameters that say where a parameter's law is: their scores have its shape."""
+        """Places of the location hyperparameters, whose scores have the shape of a law."""
         return tuple(
             k
             for k, name in enumerate(self.names)
@@ -485,27 +485,24 @@ class Battery:
 
     @cached_property
     def _whole(self) -> Flags:
-        """Which contrasts are held against scores: those that are one in each experiment."""
+        """Which contrasts are of whole experiments, and are held against scores."""
         own = [self.several and column.own for column in self.contrasts.column]
         return np.array(own, dtype=np.bool_)
 
     @cached_property
     def _rows(self) -> Array:
-        """The other contrasts (t, M), of observations."""
+        """The contrasts (t, M) of single observations."""
         return self.contrasts.weights[~self._whole]
 
     @cached_property
     def _own(self) -> Array:
-        """Contrasts (t, N) of whole experiments."""
+        """The contrasts (t, N) of whole experiments."""
         first = np.unique(self.experiment, return_index=True)[1]
         weights = self.contrasts.weights[self._whole][:, first]
         return np.asarray(weights - weights.mean(axis=1, keepdims=True))
 
     def _shape(self, w: Array) -> Array:
-        """Of normal scores (M,): mean, scatter, freed of both skewness and tails, and the farthest.
-
-        The farthest is as far as the model says: the outliers that are named are those of the test.
-        """
+        """Mean, log scatter, skewness, both tails and the farthest of normal scores (M,)."""
         farthest = -special.log_ndtr(-np.abs(w).max())
         return np.array([w.mean(), np.log(np.mean(w**2)), *moments(w), farthest])
 
@@ -515,7 +512,7 @@ class Battery:
         return np.array([moments(each[each != 0.0]) for each in kept]).ravel()
 
     def _together(self, level: Array, spread: Array) -> Array:
-        """How alike neighbours are, and those of each group, in level and in scatter."""
+        """How alike neighbours and members of each group are, in level and in scatter."""
         found = [shared(group, of) for group in self.groups.values() for of in (level, spread)]
         if self.several:
             found.append(self._unequal(level))
@@ -545,7 +542,7 @@ def is_scale(name: str) -> bool:
 
 
 def _groups(columns: tuple[Column, ...], settings: BatterySettings = BATTERY) -> dict[str, Indices]:
-    """Groups of rows by columns of many values that repeat, and by all numbers together."""
+    """Groups of rows with the same value of a column, or of all numbers together."""
     size = columns[0].group.size if columns else 0
     many = {
         c.name: c.group for c in columns if COLUMNS.levels < c.count <= settings.repeated * size

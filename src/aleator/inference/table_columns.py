@@ -127,7 +127,7 @@ def without_order(
 
 
 def _sorted(steps: Array, settings: ColumnSettings) -> bool:
-    """Whether nearly all steps go one way, of enough."""
+    """Whether nearly all of at least eight steps go one way."""
     share = (
         max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) if steps.size >= settings.pairs else 0.0
     )
@@ -170,7 +170,7 @@ def _column(name: str, values: pd.Series, experiment: Indices, settings: ColumnS
 def _binned(
     name: str, numbers: Array, ranks: Array, known: Flags, settings: ColumnSettings
 ) -> tuple[Indices, tuple[str, ...]]:
-    """Parts alike in size; equal numbers are in the same part."""
+    """Parts of a column of numbers that have about as many rows each."""
     share = ranks / known.sum() + 0.5
     level = np.where(
         known, np.clip((settings.bins * share).astype(np.intp), 0, settings.bins - 1), -1
@@ -184,7 +184,7 @@ def _binned(
 
 
 def _numbers(values: pd.Series) -> Array | None:
-    """The numbers (M,) of a column, NaN for empty cells; None where a cell is a text."""
+    """The numbers (M,) of a column, NaN for empty cells; None if a cell is a text."""
     try:
         return np.asarray(pd.to_numeric(values), dtype=float)
     except (TypeError, ValueError):
@@ -192,14 +192,14 @@ def _numbers(values: pd.Series) -> Array | None:
 
 
 def _own(group: ArrayLike, experiment: Indices) -> bool:
-    """Whether all observations of each experiment are in one group."""
+    """Whether the value is the same in all observations of each experiment."""
     values = np.asarray(group)
     first = np.searchsorted(experiment, experiment)
     return bool(np.all(values == values[first]))
 
 
 def _keys(column: Column) -> tuple[bytes, ...]:
-    """What two columns share that part the rows alike; numbers also in the reverse order."""
+    """Keys that two columns share if they part the rows alike, be it in reverse order."""
     if column.ranks is not None:
         return column.ranks.tobytes(), (-column.ranks + 0.0).tobytes()
     _, first = np.unique(column.group, return_index=True)
@@ -278,7 +278,7 @@ def classed(column: Column, values: Array, rows: Flags) -> bool:
 
 
 def _measured(column: Column, seen: Observations) -> Iterator[Flags]:
-    """The rows (M,) of each response that were measured, and where the column has a value."""
+    """For each response the rows (M,) that were measured and have a value of the column."""
     known = seen.measured & ((column.level >= 0) | (column.ranks is None))
     for response in range(len(seen.responses)):
         rows = known & (seen.response == response)
@@ -287,14 +287,14 @@ def _measured(column: Column, seen: Observations) -> Iterator[Flags]:
 
 
 def _together(groups: Sequence[Indices], size: int) -> Indices:
-    """Which rows (M,) are in the same group of all."""
+    """Numbers (M,) of the combinations of groups that occur."""
     if not groups:
         return np.zeros(size, dtype=np.intp)
     return np.unique(np.stack(groups, axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
 def _censoring(column: Column, seen: Observations) -> bool:
-    """Whether the bounds alone give the column: one value for what was measured, and each bound."""
+    """Whether a column only says which observations are bounds, and which bounds."""
     if np.all(seen.measured):
         return False
     ends = np.where(seen.measured[:, None], 0.0, np.stack([seen.lower, seen.upper], axis=1))
@@ -316,7 +316,7 @@ def _copied(
 
 
 def _of_series(y: Array, ranks: Array, experiment: Indices, settings: ColumnSettings) -> bool:
-    """Whether one of the values that sum up a series orders the experiments as the column does."""
+    """Whether first, last, mean, least or largest of each series order as the column does."""
     first = np.unique(experiment, return_index=True)[1]
     count = np.diff([*first, y.size])
     sums = (
@@ -328,7 +328,7 @@ def _of_series(y: Array, ranks: Array, experiment: Indices, settings: ColumnSett
 
 
 def _ordered(y: Array, ranks: Array, same: Indices, settings: ColumnSettings) -> bool:
-    """Whether ranks rise with y, or fall, within each of the groups, and not by chance."""
+    """Whether ranks rise with y, or fall, within each group, and not by chance."""
     few, many = sorted(
         (len(np.unique([same, y], axis=1).T), len(np.unique([same, ranks], axis=1).T))
     )
@@ -342,7 +342,7 @@ def _ordered(y: Array, ranks: Array, same: Indices, settings: ColumnSettings) ->
 
 
 def _rising(y: Array, values: Array, same: Indices) -> bool:
-    """Whether no pair of values of a group falls where y rises."""
+    """Whether within each group values rise where y rises."""
     order = np.lexsort((values, y, same))
     inside = np.diff(same[order]) == 0
     return bool(np.all(np.diff(values[order])[inside] >= 0.0))
@@ -355,9 +355,10 @@ def _computed(
     taken: Sequence[Column],
     settings: ColumnSettings,
 ) -> bool:
-    """Whether a column is a sum of multiples, or a product of powers, of y and what is asked for.
+    """Whether a column is a linear combination, or a product of powers, of y and conditions.
 
-    But for rounding: y leaves `ROUNDED` of what the conditions leave of its variance.
+    But for rounding: y must leave less than the share `rounded` of the variance that the conditions
+    leave.
     """
     if column.ranks is None or rows.sum() < len(taken) + settings.distinct:
         return False

@@ -148,7 +148,7 @@ class ReplicateFile:
         self._write(json.dumps(asdict(replicate)).encode() + b"\n", None)
 
     def _lines(self) -> tuple[list[dict[str, Any]], int]:
-        """The whole lines that can be read, and how many bytes they are."""
+        """The complete lines of the file, and how many bytes they have."""
         try:
             text = self.path.read_bytes()
         except FileNotFoundError:
@@ -211,7 +211,7 @@ def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
 
 
 def _near(found: Any, wanted: Any, relative: float = 1e-5, absolute: float = 1e-12) -> bool:
-    """Whether these are the numbers that are wanted, but for a relative difference."""
+    """Whether numbers read from a file equal the expected ones to a relative difference."""
     try:
         numbers = np.array(found, dtype=float)
     except (OverflowError, TypeError, ValueError):  # damaged
@@ -418,7 +418,7 @@ def replicated(fit: Fit, kind: str, seed: int, number: int) -> Refitted:
 def _made(
     fit: Fit, parcel: bytes | None, kind: str, seed: int, numbers: Sequence[int], workers: int
 ) -> Generator[Refitted, None, None]:
-    """The replicates of these numbers as they are finished; here, or where the parcel goes."""
+    """The replicates of these numbers, in this process or in those that take the parcel."""
     if parcel is None:
         for number in numbers:
             yield replicated(fit, kind, seed, number)

@@ -187,7 +187,6 @@ def ceiling_of(
 
 
 def _on_points(exact: Fit, sought: LawRegion, best: NPMLE) -> float:
-    """The log-likelihood of the best weights of the same points on the simulator itself."""
     there = replace(sought, fit=exact)
     return mixed(there.log_density(best.points)).log_likelihood
 
@@ -411,7 +410,7 @@ def gradient_map(sought: LawRegion) -> pd.DataFrame | None:
 
 
 def _places(sought: LawRegion, s: int) -> Array:
-    """Places of the unit interval for a curve: half of them even, half by the law's quantiles."""
+    """Places of the unit interval for a curve, half even and half at quantiles of the law."""
     inputs, alpha = sought.fit.inputs, sought.fit.alpha
     line = sought.settings.line
     level = (np.arange(line) + 0.5) / line
@@ -421,7 +420,6 @@ def _places(sought: LawRegion, s: int) -> Array:
 
 
 def _draws(sought: LawRegion) -> Array:
-    """Points (64, s) of the chosen law; one where nothing else scatters."""
     inputs, alpha = sought.fit.inputs, sought.fit.alpha
     count = sought.settings.across if len(sought.names) > 1 else 1
     uniform = qmc.Sobol(len(inputs.names), rng=sought.settings.seed).random(count)
@@ -429,7 +427,7 @@ def _draws(sought: LawRegion) -> Array:
 
 
 def _lacking(sought: LawRegion, points: Array) -> Array:
-    """D (J,) under the chosen law, in parts that fit into memory."""
+    """The gradient function (J,) under the chosen law, in parts that fit into memory."""
     each = sought.fit.scored().each
     parts = np.array_split(points, -(-len(points) // sought.count))
     return np.concatenate([gradient(sought.log_density, each, part) for part in parts])

@@ -114,7 +114,6 @@ def _require_same_transforms(one: str, a: Experiments, other: str, b: Experiment
 
 
 def _jacobian(table: Experiments, response: int) -> Array:
-    """sum log y of the values that were measured."""
     seen = table.observations
     measured = (seen.response == response) & (seen.lower == seen.upper)
     return np.asarray(np.sum(seen.lower[measured]))
@@ -168,14 +167,13 @@ def embedded(
 
 
 def _same_families(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> bool:
-    """Whether each law has the family that it has in the other model, or is a constant."""
     return smaller.keys() == larger.keys() and all(
         not law.scatters or _family(law) == _family(larger[name]) for name, law in smaller.items()
     )
 
 
 def _family(law: Law) -> object:
-    """What two laws share that differ in their hyperparameters only."""
+    """What two laws of one family share: all but their hyperparameters."""
     if isinstance(law, Mixture):
         return [_family(component) for component in law.components]
     own = {h.name for h in law.hyperparameters}
@@ -184,7 +182,7 @@ def _family(law: Law) -> object:
 
 
 def _frozen(value: object) -> object:
-    """A distribution of SciPy by its name and arguments; all else as it is."""
+    """A distribution of SciPy by its name and arguments; other values as they are."""
     family = getattr(value, "dist", None)
     return value if family is None else (family.name, value.args, value.kwds)  # type: ignore[attr-defined]
 
@@ -221,7 +219,7 @@ def matched(
 
 
 def _aliases(name: str) -> list[str]:
-    """What it is called where the parameter is a constant, and where it follows no covariate."""
+    """Names of the hyperparameter in models with a constant, or without a covariate."""
     bare = name.removesuffix("[Intercept]")
     return [
         *dict.fromkeys(
@@ -231,12 +229,12 @@ def _aliases(name: str) -> list[str]:
 
 
 def _reaches(h: Hyperparameter, source: Hyperparameter | None) -> bool:
-    """Whether it can have the values of its source: a fixed one has one only."""
+    """Whether a hyperparameter can have the values of its source."""
     return source is None or h.free or (not source.free and source.start == h.start)
 
 
 def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
-    """The value at which it does nothing, or None where that is not known."""
+    """The value at which a hyperparameter has no effect; None if there is none."""
     parameter = h.name.partition(".")[0]
     constant = any(name.startswith(f"{parameter}.value") for name in known)
     further = parameter == "noise" and any(name.startswith("noise.") for name in known)
@@ -488,7 +486,7 @@ def _check(
 def _pairs(
     fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]], settings: ComparisonSettings
 ) -> dict[tuple[str, str], Embedding | None]:
-    """The pairs (smaller, larger), and where the smaller lies in the larger if that is known."""
+    """Pairs (smaller, larger), and where the smaller lies in the larger if that is known."""
     found: dict[tuple[str, str], Embedding | None] = {}
     for small, large in permutations(fits, 2):
         place = embedded(fits[small], fits[large], settings=settings)

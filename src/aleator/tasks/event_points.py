@@ -174,7 +174,7 @@ def _sought(
 
 
 def _heavy(points: Points, away: Array, weights: Array) -> Points:
-    """A quarter of the points: those of the event that weigh most, and the nearest others."""
+    """The quarter of the points with the most weight in the event, then the nearest ones."""
     mass = np.sum(weights, axis=0, where=away == 0.0)
     order = np.lexsort((np.min(away, axis=0), -mass))[: len(mass) // 4]
     return Points(points.xi[order], points.score[order], points.weights[order])
@@ -219,7 +219,7 @@ def missed(
 def _by_law(
     away: Array, found: DrawnParameters, share: Array, points: Points
 ) -> tuple[Array, Array]:
-    """A row for each law and class."""
+    """Misses and weights with a row for each law and class of a mixture."""
     shape = (-1, len(points.score))
     weights = found.weights * share[:, None] * len(points.score)
     return away.reshape(shape), weights.reshape(shape)
@@ -421,9 +421,10 @@ def _deviations(away: Array, apart: Array) -> Array:
 def _all_over(
     count: int, d: int, radius: float, seed: int, settings: SampleSettings
 ) -> tuple[Array, Array]:
-    """Points (J, d), half of the law and half over a ball, and the law over their density (J,).
+    """Points (J, d), half of the law and half over a ball, and their weights (J,).
 
-    Over the ball they are even in one or two variates, and nearer to the middle in more.
+    A weight is the density of the law over that of the points. Over the ball points are even in one
+    or two variates, and nearer to the middle in more.
     """
     flat = min(d, 2)
     u, z = normal_points(count // 2, d, seed), normal_points(count // 2, d, seed + settings.pool)

@@ -89,7 +89,6 @@ def one_each(runner: Runner) -> bool:
 
 
 def _places(experiment: Indices) -> Indices:
-    """Where each row stands in its experiment, from 0."""
     order = np.argsort(experiment, kind="stable")
     sizes = np.bincount(experiment)
     place = np.empty(len(experiment), dtype=np.intp)
@@ -287,7 +286,7 @@ def _margin(
     outcome: Array,
     settings: LookSettings,
 ) -> Array:
-    """Three standard deviations of the noise of these observations, in the middle of its limits."""
+    """Three standard deviations of the noise, in the middle of its limits."""
     errors = MeasurementErrors.of(noise, table)
     values = np.array([h.start for h in errors.hyperparameters])
     eta = np.zeros((len(table.observations), 1))
@@ -297,7 +296,7 @@ def _margin(
 
 
 def _points(region: Array, moving: Indices, settings: LookSettings) -> tuple[Array, Indices]:
-    """The points (P, n), the middle first, and where those of each parameter's own stand."""
+    """The points (P, n) of a plan, the middle first, and the places of each parameter's own."""
     middle = region.mean(axis=1)
     shares = np.linspace(0.0, 1.0, settings.levels)
     points, star = [middle], np.zeros((len(moving), settings.levels), dtype=np.intp)
@@ -315,7 +314,7 @@ def _points(region: Array, moving: Indices, settings: LookSettings) -> tuple[Arr
 
 
 def _corners(n: int, settings: LookSettings) -> list[Indices]:
-    """Which end of each of n parameters, of every corner or of sixteen."""
+    """The ends of n parameters at every corner of the region, or at sixteen corners."""
     if n <= settings.corners:
         return [np.array(ends) for ends in product((0, 1), repeat=n)]
     some = np.random.default_rng(0).integers(0, 2, (2 ** (settings.corners - 1), n))
@@ -323,7 +322,7 @@ def _corners(n: int, settings: LookSettings) -> list[Indices]:
 
 
 def _chosen(runner: Runner, table: Experiments, most: int, settings: LookSettings) -> Indices:
-    """The conditions that are looked at, at most so many, evenly over the measured values."""
+    """At most `most` conditions, evenly over the measured values."""
     count, seen = len(runner.cases), table.observations
     if count <= most:
         return np.arange(count)
@@ -338,7 +337,6 @@ def _chosen(runner: Runner, table: Experiments, most: int, settings: LookSetting
 def _run(
     runner: Runner, cases: Indices, x: Array, progress: Progress, settings: LookSettings
 ) -> dict[int, Array]:
-    """The values (P, W) of each of these conditions."""
     progress.update(f"{len(cases) * len(x)} runs under {len(cases)} conditions")
     units = np.repeat(runner.cases.first[cases], len(x))
     found = runner.values(units, np.tile(x, (len(cases), 1)), settings.most_failed)

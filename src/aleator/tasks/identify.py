@@ -115,7 +115,7 @@ def _judged(
     best_law: bool,
     ledger: Ledger,
 ) -> Identification:
-    """The identification with its second verdict and the best possible law, where asked for.
+    """The identification with consistency and the best possible law, as requested.
 
     `taken` are the columns that the simulator or a law takes.
     """
@@ -152,7 +152,7 @@ def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -
 
 
 def _session(answer: Answer, table: Experiments) -> Session:
-    """What the answer was made with, for what is asked of it later."""
+    """The model, the runs and the fit of an answer, for later questions."""
     certain = answer.inferred
     question, end = certain.refined.question, certain.maximum
     if isinstance(end.likelihood, Problem):

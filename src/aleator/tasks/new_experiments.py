@@ -260,7 +260,7 @@ def parameters(
 def _of_measured(
     context: PredictionContext, alphas: Array, experiment: int, points: Points
 ) -> DrawnParameters:
-    """Given the observations: points about the individual law, weighted by the likelihood."""
+    """Points about the individual law given the observations, with weights."""
     assert context.measured is not None
     which, count = int(context.measured.which[experiment]), len(points.score)
     x, weights = [], []
@@ -477,7 +477,7 @@ class OneSurface:
         self._kriged = self._through_runs(SHARING.steps[1])
 
     def _through_runs(self, steps: int) -> Kriged:
-        """Kriging of what the polynomial misses at all runs; its covariance is learned on."""
+        """Kriging of the polynomial's errors at all runs; its covariance is learned on."""
         trend = self._polynomial()
         both = (self.surfaces.emulator.samples.inside(self.surfaces.box), self.further)
         x, y = (np.concatenate(part) for part in zip(*(s.listed[1:] for s in both), strict=True))
@@ -494,7 +494,6 @@ class OneSurface:
 
 
 def _alike(z: Array) -> Indices:
-    """Runs at points z (R, n) are all of one experiment."""
     return np.zeros(len(z), dtype=np.intp)
 
 

@@ -141,9 +141,9 @@ def require_free(about: str | None, hyperparameters: Sequence[Hyperparameter]) -
 
 
 def _weakest(fit: Fit) -> str:
-    """The standard deviation with the largest standard error for its size; all without any.
+    """The standard deviation with the largest relative error; "all" without any.
 
-    Of the laws; that of the errors only where no other is identified.
+    That of the noise only where no other is identified.
     """
     inference, hyperparameters = fit.inference, fit.hyperparameters
     every = [k for k in inference.identified if hyperparameters[k].log]
@@ -156,7 +156,7 @@ def _weakest(fit: Fit) -> str:
 
 
 def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
-    """The end of the interval that is off the limit; without one, the start of the search."""
+    """The end of the interval that is not on the limit; without one, the start."""
     h = fit.hyperparameters[k]
     interval = estimates[h.name].interval
     if interval is None:
@@ -246,7 +246,7 @@ class NextExperiments:
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows with their ids; of equal names the one that is told of a candidate counts."""
+    """Rows with their ids; a candidate's own column replaces one of the same name."""
     return [
         {"id": str(name)} | {str(key): value for key, value in row.items()}
         for name, row in zip(table.index, table.to_dict("records"), strict=True)
@@ -365,7 +365,7 @@ def _conditions(candidates: Conditions | pd.DataFrame, fit: Fit) -> Conditions:
 
 
 def _first_rows(conditions: Experiments) -> pd.DataFrame:
-    """The conditions of each experiment, by its id; of several rows, of the first."""
+    """The conditions of the first row of each experiment, by its id."""
     first = np.unique(conditions.experiment, return_index=True)[1]
     return conditions.conditions.iloc[first].set_axis(pd.Index(conditions.ids, name="id"))
 
@@ -394,7 +394,7 @@ def _directions(
     rng: np.random.Generator,
     progress: Progress,
 ) -> Array | None:
-    """Of what is to be known by the hyperparameters (A, G, F); None for all of these."""
+    """Gradients (A, G, F) of the quantities to be known; None for all hyperparameters."""
     if aim.target is not None:
         return np.tile(np.eye(aim.moving.size)[aim.target], (len(laws), 1, 1))
     if aim.predicted is None or predicted is None:
@@ -404,16 +404,15 @@ def _directions(
 
 
 def _alone(plan: DesignPlan) -> Array:
-    """The standard error (C,) after each candidate; NaN where it cannot be computed."""
     lost = ~np.all(np.isfinite(plan.offered), axis=(0, 2, 3))
     found = plan.standard_error(plan.present[:, None] + plan.offered)
     return np.where(lost, np.nan, found)
 
 
 def _uncertain(plan: DesignPlan, scores: Scores) -> Array:
-    """The Monte Carlo error (C,) of that for one direction and law, else zero.
+    """The Monte Carlo error (C,) of the standard error after each candidate.
 
-    By the delta method: the variance d' V d moves by -(V d)' dI (V d).
+    By the delta method: the variance d' V d moves by -(V d)' dI (V d). Zero for several directions.
     """
     nothing = np.zeros(plan.offered.shape[1])
     if scores.outcomes is not None or plan.directions is None or plan.directions.shape[1] > 1:
@@ -426,7 +425,6 @@ def _uncertain(plan: DesignPlan, scores: Scores) -> Array:
 
 
 def _hyperparameters(fit: Fit, aim: Aim, plan: DesignPlan, choice: ChosenSet) -> pd.DataFrame:
-    """The standard error of each now and after the set, by name."""
     size = aim.moving.size
     each = [replace(plan, directions=_unit(plan, k), unit=1.0) for k in range(size)]
     after = plan.present + plan.offered[:, list(choice.order)].sum(axis=1)

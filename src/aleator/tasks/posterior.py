@@ -262,7 +262,7 @@ class Posterior:
 
     @property
     def _enough(self) -> int:
-        """Draws of each chain that may do, by the effective sample size of these."""
+        """Draws of each chain that may suffice, by the effective sample size of these."""
         draws = self.draws.shape[1]
         factor = max(2.0, REPORTED.longer * POSTERIOR.least_ess / max(self.convergence.least, 1.0))
         return int(np.ceil(draws * min(factor, 100.0) / 100.0) * 100)
@@ -372,7 +372,7 @@ def _listener(progress: Progress, settings: DrawnReportSettings) -> Callable[[in
 
 
 def _in_order(alpha: Array, fit: Fit) -> Array:
-    """Equal components of a mixture in one order: which of them is the first is arbitrary."""
+    """alpha (K,) with equal components of a mixture in one order."""
     size = fit.inputs.size
     return np.concatenate([classes.ordered(fit.inputs, alpha[:size]), alpha[size:]])
 

@@ -341,7 +341,7 @@ def _moments(
 
 
 def _weighted(eta: Array, weights: Array, probabilities: Array) -> Array:
-    """Quantiles (m, P) of values (m, J) with weights; each stands in the middle of its weight."""
+    """Weighted quantiles (m, P) of values (m, J); each stands in the middle of its weight."""
     order = np.argsort(eta, axis=1)
     value, share = (np.take_along_axis(array, order, axis=1) for array in (eta, weights))
     reached = np.cumsum(share, axis=1) - 0.5 * share
@@ -452,7 +452,7 @@ class _PointValues:
 
 
 def _moved(at: Array, mixed: Array, own: Array) -> Array:
-    """`at` moved by the difference of the other two; where one is not finite, `mixed` itself."""
+    """`at` + (mixed - own); `mixed` itself where one of the three is not finite."""
     finite = np.isfinite(at) & np.isfinite(mixed) & np.isfinite(own)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where(finite, at + (mixed - own), mixed))
@@ -533,7 +533,7 @@ def in_rows(
 
 
 def _own(context: PredictionContext, alpha: Array) -> Draws:
-    """Points of each new experiment, or of the measured one that it is, under one alpha."""
+    """Points of the law of each new experiment, or of the measured one that it is."""
     if context.measured is None:
         return Draws.new(context.inputs, alpha, context.count)
     likelihood, which = context.measured.likelihood, context.measured.which.tolist()
@@ -542,7 +542,6 @@ def _own(context: PredictionContext, alpha: Array) -> Draws:
 
 
 def _about(context: PredictionContext, own: Draws) -> Predictor:
-    """The simulator, or surfaces about the law of the estimate."""
     x, box = own.x.reshape(-1, own.x.shape[2]), context.inputs.box
     if context.on_simulator:
         return simulator_itself(context.runner, box, ends_of(x))

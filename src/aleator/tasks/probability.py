@@ -208,7 +208,7 @@ def probability(
 
 @dataclass(frozen=True, eq=False)
 class _Explored:
-    """A sample by a surface that was explored; `settled` says whether more would change little."""
+    """A sample by an explored surface; `settled`: more runs would change little."""
 
     sample: Sample
     unseen: float
@@ -223,7 +223,7 @@ def _explored(
     choice: Exploration,
     progress: Progress | None,
 ) -> _Explored:
-    """Rounds of fresh runs all over the law, and of runs where kriging doubts (`Exploration`)."""
+    """Rounds of fresh runs all over the law, and of runs where kriging is uncertain."""
     surface, most, round_ = predicted.surface, predicted.context.surfaces.max_runs, 0
     assert surface is not None
     while True:
@@ -244,7 +244,7 @@ def _explored(
 def _sharpened(
     predicted: PredictedValue, draws: AlphaDraws, event: Event, choice: Exploration
 ) -> tuple[Sample, bool]:
-    """The sample where the surface is certain of the event, and whether it is."""
+    """The sample once the surface is certain of the event, and whether it is."""
     assert predicted.surface is not None
     runs, seek = 0, CrossEntropy()
     while True:
@@ -259,9 +259,10 @@ def _sharpened(
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """Probabilities (1 + A, R) of the estimate and each draw, by each of R replicates.
+    """Probabilities (1 + A, R) under the estimate and each draw, by each of R replicates.
 
-    Of a `plain` sample no replicate is closer than half a point."""
+    Of a `plain` sample the error is at least that of half a point.
+    """
 
     each: Array
     weights: Array
@@ -356,14 +357,13 @@ def interval_about(
 
 
 def _shares(holds: Flags, weights: Array, normalized: bool) -> Array:
-    """Sums (A,) of the weights of an event, or their share of all weights."""
     inside = np.sum(weights, axis=1, where=holds)
     whole = weights.sum(axis=1) if normalized else 1.0
     return np.asarray(np.minimum(inside / whole, 1.0))
 
 
 def _turned(found: Probability) -> Probability:
-    """That of the contrary event."""
+    """The probability of the contrary event."""
     return Probability(
         1.0 - found.probability, 1.0 - found.upper, 1.0 - found.lower, 1.0 - found.at_estimate,
         found.error, found.distance, found.checks, found.status, found.unseen,
@@ -451,7 +451,7 @@ def _bound(
 ) -> tuple[float, float]:
     """The confidence bound of a quantile, and the standard error of its computation.
 
-    Far out the points are about the most probable points beyond the value of the round before.
+    Far out the points lie about the event beyond the value of the round before.
     """
     upper = asked.side == "upper"
     probability = asked.content if upper else 1.0 - asked.content
@@ -487,9 +487,9 @@ def _once(
 
 
 def _completed(y: Array, weights: Array, probability: float) -> Array:
-    """Weights that sum to one by those of the side that is not asked for.
+    """Weights completed to a sum of one at the far end of the other side.
 
-    Points about a rare event know its probability, and not that of the rest.
+    Points about a rare event determine its probability, but not that of the rest.
     """
     order = np.argsort(y, axis=1)
     first, last = order[:, 0], order[:, -1]

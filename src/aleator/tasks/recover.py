@@ -56,7 +56,7 @@ class Recovered:
 def _drawn(
     choices: Choices, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
 ) -> list[Observations]:
-    """Observations for each replicate, at the conditions of the table and bounded as there."""
+    """Drawn observations of each replicate, at the conditions and bounds of the table."""
     table, inputs, count = choices.table, choices.inputs, len(runner.ids)
     if not choices.exact:
         return [
@@ -70,7 +70,7 @@ def _drawn(
 
 
 def _identified(choices: Choices, runner: Runner, data: Observations, seed: int) -> Recovered:
-    """One data set, as `identify` does it."""
+    """One data set, identified as `identify` does it."""
     answer = answered(choices.question(runner, data, seed), Ledger(runner, Silent()))
     inference = answer.inference
     errors = np.stack([inference.standard_error, inference.sandwich_error], axis=1)
@@ -107,7 +107,7 @@ def virtual_observations(
 def _unmeasured(
     asked: Conditions | pd.DataFrame, noise: Noise | Mapping[str, Noise] | None
 ) -> Experiments:
-    """Experiments of which nothing was measured; a data frame has the responses of the noise."""
+    """Experiments without measured values; a data frame has the responses of the noise."""
     if isinstance(asked, pd.DataFrame):
         named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
         asked = Conditions.from_frame(asked, responses=named)
@@ -160,7 +160,6 @@ class Recovery:
         )
 
     def _by_errors(self) -> dict[str, Array]:
-        """Coverage by the estimate and its errors (R, F, 2)."""
         if self.errors is None:
             return {}
         half = float(stats.norm.ppf(0.5 + 0.5 * INTERVALS.level)) * self.errors
@@ -171,7 +170,7 @@ class Recovery:
 
 
 def _share(held: NDArray[np.bool_], known: NDArray[np.bool_]) -> Array:
-    """The share (F,) of those that hold the truth among the known (R, F); NaN without any."""
+    """The share (F,) of the known replicates (R, F) that hold the truth; NaN without any."""
     count = known.sum(axis=0)
     return np.where(count, (held & known).sum(axis=0) / np.maximum(count, 1), np.nan)
 

@@ -234,7 +234,6 @@ def _expanded(
     progress: Progress,
     settings: ScreenSettings,
 ) -> tuple[Expansion, int]:
-    """The expansions, from as many runs as given or as are needed."""
     terms = _terms(n, runs, settings)
     last = runs or max(
         settings.runs_per_term * len(terms.indices(basis.limits)), settings.first_runs * n
@@ -267,7 +266,6 @@ def _terms(n: int, runs: int | None, settings: ScreenSettings) -> TotalDegree:
 
 
 def _varied(law: Law) -> tuple[Law, str]:
-    """The law by which a parameter is varied, and words for it."""
     free = any(h.free for h in law.hyperparameters)
     kind = type(law).__name__
     if not free:

@@ -281,7 +281,7 @@ class Session:
     def _integral(
         self, inputs: Inputs, table: Experiments, runner: Runner, x: Array, nodes: int
     ) -> IndividualLikelihood:
-        """That of a table, on the simulator or surfaces that are exact at points x (D, n)."""
+        """The likelihood of a table, on the simulator or on surfaces exact at x (D, n)."""
         assert self.noise is not None
         return IndividualLikelihood.of(
             inputs,
@@ -299,7 +299,6 @@ class Session:
         return simulator_itself(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
 
     def _measured(self, conditions: Conditions, alpha: Array, of: str) -> MeasuredExperiments:
-        """The measured experiments that the new ones are said to be."""
         table = self.experiments
         if table is None:
             raise missing(
@@ -310,9 +309,9 @@ class Session:
         return MeasuredExperiments(self._adapted(table, alpha), np.array(which, dtype=np.intp))
 
     def _adapted(self, table: Experiments, alpha: Array, nodes: int = 7) -> IndividualLikelihood:
-        """The likelihood of the measured experiments, made again where it was not kept.
+        """The likelihood of the measured experiments, made anew where it was not kept.
 
-        Then by so many Gauss-Hermite nodes a variate, which serve to look at single experiments.
+        Then by seven Gauss-Hermite nodes a variate, which serve to look at single experiments.
         """
         if self.fit is not None:
             assert isinstance(self.fit.likelihood, IndividualsAt)
@@ -330,7 +329,7 @@ def _by_density(
     quantiles: tuple[float, ...],
     progress: Progress | None,
 ) -> pd.DataFrame:
-    """The table of one exact outcome an experiment by its own density, under the law alpha (K,)."""
+    """The table of predictions by the density of one exact outcome an experiment."""
     outcomes = under_law(context.runner, model, alpha, progress).predictor.under(alpha)
     found = outcomes.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
@@ -346,7 +345,7 @@ def _by_density(
 
 
 def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
-    """The measured experiment that each new one is: a column's, or one for all."""
+    """The names of the measured experiments that the new ones are."""
     if of == OWN:
         ids = [*conditions.ids]
     elif of in conditions.table.columns:
@@ -363,7 +362,6 @@ def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
 
 
 def _text(cell: object) -> str:
-    """An id as a table of texts has it."""
     return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell)
 
 
