@@ -36,8 +36,10 @@ class CalibrationSettings:
     values: int = 20_000_000
     effective: float = 20.0
     impossible: float = -1e5
+    """Log-density that stands for an impossible observation."""
     stages: int = 4
     seed: int = 20
+    """Seed of the points and of the values that are drawn between bounds."""
     bins: tuple[int, int] = (2, 20)
     each: int = 10
     least: float = 0.0625

@@ -45,11 +45,13 @@ class DesignSettings:
     equal: float = 1e-6
     """Relative difference of two variances that is none."""
     sweeps: int = 50
+    """Sweeps of exchanges through a set, at most."""
     starts: int = 5
     """Candidates, the best by themselves, from which a set is begun."""
     most: float = 1e6
     """Repetitions beyond which none are told."""
     seed: int = 5
+    """Seed of the laws that a plan is averaged over."""
     tiny: float = 1e-300
     """Information below this is zero."""
     edge: float = 1e-6

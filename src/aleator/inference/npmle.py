@@ -30,6 +30,7 @@ class NPMLESettings:
     weighed: float = 1e-7
     """Of the gradient function, over its largest value at the end."""
     steps: int = 200
+    """Newton steps to the weights, at most."""
     covered: float = 0.05
     """Share of its largest likelihood that each experiment has at one of the first points."""
     entering: int = 8
@@ -39,28 +40,33 @@ class NPMLESettings:
     rise: float = 1e-4
     """Share of the rise that the gradient promises."""
     crosses: int = 40
+    """Rounds of an ascent of the gradient function, at most."""
     finest: float = 1e-6
     """Step at the end, over the width of the region."""
     narrower: float = 0.25
     """Width of a cross over the one before, where the point in its middle is the highest."""
     flat: float = 1e-3
+    """Least curvature along an axis, over the largest of all axes."""
     flattest: float = 1e-6
-    """A curvature is at least so large: over the largest of all axes, and over the slope."""
+    """Least curvature along an axis, over the slope."""
     tiny: float = 1e-300
     """A length or a curvature below this is zero."""
     farthest: float = 8.0
     """Steps that Newton's may be long."""
     starts: int = 12
+    """Local maxima of the gradient function that are climbed in a round."""
     last: int = 40
-    """Local maxima of the gradient function that are climbed in a round, and in the end."""
+    """The same in the end."""
     rounds: int = 40
+    """Rounds in which points join the law, at most."""
     enough: float = 1e-4
     """Of the log-likelihood, what other points may still add."""
     near: float = 0.05
     """Distance of points that may be one."""
     same: float = 0.01
+    """Distance of points that are merged."""
     alike: float = 1e-3
-    """Distance of points that are taken for one, and what that may cost of the log-likelihood."""
+    """Log-likelihood that merging may cost."""
     largest: float = 700.0
     """Exponent of the largest ratio that is told."""
     climbed: float = 0.01

@@ -36,9 +36,11 @@ class PosteriorSettings:
     least: float = 0.05
     """Least curvature: that of a density as flat as between limits that nothing else tells of."""
     tried: int = 16
+    """Points that say whether a scale is too wide."""
     shrunk: int = 12
+    """Times that a scale is made smaller, at most."""
     smaller: float = 0.6
-    """Points that tell whether a scale is too wide, and how often it is made how much smaller."""
+    """Factor by which it is made smaller."""
     impossible: float = 1e300
     """Minus the log-density that the search for the mode sees where there is none."""
     mode: int = 50
@@ -50,11 +52,13 @@ class PosteriorSettings:
     tries: int = 50
     """Points that a chain may try to begin at."""
     tails: tuple[float, float] = (0.05, 0.95)
+    """Probabilities of the quantiles whose effective sample size counts."""
     warm_up: int = 100
     """Steps of each chain that set the length of its steps, and are no draws."""
     largest_r_hat: float = 1.01
+    """R-hat of draws that have converged (Vehtari et al., 2021)."""
     least_ess: float = 400.0
-    """Both by Vehtari, Gelman, Simpson, Carpenter and Burkner (2021)."""
+    """Effective sample size of draws that have converged (the same)."""
 
 
 POSTERIOR = PosteriorSettings()

@@ -27,12 +27,15 @@ class BatterySettings:
     nearest: float = 1e-15
     """Probabilities stay so far from zero and one: normal scores stay below eight."""
     values: int = 200_000
+    """Simulated values by which all probabilities are computed, about."""
     least_points: int = 64
+    """Points of an experiment, at least."""
     points: int = 256
-    """Simulated values by which all probabilities are computed; points of each, fewest and most."""
+    """Points of an experiment, at most, at first."""
     more: int = 4
+    """Times as many points where too few probabilities are known."""
     times: int = 3
-    """So many times as many points, so often, where too few probabilities are known."""
+    """How often there are more points."""
     main: float = 3.0
     """The weight of the likeliest form of dependence on a column, its trend, among its parts."""
     hidden: float = 0.5

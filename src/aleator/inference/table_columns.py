@@ -26,9 +26,9 @@ class ColumnSettings:
     bins: int = 4
     """Parts, alike in size, of a column of more numbers."""
     pairs: int = 8
+    """Pairs of neighbours that say whether a table was sorted, at least."""
     sorted: float = 0.8
-    """Pairs of neighbours at least, and the share that rise (or fall) in a table that was sorted.
-    """
+    """Share of the pairs that rise (or fall) in a table that was sorted."""
     distinct: int = 7
     """Distinct values at least, of the column and of the outcome: fewer may be in one order by
     chance.

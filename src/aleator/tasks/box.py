@@ -32,6 +32,7 @@ class BoxSettings:
     quiet: int = 3
     """Rounds without a failure after which a box is taken."""
     rounds: int = 100
+    """Rounds of the search, at most."""
     seeds: int = 6
     """Valid points that a largest box is grown around."""
     nodes: int = 4000

@@ -47,6 +47,7 @@ class SampleSettings:
     sure: float = 2.0
     """Standard deviations of kriging within which an outcome is possible."""
     rounds: int = 6
+    """Rounds in which a surface follows the points of the event, at most."""
     still: float = 0.02
     """A relative change of the probability by a surface that is none."""
     searches: int = 40
@@ -60,6 +61,7 @@ class SampleSettings:
     usual: int = 16
     """The outcome's scatter is by one in so many points of the pool."""
     seed: int = 11
+    """Seed of fresh runs and of checks."""
     pool: int = 4096
     """Points by which the probability of an unseen region, and of a surface's mistakes, is
     computed.

@@ -43,6 +43,7 @@ class DrawnReportSettings:
     looked_at: int = 16
     """Draws at which more nodes are tried, and whose laws are held against the region."""
     fewest: int = 10
+    """Draws of a chain, at least."""
     longer: float = 1.3
     """Times the draws that the effective sample size asks for."""
     shown: float = 0.2

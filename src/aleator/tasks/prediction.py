@@ -46,6 +46,7 @@ class ExtrapolationSettings:
     most: int = 2000
     """Distinct tested points up to which their convex hull is asked."""
     rounding: float = 1e-9
+    """Distance below which a point lies within the tested ones."""
 
 
 EXTRAPOLATION = ExtrapolationSettings()

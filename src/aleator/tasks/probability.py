@@ -105,7 +105,9 @@ class ProbabilitySettings:
     """Shares and batches of an interval; by judgement."""
 
     content: float = 0.95
+    """Probability that an interval holds."""
     batches: int = 16
+    """Batches of draws whose scatter is the error by the draws."""
     tiny: float = 1e-300
     """What is added to each weight: their sum is never zero."""
 
@@ -379,6 +381,7 @@ class ToleranceSettings:
     middle: tuple[float, float] = (0.16, 0.84)
     """Probabilities between whose quantiles the scatter is taken: two sd of a normal law."""
     rounds: int = 4
+    """Rounds in which a design value gets points of its own, at most."""
     still: float = 0.01
     """A change of a design value over the scatter that is none."""
 

@@ -32,12 +32,15 @@ class ScreenSettings:
     """Terms that an expansion may have, unless more runs are asked for: n = 2, 4, 8, 12 parameters
     then get degree 8, 6, 3, 2."""
     highest_degree: int = 8
+    """Degree of an expansion, at most."""
     runs_per_term: int = 2
+    """Runs for each term of an expansion, at most."""
     first_runs: int = 10
     """Runs a parameter that the screening begins with; doubled until the expansions are good."""
     good: float = 0.01
+    """Share of the variance that a good expansion may miss."""
     quantile: float = 0.9
-    """Share of the variance that this share of the expansions may miss at most."""
+    """Share of the expansions that must be good."""
     confounded: float = 0.96
     """Alignment above which two parameters are hard to tell apart: their collinearity index
     1/sqrt(1 - |alignment|) is then above 5, from where on Brun, Reichert and Kuensch (Water Resour.
