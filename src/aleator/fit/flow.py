@@ -87,11 +87,8 @@ def _checked(found: Inferred, check: Check, ledger: Ledger) -> Answer:
 
 
 def _against_simulator(found: Inferred, check: Check, runs: int) -> Checked:
-    runner, likelihood, alpha = (
-        found.refined.question.runner,
-        found.maximum.likelihood,
-        found.maximum.alpha,
-    )
+    runner, end = found.refined.question.runner, found.maximum
+    likelihood, alpha = end.likelihood, end.alpha
     if not isinstance(likelihood, Problem):
         return checked(likelihood, alpha, runner, runs, check)
     y, law = likelihood.outcomes, alpha[: likelihood.inputs.size]

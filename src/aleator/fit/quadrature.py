@@ -180,11 +180,7 @@ def _told_by_panels(end: _End, most: float, enough: float) -> bool:
     likelihood = end.likelihood
     if _smooth(end) and not several_modes(likelihood, end.alpha):
         return True
-    tried = (
-        likelihood.sampled(NODE_ACCURACY.panels_tried)
-        if likelihood.count > 2 * NODE_ACCURACY.panels_tried
-        else likelihood
-    )
+    tried = _some(likelihood, NODE_ACCURACY.panels_tried)
     return abs(_change(tried, PlanePanels.coarse(), end.alpha, large=False)) < enough
 
 
@@ -237,13 +233,11 @@ def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
     return bool(np.any(found[:, :, 1] != found[:, :, 0]))
 
 
-def _some(likelihood: IndividualLikelihood) -> IndividualLikelihood:
+def _some(
+    likelihood: IndividualLikelihood, size: int = NODE_ACCURACY.sample
+) -> IndividualLikelihood:
     """The likelihood of a sample of the experiments; of all where they are few."""
-    return (
-        likelihood.sampled(NODE_ACCURACY.sample)
-        if likelihood.count > 2 * NODE_ACCURACY.sample
-        else likelihood
-    )
+    return likelihood.sampled(size) if likelihood.count > 2 * size else likelihood
 
 
 def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _End:
@@ -257,11 +251,8 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
         before = tried[-1][0] if tried else np.inf
         tried.append((abs(gap), held))
         exact = variates == 2 and enough < NODE_ACCURACY.rough
-        large, slowly = (
-            (NODE_ACCURACY.plane_large, NODE_ACCURACY.plane_slow)
-            if exact
-            else (NODE_ACCURACY.large, NODE_ACCURACY.slow)
-        )
+        large = NODE_ACCURACY.plane_large if exact else NODE_ACCURACY.large
+        slowly = NODE_ACCURACY.plane_slow if exact else NODE_ACCURACY.slow
         slow = held.nodes.xi.shape[1] > large and abs(gap) > slowly * before
         if held.rule.centers == 1 and slow and abs(gap) > NODE_ACCURACY.hardly:
             # what is not smooth converges slowly about one centre
@@ -321,7 +312,7 @@ def nearest_maximum(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelih
     if not isinstance(likelihood, Problem):
         return _nearest_of_integral(likelihood, alpha)
     hyperparameters = likelihood.hyperparameters
-    free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
+    free = np.flatnonzero([h.free for h in hyperparameters])
     if not free.size:
         return likelihood, alpha
     objective = likelihood.continued
@@ -334,7 +325,7 @@ def _nearest_of_integral(
 ) -> tuple[IndividualLikelihood, Array]:
     """The nearest maximum: nodes follow alpha until it is near, then they are fixed."""
     hyperparameters = likelihood.hyperparameters
-    free = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
+    free = np.flatnonzero([h.free for h in hyperparameters])
     held = (
         likelihood
         if likelihood.distance(alpha) < NODE_ACCURACY.close

@@ -120,6 +120,16 @@ class Refined:
     possible: tuple[Array, ...] = ()
     spread: bool = False
 
+    @property
+    def likelihood(self) -> AnyLikelihood:
+        """The likelihood with nodes adapted to the maximum."""
+        return self.maximum.likelihood
+
+    @property
+    def alpha(self) -> Array:
+        """The maximum (K,)."""
+        return self.maximum.alpha
+
 
 def refined(question: Question, ledger: Ledger) -> Refined:
     """The maximum that further runs do not move."""
@@ -192,11 +202,7 @@ class Refinement:
 
         None where the present ones do.
         """
-        surfaces, likelihood, alpha = (
-            answer.surfaces,
-            answer.maximum.likelihood,
-            answer.maximum.alpha,
-        )
+        surfaces, likelihood, alpha = answer.surfaces, answer.likelihood, answer.alpha
         assert surfaces is not None
         inputs, hyperparameters = likelihood.inputs, likelihood.hyperparameters
         ends = interval_alphas(alpha, inference, intervals, hyperparameters)
@@ -231,9 +237,7 @@ class Refinement:
         with self.ledger.stage(SURFACE):
             surfaces.sharpen_each(draws_of)
             moved = self._on(answer)
-        found = searched(
-            self.question, moved.maximum.likelihood, [answer.maximum.alpha], self.ledger
-        )
+        found = searched(self.question, moved.maximum.likelihood, [answer.alpha], self.ledger)
         start = with_enough_nodes(moved.maximum.likelihood, found.alpha, NODE_ACCURACY.rough)
         found = replace(found, once=answer.found.once)
         return self._finished(replace(moved, maximum=start, found=found))
@@ -280,7 +284,7 @@ class Refinement:
         assert answer.surfaces is not None
         assert answer.sites is not None
         made, region = self._made(answer.question, answer.surfaces, answer.region, answer.sites)
-        before = answer.maximum.likelihood
+        before = answer.likelihood
         if isinstance(made, IndividualLikelihood) and isinstance(before, IndividualLikelihood):
             # the nodes of the last round will do again
             made = replace(made, rule=before.rule)
@@ -288,7 +292,7 @@ class Refinement:
 
     def _likelihood(self, answer: Refined) -> AnyLikelihood:
         """The likelihood with few nodes, on the surfaces of an answer."""
-        likelihood = answer.maximum.likelihood
+        likelihood = answer.likelihood
         if isinstance(likelihood, IndividualLikelihood):
             return answer.question.integral(likelihood.predictor)
         return likelihood
@@ -309,7 +313,7 @@ class Refinement:
     def _finished(self, answer: Refined) -> Refined:
         """The answer with as many nodes as it needs, on the surfaces as they are."""
         with self.ledger.stage(SEARCH):
-            end = with_enough_nodes(self._likelihood(answer), answer.maximum.alpha)
+            end = with_enough_nodes(self._likelihood(answer), answer.alpha)
             top = with_other_optima(end, answer.found)
         return replace(answer, maximum=top.maximum, found=top.found, possible=top.others)
 
@@ -323,13 +327,13 @@ class Refinement:
         level, calm = rounds.first * surfaces.caution, False
         for _ in range(rounds.most):
             inference = _infer(answer.maximum)
-            if inference.among(answer.maximum.alpha, known, rounds.apart):
+            if inference.among(answer.alpha, known, rounds.apart):
                 break
             with self.ledger.stage(SURFACE):
                 moved, done = self._sharpened(answer, inference, level)
             with self.ledger.stage(SEARCH):
                 after = with_enough_nodes(
-                    moved.maximum.likelihood, answer.maximum.alpha, NODE_ACCURACY.rough
+                    moved.maximum.likelihood, answer.alpha, NODE_ACCURACY.rough
                 )
             calm = self._calm(answer.maximum, after, inference)
             answer = replace(moved, maximum=after)
@@ -343,11 +347,7 @@ class Refinement:
         self, answer: Refined, inference: Inference, level: float
     ) -> tuple[Refined, bool]:
         """Make runs at all sites whose error is above a level; also whether none is left above."""
-        likelihood, alpha, surfaces = (
-            answer.maximum.likelihood,
-            answer.maximum.alpha,
-            answer.surfaces,
-        )
+        likelihood, alpha, surfaces = answer.likelihood, answer.alpha, answer.surfaces
         assert surfaces is not None
         likely = plausible_alphas(alpha, inference, likelihood.hyperparameters)
         region = answer.region
@@ -444,7 +444,7 @@ def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
 
     A narrower region is better only if it is smaller than the share `shrink` of the present one.
     """
-    likelihood, alpha, region = answer.maximum.likelihood, answer.maximum.alpha, answer.region
+    likelihood, alpha, region = answer.likelihood, answer.alpha, answer.region
     inputs = likelihood.inputs
     certain = region_of(inputs, [alpha], likelihood.count, REGIONS.far)
     possible = region_of(inputs, [*likely], likelihood.count, REGIONS.likely)

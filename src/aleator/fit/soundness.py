@@ -9,7 +9,9 @@ import numpy as np
 
 from aleator.core.types import Array, Flags
 from aleator.fit.flow import Answer
-from aleator.inference import diagnostics, surface_diagnostics
+from aleator.fit.quadrature import AnyLikelihood, Maximum
+from aleator.inference import diagnostics
+from aleator.inference import surface_diagnostics as on_surfaces
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
 from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
@@ -38,26 +40,27 @@ class Reviewed:
     @cached_property
     def at(self) -> LogLikelihood:
         """The likelihood itself at the estimate, minus infinity where there is no density."""
-        end = self.answer.inferred.maximum
-        likelihood = end.likelihood
+        likelihood, alpha = self._likelihood, self._end.alpha
         honest = likelihood.likelihood if isinstance(likelihood, Problem) else likelihood
-        return honest.evaluate(end.alpha)
+        return honest.evaluate(alpha)
 
     @cached_property
     def exact(self) -> LogLikelihood | None:
         """By the level sets of the same surfaces, where a density of moments was chosen."""
-        end = self.answer.inferred.maximum
-        if not isinstance(end.likelihood, Problem):
-            return None
-        return surface_diagnostics.exact_density(end.likelihood, end.alpha)
+        problem = self._likelihood
+        return (
+            on_surfaces.exact_density(problem, self._end.alpha)
+            if isinstance(problem, Problem)
+            else None
+        )
 
     @cached_property
     def by_cells(self) -> Array:
         """What halving the cells of level sets changed, the last time and before, (2, N)."""
-        end = self.answer.inferred.maximum
-        if not isinstance(end.likelihood, Problem):
-            return np.zeros((2, end.likelihood.count))
-        return surface_diagnostics.by_finer_cells(end.likelihood, end.alpha)
+        problem = self._likelihood
+        if not isinstance(problem, Problem):
+            return np.zeros((2, problem.count))
+        return on_surfaces.by_finer_cells(problem, self._end.alpha)
 
     @property
     def surface_error(self) -> Array:
@@ -67,89 +70,87 @@ class Reviewed:
         return unknown if checked is None else checked.relative
 
     @property
+    def _end(self) -> Maximum:
+        return self.answer.inferred.maximum
+
+    @property
+    def _likelihood(self) -> AnyLikelihood:
+        return self._end.likelihood
+
+    @property
     def _seen(self) -> Experiments:
         """The experiments without those observations that no run gives a value of."""
         return self.answer.inferred.refined.question.table
 
     @cached_property
     def _refusals(self) -> list[Diagnostic]:
-        answer, ids = self.answer, self._seen.ids
-        end, checked = answer.inferred.maximum, answer.checked
-        likelihood, inference = end.likelihood, answer.inferred.inference
+        ids, of = self._seen.ids, self._seen.observations.experiment
+        likelihood, checked = self._likelihood, self.answer.checked
         found = [
             *diagnostics.density_refusals(self.at, ids),
-            *diagnostics.search_refusals(inference, likelihood.hyperparameters),
-            *diagnostics.too_few_nodes(end.gap, diagnostics.EXPERIMENTS.gap),
+            *diagnostics.search_refusals(
+                self.answer.inferred.inference, likelihood.hyperparameters
+            ),
+            *diagnostics.too_few_nodes(self._end.gap, diagnostics.EXPERIMENTS.gap),
         ]
         if checked is not None:
-            found += surface_diagnostics.check_refusals(checked.total, checked.standard_error)
+            found += on_surfaces.check_refusals(checked.total, checked.standard_error)
         if isinstance(likelihood, Problem):
-            found += surface_diagnostics.useless(likelihood, checked, self.surface_error, ids)
+            found += on_surfaces.useless(likelihood, checked, self.surface_error, ids)
         else:
-            found += diagnostics.without_surfaces(
-                self._lost, self._seen.observations.experiment, ids
-            )
-        if checked is not None and not any(one.about == "response surface" for one in found):
-            of = self._seen.observations.experiment
-            found += surface_diagnostics.worse_than_estimated(
+            found += diagnostics.without_surfaces(self._lost, of, ids)
+        if checked is not None and not any(one.about == on_surfaces.ABOUT for one in found):
+            found += on_surfaces.worse_than_estimated(
                 checked, self._estimated, [ids[l] for l in of.tolist()]
             )
-        found += surface_diagnostics.doubt_refusals(answer.doubt, ids)
-        found += surface_diagnostics.level_refusals(self.by_cells, ids)
+        found += on_surfaces.doubt_refusals(self.answer.doubt, ids) + on_surfaces.level_refusals(
+            self.by_cells, ids
+        )
         if isinstance(likelihood, Problem):
-            found += surface_diagnostics.unreached_refusals(likelihood, end.alpha, ids)
+            found += on_surfaces.unreached_refusals(likelihood, self._end.alpha, ids)
         return found
 
     @cached_property
     def _notes(self) -> list[Diagnostic]:
-        certain, ids = self.answer.inferred, self._seen.ids
-        likelihood, inference, profile = (
-            certain.maximum.likelihood,
-            certain.inference,
-            certain.profile,
-        )
-        hyperparameters, runner = likelihood.hyperparameters, certain.refined.question.runner
-        made = certain.refined.surfaces
-        against = "the outcome's scatter" if isinstance(likelihood, Problem) else "the noise"
+        inferred, ids, likelihood = self.answer.inferred, self._seen.ids, self._likelihood
+        inference, profile = inferred.inference, inferred.profile
+        hyperparameters, runner = likelihood.hyperparameters, inferred.refined.question.runner
+        made, exact = inferred.refined.surfaces, isinstance(likelihood, Problem)
         notes = [
             *diagnostics.count_warnings(len(ids), inference),
-            *diagnostics.once_warnings(certain.found),
+            *diagnostics.once_warnings(inferred.found),
             *diagnostics.bound_warnings(hyperparameters, inference, profile),
             *diagnostics.weak_directions(inference, hyperparameters),
             *self._centering,
-            *diagnostics.rival_warnings(certain.rivals, hyperparameters, profile.intervals),
-            *surface_diagnostics.level_warnings(self.by_cells),
+            *diagnostics.rival_warnings(inferred.rivals, hyperparameters, profile.intervals),
+            *on_surfaces.level_warnings(self.by_cells),
         ]
         if isinstance(likelihood, Problem):
-            notes += surface_diagnostics.surface_warnings(likelihood, self.surface_error, ids)
+            notes += on_surfaces.surface_warnings(likelihood, self.surface_error, ids)
             if not self._refusals:
-                notes += surface_diagnostics.density_notes(self.exact, inference, likelihood)
+                notes += on_surfaces.density_notes(self.exact, inference, likelihood)
         else:
             notes += self._of_individuals(likelihood)
             if not self._refusals:
-                notes += diagnostics.too_few_nodes(
-                    certain.maximum.gap, diagnostics.EXPERIMENTS.noted_gap
-                )
-        notes += diagnostics.failure_warnings(
-            None if made is None and not isinstance(likelihood, Problem)
-            else diagnostics.failure_report(runner)
-        )  # fmt: skip
-        notes += surface_diagnostics.budget_warnings(runner.account, made, against)
+                notes += diagnostics.too_few_nodes(self._end.gap, diagnostics.EXPERIMENTS.noted_gap)
+        if made is not None or exact:
+            notes += diagnostics.failure_warnings(diagnostics.failure_report(runner))
+        against = "the outcome's scatter" if exact else "the noise"
+        notes += on_surfaces.budget_warnings(runner.account, made, against)
         if made is not None and (self._refusals or made.broken):
-            notes += surface_diagnostics.step_warnings(made, likelihood.inputs)
+            notes += on_surfaces.step_warnings(made, likelihood.inputs)
         return notes
 
     def _of_individuals(self, likelihood: IndividualLikelihood) -> list[Diagnostic]:
         """Warnings of missing data, and of laws that a formula leads to their limits."""
-        alpha, model = self.answer.inferred.maximum.alpha, likelihood.inputs.covariate_model
-        ids = self._seen.ids
+        ids, alpha, model = self._seen.ids, self._end.alpha, likelihood.inputs.covariate_model
+        failing = failing_share(likelihood, alpha)
         return [
             *diagnostics.limit_warnings({} if model is None else model.held(alpha), ids),
             *diagnostics.review_data(
-                self.table.observations, self._seen.observations,
-                failing_share(likelihood, alpha), ids,
+                self.table.observations, self._seen.observations, failing, ids
             ),
-        ]  # fmt: skip
+        ]
 
     @property
     def _centering(self) -> list[Diagnostic]:

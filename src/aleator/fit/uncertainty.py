@@ -261,14 +261,8 @@ def _profiled(end: Maximum, alpha: Array, inference: Inference, rivals: Sequence
     )
     if found.better is not None:
         return found
-    found = _anew(
-        likelihood,
-        alpha,
-        found,
-        UNCERTAINTY.unknown if many else UNCERTAINTY.differs,
-        inference,
-        rivals,
-    )
+    least = UNCERTAINTY.unknown if many else UNCERTAINTY.differs
+    found = _anew(likelihood, alpha, found, least, inference, rivals)
     if many:
         return found
     finer = _finer(likelihood, alpha)
@@ -344,8 +338,7 @@ def _by_held(
     The nearest nodes in law are used. Nodes adapted to an end verify its drop; where the drop is
     wrong, the end is sought again with these nodes added.
     """
-    objective, nothing = likelihood.continued, np.full((alpha.size, 2), np.nan)
-    found = Profile(nothing, nothing, np.full((alpha.size, 2, alpha.size), np.nan), None)
+    objective, found = likelihood.continued, Profile.unknown_ends(alpha.size)
     for k in inference.identified:
         row = _row_by_held(objective, likelihood, alpha, inference, rivals, np.array([k]))
         found = found.joined(row, np.array([k]))

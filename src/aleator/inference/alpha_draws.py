@@ -82,8 +82,6 @@ class DrawSettings:
     """Bend of a scale beyond which an interval is too skew to be followed: one side 19 times the
     other.
     """
-    tiny: float = 1e-300
-    """A scale below this is zero."""
     smallest: float = 1e-9
     """A bend, or an eigenvalue of the correlations, below this is zero; probabilities stay so far
     from zero and one."""
@@ -214,7 +212,7 @@ def alpha_draws(
         alpha[:, k] = scale(z[:, k])
         log_density -= scale.bend * z[:, k]
         if known.scale[k] and scale.whole:
-            log_density += np.log(np.maximum(alpha[:, k], settings.tiny))
+            log_density += np.log(np.maximum(alpha[:, k], np.finfo(float).tiny))
     inside = np.all((alpha >= known.limits[:, 0]) & (alpha <= known.limits[:, 1]), axis=1)
     chosen = np.flatnonzero(inside)[:count]
     weights = np.full(chosen.size, 1.0 / chosen.size)

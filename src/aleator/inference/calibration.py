@@ -29,7 +29,7 @@ class CalibrationSettings:
     where points are few, is not reported. Points lie about `stages` individual laws, from that of
     no observation to that of nearly all; `pytest tests/tasks/test_fit.py` measures what they miss
     of the normal law. A bin of a histogram should have `each` values, of `bins` at least and at
-    most. A sum of squares below `tiny` is zero.
+    most.
     """
 
     points: int = 1024
@@ -43,7 +43,6 @@ class CalibrationSettings:
     bins: tuple[int, int] = (2, 20)
     each: int = 10
     least: float = 0.0625
-    tiny: float = 1e-300
 
 
 CALIBRATION = CalibrationSettings()
@@ -104,7 +103,7 @@ def _of_block(
     least = settings.impossible
     possible = np.where(np.isnan(terms), least, np.maximum(terms, least))
     known = mean_of(_before(possible, block) + prior[block.owner])[1]
-    effective = 1.0 / np.maximum(np.sum(known**2, axis=1), settings.tiny)
+    effective = 1.0 / np.maximum(np.sum(known**2, axis=1), np.finfo(float).tiny)
     low, high = np.sum(known * below, axis=1), np.sum(known * above, axis=1)
     enough = effective > min(settings.effective, settings.least * count)
     return np.where(enough, low + share * (high - low), np.nan)

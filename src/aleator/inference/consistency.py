@@ -377,15 +377,12 @@ def outliers_of(
     among = corrected(p, float(p.size))
     return tuple(
         Outlier(
-            table.ids[seen.experiment[i]],
-            int(seen.row[i]) + 1,
-            seen.names[seen.response[i]],
-            float(p[i]),
-            float(among[i]),
+            table.ids[seen.experiment[i]], int(seen.row[i]) + 1, seen.names[seen.response[i]],
+            float(p[i]), float(among[i]),
         )
         for i in np.argsort(p, kind="stable")[: settings.named]
         if among[i] < REPORTED.level
-    )
+    )  # fmt: skip
 
 
 LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may have two modes"

@@ -52,8 +52,6 @@ class DesignSettings:
     """Repetitions beyond which none are told."""
     seed: int = 5
     """Seed of the laws that a plan is averaged over."""
-    tiny: float = 1e-300
-    """Information below this is zero."""
     edge: float = 1e-6
     """Probabilities of drawn estimates stay so far from zero and one."""
     close: float = 1e-6
@@ -218,7 +216,7 @@ class DesignPlan:
         nothing = values < self.settings.singular
         if self.directions is not None:
             along = np.einsum("agf,a...fh->a...gh", self._directions, vectors) ** 2
-            share = along / np.maximum(along.sum(axis=-1, keepdims=True), self.settings.tiny)
+            share = along / np.maximum(along.sum(axis=-1, keepdims=True), np.finfo(float).tiny)
             nothing = np.any((share > self.settings.singular) & nothing[..., None, :], axis=-2)
         return np.asarray(np.all(finite & ~np.any(nothing, axis=-1), axis=0))
 
@@ -241,7 +239,7 @@ class DesignPlan:
         """Factors (A, F, F) by which the information of all experiments has a unit diagonal."""
         offered = np.where(np.isfinite(self.offered), self.offered, 0.0)
         whole = np.diagonal(self.present + offered.sum(axis=1), axis1=1, axis2=2)
-        scale = 1.0 / np.sqrt(np.maximum(whole, self.settings.tiny))
+        scale = 1.0 / np.sqrt(np.maximum(whole, np.finfo(float).tiny))
         return np.asarray(scale[:, :, None] * scale[:, None, :])
 
     @cached_property

@@ -220,23 +220,13 @@ def refitted(fit: Fit, weights: Array | None = None, settings: RefitSettings = R
 
 
 def _climb(fit: Fit, objective: Scored, alpha: Array, matrix: Array) -> Summit:
-    return ascended(
-        objective,
-        alpha,
-        fit.hyperparameters,
-        fit.inference.identified,
-        positive(matrix),
-        ASCENT.arrived,
-    )
+    moving, information = fit.inference.identified, positive(matrix)
+    return ascended(objective, alpha, fit.hyperparameters, moving, information, ASCENT.arrived)
 
 
 def _near_zero(fit: Fit, alpha: Array) -> list[int]:
-    found = []
-    for k in fit.inference.identified.tolist():
-        h = fit.hyperparameters[k]
-        if h.log and alpha[k] <= max(h.lower, LIMITS.nearest * h.upper):
-            found.append(k)
-    return found
+    each = [(k, fit.hyperparameters[k]) for k in fit.inference.identified.tolist()]
+    return [k for k, h in each if h.log and alpha[k] <= max(h.lower, LIMITS.nearest * h.upper)]
 
 
 def _best(objective: Scored, alpha: Array, k: int, h: Hyperparameter, trials: int) -> Array:

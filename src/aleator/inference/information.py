@@ -59,7 +59,7 @@ class Differences:
     of two units is then within 1e-3 of its closed form (`tests/tasks/test_maxima.py`). No step is
     longer than `share` of the width of the limits: a direction without a bend has no width of its
     own. At most `tries` steps are tried. One step differs from the last by a factor of `farthest`
-    at most, by judgement: far away the drop tells little. An information below `tiny` is zero.
+    at most, by judgement: far away the drop tells little.
     """
 
     drop: float = 5e-5
@@ -67,7 +67,6 @@ class Differences:
     share: float = 1e-2
     tries: int = 40
     farthest: float = 1e3
-    tiny: float = 1e-300
 
     def bends(
         self,
@@ -84,7 +83,9 @@ class Differences:
         """
         found = []
         for row, longest in enumerate(self.share * (upper - lower)):
-            step = float(min(longest, (2.0 * self.drop / max(known[row], self.tiny)) ** 0.5))
+            step = float(
+                min(longest, (2.0 * self.drop / max(known[row], np.finfo(float).tiny)) ** 0.5)
+            )
             for _ in range(self.tries):
                 ahead, behind = point.copy(), point.copy()
                 ahead[row] = min(point[row] + step, upper[row])
@@ -168,7 +169,7 @@ def infer(
     in its place, which has the same mean (Berndt et al., 1974) and no errors of differences.
     """
     at_bound = tuple(_side(value, h) for value, h in zip(alpha, hyperparameters, strict=True))
-    identified = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
+    identified = np.flatnonzero([h.free for h in hyperparameters])
     inside = np.array([at_bound[k] is None for k in identified], dtype=bool)
     free = identified[inside]
     here = objective(alpha)

@@ -254,20 +254,14 @@ class _Local:
         inside = (alpha[moving] > lower + margin) & (alpha[moving] < upper - margin)
         information = informations(fit, scores)
         own = [fit.hyperparameters[k] for k in moving]
-        believed = found.score[moving] - scores.sum(axis=0)
-        curvature = curvatures(own, alpha[moving])
-        return cls(
-            alpha,
-            own,
-            moving,
-            inside,
-            found.each,
-            scores,
-            information,
-            believed,
-            curvature,
-            settings,
+        believed, curvature = (
+            found.score[moving] - scores.sum(axis=0),
+            curvatures(own, alpha[moving]),
         )
+        return cls(
+            alpha, own, moving, inside, found.each, scores, information, believed, curvature,
+            settings,
+        )  # fmt: skip
 
     @cached_property
     def _whole(self) -> Array:

@@ -49,8 +49,6 @@ class NPMLESettings:
     """Least curvature along an axis, over the largest of all axes."""
     flattest: float = 1e-6
     """Least curvature along an axis, over the slope."""
-    tiny: float = 1e-300
-    """A length or a curvature below this is zero."""
     farthest: float = 8.0
     """Steps that Newton's may be long."""
     starts: int = 12
@@ -285,11 +283,11 @@ def _top(
     along = np.einsum("pij,pi->pj", axes, np.nan_to_num(slope))
     flat = settings.flat * np.max(np.abs(bent), axis=1, keepdims=True)
     # a step that is much too long is cut anyhow
-    least = settings.flattest * np.abs(along) + settings.tiny
+    least = settings.flattest * np.abs(along) + np.finfo(float).tiny
     along /= np.maximum(np.maximum(np.abs(bent), flat), least)
     step = np.einsum("pij,pj->pi", axes, along)
     length = np.linalg.norm(step, axis=1, keepdims=True)
-    step *= np.minimum(1.0, settings.farthest / np.maximum(length, settings.tiny))
+    step *= np.minimum(1.0, settings.farthest / np.maximum(length, np.finfo(float).tiny))
     return np.asarray(np.clip(points + width[:, None] * step, 0.0, 1.0))
 
 

@@ -35,7 +35,7 @@ class BracketSettings:
     taken to be at least so large there.
     near, jump: share of the distance and growth of the root; a smaller enclosure over which the
     root grows by more is odd. closed: share of the distance; a smaller enclosure is one point, and
-    there is a jump. tiny: a value closer to the maximum than this is the maximum.
+    there is a jump.
     newton: share of the enclosure at either end in which Newton's step is not trusted.
     margin: share of the enclosure that the next value stays away from either end.
     """
@@ -48,7 +48,6 @@ class BracketSettings:
     near: float = 0.05
     jump: float = 0.5
     closed: float = 1e-3
-    tiny: float = 1e-300
     newton: float = 0.02
     margin: float = 0.05
 
@@ -82,7 +81,7 @@ class Bracket:
         """Whether no value is left between the two: the root jumps over its target."""
         gap = abs(self.outer[0] - self.inner[0])
         least = self.settings.closed * abs(self.outer[0] - self.center)
-        return bool(gap <= max(least, self.settings.tiny))
+        return bool(gap <= max(least, np.finfo(float).tiny))
 
     @property
     def jumps(self) -> bool:
@@ -339,14 +338,9 @@ class Trace:
 
     def _climbed(self, guess: Array, information: Array) -> Summit:
         return ascended(
-            self.objective,
-            guess,
-            self.hyperparameters,
-            self.moving,
-            information,
-            self.settings.climbed,
-            bent=True,
-        )
+            self.objective, guess, self.hyperparameters, self.moving, information,
+            self.settings.climbed, bent=True,
+        )  # fmt: skip
 
     def _first(self, bracket: Bracket, sign: float, inference: Inference) -> float:
         reach = TARGET * inference.standard_error[self.k]
@@ -432,23 +426,23 @@ class Profile:
     points: Array
     better: Array | None
 
+    @classmethod
+    def unknown_ends(cls, size: int) -> Profile:
+        """One of `size` hyperparameters without any end."""
+        ends = np.full((size, 2), np.nan)
+        return cls(ends, ends.copy(), np.full((size, 2, size), np.nan), None)
+
     def only_known(self, wrong: Flags) -> Profile:
         """The same without the ends (K, 2) that are wrong."""
-        return replace(
-            self,
-            intervals=np.where(wrong, np.nan, self.intervals),
-            drops=np.where(wrong, np.nan, self.drops),
-        )
+        intervals, drops = (np.where(wrong, np.nan, ends) for ends in (self.intervals, self.drops))
+        return replace(self, intervals=intervals, drops=drops)
 
     def joined(self, other: Profile, rows: Indices) -> Profile:
         """The same with these rows of another."""
-        arrays = []
-        for own, others in ((self.intervals, other.intervals), (self.drops, other.drops),
-                            (self.points, other.points)):  # fmt: skip
-            mixed = own.copy()
-            mixed[rows] = others[rows]
-            arrays.append(mixed)
-        return Profile(arrays[0], arrays[1], arrays[2], other.better)
+        found = Profile(self.intervals.copy(), self.drops.copy(), self.points.copy(), other.better)
+        found.intervals[rows] = other.intervals[rows]
+        found.drops[rows], found.points[rows] = other.drops[rows], other.points[rows]
+        return found
 
     def unknown(self, identified: Indices) -> Indices:
         """Those of the hyperparameters (G,) of which an end is not known."""
@@ -505,12 +499,7 @@ def profile_intervals(
     assert maximum.scores is not None
     climbed = _Remembering(objective_of(objective))
     known = np.full((size, 2, size), np.nan) if about is None else about
-    found = Profile(
-        np.full((size, 2), np.nan),
-        np.full((size, 2), np.nan),
-        np.full((size, 2, size), np.nan),
-        None,
-    )
+    found = Profile.unknown_ends(size)
     for row, k in enumerate(inference.identified):
         if only is not None and k not in only:
             continue

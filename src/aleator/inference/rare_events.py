@@ -87,7 +87,7 @@ class CrossEntropy:
 class RareEventSettings:
     """How points and levels of rare events are computed; by judgement.
 
-    edge: uniform numbers stay so far from zero and one. tiny: a share below this is zero.
+    edge: uniform numbers stay so far from zero and one.
     stream: the stream of random numbers for the fits, beside that of the points; seeds: numbers
     between the seeds of two searches, for the points of their rounds.
     levels: a level of the event is sought to one of so many points. round: what stands for the
@@ -96,7 +96,6 @@ class RareEventSettings:
     """
 
     edge: float = 1e-14
-    tiny: float = 1e-300
     stream: int = 5
     seeds: int = 1000
     levels: int = 1000
@@ -143,7 +142,7 @@ class ImportanceDensity:
         ):
             away = linalg.solve_triangular(factor, (u - mean).T, lower=True, check_finite=False)
             parts[k] = (
-                np.log(max(share, RARE_EVENTS.tiny))
+                np.log(max(share, np.finfo(float).tiny))
                 - 0.5 * np.sum(away**2, axis=0)
                 - np.log(np.diag(factor)).sum()
             )

@@ -106,11 +106,8 @@ class Residuals:
 
 def points_of(fit: Fit, enough: float, settings: BatterySettings = BATTERY) -> int:
     """The points of each experiment by which this share of the probabilities is known, or most."""
-    points = int(
-        np.clip(
-            settings.values // len(fit.table.observations), settings.least_points, settings.points
-        )
-    )
+    each = settings.values // len(fit.table.observations)
+    points = int(np.clip(each, settings.least_points, settings.points))
     for _ in range(settings.times):
         if np.mean(np.isfinite(fit.probabilities(points))) >= enough:
             break
@@ -127,17 +124,10 @@ def residuals_of(fit: Fit, points: int, settings: BatterySettings = BATTERY) -> 
     assert scores is not None
     observed = np.unique(fit.table.observations.experiment)
     scores = scores[np.ix_(observed, fit.inference.free)]
-    means, products = fit.likelihood.variates() or (
-        np.zeros((fit.count, 0)),
-        np.zeros((fit.count, 0, 0)),
-    )
-    return Residuals(
-        special.ndtri(inside),
-        known,
-        np.where(np.isfinite(scores), scores, 0.0),
-        means[observed],
-        products[observed],
-    )
+    nothing = np.zeros((fit.count, 0)), np.zeros((fit.count, 0, 0))
+    means, products = fit.likelihood.variates() or nothing
+    scores = np.where(np.isfinite(scores), scores, 0.0)
+    return Residuals(special.ndtri(inside), known, scores, means[observed], products[observed])
 
 
 def standardized(values: Array) -> Array:
@@ -215,16 +205,13 @@ def contrasts_of(columns: tuple[Column, ...], count: int) -> Contrasts:
     `count` is M, of a table without a column too.
     """
     found = [(column, where, weight) for column in columns for where, weight in _of_column(column)]
+    main = [c.name != ORDER and (where is None or c.count == 2) for c, where, _ in found]
     return Contrasts(
         tuple(column for column, _, _ in found),
         tuple(where for _, where, _ in found),
-        tuple(_is_main(column, where) for column, where, _ in found),
+        tuple(main),
         np.array([weight for _, _, weight in found]).reshape(len(found), count),
     )
-
-
-def _is_main(column: Column, where: str | None) -> bool:
-    return column.name != ORDER and (where is None or column.count == 2)
 
 
 def _of_column(column: Column) -> Iterator[tuple[str | None, Array]]:
@@ -456,15 +443,9 @@ class Battery:
             skewed = group == SCATTER
             weight = self.settings.main if self.contrasts.main[i] and not skewed else 1.0
             yield Subject(
-                group,
-                "contrast",
-                of,
-                column.name,
-                where,
-                skewed,
-                weight=weight,
+                group, "contrast", of, column.name, where, skewed, weight=weight,
                 least=self.settings.pinned,
-            )
+            )  # fmt: skip
 
     def _of_neighbours(self) -> Iterator[Subject]:
         if self.ordered:
@@ -530,9 +511,8 @@ class Battery:
         """How unequal experiments scatter (after Bartlett, 1937)."""
         count = np.bincount(self.experiment)
         square = np.bincount(self.experiment, level**2)[count > 1] / count[count > 1]
-        return -float(
-            np.average(np.log(np.maximum(square, BATTERY.squares)), weights=count[count > 1])
-        )
+        size = np.log(np.maximum(square, self.settings.squares))
+        return -float(np.average(size, weights=count[count > 1]))
 
 
 def is_scale(name: str) -> bool:

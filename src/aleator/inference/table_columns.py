@@ -42,8 +42,6 @@ class ColumnSettings:
     """
     levels: int = 6
     """A column of so many values at most is looked at value by value."""
-    tiny: float = 1e-300
-    """A sum of squares below this is zero."""
     fewest: int = 3
     """Observations of a level that are looked at by themselves."""
 
@@ -376,7 +374,7 @@ def _computed(
             continue
         design = np.stack([np.ones(y.size), *form[2:]], axis=1)
         c, y_left = form[:2] - (design @ np.linalg.lstsq(design, form[:2].T)[0]).T
-        slope = c @ y_left / max(y_left @ y_left, settings.tiny)
+        slope = c @ y_left / max(y_left @ y_left, np.finfo(float).tiny)
         if np.sum((c - slope * y_left) ** 2) < settings.rounded * (c @ c):
             return True
     return False

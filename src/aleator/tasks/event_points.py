@@ -56,8 +56,6 @@ class SampleSettings:
     """Share of the runs that are near the ends of the event; the others are anywhere in it."""
     checks: int = 20
     """Runs near the ends of the event that correct a surface."""
-    tiny: float = 1e-300
-    """A probability below this is as large."""
     usual: int = 16
     """The outcome's scatter is by one in so many points of the pool."""
     seed: int = 11
@@ -357,7 +355,7 @@ def explored(
     """
     assert predicted.surface is not None
     d = variates(predicted)
-    farthest = stats.chi.isf(max(choice.beyond * probability, settings.tiny), d)
+    farthest = stats.chi.isf(max(choice.beyond * probability, np.finfo(float).tiny), d)
     u, _ = _all_over(choice.runs, d, min(farthest, CONTEXT.reach), settings.seed + seed, settings)
     _, weights = _all_over(
         settings.pool, d, min(farthest, CONTEXT.reach), settings.seed + seed, settings

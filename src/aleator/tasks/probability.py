@@ -108,8 +108,6 @@ class ProbabilitySettings:
     """Probability that an interval holds."""
     batches: int = 16
     """Batches of draws whose scatter is the error by the draws."""
-    tiny: float = 1e-300
-    """What is added to each weight: their sum is never zero."""
 
 
 PROBABILITY = ProbabilitySettings()
@@ -308,7 +306,7 @@ class _Told:
         batch = (np.arange(len(self.weights)) // 2) % PROBABILITY.batches
         own = self.each[1:].mean(axis=1)
         means = [
-            np.average(own[batch == b], weights=self.weights[batch == b] + PROBABILITY.tiny)
+            np.average(own[batch == b], weights=self.weights[batch == b] + np.finfo(float).tiny)
             for b in range(PROBABILITY.batches)
         ]
         return float(

@@ -75,28 +75,6 @@ class Session:
     model: Model | None = None
 
     @classmethod
-    def of_outcomes(cls, model: Model, simulator: Simulator, fit: Fit) -> Session:
-        """Of exact outcomes that were identified here; their predictions take surfaces."""
-        responses, runner = fit.table.observations.responses, runners(simulator, model.inputs.names)
-        surfaces = model.surfaces or ResponseSurface()
-        return cls(model.inputs, None, responses, fit.table, runner, fit, False, surfaces, model)
-
-    @classmethod
-    def of_individuals(
-        cls,
-        inputs: Inputs,
-        noise: Noise | Mapping[str, Noise],
-        experiments: Experiments,
-        runner: Runner,
-        fit: Fit,
-        on_simulator: bool,
-        surfaces: ResponseSurface,
-    ) -> Session:
-        """Of an integral over individual parameters, whose runs `runner` made."""
-        responses, runs = experiments.observations.responses, runners_like(runner, experiments)
-        return cls(inputs, noise, responses, experiments, runs, fit, on_simulator, surfaces)
-
-    @classmethod
     def again(
         cls,
         found: Result,
