@@ -25,7 +25,7 @@ from aleator.surrogates.responses import moving_parameters
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """How sure an answer is, what the simulator says of it, and what surfaces have wrong.
+    """The maximum with its uncertainty, its check on the simulator, and the surfaces' errors.
 
     `checked` is None where nothing rests on surfaces, or no run was left or wanted.
     """
@@ -36,7 +36,7 @@ class Answer:
 
 
 def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
-    """The answer to a question, checked on the simulator where it rests on something else.
+    """The answer to a question, checked on the simulator where it rests on surfaces.
 
     Surfaces are made exact where the law has its mass. An exact outcome far out is explained
     elsewhere, and its log-density may rest on what a surface has wrong there: the check sees it,
@@ -61,7 +61,7 @@ def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
 
 
 def answered(question: Question, ledger: Ledger) -> Inferred:
-    """The maximum that nothing moves, and how sure it is."""
+    """The maximum that neither nodes nor runs move, with its uncertainty."""
     return with_uncertainty(refined(question, ledger), ledger)
 
 

@@ -27,7 +27,7 @@ from aleator.surrogates.surface import Axes, logarithms
 
 @dataclass(frozen=True)
 class OutcomeSearch:
-    """How an outcome is sought on the simulator; measured by `benchmarks folds` (its valleys).
+    """How an outcome is searched for on the simulator; measured by `benchmarks folds`.
 
     An ascent from the point that the surface says is nearest, then one from each of the best
     `starts` of `looks` points of the support, each of at most `steps` runs a parameter. An outcome
@@ -45,7 +45,7 @@ class OutcomeSearch:
     draws: int = 512
 
     def most(self, parameters: int) -> int:
-        """Runs that an outcome is sought by, at most."""
+        """The most runs that the search for one outcome takes."""
         return self.looks + (1 + self.starts) * self.steps * parameters
 
 
@@ -55,7 +55,7 @@ OUTCOME_SEARCH = OutcomeSearch()
 def on_surfaces(
     question: Question, surfaces: AdaptiveSurfaces, region: Array, progress: Progress
 ) -> Problem:
-    """The density of exact outcomes on surfaces, whose region holds all that is reached.
+    """The likelihood of exact outcomes on surfaces, whose region is widened to reach them.
 
     Outcomes that a surface still misses by its own error are left to later rounds, and all where a
     budget does not have the runs by which one is sought. Raises ExperimentsError for an outcome
@@ -89,7 +89,7 @@ def on_surfaces(
 
 
 def on_simulator(question: Question, progress: Progress) -> Problem:
-    """The density of exact outcomes by the simulator itself.
+    """The likelihood of exact outcomes by the simulator itself.
 
     Raises ExperimentsError for an outcome without level set that the simulator misses. It is sought
     there as with surfaces. One between the outcomes that the simulator has, in the gap of a jump,

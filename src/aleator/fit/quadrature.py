@@ -95,7 +95,7 @@ AnyLikelihood = IndividualLikelihood | Problem
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """A maximum alpha (K,), the likelihood with nodes adapted there, and what more nodes change.
+    """A maximum alpha (K,), with nodes adapted there and the `gap` that more nodes change.
 
     `coarse` is the likelihood with the fewest nodes of which more hardly change it, or change it
     little; None where the nodes serve at every alpha.
@@ -108,7 +108,7 @@ class Maximum:
 
     @property
     def value(self) -> float:
-        """The log-likelihood, nodes held."""
+        """The log-likelihood with priors, by the nodes of the maximum."""
         return self.likelihood.evaluate(self.alpha).total
 
 
@@ -228,7 +228,7 @@ def _points_tell_less(end: _End) -> bool:
 
 
 def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
-    """Whether the individual law of an experiment has a second mode that counts; of many, some."""
+    """Whether the individual law of an experiment has a second mode; a sample of many is tested."""
     found = _some(likelihood).by(ImportancePoints(NODE_ACCURACY.mode_points, 2), alpha).nodes.modes
     return bool(np.any(found[:, :, 1] != found[:, :, 0]))
 
@@ -308,7 +308,7 @@ def _change_of_points(finer: IndividualLikelihood, alpha: Array, each: Array) ->
 
 
 def nearest_maximum(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelihood, Array]:
-    """The nearest maximum, and the likelihood with nodes that serve there."""
+    """The nearest maximum, and the likelihood with nodes adapted there."""
     if not isinstance(likelihood, Problem):
         return _nearest_of_integral(likelihood, alpha)
     hyperparameters = likelihood.hyperparameters
@@ -388,7 +388,7 @@ def _outer(scores: Array | None, free: Indices, hyperparameters: Sequence[Hyperp
 
 @dataclass(frozen=True, eq=False)
 class Highest:
-    """An answer, and other optima (K,) that a drop of 1.92 does not rule out, by the same nodes.
+    """The highest maximum, and other optima (K,) less than 1.92 below it by the same nodes.
 
     `found` is the search with the answer as its first optimum, and the others after it.
     """
@@ -401,7 +401,7 @@ class Highest:
     def of(
         cls, end: Maximum, found: SearchResult, looked: Sequence[Optimum], rest: Sequence[Optimum]
     ) -> Highest:
-        """With the optima that were looked at, and the `rest` that were not."""
+        """The maximum with those optima that were evaluated anew, then the `rest`."""
         lower = [replace(o, log_likelihood=min(o.log_likelihood, end.value)) for o in looked]
         lower.sort(key=lambda optimum: -optimum.log_likelihood)
         optima = (Optimum(end.alpha, end.value, found.optima[0].starts), *lower, *rest)
@@ -410,13 +410,13 @@ class Highest:
 
 
 def with_other_optima(end: Maximum, found: SearchResult) -> Highest:
-    """An answer as it is, and what the next optima are by its nodes."""
+    """The maximum as it is, with the log-likelihoods of the next optima by its nodes."""
     looked = _looked_at(end.likelihood.continued, found)
     return Highest.of(end, found, looked, found.optima[1 + NODE_ACCURACY.others :])
 
 
 def highest_maximum(end: Maximum, found: SearchResult) -> Highest:
-    """Climb from the next optima of the search too, and take the highest end.
+    """The highest of the maxima climbed to from the best optima of the search.
 
     A search has few nodes: with those of the answer another optimum than its best may be the
     highest. One that is ruled out by these is not climbed from.

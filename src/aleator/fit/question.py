@@ -52,7 +52,7 @@ FEWEST = GaussHermite(3, 1)
 
 
 def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
-    """Whether outcomes have a density of their own: the one choice between the two likelihoods.
+    """Whether outcomes have a density of their own, without an integral over parameters.
 
     It is so for one exact outcome an experiment, under one law for all experiments that is no
     mixture. Everything else is integrated over the parameters of each experiment.
@@ -81,7 +81,7 @@ class Choices:
         density: Density | None = None,
         search: Search = DEFAULT_SEARCH,
     ) -> Choices:
-        """The choices checked, and laws that follow covariates resolved by the table.
+        """Checked choices, in which laws that follow covariates are resolved by the table.
 
         Raises InputsError for what does not go together: a density, collocation or nodes of the
         law with noise, several observations without it, and nothing that scatters.
@@ -98,7 +98,7 @@ class Choices:
 
     @property
     def exact(self) -> bool:
-        """See `is_exact`."""
+        """Whether the outcomes have a density of their own (see `is_exact`)."""
         return is_exact(self.table, self.inputs, self.noise)
 
     @cached_property
@@ -114,14 +114,14 @@ class Choices:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the laws, then those of the errors."""
+        """The hyperparameters of the laws, then those of the errors."""
         if self.exact:
             return self.model.hyperparameters
         return (*self.inputs.hyperparameters, *self.errors.hyperparameters)
 
     @property
     def surfaces(self) -> ResponseSurface | None:
-        """The choice of response surfaces; None with collocation."""
+        """The settings of response surfaces; None with collocation."""
         own = isinstance(self.propagation, ResponseSurface)
         return self.propagation if own else None  # type: ignore[return-value]
 
@@ -136,7 +136,7 @@ class Choices:
             )
 
     def question(self, runner: Runner, seen: Observations, seed: int) -> Question:
-        """What to answer where this was observed, at the places of the table; NaN is nothing."""
+        """The question for these observations at the places of the table; NaN is no observation."""
         kept = ~np.isnan(seen.lower)
         table = self.table.with_observations(seen.only(kept))
         return Question(replace(self, table=table), runner, seed, kept)
@@ -155,7 +155,7 @@ class Question:
     kept: Flags
 
     def without(self, lost: Flags) -> Question:
-        """The same without some of the observations (M,): no run gives their values."""
+        """The question without some of the observations (M,), of which no run gives a value."""
         kept = self.kept.copy()
         kept[kept] = ~lost
         table = self.choices.table.only(~lost)
@@ -173,7 +173,7 @@ class Question:
 
     @property
     def exact(self) -> bool:
-        """See `is_exact`."""
+        """Whether the outcomes have a density of their own (see `is_exact`)."""
         return self.choices.exact
 
     @property
@@ -183,23 +183,23 @@ class Question:
 
     @property
     def unit(self) -> Indices:
-        """(M,) the unit whose run gives each observation."""
+        """The unit (M,) whose run gives each observation."""
         return self.runner.unit[self.kept]
 
     @property
     def column(self) -> Indices:
-        """(M,) which of the values of that run each observation is."""
+        """The place (M,) of each observation among the values of its run."""
         return self.runner.column[self.kept]
 
     @cached_property
     def layout(self) -> Layout:
-        """Which run gives the value of which observation."""
+        """The run that gives each observation, and its experiment."""
         experiment = self.table.observations.experiment
         return Layout(len(self.ids), experiment, self.unit, self.column)
 
     @cached_property
     def measured(self) -> Array:
-        """The observations (M,) as numbers: of one that is censored, the bound that is known."""
+        """The observations (M,) as numbers; of a censored one the bound."""
         seen = self.table.observations
         return np.where(np.isfinite(seen.lower), seen.lower, seen.upper)
 
@@ -212,7 +212,7 @@ class Question:
 
 
 def start_point(inputs: Inputs) -> Array:
-    """The mean (n,) of every law as the search starts it.
+    """The mean (n,) of every law at the start of the search.
 
     >>> from aleator.laws import Constant, Free, Normal
     >>> start_point(Inputs({"v": Normal(Free(0.0, 4.0), 1.0), "b": Constant(3.0)})).tolist()
@@ -224,7 +224,7 @@ def start_point(inputs: Inputs) -> Array:
 
 
 def varying_conditions(table: Experiments, asked: Sequence[str]) -> list[str]:
-    """Which of the conditions that the simulator asks for vary within any experiment."""
+    """Those of the simulator's conditions that vary within an experiment."""
     first = np.unique(table.experiment, return_index=True)[1]
     return [
         name
@@ -251,7 +251,7 @@ def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> 
 def surfaces_alone(
     propagation: ResponseSurface | Collocation, density: Density | None
 ) -> ResponseSurface:
-    """The choice of surfaces of a likelihood over individual parameters.
+    """The settings of surfaces, for a likelihood over individual parameters.
 
     Raises InputsError for what only the density of an exact outcome has: the density itself,
     collocation, a surface of all experiments, and nodes of the law.
@@ -277,7 +277,7 @@ def _of_exact_outcomes(what: str, key: str) -> InputsError:
 
 @dataclass(frozen=True)
 class WaySettings:
-    """What the runs of a simulator without surfaces are told by, and where failures are looked for.
+    """How runs without surfaces are counted beforehand, and where failures are looked for.
 
     - `evaluations`: evaluations of the likelihood that an identification takes, about.
     - `nodes`: nodes a variate that an identification comes to, about; of more than three variates
@@ -300,14 +300,14 @@ WAYS = WaySettings()
 
 @dataclass(frozen=True)
 class Way:
-    """Whether the simulator itself is integrated over, and the `reason` in words."""
+    """Whether the simulator itself is integrated over, or else surfaces; the `reason` in words."""
 
     direct: bool
     reason: str
 
 
 def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> Way:
-    """The way of a study: the simulator itself where it is vectorized, else surfaces.
+    """The simulator itself where it is vectorized, else surfaces.
 
     The choice says otherwise by `surfaces`. A tolerance and a budget of runs are for surfaces, and
     so is a simulator of which single runs fail between others that do not. `x` (n,) is a point of
@@ -331,7 +331,7 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
 
 
 def way_of_outcomes(runner: Runner, model: Model) -> Way:
-    """The way of a study with one exact outcome an experiment; no reason where it has no choice.
+    """The same choice for exact outcomes, one an experiment; without choice no reason.
 
     The simulator itself serves where the likelihood is that of level sets, and the user chose no
     tolerance. Raises InputsError where it is asked for elsewhere.
@@ -351,14 +351,14 @@ def way_of_outcomes(runner: Runner, model: Model) -> Way:
 
 
 def grids_each(inputs: Inputs, conditions: int) -> tuple[int, int]:
-    """Runs of each condition that level sets of the simulator itself take, at least and at most."""
+    """The least and most runs of each condition for level sets of the simulator itself."""
     few, s = searched(inputs, conditions), inputs.scattering
     points = few**s if on_a_grid(inputs) else few * (CROSSINGS.steps + 2 * s)
     return WAYS.grids[0] * points, WAYS.grids[1] * points
 
 
 def runs_each(inputs: Inputs) -> int:
-    """Runs of each unit that an identification without surfaces takes, about."""
+    """About how many runs of each unit an identification without surfaces takes."""
     moving = int(moving_parameters(inputs.box).size)
     return int(WAYS.nodes ** min(inputs.scattering, 3)) * (2 * moving + 1) * WAYS.evaluations
 

@@ -99,7 +99,7 @@ EXACT = Rounds(begin=np.inf, first=0.05, last=0.025, together=1, change=0.2, eac
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A maximum and the search that led to it, with what it rests on.
+    """A maximum, the search that led to it, and the surfaces that it rests on.
 
     `question` is what was answered: without observations of which no run gives a value. `surfaces`
     are None where the simulator itself was integrated over, and `sites` their distinct values on
@@ -166,14 +166,14 @@ def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """How an answer on surfaces goes on to a better one."""
+    """Makes better answers on surfaces from those before."""
 
     question: Question
     ledger: Ledger
 
     @property
     def rounds(self) -> Rounds:
-        """When surfaces are exact enough for this question."""
+        """The settings for exact outcomes, or those with noise."""
         return EXACT if self.question.exact else WITH_NOISE
 
     def answer(self, region: Array, reason: str) -> Refined:
@@ -198,7 +198,7 @@ class Refinement:
         return replace(best, others=tuple(end.maximum for end in lower))
 
     def spread(self, answer: Refined, inference: Inference, intervals: Array) -> Refined | None:
-        """The answer on surfaces that serve the laws at the ends of intervals (K, 2) too.
+        """The answer on surfaces that hold at the ends of the intervals (K, 2) too.
 
         None where the present ones do.
         """
@@ -231,7 +231,7 @@ class Refinement:
         return self._finished(moved)
 
     def sharpened(self, answer: Refined, draws_of: dict[int, Array]) -> Refined:
-        """The answer with a round of runs for some sites, each where its own draws lie."""
+        """The answer after a round of runs at some sites, each where its own draws lie."""
         surfaces = answer.surfaces
         assert surfaces is not None
         with self.ledger.stage(SURFACE):
@@ -419,7 +419,7 @@ class Refinement:
 def under_law(
     runner: Runner, model: Model, alpha: Array, progress: Progress | None = None
 ) -> Forward:
-    """The forward problem for a law alpha (K,) that is known: no search moves it.
+    """The forward problem under a known law alpha (K,), without a search.
 
     With a tolerance the surfaces are exact all over the region of the law, without one under the
     law (see `Rounds`).

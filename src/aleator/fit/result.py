@@ -212,7 +212,7 @@ def experiment_reports(
     ids: Sequence[str],
     surface_error: Array,
 ) -> tuple[ExperimentReport, ...]:
-    """What the law alpha says of each experiment, beside its measured outcome.
+    """The distribution of each outcome under the law alpha, beside the measured value.
 
     Log-densities are those of the `honest` log-likelihood: they sum to the total that is told.
     """
@@ -295,7 +295,7 @@ def parameter_correlations_of(
 def search_of(
     found: SearchResult, inference: Inference, hyperparameters: Sequence[Hyperparameter]
 ) -> dict[str, Any]:
-    """What the search did, and the optima that it met."""
+    """The search in numbers, and its optima."""
     return {
         "method": found.method,
         "starts": len(found.ascents),
@@ -368,7 +368,7 @@ def observation_reports(
     asked: Sequence[str],
     pit: Array,
 ) -> tuple[ObservationReport, ...]:
-    """A report for each of M observations; of the `asked` conditions those that vary are told.
+    """A report for each of M observations, with those of the conditions that vary.
 
     `pit` (M,) are their probabilities, see `sequential_pit`.
     """
@@ -406,7 +406,7 @@ def _finite(value: float) -> float | None:
 def law_curves(
     inputs: Inputs, alpha: Array, experiments: int, far: float = 3.3, points: int = 121
 ) -> dict[str, dict[str, list[float]]]:
-    """`x` and `density` of each scattering parameter's law; with covariates the experiments' mean.
+    """The density of each scattering parameter's law over x; a mean over experiments.
 
     p(x) = phi(theta)/(dx/dtheta) at x = T(theta), up to `far` standard normal variates: all but a
     thousandth of the law.
@@ -440,7 +440,7 @@ def _named(alpha: Array, hyperparameters: Sequence[Hyperparameter]) -> dict[str,
 
 
 def versions() -> dict[str, str]:
-    """What the numbers were computed with."""
+    """Versions of Python and the packages that the numbers were computed with."""
     return {
         "aleator": metadata.version("aleator"),
         "python": platform.python_version(),

@@ -104,7 +104,7 @@ class LinearGaussian:
 def searched(
     question: Question, likelihood: AnyLikelihood, guess: Sequence[Array], ledger: Ledger
 ) -> SearchResult:
-    """The user's search, with baselines of the same likelihood among its guesses.
+    """The result of the user's search, which begins at baselines of the same likelihood too.
 
     From a `guess` (K,) on it only climbs: what a search finds at other surfaces need not be sought
     everywhere again.
@@ -142,7 +142,7 @@ def of_many(
     search: Callable[[Objective], SearchResult],
     settings: SampledSearch = SAMPLE,
 ) -> SearchResult:
-    """What a search of all experiments would find; of up to `many` it is just that.
+    """The search made on a sample where experiments are many, then climbed on with all.
 
     Starts that ended at none of the best optima of the sample are left out.
     """
@@ -177,7 +177,7 @@ def _level(one: float, other: float) -> bool:
 
 
 def least_squares(likelihood: AnyLikelihood, y: Array) -> LeastSquares:
-    """One point of the box for all experiments that is nearest to the observations y (M,).
+    """The one point of the box that is nearest to all observations y (M,).
 
     By a bounded trust-region method from the starts of the laws. Parameters that are known stay. A
     local method: it may end in a local minimum. Cost: some tens of simulations of all observations.
@@ -190,7 +190,7 @@ def least_squares(likelihood: AnyLikelihood, y: Array) -> LeastSquares:
 def fitted(
     simulated: Callable[[Array], tuple[Array, Array]], y: Array, box: Array, start: Array
 ) -> LeastSquares:
-    """The same of a function: x (n,) -> values (M,) with slopes (M, n)."""
+    """Least squares of a function that maps x (n,) to values (M,) with slopes (M, n)."""
     moving = moving_parameters(box)
     width = box[moving, 1] - box[moving, 0]
 
@@ -234,7 +234,7 @@ def linear_gaussian(
 
 
 def by_tangent(problem: Problem, search: Search, seed: int) -> LinearGaussian:
-    """The same at the start of the laws, by one evaluation with gradient."""
+    """The law identified with the tangent at the start of the laws."""
     x0 = np.clip(start_point(problem.inputs), *problem.region.T)
     own = problem.inputs, x0, *problem.at_point(x0), problem.outcomes
     return linear_gaussian(*own, search, seed)
@@ -346,7 +346,7 @@ def _with_noise(likelihood: IndividualLikelihood, of_laws: Array, rmse: float) -
 
 
 def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
-    """Optima that differ in the order of equal components only are one."""
+    """The search with optima merged that differ in the order of equal components only."""
     if not classes.exchangeable(inputs):
         return found
     optima: list[Optimum] = []
@@ -363,7 +363,7 @@ def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
 
 
 def in_order(alpha: Array, inputs: Inputs) -> Array:
-    """The same alpha (K,) with equal components in the order of their first hyperparameters."""
+    """alpha (K,) with equal components in the order of their first hyperparameters."""
     return np.concatenate([classes.ordered(inputs, alpha[: inputs.size]), alpha[inputs.size :]])
 
 

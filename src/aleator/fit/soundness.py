@@ -22,7 +22,7 @@ from aleator.search.interface import LogLikelihood
 
 @dataclass(frozen=True, eq=False)
 class Reviewed:
-    """An answer to the experiments of a `table` as its reader sees it."""
+    """The verdict on an answer: what refuses it, and what its reader must know."""
 
     answer: Answer
     table: Experiments
@@ -34,19 +34,19 @@ class Reviewed:
 
     @cached_property
     def warnings(self) -> tuple[Diagnostic, ...]:
-        """What refuses the answer first, then what else is to be known."""
+        """Refusals first, then other warnings."""
         return (*self._refusals, *self._notes)
 
     @cached_property
     def at(self) -> LogLikelihood:
-        """The likelihood itself at the estimate, minus infinity where there is no density."""
+        """The log-likelihood at the estimate, minus infinity where there is no density."""
         likelihood, alpha = self._likelihood, self._end.alpha
         honest = likelihood.likelihood if isinstance(likelihood, Problem) else likelihood
         return honest.evaluate(alpha)
 
     @cached_property
     def exact(self) -> LogLikelihood | None:
-        """By the level sets of the same surfaces, where a density of moments was chosen."""
+        """The log-likelihood by level sets, where a density of moments was chosen; else None."""
         problem = self._likelihood
         return (
             on_surfaces.exact_density(problem, self._end.alpha)
@@ -56,7 +56,7 @@ class Reviewed:
 
     @cached_property
     def by_cells(self) -> Array:
-        """What halving the cells of level sets changed, the last time and before, (2, N)."""
+        """Changes (2, N) of log-densities by the last two halvings of the cells of level sets."""
         problem = self._likelihood
         if not isinstance(problem, Problem):
             return np.zeros((2, problem.count))
@@ -64,7 +64,7 @@ class Reviewed:
 
     @property
     def surface_error(self) -> Array:
-        """Of surfaces near the observations (M,) by the runs of the check; NaN if unknown."""
+        """Relative errors (M,) of surfaces near the observations by the check; NaN if unknown."""
         checked = self.answer.checked
         unknown = np.full(len(self._seen.observations), np.nan)
         return unknown if checked is None else checked.relative
@@ -195,7 +195,7 @@ class Reviewed:
 
 
 def failing_share(likelihood: IndividualLikelihood, alpha: Array, points: int = 64) -> Array:
-    """The share (N,) of each experiment's law at whose parameters a run of it has no value.
+    """The share (N,) of each experiment's law at which its runs fail.
 
     At so many `points` of each law.
     """

@@ -39,7 +39,7 @@ from aleator.search.newton import ascend, ascended, outer
 
 @dataclass(frozen=True)
 class UncertaintySettings:
-    """How sure an answer is to be made, by judgement where nothing else is said.
+    """How uncertainty is computed; by judgement where nothing else is said.
 
     - `wider`: times that surfaces may be made to serve the ends of the intervals.
     - `enough`: what may be left to climb, in log-likelihood, by the information at the end.
@@ -76,7 +76,7 @@ UNCERTAINTY = UncertaintySettings()
 
 @dataclass(frozen=True, eq=False)
 class Inferred:
-    """A refined answer with its information, its profile intervals, and other maxima."""
+    """A refined maximum with its information, profile intervals and rival maxima."""
 
     refined: Refined
     inference: Inference
@@ -85,17 +85,17 @@ class Inferred:
 
     @property
     def maximum(self) -> Maximum:
-        """The maximum."""
+        """The maximum with its likelihood."""
         return self.refined.maximum
 
     @property
     def found(self) -> SearchResult:
-        """The search that led there."""
+        """The search that led to the maximum."""
         return self.refined.found
 
 
 def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
-    """How sure an answer is, on surfaces that serve the laws at the ends of its intervals too."""
+    """The maximum with its uncertainty, on surfaces that hold at the interval ends too."""
     refinement = Refinement(answer.question, ledger)
     for widened in range(UNCERTAINTY.wider + 1):
         with ledger.stage("inference"):
@@ -115,7 +115,7 @@ def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
 def inferred(
     end: Maximum, found: SearchResult, others: Sequence[Array] = ()
 ) -> tuple[Maximum, SearchResult, Inference, Profile]:
-    """The information, and profiles with as few nodes as serve at each end.
+    """The information and the profile intervals, with as few nodes as each end needs.
 
     `others` (K,) are lower optima, whose hills the profiles may go over.
     """

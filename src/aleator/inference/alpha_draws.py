@@ -72,7 +72,7 @@ END = float(special.ndtri(INTERVALS.ends[1]))
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """How draws of alpha follow its intervals; by judgement."""
+    """How draws of alpha reproduce its intervals; by judgement."""
 
     count: int = 256
     """Draws of alpha."""
@@ -94,7 +94,7 @@ DRAWING = DrawSettings()
 
 @dataclass(frozen=True, eq=False)
 class Estimated:
-    """What an identification tells of alpha (K,): estimates, errors, intervals, correlations.
+    """Estimates, errors, intervals and correlations of alpha (K,), as a result has them.
 
     `error` (K,), `interval` (K, 2) are NaN where there is none; `which` (F,) are the
     hyperparameters of `correlation` (F, F); `limits` (K, 2); `free` (K,) which are identified,
@@ -133,23 +133,23 @@ class AlphaDraws:
 
     @classmethod
     def at(cls, alpha: Array) -> AlphaDraws:
-        """The estimate alone: alpha as if it were known."""
+        """The estimate as the only draw, as if alpha were known."""
         one = np.ones(1)
         return cls(alpha, alpha[None], one, np.zeros((1, alpha.size)), 0.0 * one,
                    np.empty(0, np.intp))  # fmt: skip
 
     @property
     def certain(self) -> bool:
-        """Whether it is the estimate alone."""
+        """Whether the estimate is the only draw."""
         return len(self.alpha) == 1
 
     @property
     def effective(self) -> float:
-        """1/sum w^2 (Kish, 1965)."""
+        """The effective number of draws, 1/sum w^2 (Kish, 1965)."""
         return float(1.0 / np.sum(self.weights**2))
 
     def fewer(self, most: int) -> AlphaDraws:
-        """The first of the draws, so many at most."""
+        """The first `most` of the draws."""
         weights = self.weights[:most]
         return replace(
             self, alpha=self.alpha[:most], weights=weights / weights.sum(), z=self.z[:most],
@@ -157,7 +157,7 @@ class AlphaDraws:
         )  # fmt: skip
 
     def reweighted(self, objective: Scored) -> AlphaDraws:
-        """The draws by the likelihood itself, not its approximation.
+        """The draws weighted by the likelihood itself in place of its approximation.
 
         Weights L(alpha_a) prior(alpha_a)/q(alpha_a), q the density of the draws, cut at sqrt(A)
         times their mean (Ionides, 2008). The prior is flat, but 1/alpha for a scale whose interval
@@ -234,7 +234,7 @@ class _Profiled:
 
     @classmethod
     def of(cls, known: Estimated, k: int) -> _Profiled | None:
-        """That of hyperparameter k; None where nothing is known of its uncertainty."""
+        """The scale of hyperparameter k; None if nothing is known of its uncertainty."""
         at, error, (low, high) = known.alpha[k], known.error[k], known.limits[k]
         if not known.free[k]:
             return None

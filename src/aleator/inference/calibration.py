@@ -157,7 +157,7 @@ def _cdf(
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """Counts (B,) between `edges` (B + 1,); of a uniform sample 95 % lie from `low` to `high`."""
+    """Counts (B,) between `edges` (B + 1,); 95 % of uniform counts lie in [`low`, `high`]."""
 
     edges: Array
     counts: Array
@@ -168,7 +168,7 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Cumulated:
-    """The cumulative share minus the uniform one, as a line, and where 95 % of all samples stay."""
+    """The empirical minus the uniform distribution as a line, with a 95 % band of it."""
 
     x: Array
     difference: Array
@@ -178,7 +178,7 @@ class Cumulated:
 
 
 def counted(pit: Array, settings: CalibrationSettings = CALIBRATION) -> Histogram:
-    """The histogram of probabilities (N,), with the binomial range of each bin.
+    """The histogram of probabilities (N,), with the binomial 95 % range of a bin.
 
     >>> found = counted(np.array([0.1, 0.2, 0.7]))
     >>> found.counts.tolist(), found.expected
@@ -191,7 +191,7 @@ def counted(pit: Array, settings: CalibrationSettings = CALIBRATION) -> Histogra
 
 
 def cumulated(pit: Array) -> Cumulated:
-    """The difference of the cumulative share of probabilities (N,) from uniform.
+    """The empirical distribution of probabilities (N,) minus the uniform one.
 
     The band holds the whole curve in 95 % of all uniform samples (Kolmogorov).
 

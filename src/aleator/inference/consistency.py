@@ -84,7 +84,7 @@ def consistency_of(
     asked: Collection[str] = (),
     settings: ConsistencySettings = CONSISTENCY,
 ) -> Consistency:
-    """Whether the experiments look as they do under the fitted model.
+    """Whether the experiments look as data drawn from the fitted model do.
 
     Replicates of the experiments are drawn from it, alpha is fitted to each by one step, and the
     same statistics are computed. There are more of them where p is near the decision (Besag and
@@ -224,7 +224,7 @@ def _causes(
 
 @dataclass(frozen=True)
 class AssessmentSettings:
-    """How few replicates tell small probabilities: held against the tests of statistics."""
+    """How small probabilities follow from few replicates; held against the tests of statistics."""
 
     flattest: float = 1e-12
     """A statistic whose replicates scatter less than this, over its size, tells nothing."""
@@ -255,7 +255,7 @@ def probabilities(
     least: Array,
     settings: AssessmentSettings = ASSESSMENT,
 ) -> tuple[Array, Array, Array]:
-    """p (T,) of observed statistics, p (B, T) of each replicate among the others, and z (T,).
+    """p (T,) and z (T,) of observed statistics, and p (B, T) of each replicate.
 
     By the normal law, and where `skewed` by Pearson's third with the skewness of the replicates
     (Wilson and Hilferty, 1931); Student's t with B - 1 degrees of freedom is for their mean and
@@ -279,7 +279,7 @@ def probabilities(
 
 
 def effective(smallest: Array) -> float:
-    """How many independent tests have such smallest p (B,): P(p_min < p) = 1 - (1 - p)^m.
+    """The number m of independent tests with such smallest p (B,): 1 - (1 - p)^m.
 
     The maximum of the likelihood from the lower half of the replicates, the others counted as
     larger: the tail is what matters.
@@ -291,7 +291,7 @@ def effective(smallest: Array) -> float:
 
 
 def corrected(p: Array, tests: float) -> Array:
-    """The probability that the smallest of so many is as small."""
+    """The probability that the smallest p of so many tests is as small."""
     return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(p, 1.0 - ASSESSMENT.certain))))
 
 
@@ -314,7 +314,7 @@ def _tail(z: Array, freedom: float, one_sided: Flags) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """Tests with their probabilities, that of all `together`, and how many replicates told them."""
+    """Tests with probabilities, the probability of all `together`, and the replicates."""
 
     tests: tuple[Statistic, ...]
     together: float
@@ -327,7 +327,7 @@ def assessed(
     replicates: Array,
     settings: AssessmentSettings = ASSESSMENT,
 ) -> Assessment:
-    """What B replicates (B, T) of the statistics say of the observed ones (T,).
+    """Probabilities of the observed statistics (T,) among B replicates (B, T).
 
     First within each group of tests, the smallest p over its weight, then of the groups: each has
     its share of the false alarms, however many columns and hyperparameters there are.
@@ -357,7 +357,7 @@ def replicated(
     rng: np.random.Generator,
     settings: AssessmentSettings = ASSESSMENT,
 ) -> Iterator[Array]:
-    """Statistics (T,) of other data under the fitted model, alpha fitted to them; without end.
+    """Statistics (T,) of data drawn from the fitted model and fitted again, without end.
 
     Of few experiments alpha takes a second step: after one, replicates miss their maximum by so
     much that the experiments, which do not, look odd (10 instead of 5 % false alarms at N = 15).
@@ -371,7 +371,7 @@ def replicated(
 def outliers_of(
     residuals: Residuals, table: Experiments, settings: AssessmentSettings = ASSESSMENT
 ) -> tuple[Outlier, ...]:
-    """The observations that the farthest of M lies beyond once in twenty times, farthest first."""
+    """Observations that are too far out even as the farthest of M, the farthest first."""
     seen = table.observations
     p = np.where(residuals.known, 2.0 * special.ndtr(-np.abs(residuals.normal)), 1.0)
     among = corrected(p, float(p.size))
@@ -392,7 +392,7 @@ HEAVY = "more outcomes lie far out, and more in the middle, than the law says"
 def discrepancy_of(
     test: Statistic, several: bool, within: Collection[str], measured: Collection[str] = ()
 ) -> Discrepancy:
-    """A test as a sentence with a remedy.
+    """A test that contradicts the model, as a sentence with a remedy.
 
     `several`: experiments have several observations; `within` are the columns that differ within
     an experiment, which no law can follow; `measured` those that may be results themselves.

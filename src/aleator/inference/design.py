@@ -82,7 +82,7 @@ class Scores:
         return np.asarray(np.einsum("rc,rck,rcl->ckl", self.weights, self.scores, self.scores))
 
     def of(self, which: Indices) -> Scores:
-        """The same by some of the hyperparameters."""
+        """The scores by some of the hyperparameters."""
         return Scores(self.scores[:, :, which], self.weights, self.outcomes)
 
     def error(self, directions: Array) -> Array:
@@ -96,7 +96,7 @@ class Scores:
 def expected_scores(
     fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings = DESIGN
 ) -> Scores:
-    """Scores of experiments under their own law, for any of which nothing need be measured.
+    """Scores of experiments at virtual outcomes under their own law.
 
     Where each has one observation by a sum over its density f, exact but for the distance of the
     nodes: I = int s s' f dy, values beyond the limits of the test taken together. Else by draws,
@@ -165,7 +165,7 @@ def _over_draws(
 
 @dataclass(frozen=True, eq=False)
 class DesignPlan:
-    """Information that there is (A, F, F), and what each of C candidates would add (A, C, F, F).
+    """Present information (A, F, F), and what each of C candidates adds (A, C, F, F).
 
     Both are of F hyperparameters, at A values of them that are all possible. What is wanted is a
     small variance of d' alpha, the mean over G directions d (A, G, F): c-optimality for one,
@@ -181,7 +181,7 @@ class DesignPlan:
     settings: DesignSettings = DESIGN
 
     def relative(self) -> DesignPlan:
-        """The same with variances over the present ones, of each direction over its own.
+        """The plan with variances over the present ones, each direction over its own.
 
         Unchanged for one direction, and where something is not known at all.
         """
@@ -211,7 +211,7 @@ class DesignPlan:
         return np.asarray(np.where(finite, each, np.inf).mean(axis=0) / self.unit)
 
     def known(self, information: Array) -> Flags:
-        """Whether information (A, ..., F, F) tells something of all that is wanted, bool (...)."""
+        """Whether information (A, ..., F, F) determines all quantities, bool (...)."""
         values, vectors, finite = self._decomposed(information)
         nothing = values < self.settings.singular
         if self.directions is not None:
@@ -221,7 +221,7 @@ class DesignPlan:
         return np.asarray(np.all(finite & ~np.any(nothing, axis=-1), axis=0))
 
     def standard_error(self, information: Array) -> Array:
-        """The root (...) of the criterion; infinite where something is not known at all."""
+        """The root (...) of the criterion; infinite where something is not determined."""
         known = self.known(information)
         return np.where(known, np.sqrt(self.variance(information)), np.inf)
 
@@ -297,7 +297,7 @@ def chosen(
 def repetitions(
     plan: DesignPlan, again: Array, goal: float, settings: DesignSettings = DESIGN
 ) -> float | None:
-    """How often experiments of information `again` (F, F) are to be made for an error of `goal`.
+    """How often experiments of information `again` (F, F) must be made for an error `goal`.
 
     A number that need not be whole; None where no number reaches it.
     """
@@ -380,7 +380,7 @@ def possible_laws(
     count: int,
     settings: DesignSettings = DESIGN,
 ) -> Array:
-    """Values (A, K) that the experiments leave possible: alpha itself, or `count` spread about it.
+    """Values (A, K) of alpha within its uncertainty; for one, alpha itself.
 
     Normal with the covariance of the estimates, quasi-random, moved within their limits.
     """

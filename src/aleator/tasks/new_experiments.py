@@ -42,7 +42,7 @@ from aleator.surrogates.shared import PROCESS, SHARING, Covariance, ProcessPoste
 
 
 def simulator_itself(runner: Runner, box: Array, region: Array) -> Predictor:
-    """The simulator itself, with arrays where it takes them."""
+    """The simulator itself as predictor, with arrays where it takes them."""
     runner.takes_arrays(region)
     return Direct(runner, moving_parameters(box), box)
 
@@ -55,7 +55,7 @@ def surfaces_about(
     ends: Array | None = None,
     tell: Callable[[int, int, int], None] | None = None,
 ) -> Predictor:
-    """Surfaces that are exact where points x (D, n) of the law lie, and reach to `ends` (n, 2)."""
+    """Surfaces that are exact at points x (D, n) of the law, and reach to `ends` (n, 2)."""
     region = padded(ends_of(x) if ends is None else ends, box)
     moving, sites = moving_parameters(region), Sites.seen(runner, runner.unit, runner.column)
     if not moving.size:
@@ -109,7 +109,7 @@ CONTEXT = ContextSettings()
 
 @dataclass(frozen=True, eq=False)
 class MeasuredExperiments:
-    """Experiments that were measured already: `which` (B,) of those of a likelihood each is.
+    """B measured experiments, whose places in a likelihood are `which` (B,).
 
     Nodes are adapted to each alpha once: given its observations the variates of an experiment move
     far with alpha.
@@ -129,7 +129,7 @@ class MeasuredExperiments:
 
 @dataclass(frozen=True, eq=False)
 class PredictionContext:
-    """B experiments with m values that are asked for, under laws `inputs` of their own.
+    """B experiments with m values to be predicted, under laws `inputs` of their own.
 
     `errors` are those of a measurement; without them the values are the simulated ones.
     `on_simulator` says whether the simulator itself is asked, or surfaces of it. Experiments are
@@ -148,33 +148,33 @@ class PredictionContext:
 
     @property
     def count(self) -> int:
-        """B."""
+        """The number B of experiments."""
         return len(self.conditions.ids)
 
     @cached_property
     def seen(self) -> Observations:
-        """The values that are asked for."""
+        """The places of the values to be predicted."""
         return self.conditions.observations
 
     @cached_property
     def layout(self) -> Layout:
-        """Which run gives which of them."""
+        """The run that gives each value, and its experiment."""
         return Layout(self.count, self.seen.experiment, self.runner.unit, self.runner.column)
 
     def experiment(self, place: int) -> int:
-        """The experiment that a value is of."""
+        """The experiment of the value at a place."""
         return int(self.seen.experiment[place])
 
     def taken(self, draws: AlphaDraws) -> AlphaDraws:
-        """The draws; of measured experiments 64 at most, for each of which nodes are adapted."""
+        """The draws; for measured experiments 64 at most, since nodes are adapted to each."""
         return draws if self.measured is None else draws.fewer(self.settings.most)
 
     def law(self, alpha: Array) -> Array:
-        """The law's part of alpha (K,)."""
+        """The hyperparameters of the laws, without those of the errors."""
         return alpha[: self.inputs.size]
 
     def values(self, alpha: Array, eta: Array, score: Array, rows: slice) -> Array:
-        """What is measured (m, J) of the observations `rows` where eta (m, J) is simulated.
+        """Measured values (m, J) of the observations `rows` for simulated ones eta (m, J).
 
         `score` (J,) are the standard normal variates of the errors, which make y increase.
         """
@@ -208,13 +208,13 @@ class Points:
         return cls(u[:, :variates], u[:, variates], np.ones(count))
 
     def thinned(self, count: int) -> Points:
-        """So many of them, evenly along."""
+        """`count` of the points, evenly along the sequence."""
         step = max(1, len(self.score) // count)
         return Points(self.xi[::step], self.score[::step], self.weights[::step])
 
     @classmethod
     def joined(cls, parts: Sequence[Points]) -> Points:
-        """All of them."""
+        """The points of all parts."""
         return cls(
             np.concatenate([part.xi for part in parts]),
             np.concatenate([part.score for part in parts]),
@@ -244,7 +244,7 @@ def normal_points(count: int, dimensions: int, seed: int) -> Array:
 def parameters(
     context: PredictionContext, alphas: Array, experiment: int, points: Points
 ) -> DrawnParameters:
-    """Those of one experiment at the same points under the laws alphas (A, K)."""
+    """Parameters of one experiment at the same points under each of the laws (A, K)."""
     if context.measured is not None:
         return _of_measured(context, alphas, experiment, points)
     inputs, one = context.inputs, slice(experiment, experiment + 1)
@@ -290,7 +290,7 @@ def simulated(values: Callable[[Block, Array], Array], block: Block, x: Array) -
 def measured(
     context: PredictionContext, alphas: Array, eta: Array, score: Array, rows: slice
 ) -> Array:
-    """What is measured (m, A, J) where eta (m, A, J) is simulated, under the errors of alphas."""
+    """Measured values (m, A, J) for simulated ones eta (m, A, J), under each alpha's errors."""
     if context.errors is None:
         return eta
     parts = [context.values(a, eta[:, k], score, rows) for k, a in enumerate(alphas)]
@@ -303,7 +303,7 @@ def predictor_for(
     progress: Progress | None = None,
     settings: ContextSettings = CONTEXT,
 ) -> Predictor:
-    """The simulator, or surfaces of it that are exact where the laws of all draws lie."""
+    """The simulator, or surfaces of it that are exact under the laws of all draws."""
     x, ends = law_points(context, draws, settings=settings)
     if context.on_simulator:
         return simulator_itself(context.runner, context.inputs.box, ends)
@@ -374,20 +374,20 @@ class Exploration:
 
 @dataclass(frozen=True, eq=False)
 class Kriged:
-    """A polynomial surface of one value, and kriging of what it misses at the runs."""
+    """A polynomial surface of one value, with kriging of its errors at the runs."""
 
     trend: OnSurfaces
     missed: ProcessPosterior
 
     def values(self, block: Block, x: Array) -> Array:
-        """Values (1, J) at points x (1, J, n): those of the runs, where they were made."""
+        """Values (1, J) at points x (1, J, n), which go through the runs."""
         found, z = self.trend.values(block, x), self.trend.inward(x[0])
         for part in blocks(len(z), len(self.missed.u), CONTEXT.largest):
             found[0, part] += self.missed.mean(_alike(z[part]), z[part])
         return found
 
     def deviation(self, x: Array) -> Array:
-        """Standard deviations (D,) of the values at points x (D, n) that the runs leave possible.
+        """Kriging standard deviations (D,) of the values at points x (D, n).
 
         As many times larger as the nearest runs surprise the others, once left out: one
         covariance serves all of the region, and a hill in it is not expected.
@@ -398,13 +398,13 @@ class Kriged:
         return np.asarray(self.missed.deviation(_alike(z), z) * np.maximum(surprise, 1.0))
 
     def joint(self, x: Array) -> Array:
-        """Their covariances (D, D)."""
+        """Kriging covariances (D, D) of the values at points x (D, n)."""
         z = self.trend.inward(x)
         return self.missed.joint(_alike(z), z)
 
 
 class OneSurface:
-    """A surface of one value, made exact where it is asked; the runs that it has are kept.
+    """A surface of one value that is made exact step by step; its runs are kept.
 
     It is a polynomial of at most `most` runs, until it is `kriged`; then kriging corrects it.
     `further` are runs that the polynomial does not go through.
@@ -431,7 +431,7 @@ class OneSurface:
         self._sharpened(x)
 
     def predictor(self) -> OnSurfaces | Kriged:
-        """As it is now."""
+        """The present surface."""
         return self._kriged or self._polynomial()
 
     def _polynomial(self) -> OnSurfaces:
@@ -440,7 +440,7 @@ class OneSurface:
         return self._trend
 
     def follow(self, x: Array) -> None:
-        """Make it exact at points x (D, n) too, on a region that holds them."""
+        """Make the surface exact at points x (D, n) too, on a region that holds them."""
         self._reach(x)
         self._sharpened(x)
 
@@ -452,24 +452,24 @@ class OneSurface:
             self.surfaces.move(wanted[moving_parameters(wanted)])
 
     def learn(self, x: Array) -> None:
-        """Go through runs at points x (R, n) too, on a region that holds them."""
+        """Run at points x (R, n) and refit the surface, on a region that holds them."""
         self._reach(x)
         self.surfaces.add(x[:, moving_parameters(self.region)])
 
     @property
     def runs(self) -> int:
-        """Runs that it has been made of."""
+        """The number of runs of the surface."""
         return self.surfaces.total_runs + len(self.further.x)
 
     @property
     def kriged(self) -> Kriged:
-        """As it is, corrected by kriging from now on."""
+        """The surface with kriging, which corrects it from now on."""
         if self._kriged is None:
             self._kriged = self._through_runs(SHARING.steps[0])
         return self._kriged
 
     def correct(self, x: Array) -> None:
-        """Go through runs at points x (R, n) too, moved into the region, by kriging alone."""
+        """Run at points x (R, n) within the region, which kriging alone goes through."""
         where = np.clip(x, *self.region.T)[:, moving_parameters(self.region)]
         self.further = self.further.joined(
             where, _alike(where), np.arange(len(x)), self.run(_alike(where), where)
@@ -499,7 +499,7 @@ def _alike(z: Array) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class PredictedValue:
-    """Value number `place` of a ground, by the simulator or a surface of its own."""
+    """Value number `place` of a context, by the simulator or a surface of its own."""
 
     context: PredictionContext
     place: int
@@ -516,7 +516,7 @@ class PredictedValue:
         progress: Progress | None = None,
         most: int = Exploration.runs,
     ) -> PredictedValue:
-        """With a surface about the laws of all draws, unless the simulator itself is asked.
+        """The value with a surface about the laws of all draws, unless the simulator is used.
 
         The surface is a polynomial of at most `most` runs.
         """
@@ -533,31 +533,31 @@ class PredictedValue:
 
     @property
     def fixed(self) -> PredictedValue:
-        """With its surface as it is now."""
+        """The value with its present surface, which then stays."""
         return replace(self, surface=None, direct=self.predictor)
 
     @property
     def experiment(self) -> int:
-        """The experiment that it is of."""
+        """The experiment of the value."""
         return self.context.experiment(self.place)
 
     @property
     def predictor(self) -> Predictor | Kriged:
-        """What answers for the simulator."""
+        """The simulator, or the surface in its place."""
         if self.surface is not None:
             return self.surface.predictor()
         assert self.direct is not None
         return self.direct
 
     def outcomes(self, alphas: Array, points: Points) -> tuple[Array, DrawnParameters]:
-        """Outcomes (A, J) at the points under each law, and the parameters there."""
+        """Outcomes (A, J) at the points under each law, with the parameters there."""
         found = parameters(self.context, alphas, self.experiment, points)
         eta = simulated(self.predictor.values, self.block, found.x)
         rows = slice(self.place, self.place + 1)
         return measured(self.context, alphas, eta, found.score, rows)[0], found
 
     def possible(self, alphas: Array, points: Points) -> tuple[Array, Array, DrawnParameters]:
-        """Outcomes (A, J) by a surface, and their standard deviations that its runs leave."""
+        """Outcomes (A, J) by a surface, with their kriging standard deviations."""
         assert self.surface is not None
         surface = self.surface.kriged
         found = parameters(self.context, alphas, self.experiment, points)
@@ -571,7 +571,7 @@ class PredictedValue:
         return y, np.abs(moved - y), found
 
     def at_runs(self, alphas: Array, x: Array, score: Array) -> Array:
-        """Outcomes (R,) of runs of the simulator at x (R, n), each under an alpha of its own."""
+        """Outcomes (R,) by runs of the simulator at x (R, n), each under its own alpha."""
         unit = np.repeat(self.context.runner.unit[self.place], len(x))
         eta = self.context.runner.values(unit, x)[:, self.context.runner.column[self.place]]
         rows = slice(self.place, self.place + 1)
@@ -582,7 +582,7 @@ class PredictedValue:
         return np.array(found)
 
     def wide(self, alphas: Array, far: float, count: int) -> Array:
-        """Parameters (D, n) that are `far` times as far out as the laws say, and the farthest."""
+        """Parameters (D, n) of variates `far` times as far out, and of the farthest ones."""
         s = self.context.inputs.scattering
         axes = CONTEXT.reach * np.concatenate([np.eye(s), -np.eye(s)])
         xi = np.concatenate([far * normal_points(count, max(s, 1), CONTEXT.seed)[:, :s], axes])
@@ -593,5 +593,5 @@ class PredictedValue:
 
 
 def some_of(draws: AlphaDraws, count: int) -> Indices:
-    """So many draws that are spread along the sequence."""
+    """Places of `count` draws, evenly along the sequence."""
     return np.unique(np.linspace(0, len(draws.alpha) - 1, count).astype(np.intp))

@@ -64,14 +64,14 @@ class Predicted:
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """The quantity in words."""
         if self.quantile is not None:
             return f"the quantile {self.quantile:g}"
         side, limit = ("below", self.below) if self.above is None else ("above", self.above)
         return f"the probability {side} {limit:g}"
 
     def gradients(self, scores: Scores, fit: Fit) -> Array:
-        """d/dalpha (G, K) at the conditions that the scores are of."""
+        """The gradient (G, K) of the quantity by alpha under each condition of the scores."""
         if scores.outcomes is None:
             raise InputsError(
                 f"{self.name}: the conditions have several observations an experiment",
@@ -88,7 +88,7 @@ class Predicted:
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """What is to be known better, and for which alpha (K,) experiments are planned.
+    """What is to be determined better, and the alpha (K,) for which experiments are planned.
 
     `moving` (F,) are the hyperparameters that are not known, `target` the place among them of the
     one that is asked for, if one is. `moved` has the values of those that ended on a limit and
@@ -104,7 +104,7 @@ class Aim:
 
     @classmethod
     def of(cls, about: str | Predicted | None, estimates: Mapping[str, Estimate], fit: Fit) -> Aim:
-        """What `about` says; None is the standard deviation that is least known for its size.
+        """The aim by name; None is the standard deviation with the largest relative error.
 
         Raises InputsError for a name that is unknown or fixed.
         """
@@ -123,7 +123,7 @@ class Aim:
         return cls(about, alpha, moving, int(np.searchsorted(moving, k)), None, moved)
 
     def observed(self, fit: Fit) -> Array:
-        """The information (F, F) of the experiments that were made about what is moving."""
+        """The information (F, F) of the measured experiments about the free hyperparameters."""
         place = np.searchsorted(fit.inference.identified, self.moving)
         return np.asarray(fit.inference.information[np.ix_(place, place)])
 
@@ -168,7 +168,7 @@ def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NextExperiments:
-    """Candidates, what each would tell `about` something, and the set that tells most together.
+    """Candidates with what each adds to the knowledge of `about`, and the best set.
 
     Errors are standard errors of what it is about; of several quantities, or of all, their means
     over what they are now (`relative`), geometric for all. `now` is that of the experiments that
@@ -264,7 +264,7 @@ def next_experiments(
     simulator: Runner | None = None,
     progress: Progress | None = None,
 ) -> NextExperiments:
-    """Tell what each candidate experiment would tell, and which `count` of them tell most together.
+    """The information of each candidate experiment, and the best set of `count` of them.
 
     I_c = E[s s'] is the expected information of alpha in one experiment under the conditions c, s
     its score. What a set S of them leaves unknown of a quantity g(alpha) is the variance
@@ -323,7 +323,7 @@ def planned(
     progress: Progress,
     seed: int = 11,
 ) -> NextExperiments:
-    """The best set of the experiments of the `offered` fit beside those of the fit that was made.
+    """The best set of the `offered` experiments beside the measured ones of the fit.
 
     `predicted` is the fit of what is to be predicted, where that is the aim.
     """

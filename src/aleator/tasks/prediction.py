@@ -116,7 +116,7 @@ def _from_hull(points: Array, x: Array, settings: ExtrapolationSettings) -> floa
 
 @dataclass(frozen=True, eq=False)
 class Beyond:
-    """Distances (R,) of R rows from the tested ones, in tested ranges, and why, in words.
+    """Distances (R,) of R rows from the tested ones, in tested ranges, and why.
 
     Zero within the convex hull of the tested conditions; infinite for a level or a value of a
     condition that was never varied. `why` is "" for rows within.
@@ -129,7 +129,7 @@ class Beyond:
 def compared(
     tested: pd.DataFrame, new: pd.DataFrame, settings: ExtrapolationSettings = EXTRAPOLATION
 ) -> Beyond:
-    """Rows of new conditions against tested ones, column by column and jointly.
+    """Distances of new conditions from the tested ones, by column and jointly.
 
     >>> tested = pd.DataFrame({"load": [1.0, 3.0], "oil": ["a", "b"]})
     >>> compared(tested, pd.DataFrame({"load": [2.0, 4.0, 2.0], "oil": ["a", "a", "c"]})).why
@@ -195,7 +195,7 @@ class Draws:
 
     @classmethod
     def new(cls, inputs: Inputs, alpha: Array, experiments: int) -> Draws:
-        """Of experiments that nothing is known of but their law."""
+        """Points of the law of each new experiment."""
         points = standard_points(PREDICTION.law_points, inputs.scattering)
         xi = np.tile(points, (experiments, len(inputs.classes), 1))
         found = inputs.individual(alpha[: inputs.size], xi, slice(0, experiments))
@@ -204,7 +204,7 @@ class Draws:
 
     @classmethod
     def old(cls, likelihood: IndividualLikelihood, alpha: Array, which: int) -> Draws:
-        """Of one experiment of a likelihood that is adapted to alpha, given its observations."""
+        """Points of the individual law of one measured experiment at alpha."""
         return cls(
             *individual_points(
                 likelihood, alpha, likelihood.layout.alone(which), PREDICTION.law_points
@@ -213,7 +213,7 @@ class Draws:
 
     @classmethod
     def joined(cls, parts: Sequence[Draws]) -> Draws:
-        """Those of all experiments, one after the other."""
+        """The points of all experiments, one after the other."""
         return cls(
             np.concatenate([part.x for part in parts]),
             np.concatenate([part.weights for part in parts]),
@@ -245,7 +245,7 @@ def forecast(
     probabilities: Array,
     settings: PredictionSettings = PREDICTION,
 ) -> Forecast:
-    """The mixture over the draws of what is measured, or without errors of what is simulated.
+    """The distribution of measured values over the draws; of simulated ones without errors.
 
     F(y) = sum_j w_j F(y | eta_j, scale_j), exact but for the draws, inverted. Points whose runs
     fail are left out. Cost: a run for each point and unit.
@@ -296,7 +296,7 @@ class _Endless:
 
     @classmethod
     def of(cls, eta: Array, weights: Array) -> _Endless:
-        """Of values (m, J) with weights; those that are NaN count as nothing."""
+        """The shares of infinite ones among values (m, J) with weights; NaN does not count."""
         whole = np.sum(weights, axis=1, where=~np.isnan(eta))
         with np.errstate(all="ignore"):
             below, above = (
@@ -306,20 +306,20 @@ class _Endless:
 
     @property
     def mean(self) -> Array:
-        """What they add to a mean (m,): nothing, an infinity, or NaN where there are both."""
+        """The mean (m,) of infinite values: zero without any, NaN with both signs."""
         low, high = (np.where(share > 0.0, np.inf, 0.0) for share in (self.below, self.above))
         with np.errstate(invalid="ignore"):
             return np.asarray(high - low)
 
     def among_finite(self, probabilities: Array) -> Array:
-        """Which probability (m, P) of the finite values is one of all values."""
+        """The probabilities (m, P) among the finite values alone."""
         finite = 1.0 - self.below - self.above
         with np.errstate(all="ignore"):
             among = (probabilities - self.below[:, None]) / finite[:, None]
         return np.clip(np.nan_to_num(among, nan=0.5), PREDICTION.edge, 1.0 - PREDICTION.edge)
 
     def quantiles(self, probabilities: Array, finite: Array) -> Array:
-        """Those (m, P) of all values, given those of the finite ones."""
+        """Quantiles (m, P) of all values, from those of the finite ones."""
         low = probabilities < self.below[:, None]
         return np.where(
             low, -np.inf, np.where(probabilities > 1.0 - self.above[:, None], np.inf, finite)
@@ -431,7 +431,7 @@ class _PointValues:
 
     @classmethod
     def of(cls, y: Array, weights: Array, draws: AlphaDraws, probabilities: Array) -> _PointValues:
-        """Of values y (1 + A, J) with weights; the first row is the estimate's."""
+        """Moments and quantiles of values y (1 + A, J), the first row under the estimate."""
         each = quantiles(y, weights, probabilities)
         whole = (draws.weights[:, None] * weights[1:]).ravel()
         mixed = y[1:].ravel()
@@ -443,7 +443,7 @@ class _PointValues:
         )
 
     def ends(self, at: Array) -> Array:
-        """The intervals (P, 2) of quantiles whose estimates are `at` (P,)."""
+        """95 % intervals (P, 2) of quantiles whose estimates are `at` (P,)."""
         own = self.quantiles[1]
         finite = np.isfinite(self.each).all(axis=0) & np.isfinite(own) & np.isfinite(at)
         shift = np.where(finite, at, 0.0) - np.where(finite, own, 0.0)
@@ -494,7 +494,7 @@ def tabled(
 
 
 def heads(context: PredictionContext, asked: Indices | None = None) -> dict[str, Any]:
-    """The columns that say which row and response each value is, or those that are `asked`."""
+    """The columns that name the row and response of each value, or of some values."""
     conditions, seen = context.conditions, context.seen
     which = np.arange(len(seen)) if asked is None else asked
     columns: dict[str, Any] = {"id": [conditions.ids[l] for l in seen.experiment[which]]}
@@ -506,13 +506,13 @@ def heads(context: PredictionContext, asked: Indices | None = None) -> dict[str,
 
 
 def tails(context: PredictionContext, asked: Indices | None = None) -> dict[str, Array]:
-    """How far each value is `beyond` the tested conditions, in tested ranges."""
+    """The column `beyond`: distances from the tested conditions, in tested ranges."""
     found, row = beyond(context), context.seen.row
     return {} if found is None else {"beyond": found.distance[row if asked is None else row[asked]]}
 
 
 def beyond(context: PredictionContext) -> Beyond | None:
-    """Of the conditions that the simulator asks for, and the covariates of the laws.
+    """Distances of the simulator's conditions and the laws' covariates from the tested ones.
 
     None where the experiments that were measured are not at hand.
     """
@@ -527,7 +527,7 @@ def beyond(context: PredictionContext) -> Beyond | None:
 def in_rows(
     context: PredictionContext, columns: dict[str, Any], asked: Indices | None = None
 ) -> pd.DataFrame:
-    """The columns in the order of the rows; the responses of a row one below the other."""
+    """The columns as a table in the order of rows, then responses."""
     which = np.arange(len(context.seen)) if asked is None else asked
     order = np.lexsort((context.seen.response[which], context.seen.row[which]))
     return pd.DataFrame(columns).iloc[order].reset_index(drop=True)

@@ -37,7 +37,7 @@ from aleator.tasks.prediction import PREDICTION, heads, in_rows, tails
 
 
 def requested_responses(context: PredictionContext, response: str | None) -> Indices:
-    """The numbers of the response of that name, or of all. Raises InputsError where it is unknown.
+    """The number of the named response, or of all. Raises InputsError if it is unknown.
 
     >>> from types import SimpleNamespace as Some
     >>> ground = Some(seen=Some(responses=(Some(name="force"), Some(name="wear"))))
@@ -63,7 +63,7 @@ def requested_events(
     below: float | None,
     between: Sequence[float] | None,
 ) -> dict[int, Event]:
-    """The event of one response by its number, as the likelihood sees its values.
+    """The event of one response by its number, in transformed values.
 
     Raises InputsError unless one of the three is given, of one response, with ends that are
     numbers in order and have a logarithm where the likelihood sees that.
@@ -273,7 +273,7 @@ class _Told:
     def of(
         cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, sample: Sample
     ) -> _Told:
-        """By outcomes at the points of the sample."""
+        """The probabilities by outcomes at the points of the sample."""
         alphas = np.concatenate([draws.estimate[None], draws.alpha])
         parts, lost = [], 0.0
         for points in sample.replicates:
@@ -389,7 +389,7 @@ LIMITS = ToleranceSettings()
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Which limits are asked for.
+    """A tolerance interval or a one-sided limit.
 
     `content` of the outcomes lie within, with this `confidence`: between two limits, or on one
     `side`, below an "upper" or above a "lower" one. Raises InputsError for shares that are not

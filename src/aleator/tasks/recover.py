@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recovered:
-    """One virtual data set identified: alpha (K,), intervals (K, 2), errors (K, 2), the maximum.
+    """The identification of one drawn data set: alpha (K,), intervals and errors (K, 2).
 
     Errors are the standard errors by the observed information, and the sandwich errors.
     """
@@ -191,7 +191,7 @@ def recover(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Recovery:
-    """Draw outcomes from the model at `truth`, identify each data set as `identify` does, compare.
+    """Identify data sets drawn at `truth`, and compare the estimates with it.
 
     The arguments are those of `identify`; measured outcomes are not looked at. `truth` names the
     value of every free hyperparameter.

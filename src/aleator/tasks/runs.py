@@ -29,7 +29,7 @@ def runner_on(
     vectorized: bool = False,
     executor: Executor | None = None,
 ) -> Runner:
-    """The runs of a simulator under the conditions of a table; a Runner as it is.
+    """The runner of a simulator under the conditions of a table; a Runner as it is.
 
     >>> table = pd.DataFrame({"load": [1.0], "length": [2.1]})
     >>> runner_on(lambda load, x: load * x, table, ["x"])([0], [[2.0]])
@@ -47,7 +47,7 @@ def in_processes(
     parcel: bytes, function: Callable[..., Result], pieces: Mapping[int, tuple[Any, ...]],
     workers: int,
 ) -> Generator[tuple[int, Result], None, None]:  # fmt: skip
-    """`function(work, *piece)` of each piece with its number, as they are finished.
+    """Results of `function(work, *piece)` by piece number, as they are finished.
 
     The work is what the parcel holds (see `packed`). Raises SurroundingsError where a process dies.
     """

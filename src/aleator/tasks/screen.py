@@ -121,7 +121,7 @@ class Sensitivity:
         return table.sort_values("mean_total", ascending=False, kind="stable", ignore_index=True)
 
     def pairs(self) -> pd.DataFrame:
-        """A row a pair, the best first: the share that both explain by themselves, and alignment.
+        """A row for each pair of parameters: the share that both explain, and alignment.
 
         `explained` is the mean over experiments of S_i + S_j + S_ij, `interaction` that of S_ij.
         """

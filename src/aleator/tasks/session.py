@@ -56,7 +56,7 @@ Runners = Callable[[Experiments | Conditions], Runner]
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Laws, noise and responses, the experiments, how runs are made, and the fit.
+    """What an identification was made with: laws, noise, experiments, runs, and the fit.
 
     Laws that follow covariates are resolved by the experiments. What is not at hand is None: of an
     identification that was read from a file all that was not given again, and always the fit. Of
@@ -86,7 +86,7 @@ class Session:
         density: Density | None,
         runner: Runners | None,
     ) -> Session:
-        """Of what was found and read from a file, its `source`, with what is given again.
+        """The session of a result read from a file `source`, by what is given again.
 
         Raises AleatorError for what is lacking, and InputsError for noise where there was none.
         """
@@ -116,7 +116,7 @@ class Session:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All of alpha, those of the laws first; none without inputs."""
+        """All hyperparameters, those of the laws first; none without inputs."""
         if self.inputs is None:
             return ()
         names = tuple(response.name for response in self.responses)
@@ -127,7 +127,7 @@ class Session:
         values: Mapping[str, float | Estimate],
         at: Mapping[str, object] | pd.Series | None = None,
     ) -> JointLaw:
-        """The joint law at these values of the hyperparameters, of experiments `at` covariates."""
+        """The joint law at these hyperparameters, for an experiment with the covariates `at`."""
         inputs = self.inputs
         if inputs is None:
             raise missing("the law needs the inputs", "aleator.load(path, inputs=...)")
@@ -147,7 +147,7 @@ class Session:
     def log_likelihood(
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
-        """The log-likelihood at alpha with nodes adapted there; what is not named has these values.
+        """The log-likelihood at alpha with nodes adapted there; others keep these values.
 
         At the estimate nodes are those of the answer, which importance points would not be again.
         """
@@ -182,7 +182,7 @@ class Session:
         of: str | None = None,
         noise: bool = True,
     ) -> PredictionContext:
-        """New experiments, or those `of` measured ones, and what makes their outcomes."""
+        """The context of new experiments, or of those that are the measured ones `of`."""
         if of is not None and self.model is not None:
             raise InputsError(
                 f"of '{of}': one outcome says too little of the parameters of its experiment",
@@ -231,7 +231,7 @@ class Session:
     def fit_on(
         self, candidates: Conditions, alpha: Array, runner: Runner, progress: Progress
     ) -> Fit:
-        """The fit of experiments that were not made, at alpha: their outcomes are unknown.
+        """The fit of experiments that were not made, at alpha, with unknown outcomes.
 
         `drawn` and `seeing` give it some; limits are those of the measured ones. Runs are made
         where surfaces are needed, which are as exact as a prediction's.
@@ -344,12 +344,12 @@ def _text(cell: object) -> str:
 
 
 def runners(simulator: Simulator | Runner, parameters: Sequence[str]) -> Runners:
-    """Runs of a simulator, made here and kept in no store."""
+    """Runners of a simulator for any table, without a store."""
     return lambda asked: as_runner(simulator, asked, parameters)
 
 
 def runners_like(runner: Runner, table: Experiments) -> Runners:
-    """Runs of the simulator of a runner, which gets arrays of what varies in the table."""
+    """Runners like another one for any table; arrays are passed of the same conditions."""
     varying = varying_conditions(table, tuple(runner.cases.columns))
 
     def of(asked: Experiments | Conditions) -> Runner:
@@ -365,7 +365,7 @@ def given_values(
     values: Mapping[str, float | Estimate],
     hyperparameters: Sequence[Hyperparameter],
 ) -> Array:
-    """The alpha (K,) of names or of an array; what is not named has these values.
+    """The alpha (K,) of a mapping or an array; others keep these values.
 
     Raises InputsError for a name that is unknown and a value beyond its limits.
     """
@@ -386,7 +386,7 @@ def _named(alpha: Array, names: Sequence[str]) -> dict[str, float]:
 
 
 def kept(fit: Fit | None) -> Fit:
-    """The fit. Raises AleatorError where the identification was read from a file."""
+    """The fit, or AleatorError where the identification was read from a file."""
     if fit is None:
         raise missing(
             "this needs the surfaces, which are not saved",
