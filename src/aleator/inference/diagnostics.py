@@ -32,7 +32,7 @@ from aleator.simulators import NoOutcome, Runner, working_box
 
 @dataclass(frozen=True)
 class EstimateSettings:
-    """When estimates are not at a maximum, too many, or hardly determined; by judgement."""
+    """When estimates are no maximum, too many for the data, or hardly determined; by judgement."""
 
     edm: float = 5e-3
     """Distance to the maximum, in log-likelihood, that still counts as arrived: 0.1 standard
@@ -120,7 +120,7 @@ def once_warnings(found: SearchResult) -> list[Diagnostic]:
 def bound_warnings(
     hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
 ) -> list[Diagnostic]:
-    """Estimates on a limit, and intervals of which an end could not be computed."""
+    """Warnings of estimates on a limit, and of intervals without an end."""
     sides = zip(hyperparameters, inference.at_bound, strict=True)
     warnings = [_on_limit(h, side) for h, side in sides if side is not None]
     unknown = tuple(hyperparameters[k].name for k in profile.unknown(inference.identified))
@@ -167,7 +167,7 @@ def weak_directions(
     hyperparameters: Sequence[Hyperparameter],
     settings: EstimateSettings = ESTIMATES,
 ) -> list[Diagnostic]:
-    """What the experiments hardly determine: pairs, groups, and directions without any effect.
+    """Hyperparameters that the experiments hardly determine: pairs, groups, and some alone.
 
     Pairs and groups are those whose estimates are correlated beyond 0.98. Of one standard deviation
     alone the interval says how uncertain it is.
@@ -337,7 +337,7 @@ def _advice(a: str, b: str, name: str, values: Array) -> Diagnostic:
 
 @dataclass(frozen=True)
 class ExperimentSettings:
-    """When something is said of single experiments, and how much of it; by judgement."""
+    """When something is reported of single experiments, and how much; by judgement."""
 
     gap: float = 0.1
     """Change of the log-likelihood with more nodes from which an answer is refused."""
@@ -372,7 +372,7 @@ def named(which: NDArray[np.intp], ids: Sequence[str], most: int = EXPERIMENTS.i
 def of_experiments(
     about: str, which: Flags, ids: Sequence[str], message: str, remedy: str
 ) -> list[Diagnostic]:
-    """What is said of the experiments `which` (N,) by name; nothing where there are none."""
+    """A diagnostic that names the experiments `which` (N,); none where there are none."""
     rows = np.flatnonzero(which)
     if not rows.size:
         return []
@@ -388,7 +388,7 @@ def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
 
 
 def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnostic]:
-    """Experiments whose observations have no density."""
+    """Refusals for experiments whose observations have no density."""
     words = np.array(statuses(honest.status, honest.each))
     refusals = []
     for status in (s for s in Status if s is not Status.SOLVED):
@@ -398,7 +398,7 @@ def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnost
 
 
 def limit_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diagnostic]:
-    """Experiments whose covariates would take a value of their law beyond its limits."""
+    """Warnings of experiments whose covariates lead a law's value beyond its limits."""
     return [
         warning
         for name, which in held.items()
@@ -415,7 +415,7 @@ def limit_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diag
 def review_data(
     seen: Observations, left: Observations, failing: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
-    """What is missing: experiments without observations, values without runs, bounds only.
+    """Warnings of missing data: no observations, no runs, bounds only.
 
     `seen` are the observations of the table, `left` those of them that runs give a value of, and
     `failing` (N,) is the share of each experiment's law at which runs fail.
@@ -477,7 +477,7 @@ def without_surfaces(lost: Flags, of: Indices, ids: Sequence[str]) -> list[Diagn
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """Another maximum alpha (K,), lower by `drop`, beside the one `here` (K,).
+    """Another maximum alpha (K,), lower by `drop` than the one `here` (K,).
 
     `moved` are the hyperparameters that differ by more than a standard error.
     """
@@ -488,14 +488,14 @@ class Rival:
     moved: tuple[int, ...]
 
     def outside(self, intervals: Array) -> bool:
-        """Whether what moved lies outside its interval (K, 2)."""
+        """Whether a hyperparameter that differs lies outside its interval (K, 2)."""
         return any(not intervals[k, 0] <= self.alpha[k] <= intervals[k, 1] for k in self.moved)
 
 
 def rival_warnings(
     rivals: Sequence[Rival], hyperparameters: Sequence[Hyperparameter], intervals: Array
 ) -> list[Diagnostic]:
-    """That there is another maximum, and where: as high, or outside the intervals (K, 2)."""
+    """A warning of another maximum that is as high, or outside the intervals (K, 2)."""
     rivals = [one for one in rivals if one.drop < EXPERIMENTS.equal or one.outside(intervals)]
     if not rivals:
         return []
@@ -519,7 +519,7 @@ def rival_warnings(
 
 
 def too_few_nodes(gap: float, admitted: float) -> list[Diagnostic]:
-    """That more nodes change the log-likelihood by more than is admitted."""
+    """A diagnostic where more nodes change the log-likelihood by more than is admitted."""
     # of an outcome without density there is no difference, and it is refused as such
     if not np.isfinite(gap) or abs(gap) <= admitted:
         return []
@@ -567,7 +567,7 @@ def _in_order(case: Indices, x: Array) -> Indices:
 
 
 def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
-    """That runs failed, where, and what that means for the answer."""
+    """A warning of failed runs: where, and what they mean for the answer."""
     if report is None:
         return []
     where = ", ".join(f"{k} in [{low:.4g}, {high:.4g}]" for k, (low, high) in report.region.items())
@@ -587,7 +587,7 @@ def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
 
 @contextmanager
 def boxes_proposed(runner: Runner, inputs: Inputs) -> Iterator[None]:
-    """Add to the remedy of a failed run the sections of a study that keep the law where runs work.
+    """Add a box where runs work, as sections of study.toml, to the remedy of a failed run.
 
     Nothing is added where every law has a box: the remedy then says which box to narrow.
     """

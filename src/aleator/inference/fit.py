@@ -26,7 +26,7 @@ from aleator.search.objective import SIGHT
 
 @dataclass(frozen=True)
 class RefitSettings:
-    """When a climb to the maximum of other data counts, by judgement.
+    """When a climb to the maximum of other data has succeeded, by judgement.
 
     It has arrived where less than `left` is left to climb, in log-likelihood. A scale that ends
     near zero is tried from so many `trials` between nearly zero and its upper limit. Eigenvalues of
@@ -58,7 +58,7 @@ class Fit:
     def of_outcomes(
         cls, problem: Problem, alpha: Array, inference: Inference, table: Experiments
     ) -> Fit:
-        """That of exact outcomes, one an experiment; those of the table are the problem's."""
+        """The fit of exact outcomes, one an experiment, which the table has too."""
         return cls(OutcomesAt(problem, alpha), inference, table)
 
     @classmethod
@@ -70,7 +70,7 @@ class Fit:
         table: Experiments,
         few: NodeRule,
     ) -> Fit:
-        """That of the integral over individual parameters, with nodes adapted to alpha.
+        """The fit of an integral over individual parameters, with nodes adapted to alpha.
 
         `few` is the rule with the fewest nodes of which more hardly change the log-likelihood.
         """
@@ -78,12 +78,12 @@ class Fit:
 
     @property
     def alpha(self) -> Array:
-        """Where it stands, (K,)."""
+        """The alpha (K,) of the fit."""
         return self.likelihood.alpha
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of alpha, in its order."""
+        """The hyperparameters in the order of alpha."""
         return self.likelihood.hyperparameters
 
     @property
@@ -93,7 +93,7 @@ class Fit:
 
     @property
     def count(self) -> int:
-        """N."""
+        """The number N of experiments."""
         return self.likelihood.count
 
     def scored(self) -> LogLikelihood:
@@ -101,7 +101,7 @@ class Fit:
         return self._scored
 
     def objective(self) -> Scored:
-        """The same as a function of alpha, which a search or a sampler may climb."""
+        """The log-likelihood as a function of alpha, for a search or a sampler."""
         return self.likelihood.objective()
 
     def probabilities(self, points: int | None = None) -> Array:
@@ -109,20 +109,20 @@ class Fit:
         return self.likelihood.probabilities(self.table.observations, points)
 
     def at(self, alpha: Array) -> Fit:
-        """The same data at another alpha."""
+        """The fit of the same data at another alpha."""
         return replace(self, likelihood=self.likelihood.at(alpha))
 
     def seeing(self, table: Experiments) -> Fit:
-        """Other data: the same experiments, whose observations are those of another table."""
+        """The fit of the observations of another table of the same experiments."""
         return replace(self, likelihood=self.likelihood.seeing(table.observations), table=table)
 
     def drawn(self, rng: np.random.Generator) -> Fit:
-        """Other data of the same experiments, under the law and the noise of alpha."""
+        """The fit of data drawn under the law and the noise of alpha."""
         other = self.likelihood.drawn(self.table.observations, rng)
         return self.seeing(self.table.with_observations(other))
 
     def for_replicates(self) -> Fit:
-        """The same with nodes that many data sets in turn are quickly judged by."""
+        """The fit with nodes by which many data sets are evaluated quickly."""
         likelihood, moved = self.likelihood.for_replicates()
         fit = replace(self, likelihood=likelihood)
         return stepped(fit) if moved else fit

@@ -52,7 +52,7 @@ INTERVALS = IntervalSettings()
 
 @dataclass(frozen=True)
 class Differences:
-    """Steps of the differences of a score, by what the log-likelihood drops over them.
+    """Steps of differences of a score, chosen by the drop of the log-likelihood over them.
 
     A step h is right where the drop I h^2/2 is `drop`, within a factor of `within` either way: a
     hundredth of a standard error, between 0.003 and 0.03. The information of a standard deviation
@@ -140,16 +140,16 @@ class Inference:
         return np.asarray(self.covariance / np.outer(scale, scale))
 
     def differences(self, alpha: Array, other: Array) -> Array:
-        """How far apart two alphas are in standard errors (K,); NaN where there is none."""
+        """Differences of two alphas in standard errors (K,); NaN without a standard error."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray((alpha - other) / self.standard_error)
 
     def apart(self, alpha: Array, other: Array) -> float:
-        """The largest difference of two alphas in standard errors, as far as they are known."""
+        """The largest difference of two alphas in standard errors."""
         return float(np.nanmax(np.abs(self.differences(alpha, other)), initial=0.0))
 
     def among(self, alpha: Array, others: Sequence[Array], apart: float) -> bool:
-        """Whether alpha lies less than so many standard errors `apart` from one of the others."""
+        """Whether alpha is within `apart` standard errors of one of the others."""
         return any(self.apart(alpha, other) < apart for other in others)
 
 

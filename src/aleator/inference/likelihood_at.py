@@ -41,7 +41,7 @@ from aleator.surrogates.responses import DirectResponse, OutcomeDistribution
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a fit draws data and tells where they would lie, all by judgement.
+    """How data are drawn from a fit, and where they would lie; by judgement.
 
     Outcomes are taken to lie within `span` standard deviations of their mean. Of densities by
     moments `tabulated` quantiles, out to `farthest` normal scores, stand for the law that outcomes
@@ -85,12 +85,12 @@ class OutcomesAt:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of alpha, in its order."""
+        """The hyperparameters in the order of alpha."""
         return self.problem.model.hyperparameters
 
     @property
     def count(self) -> int:
-        """N."""
+        """The number N of experiments."""
         return len(self.problem.outcomes)
 
     @property
@@ -109,30 +109,30 @@ class OutcomesAt:
         return self.problem.continued(self.alpha)
 
     def log_likelihood(self) -> float:
-        """Their sum without priors; minus infinity beyond a support."""
+        """The log-likelihood without priors; minus infinity beyond a support."""
         return self.problem.likelihood.evaluate(self.alpha).likelihood
 
     def objective(self) -> Scored:
-        """The same as a function of alpha that a search may climb, continued."""
+        """The log-likelihood as a function of alpha for a search, continued beyond a support."""
         return self.problem.continued
 
     def honest(self) -> Scored:
-        """The same for a sampler: minus infinity beyond a support."""
+        """The log-likelihood for a sampler, minus infinity beyond a support."""
         return self.problem.likelihood
 
     def more_nodes(self, alpha: Array) -> float:
-        """What half as many nodes again change of the log-likelihood at alpha.
+        """The change of the log-likelihood at alpha by half as many nodes again.
 
         Zero for collocation, where nodes cost runs.
         """
         return self.problem.gap(alpha)
 
     def rough(self) -> OutcomesAt:
-        """The same with level sets on coarser grids; other nodes are those of the law."""
+        """The likelihood with level sets on coarser grids; other nodes stay."""
         return replace(self, problem=self.problem.coarse())
 
     def for_replicates(self) -> tuple[OutcomesAt, bool]:
-        """The same with nodes that many data sets in turn are quickly judged by.
+        """The likelihood with nodes by which many data sets are evaluated quickly.
 
         And whether the maximum by these nodes is another one, so that alpha is to be moved there.
         """
@@ -140,15 +140,15 @@ class OutcomesAt:
         return (self.rough() if levels else self), levels
 
     def at(self, alpha: Array) -> OutcomesAt:
-        """The same outcomes at another alpha."""
+        """The likelihood of the same outcomes at another alpha."""
         return replace(self, alpha=alpha)
 
     def seeing(self, seen: Observations) -> OutcomesAt:
-        """The same experiments with other observations, whose lower ends are the outcomes."""
+        """The likelihood of other outcomes, the lower ends of the observations."""
         return replace(self, problem=self.problem.given(seen.lower))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """Other outcomes under the law of alpha.
+        """Outcomes drawn under the law of alpha.
 
         With surfaces values of these, and with level sets of the simulator. With collocation they
         are quantiles of the densities; where one failed the outcome stays as it is.
@@ -184,7 +184,7 @@ class OutcomesAt:
         return x, self.problem.response.evaluate(x)[self.problem.condition]
 
     def variates(self) -> None:
-        """None: an outcome tells no single parameter."""
+        """None, since an outcome does not determine single parameters."""
 
     def individuals(self, rng: np.random.Generator) -> Array:  # noqa: ARG002
         """Raises InputsError: without noise an experiment has no law of its own parameters."""
@@ -249,12 +249,12 @@ class IndividualsAt:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the laws, then those of the errors."""
+        """The hyperparameters of the laws, then those of the errors."""
         return self.integral.hyperparameters
 
     @property
     def count(self) -> int:
-        """N."""
+        """The number N of experiments."""
         return self.integral.count
 
     @property
@@ -276,23 +276,23 @@ class IndividualsAt:
         return self.integral(self.alpha)
 
     def log_likelihood(self) -> float:
-        """Their sum without priors, by the nodes as they are."""
+        """The log-likelihood without priors, by the nodes as they are."""
         return self.integral.evaluate(self.alpha).likelihood
 
     def objective(self) -> Scored:
-        """A function of alpha that a search may climb: nodes follow, but importance points."""
+        """The log-likelihood for a search; nodes follow alpha, but importance points stay."""
         one = self.integral.rule.centers == 1
         return self.integral.continued if one else self.integral.__call__
 
     def honest(self) -> Scored:
-        """A function of alpha alone: nodes are adapted to each, but importance points are kept."""
+        """The log-likelihood for a sampler; nodes are adapted to each alpha, points stay."""
         here = self.integral
         if here.rule.centers > 1 or not here.inputs.scattering:
             return here.__call__
         return lambda alpha: here.adapted(alpha)(alpha)
 
     def more_nodes(self, alpha: Array) -> float:
-        """What the finest of the rules that tell how exact this one is changes at alpha."""
+        """The change of the log-likelihood at alpha by the finest of the finer rules."""
         here, s = self.integral, self.inputs.scattering
         finer = here.rule.finer(s) if s else ()
         if not finer:
@@ -302,11 +302,11 @@ class IndividualsAt:
         return more - self.honest()(alpha).likelihood
 
     def rough(self) -> IndividualsAt:
-        """The same by the roughest rule that serves."""
+        """The likelihood by the roughest rule that suffices."""
         return replace(self, integral=self.integral.by(self.fewest.rough, self.alpha))
 
     def for_replicates(self) -> tuple[IndividualsAt, bool]:
-        """By points of the law where panels would have to be sought for each data set.
+        """The likelihood by points of the law where panels would be sought for each data set.
 
         One observation leaves enough of these points near; several may not.
         """
@@ -317,16 +317,16 @@ class IndividualsAt:
         return replace(self, integral=integral, kept=integral.parameters is not None), False
 
     def at(self, alpha: Array) -> IndividualsAt:
-        """The same data at another alpha; nodes are adapted to it, unless they are kept."""
+        """The likelihood at another alpha; nodes are adapted to it, unless they are kept."""
         return replace(self, integral=self._adapted(self.integral, alpha), alpha=alpha)
 
     def seeing(self, seen: Observations) -> IndividualsAt:
-        """The same experiments with other observations; nodes are adapted, unless they are kept."""
+        """The likelihood of other observations; nodes are adapted, unless they are kept."""
         other = replace(self.integral, errors=self.integral.errors.of_others(seen))
         return replace(self, integral=self._adapted(other, self.alpha))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """Other observations under the law and the noise of alpha, with bounds like those seen."""
+        """Observations drawn under the law and the noise of alpha, with bounds like those seen."""
         eta = self._simulated(rng)
         uniform = rng.random(eta.shape)
         y = self.integral.errors.quantile(self._of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
@@ -381,7 +381,7 @@ class IndividualsAt:
         return found
 
     def nodes(self) -> None:
-        """None: `simulated` answers at any point."""
+        """None, since `simulated` answers at any point."""
 
     def variates(self) -> tuple[Array, Array] | None:
         """Means (N, s) and mean products (N, s, s) of the variates, given the observations.
@@ -416,7 +416,7 @@ class IndividualsAt:
         return found
 
     def on(self, runner: Runner) -> IndividualsAt:
-        """The same by the simulator itself: values are runs, which are remembered and stored."""
+        """The likelihood by the simulator itself, whose runs are remembered and stored."""
         no_parameters = np.zeros(0, dtype=np.intp)
         simulator = Direct(Remembered(runner), no_parameters, self.inputs.box)
         return replace(self, integral=replace(self.integral, predictor=simulator))

@@ -25,7 +25,7 @@ from aleator.inference.fit import Fit, climbed, stepped
 
 @dataclass(frozen=True)
 class NPMLESettings:
-    """How weights and points of the best law are found, and its gap judged; by judgement."""
+    """How weights and points of the best law are computed, and its gap tested; by judgement."""
 
     weighed: float = 1e-7
     """Of the gradient function, over its largest value at the end."""
@@ -97,7 +97,7 @@ class Mixing:
 
     @property
     def gap(self) -> float:
-        """How much larger the log-likelihood of other weights can be."""
+        """The log-likelihood of the best law on points x (J, n) minus that of the fit."""
         return bound(self.gradient, self.each.size)
 
     @property
@@ -107,7 +107,7 @@ class Mixing:
 
 
 def bound(gradient: Array, experiments: int) -> float:
-    """N log(1 + max D): what a law on these points may gain, by Jensen's inequality."""
+    """The bound N log(1 + max D) of what a law on these points may gain (Jensen's inequality)."""
     return experiments * float(np.log1p(max(gradient.max(initial=0.0), 0.0)))
 
 
@@ -217,7 +217,7 @@ Function = Callable[[Array], Array]
 def uphill(
     function: Function, starts: Array, step: float, settings: NPMLESettings = NPMLE_SETTINGS
 ) -> Array:
-    """Points (P, s) of the unit cube uphill from `starts` (P, s), at local maxima.
+    """Local maxima (P, s) of a function on the unit cube, uphill from `starts` (P, s).
 
     Each round asks for the function on a cross about every point, takes the best of the cross and
     of the top of its parabola, and makes the cross a quarter as wide where nothing is better.
@@ -248,7 +248,7 @@ def uphill(
 
 
 def local_maxima(points: Array, value: Array, most: int) -> Indices:
-    """Those of points (J, s) that are higher than their nearest ones, the highest first."""
+    """Those of points (J, s) that are higher than their neighbours, the highest first."""
     s = points.shape[1]
     nearest = (
         cKDTree(points).query(points, min(1 + 2 * s * s, len(points)))[1].reshape(len(points), -1)
@@ -317,7 +317,7 @@ class NPMLE:
 def gradient(
     log_density: LogDensity, each: Array, points: Array, settings: NPMLESettings = NPMLE_SETTINGS
 ) -> Array:
-    """D(x) = mean_l exp(log p(y_l | x) - each_l) - 1 at points (J, s): where mass is lacking.
+    """The gradient function D(x) = mean_l exp(log p(y_l | x) - each_l) - 1 at points (J, s).
 
     A law that moves a small share h of its mass to x gains N h D(x) in log-likelihood (Lindsay,
     1983). `each` (N,) are the log-densities under the law; -inf of one counts as the largest.
@@ -399,7 +399,7 @@ Points = Callable[[Fit, np.random.Generator], Array]
 
 @dataclass(frozen=True)
 class GapTest:
-    """The share of data sets of the law itself whose gap is as large.
+    """The share of data sets drawn from the law itself that have as large a gap.
 
     `failed` replicates have no log-likelihood and count as larger.
     """
@@ -424,7 +424,7 @@ def gap_test(
     progress: Progress,
     settings: NPMLESettings = NPMLE_SETTINGS,
 ) -> GapTest | None:
-    """The p value of the gap of a fit: data are drawn from its law, and fitted by its family.
+    """The p value of the gap, by data sets drawn from the fitted law and fitted again.
 
     The best law has no limit distribution to compare with, so that the gap is drawn (McLachlan,
     1987). It is that on points made by one rule for measured and for drawn data. It stops early:

@@ -66,7 +66,7 @@ POSTERIOR = PosteriorSettings()
 
 @dataclass(frozen=True)
 class DensityAt:
-    """log p(u | y) at one u (G,), its slope (G,), and the log-likelihood that it is made of."""
+    """The log posterior density at one u (G,), its slope (G,), and the log-likelihood."""
 
     value: float
     slope: Array
@@ -123,7 +123,7 @@ class RealLine:
 
 @dataclass(frozen=True)
 class NormalScale:
-    """Where the posterior of u is, and how wide: u = center + factor z with z about N(0, I)."""
+    """The normal approximation of the posterior: u = center + factor z with z about N(0, I)."""
 
     center: Array
     factor: Array
@@ -175,7 +175,7 @@ SAMPLER = "mici"
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """Draws u (C, D, G) of C chains of D, with what is told of each.
+    """Draws u (C, D, G) of C chains of D, with values that belong to each.
 
     `likelihood`, `prior` (C, D) are the log-likelihood and the log prior there, and `each`
     (C, D, N) that of every experiment; `divergent` (C, D) whether its trajectory broke off, `steps`
@@ -202,7 +202,7 @@ def sampled(
     told: Callable[[int, int], None],
     settings: PosteriorSettings = POSTERIOR,
 ) -> Chains:
-    """So many chains of draws of a density of u; `told` hears of each step, and of how many.
+    """Chains of draws of a density of u; `told` is called with each step and their number.
 
     Each chain has a stream of random numbers of its own. Cost: some five evaluations a draw.
     Raises AleatorError where the package is missing, and where a chain finds no place to begin.
@@ -373,7 +373,7 @@ class Convergence:
 
 
 def convergence(draws: Array, settings: PosteriorSettings = POSTERIOR) -> Convergence:
-    """That of draws (C, D, G) of C chains, by ArviZ.
+    """R-hat and effective sample sizes of draws (C, D, G) of C chains, by ArviZ.
 
     Raises AleatorError where ArviZ is not installed.
     """

@@ -25,7 +25,7 @@ from aleator.search.objective import CountedObjective
 
 @dataclass(frozen=True)
 class BracketSettings:
-    """How the next value is chosen, and when a root jumps; by judgement.
+    """How the next value is chosen, and when a profile jumps; by judgement.
 
     Distances are those from the maximum, enclosures the distance of the inner and the outer value.
 
@@ -57,7 +57,7 @@ BRACKET = BracketSettings()
 
 @dataclass(frozen=True)
 class Bracket:
-    """One side of a maximum at `center`, up to a `limit`; what encloses the end so far.
+    """The values that enclose an end of an interval, on one side of a maximum at `center`.
 
     `inner` and `outer` are values with their roots below and above the target; `outer` is NaN
     until one was found. `stalled` counts the steps that did not halve the enclosure.
@@ -73,19 +73,19 @@ class Bracket:
 
     @classmethod
     def around(cls, center: float, limit: float, target: float) -> Bracket:
-        """Nothing known but the maximum."""
+        """A bracket of which only the maximum is known."""
         return cls(target, center, limit, (center, 0.0))
 
     @property
     def closed(self) -> bool:
-        """Whether no value is left between the two: the root jumps over its target."""
+        """Whether inner and outer value coincide: the root jumps over its target."""
         gap = abs(self.outer[0] - self.inner[0])
         least = self.settings.closed * abs(self.outer[0] - self.center)
         return bool(gap <= max(least, np.finfo(float).tiny))
 
     @property
     def jumps(self) -> bool:
-        """Whether the root seems to jump: its outer value may be that of a lower maximum."""
+        """Whether the root seems to jump, so that its outer value may be of a lower maximum."""
         gap = abs(self.outer[0] - self.inner[0])
         near = gap < self.settings.near * abs(self.outer[0] - self.center)
         grown = self.outer[1] - self.inner[1]
@@ -93,11 +93,11 @@ class Bracket:
 
     @property
     def without_outer(self) -> Bracket:
-        """The same, nothing known beyond the inner value."""
+        """The bracket without its outer value."""
         return replace(self, outer=(float("nan"), float("nan")), stalled=0)
 
     def with_root(self, value: float, root: float) -> Bracket:
-        """The same when the root at a value is known, inf where it has none."""
+        """The bracket with the root at one more value; inf where there is no likelihood."""
         if root < self.target:
             found = replace(self, inner=(value, root))
         else:
@@ -106,7 +106,7 @@ class Bracket:
         return replace(found, stalled=found.stalled + 1 if after > 0.5 * before else 0)
 
     def next(self, value: float, root: float, slope: float) -> float:
-        """Where to look next; `slope` is that of the root's half square, downward, at the value.
+        """The next value to evaluate; `slope` is the score at the last one.
 
         Newton's step on the root, which grows about linearly with the distance. Where its slope is
         of no use a secant, a middle, or a step outward, at most threefold.
@@ -149,7 +149,7 @@ DROP = 0.5 * TARGET**2
 
 @dataclass(frozen=True)
 class EndSettings:
-    """How exactly the end of an interval is found; by judgement.
+    """How exactly the end of an interval is computed; by judgement.
 
     `tests/inference/test_profile_ends.py` and `test_profile_cost.py` hold the ends and the cost.
 
@@ -192,7 +192,7 @@ ENDS = EndSettings()
 
 @dataclass(frozen=True)
 class End:
-    """One end, the drop (), and the conditional maximum (K,); or a `better` maximum."""
+    """One end of an interval with its drop and conditional maximum (K,); or a `better` maximum."""
 
     value: float
     drop: float
@@ -202,7 +202,7 @@ class End:
 
 @dataclass(frozen=True)
 class Trace:
-    """The profile of hyperparameter k; `follow` (F,) is how the moving ones go along.
+    """The profile of hyperparameter k; `follow` (F,) is the slope of the others along it.
 
     `top` is the maximum of the log-likelihood, `scores` (N, K) are those of the experiments there.
     `rivals` (K,) are other maxima: where an end would be, the profile may be that of their hill. A
@@ -221,7 +221,7 @@ class Trace:
     settings: EndSettings = ENDS
 
     def end(self, alpha: Array, sign: float, inference: Inference, about: Array) -> End:
-        """Where the profile has dropped by 1.92 on one side, or a better maximum.
+        """The end on one side, where the profile has dropped by 1.92; or a better maximum.
 
         It is sought from a point (K,) that is `about` there, if one is known; else that is NaN.
         """
@@ -414,7 +414,7 @@ def _root(drop: float) -> float:
 
 @dataclass(frozen=True)
 class Profile:
-    """Intervals (K, 2), NaN where fixed; `better` is a larger maximum met on the way, or None.
+    """Intervals (K, 2), NaN where fixed; `better` is a higher maximum met on the way.
 
     `drops` (K, 2) is how far the profile has dropped at each end, as it was evaluated there: 1.92,
     less at a limit that the experiments do not rule out, or at a jump. An end whose drop could not
@@ -428,17 +428,17 @@ class Profile:
 
     @classmethod
     def unknown_ends(cls, size: int) -> Profile:
-        """One of `size` hyperparameters without any end."""
+        """A profile of `size` hyperparameters of which no end is known."""
         ends = np.full((size, 2), np.nan)
         return cls(ends, ends.copy(), np.full((size, 2, size), np.nan), None)
 
     def only_known(self, wrong: Flags) -> Profile:
-        """The same without the ends (K, 2) that are wrong."""
+        """The profile without the ends (K, 2) that are wrong."""
         intervals, drops = (np.where(wrong, np.nan, ends) for ends in (self.intervals, self.drops))
         return replace(self, intervals=intervals, drops=drops)
 
     def joined(self, other: Profile, rows: Indices) -> Profile:
-        """The same with these rows of another."""
+        """The profile with these rows of another profile."""
         found = Profile(self.intervals.copy(), self.drops.copy(), self.points.copy(), other.better)
         found.intervals[rows] = other.intervals[rows]
         found.drops[rows], found.points[rows] = other.drops[rows], other.points[rows]
@@ -460,7 +460,7 @@ class _Remembering:
         self._last: dict[bytes, LogLikelihood] = {}
 
     def reach(self, alpha: Array, ahead: Array) -> float:
-        """See `reach_of`."""
+        """The share of a step that may be taken (see `reach_of`)."""
         return reach_of(self._objective, alpha, ahead)
 
     def __call__(self, alpha: Array) -> LogLikelihood:

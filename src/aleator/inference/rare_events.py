@@ -31,25 +31,25 @@ class Event:
 
     @property
     def contrary(self) -> Event:
-        """Everything else."""
+        """The event of all other outcomes."""
         ends = [-np.inf, *(end for part in self.parts for end in part), np.inf]
         pairs = zip(ends[::2], ends[1::2], strict=True)
         return Event(tuple((low, high) for low, high in pairs if low < high))
 
     def holds(self, y: Array) -> Flags:
-        """Whether outcomes y are in it; what is NaN is not."""
+        """Which outcomes y are in the event; NaN is not."""
         found = np.zeros(y.shape, dtype=np.bool_)
         for low, high in self.parts:
             found |= (y > low) & (y < high)
         return found
 
     def distance(self, y: Array) -> Array:
-        """How far outcomes y are from the nearest end of an interval."""
+        """The distances of outcomes y from the nearest end of an interval."""
         ends = [end for part in self.parts for end in part if np.isfinite(end)]
         return np.asarray(np.min([np.abs(y - end) for end in ends], axis=0))
 
     def missed(self, y: Array) -> Array:
-        """By how much outcomes y miss it: zero within, infinite where there is no outcome."""
+        """The distances of outcomes y from the event: zero within, infinite without an outcome."""
         away = [np.maximum(low - y, y - high) for low, high in self.parts]
         outside = np.maximum(np.min(away, axis=0), np.finfo(float).tiny)
         return np.where(self.holds(y), 0.0, np.nan_to_num(outside, nan=np.inf, posinf=np.inf))
@@ -62,7 +62,7 @@ infinite where there is none, and the weight of each (L, J); weights sum to one 
 
 @dataclass(frozen=True)
 class CrossEntropy:
-    """How the importance density of an event is sought; chosen by `benchmarks limit_states`.
+    """How an importance density of an event is computed; chosen by `benchmarks limit_states`.
 
     Each of at most `rounds` rounds draws `points` from the mixture so far. `components` normal
     densities are fitted to those in the event, wider by `wider`; `floor` is the share of the law
@@ -302,7 +302,7 @@ def _distant(u: Array, weights: Array, count: int, rng: np.random.Generator) -> 
 def quantile_bound(
     y: Array, weights: Array, draws: Array, probability: float, confidence: float
 ) -> tuple[float, Array]:
-    """The value that quantiles of draws are below with this confidence, and the quantiles (A,).
+    """The upper confidence bound of a quantile over draws, and the quantiles (A,).
 
     `y` (A, J) are outcomes with `weights` (A, J) under A laws, whose own weights are `draws` (A,).
     """

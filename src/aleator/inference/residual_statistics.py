@@ -69,7 +69,7 @@ BATTERY = BatterySettings()
 
 @dataclass(frozen=True)
 class AlarmShares:
-    """Share of each group of tests in the false alarms, chosen by `python -m benchmarks findings`.
+    """The share of each group of tests in the false alarms, chosen by `benchmarks findings`.
 
     The groups are the shape of all residuals, their outcomes, their scatter, all together, and the
     individual parameters.
@@ -87,7 +87,7 @@ ALARMS = AlarmShares()
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Of M observations the normal scores (M,), of N experiments the scores (N, K) by alpha.
+    """The normal scores (M,) of observations, and the scores (N, K) of experiments by alpha.
 
     w = Phi^-1(P(below what was measured | earlier ones of the same experiment)): independent and
     standard normal under the right model. `known` (M,) tells where the probability is one; w is
@@ -105,7 +105,7 @@ class Residuals:
 
 
 def points_of(fit: Fit, enough: float, settings: BatterySettings = BATTERY) -> int:
-    """The points of each experiment by which this share of the probabilities is known, or most."""
+    """The points of each experiment by which a share `enough` of the probabilities is known."""
     each = settings.values // len(fit.table.observations)
     points = int(np.clip(each, settings.least_points, settings.points))
     for _ in range(settings.times):
@@ -141,7 +141,7 @@ def standardized(values: Array) -> Array:
 
 
 def scatter(w: Array) -> Array:
-    """log(1 + u^2) of each value, with u the values over their size: what scatters more has more.
+    """The measure of scatter log(1 + u^2) of each value, with u the standardized values.
 
     It sees scatter that differs as well as |u| does, and one far value counts little in it.
     """
@@ -149,7 +149,7 @@ def scatter(w: Array) -> Array:
 
 
 def moments(w: Array) -> tuple[float, float, float]:
-    """Skewness, and a measure of heavy tails twice: as it is, and with the other sign, of light.
+    """Skewness, and a measure of heavy tails with both signs: the negative one is of light tails.
 
     With u, the values but the farthest one over their size, skewness is the mean of u log(1 + u^2),
     and the tails are the cube root of log 2 - mean of log(1 + u^2), which is never negative. It
@@ -166,7 +166,7 @@ def moments(w: Array) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Subject:
-    """What a test is about: its group of tests, what of the residuals, and where.
+    """What a test is about: its group, the kind of statistic, and the part of the table.
 
     `of` is "outcomes", "scatter", or a hyperparameter. `column` is None where a test is about all
     observations; `where` names the part of the column, and is None for a trend along it. `weight`
@@ -200,7 +200,7 @@ class Contrasts:
 
 
 def contrasts_of(columns: tuple[Column, ...], count: int) -> Contrasts:
-    """A trend along each column of numbers, and each part of it against the rest.
+    """Contrasts of all columns: trends of numbers, and each part against the rest.
 
     `count` is M, of a table without a column too.
     """
@@ -232,7 +232,7 @@ def _of_column(column: Column) -> Iterator[tuple[str | None, Array]]:
 
 
 def shared(group: Indices, values: Array) -> float:
-    """How alike values of variance one are within groups: their sums squared over their number.
+    """How alike values of variance one are within groups.
 
     Only groups of two and more count; the mean is zero, whatever the sizes.
     """
@@ -251,7 +251,7 @@ RELATED = (PAIR, COLUMN)
 
 @dataclass(frozen=True, eq=False)
 class Relations:
-    """What is asked of s scattering parameters, whose names these are.
+    """Tests of the individual parameters: pairs of them, and each against the columns.
 
     `pairs` (P,) are the places of two that the law does not tie. `columns` (t,) are those that are
     one in each experiment, with centered ranks `ranks` (t, N) of length one.
@@ -271,7 +271,7 @@ class Relations:
         columns: tuple[Column, ...],
         first: Indices,
     ) -> Relations:
-        """Of these parameters; `first` (N,) is an observation of each experiment."""
+        """The tests of these parameters; `first` (N,) is an observation of each experiment."""
         own = [c for c in columns if c.own and c.ranks is not None]
         ranks = np.array([c.ranks[first] for c in own if c.ranks is not None])
         ranks = ranks.reshape(len(own), len(first))
@@ -279,7 +279,7 @@ class Relations:
         return cls(names, pairs, tuple(c.name for c in own), ranks / _length(ranks))
 
     def subjects(self) -> Iterator[Subject]:
-        """What each of `values` is about: pairs, then each parameter against all columns."""
+        """The subject of each of `values`: pairs, then each parameter against all columns."""
         for i, j in self.pairs:
             yield Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=self.settings.main)
         for name in self.names:
@@ -292,7 +292,7 @@ class Relations:
         return np.concatenate([pairs, (of_size_one(means).T @ self.ranks.T).ravel()])
 
     def correlations(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
-        """The correlations of individual means with all else, each with the p of its test."""
+        """The correlations of individual means, each with the p of its test."""
         if not tests:
             return ()
         centered = means - means.mean(axis=0)
@@ -308,7 +308,7 @@ class Relations:
 def apart(
     means: Array, pairs: tuple[tuple[int, int], ...], settings: BatterySettings = BATTERY
 ) -> tuple[tuple[int, int], ...]:
-    """Those of the pairs of which the observations tell both, by individual means (N, s).
+    """Those of the pairs whose two parameters the observations determine.
 
     None where there are no such means (s = 0): outcomes without noise tell no single parameter.
 
@@ -323,7 +323,7 @@ def apart(
 
 
 def of_size_one(values: Array) -> Array:
-    """Values (N, ...) over their root mean square: that of a replicate may be far smaller.
+    """Values (N, ...) over their root mean square.
 
     So it is where its law hardly scatters, and each individual parameter is nearly the mean.
     """
@@ -350,7 +350,7 @@ SHAPES = ("level", "scale", "skewness", "heavy tails", "light tails", "outlier")
 
 @dataclass(frozen=True, eq=False)
 class Battery:
-    """All tests of a table whose columns are these.
+    """All tests of a table with these columns.
 
     `experiment` (M,) is that of each observation. `names` (F,) are the hyperparameters of the
     scores. `groups` are those by which observations may be repeated, by the name of their column.
@@ -392,7 +392,7 @@ class Battery:
 
     @cached_property
     def subjects(self) -> tuple[Subject, ...]:
-        """What each of the numbers of `values` is about."""
+        """The subject of each of `values`."""
         return (
             *self._of_shape(),
             *self._of_columns(),

@@ -109,7 +109,7 @@ def worse_than_estimated(
 def useless(
     problem: Problem, checked: Checked | None, surface_error: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
-    """Surfaces that are rough under the law."""
+    """A refusal of surfaces that are too rough under the law."""
     surface = problem.surface
     if surface is None or (checked is None and not problem.model.follows):
         return []
@@ -197,7 +197,7 @@ def check_refusals(change: float, error: float) -> list[Diagnostic]:
 
 
 def exact_density(problem: Problem, alpha: Array) -> LogLikelihood | None:
-    """By the level sets of the same surfaces, where a density of moments was chosen; else None."""
+    """The log-likelihood by level sets where a density of moments was chosen; else None."""
     levels = problem.exactly
     return None if levels is None or problem.levels is not None else levels(alpha)
 
@@ -263,7 +263,7 @@ ACCURACY = Accuracy()
 
 @dataclass(frozen=True)
 class Doubt:
-    """What each surface's error near the outcome does at most: NaN where it is not known.
+    """The largest effect of each surface's error near the outcome; NaN if unknown.
 
     `moves` (N,) are standard errors of an estimate, `changes` (N,) of the log-density without
     noise; infinite where the outcome may be beyond an extreme, zero with noise or without surfaces.
@@ -273,23 +273,23 @@ class Doubt:
     changes: Array
 
     def but_for(self, rows: Flags) -> Doubt:
-        """The same, not known of some experiments (N,)."""
+        """The effects, unknown for some experiments (N,)."""
         return Doubt(*(np.where(rows, np.nan, each) for each in (self.moves, self.changes)))
 
     @property
     def error(self) -> float:
-        """Of the log-likelihood: surfaces of different experiments err independently."""
+        """The error of the log-likelihood; surfaces of different experiments err independently."""
         return float(np.linalg.norm(np.nan_to_num(self.changes, nan=0.0, posinf=np.inf)))
 
     @property
     def size(self) -> float:
-        """The larger of both, over what is admitted: above one more runs are worth while."""
+        """The larger effect over the admitted one; above one more runs are worth while."""
         move = float(np.nanmax(self.moves, initial=0.0))
         return max(move / ACCURACY.move, self.error / ACCURACY.log_likelihood)
 
     @property
     def wanting(self) -> Flags:
-        """Experiments (N,) whose surfaces are to be more exact near the measured outcomes."""
+        """Experiments (N,) whose surfaces must be more exact near the measured outcomes."""
         found: Flags = self.moves > ACCURACY.move
         if self.error > ACCURACY.log_likelihood:
             found |= self.changes > ACCURACY.log_likelihood / np.sqrt(self.changes.size)
@@ -297,7 +297,7 @@ class Doubt:
 
 
 def doubt(problem: Problem, inference: Inference, alpha: Array, checked: Checked | None) -> Doubt:
-    """How far the error of each surface near the outcome moves an estimate and a log-density.
+    """The effect of each surface's error near the outcome on estimates and log-density.
 
     The error is the largest that the runs of the check saw there. An outcome that is off by it has
     another score, and H^-1 times the difference is the step of the estimates, to first order. An
@@ -332,7 +332,7 @@ def doubt(problem: Problem, inference: Inference, alpha: Array, checked: Checked
 
 
 def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
-    """Experiments whose surfaces leave an estimate or a density unknown."""
+    """Refusals for experiments whose surfaces leave an estimate or a density unknown."""
     runs = "choose a tolerance, such as 0.005, or allow more runs (max_runs)"
     largest = np.nanmax(doubted.moves, initial=0.0)
     return [
@@ -357,13 +357,13 @@ def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
 
 
 def shortfalls(problem: Problem) -> Array:
-    """How far outcomes (N,) lie above what is reached, or below it (negative); zero inside."""
+    """How far outcomes (N,) lie above the reached range, or below it (negative); zero inside."""
     y, reach = problem.outcomes, problem.predictor
     return np.asarray(np.maximum(y - reach.upper, 0.0) + np.minimum(y - reach.lower, 0.0))
 
 
 def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
-    """The error that names the experiments outside the reachable range."""
+    """The error that names the outcomes outside the range that surfaces reach."""
     rows, reach = np.flatnonzero(shortfalls(problem)), problem.predictor
     return out_of_reach(rows, problem.outcomes, (reach.lower, reach.upper), ids)
 
@@ -371,7 +371,7 @@ def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
 def out_of_reach(
     outside: Indices, y: Array, reach: tuple[Array, Array], ids: Sequence[str]
 ) -> ExperimentsError:
-    """The error that names the experiments `outside`, of outcomes y (N,) and a reach (N,), (N,)."""
+    """The error that names the outcomes `outside` the range that the simulator reaches."""
     (low, high), most = reach, SURFACES.ids
     named = "; ".join(
         f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
@@ -391,7 +391,7 @@ def out_of_reach(
 
 @dataclass(frozen=True)
 class Cells:
-    """What the cells of level sets say of a log-likelihood; measured by `benchmarks folds`."""
+    """How changes by finer cells of level sets are judged; measured by `benchmarks folds`."""
 
     jumped: float = 0.5
     """Loss of a log-density, from coarse cells to those of half their size, that says that the
@@ -408,7 +408,7 @@ CELLS = Cells()
 
 
 def by_finer_cells(problem: Problem, alpha: Array) -> Array:
-    """What cells of half the size changed in each log-density, the last time and before (2, N).
+    """Changes (2, N) of the log-densities by the last two halvings of the cells.
 
     Nothing without level sets. One halving alone may change nothing by chance: beside a kink the
     error of cells has either sign.
@@ -420,7 +420,7 @@ def by_finer_cells(problem: Problem, alpha: Array) -> Array:
 
 
 def cells_error(problem: Problem, changed: Array) -> float:
-    """Error of the log-likelihood by level sets, from what finer cells changed (2, N)."""
+    """The error of the log-likelihood by level sets, from changes (2, N) by finer cells."""
     if problem.levels is None:
         return 0.0
     total, rounding = changed.sum(axis=1), CELLS.rounding * np.sqrt(changed.shape[1])
@@ -428,7 +428,7 @@ def cells_error(problem: Problem, changed: Array) -> float:
 
 
 def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
-    """Experiments whose outcome lies between the values on either side of a jump."""
+    """A refusal of outcomes between the values on either side of a jump."""
     return of_experiments(
         "jump",
         changed[0] < -CELLS.jumped,
@@ -440,7 +440,7 @@ def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
 
 
 def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> list[Diagnostic]:
-    """Experiments whose outcome is not reached: it lies beyond an extreme of the response."""
+    """A refusal of outcomes at an extreme of the response or beyond."""
     what = "the simulator" if problem.surface is None else "the response surface"
     return of_experiments(
         "extreme",
@@ -473,7 +473,7 @@ def level_warnings(changed: Array) -> list[Diagnostic]:
 
 
 def step_warnings(surfaces: AdaptiveSurfaces | None, inputs: Inputs) -> list[Diagnostic]:
-    """Outcomes with a step, which surfaces do not follow."""
+    """A warning of steps of the outcome, which surfaces do not follow."""
     if surfaces is None:
         return []
     found = surfaces.steps(np.arange(surfaces.good.size))
@@ -511,7 +511,7 @@ def budget_warnings(
     surfaces: AdaptiveSurfaces | None,
     against: str = "the outcome's scatter",
 ) -> list[Diagnostic]:
-    """That the surfaces had fewer runs than they asked for; what is left of the error, and why.
+    """A warning where the budget cut off runs of the surfaces, and what more would bring.
 
     `against` is what their errors are judged by.
     """

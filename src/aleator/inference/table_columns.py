@@ -21,7 +21,7 @@ from aleator.observations.responses import Observations, Transform
 
 @dataclass(frozen=True)
 class ColumnSettings:
-    """How columns are read, and when they copy the outcomes; by judgement, with the counts told."""
+    """How columns are read, and when they copy the outcomes; by judgement."""
 
     bins: int = 4
     """Parts, alike in size, of a column of more numbers."""
@@ -55,7 +55,7 @@ RESPONSE = "response"
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A column of the table at M observations.
+    """A column of the table, at the M observations.
 
     `ranks` (M,) are centered mid-ranks, zero where a cell is empty; None for texts. `level` (M,)
     is the part of the column that a row belongs to, -1 for none, and `labels` name the parts.
@@ -78,7 +78,7 @@ class Column:
 
 
 def columns_of(table: Experiments, settings: ColumnSettings = COLUMNS) -> tuple[Column, ...]:
-    """Every column that is not constant, the responses where there are several, and the order.
+    """All columns that vary, the response where there are several, and the row order.
 
     Of columns that part the rows alike only the first is kept.
     """
@@ -216,7 +216,7 @@ def copies_of(
     normal: Array,
     settings: ColumnSettings = COLUMNS,
 ) -> tuple[Column, ...]:
-    """The columns that the outcome determines, alone or with the columns `asked` for.
+    """Columns that are computed from the outcome, alone or with the columns `asked` for.
 
     Their numbers order the measured values of a response, all or under each of the conditions that
     the simulator or a law takes, as these are themselves or in reverse; or they are a sum or a
@@ -251,7 +251,7 @@ def copies_of(
 
 
 def classes_of(columns: Sequence[Column], seen: Observations) -> set[str]:
-    """The names of columns whose classes part the outcomes at limits: results, or strong causes."""
+    """Names of columns whose classes part the outcomes at limits: results, or strong causes."""
     return {
         column.name
         for column in columns
@@ -260,7 +260,7 @@ def classes_of(columns: Sequence[Column], seen: Observations) -> set[str]:
 
 
 def classed(column: Column, values: Array, rows: Flags) -> bool:
-    """Whether values (M,) in their order run through one class of a column after the other.
+    """Whether in the order of values (M,) the classes of a column follow one another.
 
     Equal values are of one class then, and no such order of the classes would come by chance.
     """

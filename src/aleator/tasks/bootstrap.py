@@ -106,13 +106,13 @@ REPLICATE = TypeAdapter(Refitted)
 
 @dataclass(frozen=True)
 class ReplicateFile:
-    """A file of lines: a head that says what is replicated, then a line for each replicate."""
+    """A file with a head that identifies the fit, then a line for each replicate."""
 
     path: Path
     head: Mapping[str, Any]
 
     def begun(self) -> dict[int, Refitted]:
-        """The replicates that are finished, by number; a torn last line is cut off.
+        """The finished replicates by number; an incomplete last line is removed.
 
         Makes the file where there is none. Raises AleatorError where its head is another one.
         """
@@ -144,7 +144,7 @@ class ReplicateFile:
         return found
 
     def add(self, replicate: Refitted) -> None:
-        """Append a line, and have it on the disk before anything else is done."""
+        """Append a replicate, and flush it to the disk."""
         self._write(json.dumps(asdict(replicate)).encode() + b"\n", None)
 
     def _lines(self) -> tuple[list[dict[str, Any]], int]:
@@ -187,7 +187,7 @@ class ReplicateFile:
 
 
 def head_of(fit: Fit, kind: str, seed: int) -> dict[str, Any]:
-    """What says of which fit replicates are: names, limits and data exactly, the rest nearly."""
+    """The head of a file of replicates: names, limits and data of the fit exactly, alpha nearly."""
     own = [fit.hyperparameters[k] for k in fit.inference.identified]
     seen, digest = fit.table.observations, sha256()
     for part in (seen.experiment, seen.response, seen.lower, seen.upper):
@@ -331,7 +331,7 @@ def bootstrap(
     folder: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Bootstrap:
-    """Estimate again from other data, `replicates` times; no run of the simulator on surfaces.
+    """Estimate again from `replicates` other data sets; no runs where there are surfaces.
 
     "parametric" data are drawn for the same experiments under the identified law and noise (Efron
     1979); "nonparametric" are as many of the experiments, drawn with replacement, which stays right
@@ -369,7 +369,7 @@ def bootstrapped(
     folder: str | Path | None,
     told: Progress,
 ) -> Bootstrap:
-    """The replicates of a fit, those of the folder first."""
+    """The bootstrap of a fit, which goes on from the replicates in the folder."""
     told.stage("bootstrap")
     file = None
     if folder is not None:
@@ -393,7 +393,7 @@ def bootstrapped(
 
 
 def influence(fit: Fit) -> Array:
-    """H^-1 s_l (N, F): what experiment l adds to the estimates, zero for one on a limit."""
+    """The influence H^-1 s_l (N, F) of each experiment on the estimates; zero on a limit."""
     inference, scores = fit.inference, fit.scored().scores
     found = np.zeros((fit.count, inference.identified.size))
     if inference.positive and scores is not None:
@@ -404,7 +404,7 @@ def influence(fit: Fit) -> Array:
 
 @single_threaded
 def replicated(fit: Fit, kind: str, seed: int, number: int) -> Refitted:
-    """Replicate `number`, which depends on these four alone."""
+    """Replicate `number`, which depends on fit, kind, seed and number alone."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     if kind == PARAMETRIC:
         end = refitted(fit.drawn(rng))

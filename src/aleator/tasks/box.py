@@ -58,7 +58,7 @@ BOX = BoxSettings()
 
 @dataclass(frozen=True)
 class Side:
-    """One side of the box: where it lies, and what it is that limits it.
+    """One side of the box, and the failure that limits it.
 
     `experiment` is the id of the one that fails beyond it, at the parameters `at` (n,); None where
     the limits given by the study are reached.
@@ -101,7 +101,7 @@ class _Known:
     valid: list[Array]
 
     def worst_first(self, groups: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-        """The experiments in batches: those that failed before, then all others."""
+        """The experiments in batches: first those that failed before."""
         seen = [l for l in dict.fromkeys(reversed(self.culprit)) if l in set(groups.tolist())]
         first = np.array(seen[: BOX.first], dtype=np.intp)
         rest = np.setdiff1d(groups, first)

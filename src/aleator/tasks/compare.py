@@ -126,7 +126,7 @@ def _name(table: Experiments, k: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """The hyperparameters (K,) of a larger model at which it is the smaller one.
+    """Hyperparameters (K,) at which a larger model equals a smaller one.
 
     `source` (K,) is the one of the smaller model that each takes its value from, or -1 where it
     has the value in `value` (K,). `df` are free in the larger model only, and of these
@@ -139,14 +139,14 @@ class Embedding:
     on_boundary: int
 
     def of(self, alpha: Array) -> Array:
-        """The larger model's alpha at the smaller one's."""
+        """The alpha of the larger model at that of the smaller one."""
         return np.where(self.source >= 0, alpha[self.source], self.value)
 
 
 def embedded(
     smaller: Fit, larger: Fit, settings: ComparisonSettings = COMPARISON
 ) -> Embedding | None:
-    """Where the larger model is the smaller one; None where it is not known to be.
+    """The embedding of a smaller model in a larger one; None if none is known.
 
     The hyperparameters are matched by their names: a number in place of a free one, a constant in
     place of a law whose scale may end at zero, no correlation, a formula with fewer terms. Laws
@@ -190,7 +190,7 @@ def _frozen(value: object) -> object:
 def matched(
     smaller: Sequence[Hyperparameter], larger: Sequence[Hyperparameter]
 ) -> Embedding | None:
-    """The same by the names alone.
+    """The embedding by the names of the hyperparameters alone.
 
     >>> from aleator.laws import Constant, Free, Inputs, Normal
     >>> one = Inputs({"x": Constant(Free(0.0, 1.0))}).hyperparameters
@@ -318,7 +318,7 @@ class Comparison:
         return pd.DataFrame(rows, index=pd.Index([m.name for m in self.models], name="model"))
 
     def experiments(self) -> pd.DataFrame:
-        """log p of each experiment (N rows) by the maximum of the others, a column a model."""
+        """Log-densities of each left-out experiment (N rows), with a column for each model."""
         columns = {model.name: model.left_out.each for model in self.models}
         return pd.DataFrame(columns, index=pd.Index(self.ids, name="id"))
 
@@ -370,7 +370,7 @@ def compare(
     progress: Progress | None = None,
     **named: Identification,
 ) -> Comparison:
-    """Hold models of the same data against each other: criteria, ratios, predictions; no runs.
+    """Compare models of the same data by criteria, likelihood ratios and predictions; no runs.
 
     Models given by keyword have that name, the others are A, B, and so on. AIC, AICc and BIC come
     from the maximum of the likelihood; the predictive log-likelihood from leaving out each
@@ -418,7 +418,7 @@ def compared(
     told: Progress,
     settings: ComparisonSettings = COMPARISON,
 ) -> Comparison:
-    """The comparison of fits; each has the verdicts sound and consistent, which it shows."""
+    """The comparison of fits with their verdicts, sound and consistent."""
     require_same_data(fits, settings=settings)
     competitors = []
     for name, fit in fits.items():

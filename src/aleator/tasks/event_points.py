@@ -95,7 +95,7 @@ class Sample:
 
 
 def of_law(predicted: PredictedValue) -> Sample:
-    """Points of the law itself."""
+    """Points drawn from the law itself."""
     s = predicted.context.inputs.scattering
     return Sample(tuple(Points.standard(SAMPLE.each, s, seed) for seed in range(SAMPLE.replicates)))
 
@@ -107,7 +107,7 @@ def about_event(
     choice: CrossEntropy | None = None,
     settings: SampleSettings = SAMPLE,
 ) -> Sample:
-    """Points of an importance density of the event, under the estimate and other laws alike.
+    """Points of an importance density of the event, on a surface made exact there.
 
     A surface is made exact there first: where the points of the density lie, and again where those
     of the next one do, until the probability that it tells stays. The laws of all draws share the
@@ -136,7 +136,7 @@ def about_event(
 def sought(
     predicted: PredictedValue, draws: AlphaDraws, event: Event, choice: CrossEntropy
 ) -> Sample:
-    """The same by the surface as it is, or by the simulator."""
+    """Points of an importance density of the event, by the present surface or the simulator."""
     laws = chosen_laws(draws)
     return _sought(predicted, lambda points: missed(predicted, laws, event, points), choice)
 
@@ -148,7 +148,7 @@ def possible(
     choice: CrossEntropy,
     settings: SampleSettings = SAMPLE,
 ) -> Sample:
-    """Points about all that may be in the event: within two standard deviations of kriging."""
+    """Points about all that may be in the event, within two kriging standard deviations."""
     laws = chosen_laws(draws, settings.followed)
 
     def away(points: Points) -> tuple[Array, Array]:
@@ -187,19 +187,19 @@ def drawn(predicted: PredictedValue, density: ImportanceDensity, count: int, see
 
 
 def points_at(predicted: PredictedValue, u: Array, weights: Array | None = None) -> Points:
-    """The points u (J, d): parameters' variates first, then the error's if there is one."""
+    """Points from variates u (J, d): those of parameters first, then that of the error."""
     s = predicted.context.inputs.scattering
     score = np.zeros(len(u)) if predicted.context.errors is None else u[:, s]
     return Points(u[:, :s], score, np.ones(len(u)) if weights is None else weights)
 
 
 def variates(predicted: PredictedValue) -> int:
-    """Variates of parameters and errors, one at least."""
+    """The number of variates of parameters and errors, at least one."""
     return max(predicted.context.inputs.scattering + (predicted.context.errors is not None), 1)
 
 
 def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Array]:
-    """Some laws (L, K) and their weights (L,): the estimate and draws along the sequence."""
+    """Some laws (L, K) with weights (L,): the estimate, and draws along the sequence."""
     if draws.certain:
         return draws.alpha, np.ones(1)
     which = some_of(draws, count - 1)
@@ -211,7 +211,7 @@ def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Arr
 def missed(
     predicted: PredictedValue, laws: tuple[Array, Array], event: Event, points: Points
 ) -> tuple[Array, Array]:
-    """By how much (L, J) each law and class misses the event at the points, and its weight."""
+    """How far (L, J) outcomes miss the event at the points under each law, with weights."""
     y, found = predicted.outcomes(laws[0], points)
     return _by_law(event.missed(y), found, laws[1], points)
 
@@ -226,7 +226,7 @@ def _by_law(
 
 
 def by_some(predicted: PredictedValue, draws: AlphaDraws, event: Event, points: Points) -> float:
-    """The probability of an event by points, under the laws that its density is sought for."""
+    """The probability of an event by points, under some of the laws."""
     away, weights = missed(predicted, chosen_laws(draws), event, points)
     return float(np.sum(weights, where=away == 0.0)) / len(points.score)
 
@@ -247,7 +247,7 @@ def distance_of(
     samples: Sequence[Points],
     settings: SampleSettings = SAMPLE,
 ) -> float:
-    """The length of the shortest variates that lead to the event under one law.
+    """The distance of the event from the middle of the law, in standard deviations.
 
     From the shortest of the points, by random steps that are halved where none is shorter. NaN
     where no point leads there.
@@ -278,7 +278,7 @@ def distance_of(
 
 @dataclass(frozen=True, eq=False)
 class Explored:
-    """Fresh runs x (R, n), and whether each contradicts a surface.
+    """Fresh runs x (R, n), and which of them contradict a surface.
 
     `unseen` is the largest probability of a region that runs like these had missed by more than
     5 % chance.
@@ -291,7 +291,7 @@ class Explored:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceDoubt:
-    """What a surface has of an event at points x (L, J, n), of probabilities `mass` (L, J).
+    """What a surface knows of an event at points x (L, J, n) with probabilities `mass` (L, J).
 
     `within` says which are in the event; `away` (L, J) are the distances of the outcomes from its
     ends, and `apart` (L, J) the outcomes' standard deviations that the runs leave.
@@ -309,7 +309,7 @@ class SurfaceDoubt:
     def of(
         cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, points: Points, count: int
     ) -> SurfaceDoubt:
-        """By some of the points and so many laws."""
+        """What the surface knows at some of the points, under `count` laws."""
         laws, share = chosen_laws(draws, count)
         y, apart, found = predicted.possible(laws, points.thinned(SAMPLE.pool // len(laws)))
         mass = share[:, None] * found.weights
@@ -327,13 +327,13 @@ class SurfaceDoubt:
 
     @property
     def probability(self) -> float:
-        """That of the event, by the surface."""
+        """The probability of the event by the surface."""
         return float(np.sum(self.mass, where=self.within))
 
 
 @dataclass(frozen=True)
 class Correction:
-    """What `runs` of the simulator change of a probability, and the standard error of that."""
+    """The change of a probability by `runs` of the simulator, with its standard error."""
 
     value: float
     error: float
@@ -349,7 +349,7 @@ def explored(
     seed: int,
     settings: SampleSettings = SAMPLE,
 ) -> Explored:
-    """Runs of the simulator all over the law and its tails, against the surface.
+    """Fresh runs of the simulator all over the law and its tails, compared with the surface.
 
     Sobol' points of the variates, each under a law of its own.
     """
@@ -380,7 +380,7 @@ def explored(
 
 
 def settling(predicted: PredictedValue, doubt: SurfaceDoubt, count: int) -> Array:
-    """Points (count, n) of runs that leave the least probability on the wrong side of an end.
+    """Points (count, n) of runs that most reduce the surface's expected mistakes.
 
     A run lowers the variances of all outcomes by their covariances with its own. Each point is the
     best one after those before (stepwise uncertainty reduction; Bect et al., 2012), among those of
@@ -437,7 +437,7 @@ def _all_over(
 
 
 def unseen_by(weights: Array, runs: int, settings: SampleSettings = SAMPLE) -> float:
-    """The largest probability of a region that so many runs miss by more than 5 % chance.
+    """The largest probability of a region that `runs` runs may have missed.
 
     It would have 1 - 0.05^(1/runs) of the density that they were drawn by, about 3/runs; of that
     share of the points (J,) the law's `weights` over this density are the largest where the
@@ -457,7 +457,7 @@ def corrected(
     checks: int,
     settings: SampleSettings = SAMPLE,
 ) -> Correction:
-    """The difference of simulator and surface, by runs drawn where that is likely.
+    """The difference of the probability by simulator and by surface, from a sample of runs.
 
     1/R sum_r (1_simulator - 1_surface) m_r/q_r over points drawn with probability q, which is
     larger near an end of the event, in standard deviations of the surface; m is the mass of a

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SingleValues:
-    """One value of a unit each, under a name of its own; `owner` is the id of its experiment.
+    """Single values of the simulator's runs, each with a name; `owner` names its experiment.
 
     `unit`, `column` (V,) say which value of which unit of the runner each is.
     """
@@ -82,7 +82,7 @@ def of_values(runner: Runner, table: Experiments | Conditions) -> SingleValues:
 
 
 def one_each(runner: Runner) -> bool:
-    """Whether each run serves an experiment and gives one value: nothing to be told apart."""
+    """Whether each run serves one experiment and gives one value."""
     return runner.units == len(runner.ids) and bool(
         np.array_equal(runner.unit, np.arange(runner.units))
     )
@@ -103,7 +103,7 @@ def _name(owner: str, row: int | None, response: str | None) -> str:
 
 @dataclass(frozen=True)
 class LookSettings:
-    """The first runs of a study; by judgement."""
+    """How many first runs there are, and what is reported of them; by judgement."""
 
     levels: int = 5
     """Values of each parameter, the others in the middle of the region."""
@@ -128,7 +128,7 @@ LOOK = LookSettings()
 
 @dataclass(frozen=True, eq=False)
 class LookPlan:
-    """What is to be run: P points x (P, n) of the region (n, 2), under the conditions `cases`.
+    """The plan of the first runs: P points x (P, n) of the region under some conditions.
 
     `moving` are the parameters whose region has a width; `star[j]` (LEVELS,) are the points at
     which only parameter `moving[j]` differs from the middle, which is point 0. `count` is how many
@@ -145,7 +145,7 @@ class LookPlan:
 
     @property
     def runs(self) -> int:
-        """Runs that are made at first."""
+        """The number of runs of the plan."""
         return len(self.x) * len(self.cases)
 
 
@@ -184,7 +184,7 @@ class Look:
 
     @property
     def beyond(self) -> Array:
-        """(V,) how far each measured value lies outside what is reached: 0 inside, > 0 above.
+        """How far (V,) each measured value lies outside the reached range: 0 inside, > 0 above.
 
         Of a censored one the nearest end counts. NaN where every run failed.
         """
@@ -194,21 +194,21 @@ class Look:
 
     @property
     def out_of_reach(self) -> Indices:
-        """Which observations no point of the plan reaches, noise included, the farthest first."""
+        """Observations that no point reaches, noise included, the farthest first."""
         far = np.maximum(np.abs(self.beyond) - self.margin, 0.0)
         order = np.argsort(-np.nan_to_num(far), kind="stable")
         return order[far[order] > 0.0]
 
     @property
     def swing(self) -> Array:
-        """(V, n') how much each moving parameter moves each outcome by itself."""
+        """How much (V, n') each moving parameter alone moves each outcome."""
         part = self.outcome[:, self.plan.star]
         with np.errstate(all="ignore"):
             return np.asarray(np.fmax.reduce(part, axis=2) - np.fmin.reduce(part, axis=2))
 
     @property
     def without_influence(self) -> Flags:
-        """(n',) which moving parameters move no outcome."""
+        """Which moving parameters (n',) move no outcome."""
         low, high = self.reached.T
         size = self.settings.nothing * np.maximum(np.abs(high), self.settings.tiny)
         least = np.where(
@@ -220,7 +220,7 @@ class Look:
 def planned_look(
     runner: Runner, table: Experiments, inputs: Inputs, settings: LookSettings = LOOK
 ) -> LookPlan:
-    """The few points at which a study is looked at first, and the conditions.
+    """The few points and conditions of the first runs of a study.
 
     One after the other each parameter takes five values over the region, the others in its middle;
     then the corners of the region follow, sixteen at most. The region is the box, or where a law
@@ -246,7 +246,7 @@ def first_look(
     progress: Progress | None = None,
     settings: LookSettings = LOOK,
 ) -> Look:
-    """Make the runs of a plan; of a simulator that takes arrays those of all other conditions too.
+    """Make the first runs; of a vectorized simulator under all conditions.
 
     A run that fails stops nothing. Raises SimulatorError where nine of ten do.
     """
@@ -345,7 +345,7 @@ def _run(
 
 @dataclass(frozen=True)
 class CostSettings:
-    """How runs are foreseen.
+    """How the number of runs is predicted.
 
     growth: runs that surfaces came to, over those of their first round, least and most, in the
     examples and in trials of one and two parameters: the wet clutch 4.1, an outcome that wiggles
@@ -382,7 +382,7 @@ def expected_cost(
     plan: LookPlan,
     settings: CostSettings = COST,
 ) -> Cost | None:
-    """How many runs `identify` will make; None where it says nothing beforehand (collocation).
+    """The number of runs that `identify` will make; None with collocation.
 
     The numbers are those that studies took (docs/study.md); one whose outcome bends much within
     the law takes more.

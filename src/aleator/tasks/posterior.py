@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawnReportSettings:
-    """What is told of the draws of a posterior; by judgement."""
+    """What is reported of the draws of a posterior; by judgement."""
 
     looked_at: int = 16
     """Draws at which more nodes are tried, and whose laws are held against the region."""
