@@ -127,7 +127,7 @@ def consistency_of(
     against = sorted(
         (t for t in found.tests if t.corrected < REPORTED.level), key=lambda t: t.corrected
     )
-    within = {column.name for column in columns if not column.own} - {RESPONSE, ORDER}
+    within = {column.name for column in columns if not column.by_experiment} - {RESPONSE, ORDER}
     # of many values, or classes of the outcome, which neither the simulator nor a law takes
     measured = {column.name for column in columns if column.count > COLUMNS.levels}
     measured = (measured | classes_of(columns, table.observations)) - {ORDER, *asked}

@@ -190,7 +190,7 @@ class OutcomesAt:
         """Raises InputsError: without noise an experiment has no law of its own parameters."""
         raise _without_noise()
 
-    def given(self, x: Array) -> Array:  # noqa: ARG002
+    def log_density_at(self, x: Array) -> Array:  # noqa: ARG002
         """Raises InputsError: without noise there is no density given the parameters."""
         raise _without_noise()
 
@@ -405,7 +405,7 @@ class IndividualsAt:
             found[block.experiments] = x[np.arange(len(block)), chosen]
         return found
 
-    def given(self, x: Array) -> Array:
+    def log_density_at(self, x: Array) -> Array:
         """log p(observations of an experiment | parameters) (N, J) at points x (J, n)."""
         found = np.empty((self.count, len(x)))
         for block in self.integral.layout.blocks(len(x)):

@@ -412,7 +412,9 @@ class GapTest:
 
 def gap(fit: Fit, points: Array, settings: NPMLESettings = NPMLE_SETTINGS) -> float:
     """Log-likelihood of the best law on points x (J, n) above that of the fit."""
-    best = mixed(fit.likelihood.given(points), settings.coarse, settings=settings).log_likelihood
+    best = mixed(
+        fit.likelihood.log_density_at(points), settings.coarse, settings=settings
+    ).log_likelihood
     return best - fit.scored().likelihood
 
 

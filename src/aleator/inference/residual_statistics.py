@@ -272,7 +272,7 @@ class Relations:
         first: Indices,
     ) -> Relations:
         """The tests of these parameters; `first` (N,) is an observation of each experiment."""
-        own = [c for c in columns if c.own and c.ranks is not None]
+        own = [c for c in columns if c.by_experiment and c.ranks is not None]
         ranks = np.array([c.ranks[first] for c in own if c.ranks is not None])
         ranks = ranks.reshape(len(own), len(first))
         ranks = ranks - ranks.mean(axis=1, keepdims=True)
@@ -470,7 +470,7 @@ class Battery:
     @cached_property
     def _whole(self) -> Flags:
         """Which contrasts are of whole experiments, and are held against scores."""
-        own = [self.several and column.own for column in self.contrasts.column]
+        own = [self.several and column.by_experiment for column in self.contrasts.column]
         return np.array(own, dtype=np.bool_)
 
     @cached_property

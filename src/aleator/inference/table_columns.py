@@ -59,8 +59,8 @@ class Column:
 
     `ranks` (M,) are centered mid-ranks, zero where a cell is empty; None for texts. `level` (M,)
     is the part of the column that a row belongs to, -1 for none, and `labels` name the parts.
-    `group` (M,) counts the distinct values. `own` tells whether it is the same in all rows of each
-    experiment. `alike` are other columns that order the rows in the same way.
+    `group` (M,) counts the distinct values. `by_experiment` tells whether the value is the same in
+    all rows of each experiment. `alike` are other columns that order the rows in the same way.
     """
 
     name: str
@@ -68,7 +68,7 @@ class Column:
     level: Indices
     labels: tuple[str, ...]
     group: Indices
-    own: bool
+    by_experiment: bool
     alike: tuple[str, ...] = ()
 
     @property
@@ -112,7 +112,9 @@ def without_order(
     observations: the order says nothing of when they were made.
     """
     first = np.unique(experiment, return_index=True)[1]
-    own = [column.group[first] for column in columns if column.own and column.name != ORDER]
+    own = [
+        column.group[first] for column in columns if column.by_experiment and column.name != ORDER
+    ]
     same = np.ones(first.size - 1, dtype=np.bool_)
     for group in own:
         same &= np.diff(group) == 0
@@ -307,7 +309,7 @@ def _copied(
     if column.ranks is None:
         return False
     y, ranks = seen.lower[rows], column.ranks[rows]
-    if column.own and len(seen) > seen.experiment[-1] + 1:
+    if column.by_experiment and len(seen) > seen.experiment[-1] + 1:
         return _of_series(y, ranks, seen.experiment[rows], settings)
     everywhere = np.zeros(y.size, dtype=np.intp)
     return _ordered(y, ranks, everywhere, settings) or _ordered(y, ranks, same[rows], settings)

@@ -331,7 +331,7 @@ class LawRegion:
 
     def log_density(self, z: Array) -> Array:
         """log p(observations | parameters) (N, J) at points (J, s) of the unit cube."""
-        return self.fit.likelihood.given(self.x(z))
+        return self.fit.likelihood.log_density_at(self.x(z))
 
     @property
     def count(self) -> int:

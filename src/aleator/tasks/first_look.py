@@ -130,9 +130,9 @@ LOOK = LookSettings()
 class LookPlan:
     """The plan of the first runs: P points x (P, n) of the region under some conditions.
 
-    `moving` are the parameters whose region has a width; `star[j]` (LEVELS,) are the points at
-    which only parameter `moving[j]` differs from the middle, which is point 0. `count` is how many
-    different conditions there are.
+    `moving` are the parameters whose region has a width; `star[j]` are the points at which only
+    parameter `moving[j]` differs from the middle, which is point 0. `cases` are the places of these
+    conditions among the `count` different ones.
     """
 
     names: tuple[str, ...]

@@ -152,7 +152,7 @@ class Session:
         At the estimate nodes are those of the answer, which importance points would not be again.
         """
         here = kept(self.fit).likelihood
-        at = given_values(alpha, values, here.hyperparameters)
+        at = alpha_from(alpha, values, here.hyperparameters)
         return (here if np.array_equal(at, here.alpha) else here.at(at)).log_likelihood()
 
     def predict(
@@ -360,7 +360,7 @@ def runners_like(runner: Runner, table: Experiments) -> Runners:
     return of
 
 
-def given_values(
+def alpha_from(
     alpha: Mapping[str, float] | ArrayLike,
     values: Mapping[str, float | Estimate],
     hyperparameters: Sequence[Hyperparameter],

@@ -99,7 +99,9 @@ def test_columns_of_experiments_and_of_observations_are_told_apart() -> None:
             "y": [0.0] * 4,
         }
     )
-    found = {c.name: c.own for c in columns_of(Experiments.from_frame(frame, outcome="y"))}
+    found = {
+        c.name: c.by_experiment for c in columns_of(Experiments.from_frame(frame, outcome="y"))
+    }
     assert (found["time"], found["hot"]) == (False, True)
 
 
