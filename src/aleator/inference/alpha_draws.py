@@ -48,24 +48,6 @@ def _between(y: Array, reached: Array, probabilities: Array) -> Array:
     return y[np.clip(np.searchsorted(reached, probabilities), 0, len(y) - 1)]
 
 
-def moments(values: Array, weights: Array) -> tuple[Array, Array, Array, Array]:
-    """Mean, sd, skewness and kurtosis (...) of values (..., J) with weights (..., J).
-
-    Values that are NaN do not count.
-    """
-    known = ~np.isnan(values)
-    with np.errstate(all="ignore"):
-        w = np.where(known, weights, 0.0)
-        w = w / w.sum(axis=-1, keepdims=True)
-        y = np.where(known, values, 0.0)
-        mean = np.sum(w * y, axis=-1)
-        away = y - np.where(np.isfinite(mean), mean, np.nan)[..., None]
-        square = w * away**2
-        variance = square.sum(axis=-1)
-        third, fourth = (square * away).sum(axis=-1), (square * away**2).sum(axis=-1)
-        return mean, np.sqrt(variance), third / variance**1.5, fourth / variance**2
-
-
 END = float(special.ndtri(INTERVALS.ends[1]))
 """The standard normal variate at which an interval ends."""
 

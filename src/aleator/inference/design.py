@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import special
-from scipy.integrate import cumulative_simpson
+from scipy.integrate import cumulative_simpson, simpson
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.stats import qmc
@@ -117,7 +117,7 @@ def _over_outcomes(
     low, high = np.clip(low, lowest, highest), np.clip(high, lowest, highest)
     outcomes = low + np.linspace(0.0, 1.0, settings.nodes)[:, None] * (high - low)
     ends = [*zip(outcomes, outcomes, strict=True)]
-    step = [*(simpson(settings.nodes)[:, None] * (high - low) / (settings.nodes - 1))]
+    step = [*(_simpson(settings.nodes)[:, None] * (high - low) / (settings.nodes - 1))]
     if np.any(np.isfinite(highest)):
         ends.append((np.where(np.isfinite(highest), highest, high), np.full(high.shape, np.inf)))
         step.append(np.isfinite(highest).astype(float))
@@ -140,15 +140,9 @@ def _over_outcomes(
     return Scores(known, weights, outcomes)
 
 
-def simpson(count: int) -> Array:
-    """Weights (count,) of Simpson's rule over steps, for an odd number of nodes.
-
-    >>> simpson(5).tolist()
-    [0.333, 1.333, 0.667, 1.333, 0.333]
-    """
-    weights = np.tile([2.0, 4.0], count // 2 + 1)[:count]
-    weights[[0, -1]] = 1.0
-    return weights / 3.0
+def _simpson(count: int) -> Array:
+    """Weights (count,) of Simpson's rule over steps of length one."""
+    return np.asarray(simpson(np.eye(count)))
 
 
 def _over_draws(
@@ -425,7 +419,7 @@ def _distribution(found: Scores) -> tuple[Array, Array, Array, Array]:
     assert found.outcomes is not None
     y = found.outcomes
     step = np.diff(y, axis=0).mean(axis=0)
-    density = found.weights / (simpson(len(y))[:, None] * step)
+    density = found.weights / (_simpson(len(y))[:, None] * step)
     moved = density[..., None] * found.scores
     below = cumulative_simpson(density, dx=1.0, axis=0, initial=0.0) * step
     slopes = cumulative_simpson(moved, dx=1.0, axis=0, initial=0.0) * step[:, None]

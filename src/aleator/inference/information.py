@@ -168,7 +168,7 @@ def infer(
     `by_scores`, the information is the sum of the outer products of the scores of the experiments
     in its place, which has the same mean (Berndt et al., 1974) and no errors of differences.
     """
-    at_bound = tuple(_side(value, h) for value, h in zip(alpha, hyperparameters, strict=True))
+    at_bound = tuple(side_of(value, h) for value, h in zip(alpha, hyperparameters, strict=True))
     identified = np.flatnonzero([h.free for h in hyperparameters])
     inside = np.array([at_bound[k] is None for k in identified], dtype=bool)
     free = identified[inside]
@@ -229,7 +229,8 @@ def observed_information(
     return np.asarray(0.5 * (information + information.T))
 
 
-def _side(value: float, h: Hyperparameter) -> str | None:
+def side_of(value: float, h: Hyperparameter) -> str | None:
+    """Which limit a value of a free hyperparameter is on, "lower" or "upper"; else None."""
     if not h.free:
         return None
     margin = INTERVALS.limit * (h.upper - h.lower)

@@ -17,7 +17,7 @@ from scipy import stats
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
 from aleator.inference.fit import Fit, refitted
-from aleator.inference.information import DIFFERENCES, INTERVALS
+from aleator.inference.information import DIFFERENCES, side_of
 from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
 
 
@@ -249,11 +249,10 @@ class _Local:
         found = fit.scored()
         assert found.scores is not None
         scores = found.scores[:, moving]
-        lower, upper = limits_of(fit.hyperparameters, moving)
-        margin = INTERVALS.limit * (upper - lower)
-        inside = (alpha[moving] > lower + margin) & (alpha[moving] < upper - margin)
-        information = informations(fit, scores)
         own = [fit.hyperparameters[k] for k in moving]
+        sides = [side_of(value, h) for value, h in zip(alpha[moving], own, strict=True)]
+        inside = np.array([side is None for side in sides], dtype=np.bool_)
+        information = informations(fit, scores)
         believed, curvature = (
             found.score[moving] - scores.sum(axis=0),
             curvatures(own, alpha[moving]),

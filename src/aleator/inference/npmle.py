@@ -287,7 +287,7 @@ def _top(
     along /= np.maximum(np.maximum(np.abs(bent), flat), least)
     step = np.einsum("pij,pj->pi", axes, along)
     length = np.linalg.norm(step, axis=1, keepdims=True)
-    step *= np.minimum(1.0, settings.farthest / np.maximum(length, np.finfo(float).tiny))
+    step *= settings.farthest / np.maximum(length, settings.farthest)
     return np.asarray(np.clip(points + width[:, None] * step, 0.0, 1.0))
 
 

@@ -212,14 +212,11 @@ def sampled(
     found = []
     for c, stream in enumerate(streams):
         done = c * (settings.warm_up + draws)
-        chain = _Chain(density, scale, partial(_counted, told, done, total), settings)
+        counted = partial(lambda begun, steps: told(begun + steps, total), done)
+        chain = _Chain(density, scale, counted, settings)
         found.append(chain.run(np.random.default_rng(stream), draws))
     parts = {key: np.stack([one[key] for one in found]) for key in found[0] if key != "evaluations"}
     return Chains(**parts, evaluations=sum(one["evaluations"] for one in found))
-
-
-def _counted(told: Callable[[int, int], None], done: int, total: int, steps: int) -> None:
-    told(done + steps, total)
 
 
 class _Chain:
@@ -273,17 +270,13 @@ class _Chain:
             raise KeyboardInterrupt
         kept = {
             name: np.asarray(values[0][self.settings.warm_up :])
-            for name, values in out.traces.items()
-        }
-        told = {
-            name: np.asarray(values[0][self.settings.warm_up :])
-            for name, values in out.statistics.items()
+            for name, values in (out.traces | out.statistics).items()
         }
         return {
-            **kept,
-            "divergent": told["diverging"].astype(bool),
-            "steps": told["n_step"],
-            "accepted": told["accept_stat"],
+            **{name: kept[name] for name in out.traces},
+            "divergent": kept["diverging"].astype(bool),
+            "steps": kept["n_step"],
+            "accepted": kept["accept_stat"],
             "evaluations": self._evaluations,
         }
 

@@ -214,10 +214,16 @@ def best_possible(
     Quick are fits by individual parameters of one or two that scatter, with few nodes, and few
     values to compute for a replicate. So counted, and not timed, the answer is always the same.
     """
-    if not _small(fit, settings):
+    here, inputs, observations = fit.likelihood, fit.inputs, len(fit.table.observations)
+    small = 1 <= inputs.scattering <= settings.parameters and fit.count >= settings.experiments
+    if not (isinstance(here, IndividualsAt) and small and not inputs.regressed):
+        return None
+    on_surfaces = isinstance(here.integral.predictor, OnSurfaces)
+    allowed = settings.surfaces if on_surfaces else settings.direct
+    if observations * here.integral.nodes.xi.shape[1] > settings.nodes:
         return None
     sought = LawRegion.of(fit, settings)
-    if len(fit.table.observations) * sought.count > _allowed(fit, settings):
+    if observations * sought.count > allowed:
         return None
     best = best_of(sought, seed).log_likelihood
     test = gap_test(fit, sought.points, settings.replicates, seed, progress)
@@ -229,24 +235,6 @@ def best_possible(
         "p_value": test.p_value,
         "replicates": float(test.replicates),
     }
-
-
-def _small(fit: Fit, settings: CeilingSettings) -> bool:
-    inputs = fit.inputs
-    return (
-        isinstance(fit.likelihood, IndividualsAt)
-        and not inputs.regressed
-        and 1 <= inputs.scattering <= settings.parameters
-        and fit.count >= settings.experiments
-        and len(fit.table.observations) * fit.likelihood.integral.nodes.xi.shape[1]
-        <= settings.nodes
-    )
-
-
-def _allowed(fit: Fit, settings: CeilingSettings) -> int:
-    assert isinstance(fit.likelihood, IndividualsAt)
-    on_surfaces = isinstance(fit.likelihood.integral.predictor, OnSurfaces)
-    return settings.surfaces if on_surfaces else settings.direct
 
 
 def require_one_law(inputs: Inputs) -> None:

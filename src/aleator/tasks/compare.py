@@ -15,7 +15,7 @@ from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array
 from aleator.errors import ExperimentsError, InputsError, nearest
 from aleator.inference.fit import Fit, refitted
-from aleator.inference.information import INTERVALS
+from aleator.inference.information import side_of
 from aleator.inference.model_choice import (
     Criteria,
     LeaveOneOut,
@@ -54,74 +54,50 @@ def require_same_data(fits: Mapping[str, Fit], settings: ComparisonSettings = CO
     the same order; conditions and the names of responses need not.
     """
     for (one, fit), (other, next_fit) in pairwise(fits.items()):
-        _require_same(one, fit.table, other, next_fit.table, settings)
+        fault = _difference(one, fit.table, other, next_fit.table, settings)
+        if fault:
+            raise ExperimentsError(*fault)
 
 
-def _require_same(
+def _difference(
     one: str, a: Experiments, other: str, b: Experiments, settings: ComparisonSettings
-) -> None:
-    _require_same_ids(one, a, other, b)
-    _require_same_transforms(one, a, other, b)
-    seen, met = a.observations, b.observations
-    counts = [np.bincount(s.experiment, minlength=len(a.ids)) for s in (seen, met)]
-    if (differ := np.flatnonzero(counts[0] != counts[1])).size:
-        l = differ[0]
-        raise ExperimentsError(
-            f"experiment '{a.ids[l]}' has {counts[0][l]} observations in model '{one}' and "
-            f"{counts[1][l]} in model '{other}'",
-            REMEDY,
-        )
-    for end in ("lower", "upper"):
-        u, v = getattr(seen, end), getattr(met, end)
-        if (differ := np.flatnonzero(~np.isclose(u, v, rtol=settings.same, atol=0.0))).size:
-            k = differ[0]
-            raise ExperimentsError(
-                f"experiment '{a.ids[seen.experiment[k]]}', {_name(a, k)}: the {end} end is "
-                f"{u[k]:g} in model '{one}' and {v[k]:g} in model '{other}'",
-                REMEDY,
-            )
-
-
-def _require_same_ids(one: str, a: Experiments, other: str, b: Experiments) -> None:
+) -> tuple[str, str] | None:
+    """The first difference between the data of two models, with its remedy."""
     for name, ids, stranger, others in ((one, a.ids, other, b.ids), (other, b.ids, one, a.ids)):
         if lacking := sorted(set(ids) - set(others)):
-            raise ExperimentsError(
-                f"model '{name}' has the experiment '{lacking[0]}', which '{stranger}' has not",
-                REMEDY,
-            )
+            found = f"the experiment '{lacking[0]}', which '{stranger}' has not"
+            return f"model '{name}' has {found}", REMEDY
     if a.ids != b.ids:
-        raise ExperimentsError(
-            f"models '{one}' and '{other}' have their experiments in another order",
-            "sort the rows of the two tables alike",
-        )
-
-
-def _require_same_transforms(one: str, a: Experiments, other: str, b: Experiments) -> None:
-    u, v = a.observations.responses, b.observations.responses
-    if len(u) != len(v):
-        raise ExperimentsError(
-            f"model '{one}' has {len(u)} responses and '{other}' has {len(v)}", REMEDY
-        )
-    for k, (first, second) in enumerate(zip(u, v, strict=True)):
+        order = f"models '{one}' and '{other}' have their experiments in another order"
+        return order, "sort the rows of the two tables alike"
+    seen, met = a.observations, b.observations
+    if len(seen.responses) != len(met.responses):
+        counts = f"{len(seen.responses)} responses and '{other}' has {len(met.responses)}"
+        return f"model '{one}' has {counts}", REMEDY
+    for k, (first, second) in enumerate(zip(seen.responses, met.responses, strict=True)):
         if first.transform != second.transform:
-            logged = a if first.transform is Transform.LOG else b
-            raise ExperimentsError(
+            logged = seen if first.transform is Transform.LOG else met
+            jacobian = logged.lower[(logged.response == k) & (logged.lower == logged.upper)].sum()
+            return (
                 f"'{first.name}' has transform {first.transform} in model '{one}' and "
                 f"{second.transform} in '{other}': the likelihood is a density of y in one and of "
-                f"log y in the other, {_jacobian(logged, k):.6g} apart by the Jacobian alone",
+                f"log y in the other, {jacobian:.6g} apart by the Jacobian alone",
                 "give both models the same transform",
             )
-
-
-def _jacobian(table: Experiments, response: int) -> Array:
-    seen = table.observations
-    measured = (seen.response == response) & (seen.lower == seen.upper)
-    return np.asarray(np.sum(seen.lower[measured]))
-
-
-def _name(table: Experiments, k: int) -> str:
-    seen = table.observations
-    return f"'{seen.names[seen.response[k]]}'"
+    here, there = (np.bincount(s.experiment, minlength=len(a.ids)) for s in (seen, met))
+    for l in np.flatnonzero(here != there)[:1]:
+        counts = f"{here[l]} observations in model '{one}' and {there[l]} in model '{other}'"
+        return f"experiment '{a.ids[l]}' has {counts}", REMEDY
+    for end in ("lower", "upper"):
+        u, v = getattr(seen, end), getattr(met, end)
+        for k in np.flatnonzero(~np.isclose(u, v, rtol=settings.same, atol=0.0))[:1]:
+            name = seen.names[seen.response[k]]
+            return (
+                f"experiment '{a.ids[seen.experiment[k]]}', '{name}': the {end} end is {u[k]:g} "
+                f"in model '{one}' and {v[k]:g} in model '{other}'",
+                REMEDY,
+            )
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +185,7 @@ def matched(
         if value is None or not _reaches(h, None if j < 0 else smaller[j]):
             return None
         added = h.free and (j < 0 or not smaller[j].free)
-        on_boundary += added and _on_limit(h, value)
+        on_boundary += added and side_of(value, h) is not None
         sources.append(j)
         values.append(value)
     if set(range(len(smaller))) - set(sources):
@@ -244,11 +220,6 @@ def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
     if parameter == "correlation" or (term and not h.log):
         return 0.0 if h.lower <= 0.0 <= h.upper else None
     return None
-
-
-def _on_limit(h: Hyperparameter, value: float) -> bool:
-    margin = INTERVALS.limit * (h.upper - h.lower)
-    return value <= h.lower + margin or value >= h.upper - margin
 
 
 RATIO = ("smaller", "larger", "ratio", "df", "reference", "p", "bootstrap_p", "replicates")

@@ -8,6 +8,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
@@ -68,15 +69,12 @@ def of_values(runner: Runner, table: Experiments | Conditions) -> SingleValues:
     """Every observation of a table, named by experiment, row and response."""
     seen = table.observations
     several = np.bincount(table.experiment, minlength=len(table.ids)) > 1
-    place = _places(table.experiment)
-    names = [
-        _name(
-            table.ids[l],
-            int(place[row]) + 1 if several[l] else None,
-            seen.responses[k].name if len(seen.responses) > 1 else None,
-        )
-        for l, row, k in zip(seen.experiment, seen.row, seen.response, strict=True)
-    ]
+    place = pd.Series(table.experiment).groupby(table.experiment).cumcount().to_numpy()
+    names = []
+    for l, row, k in zip(seen.experiment, seen.row, seen.response, strict=True):
+        rows = [f"row {place[row] + 1}"] if several[l] else []
+        response = [seen.responses[k].name] if len(seen.responses) > 1 else []
+        names.append(", ".join([table.ids[l], *rows, *response]))
     owner = tuple(table.ids[l] for l in seen.experiment)
     return SingleValues(runner, tuple(names), owner, runner.unit, runner.column)
 
@@ -86,19 +84,6 @@ def one_each(runner: Runner) -> bool:
     return runner.units == len(runner.ids) and bool(
         np.array_equal(runner.unit, np.arange(runner.units))
     )
-
-
-def _places(experiment: Indices) -> Indices:
-    order = np.argsort(experiment, kind="stable")
-    sizes = np.bincount(experiment)
-    place = np.empty(len(experiment), dtype=np.intp)
-    place[order] = np.arange(len(experiment)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return place
-
-
-def _name(owner: str, row: int | None, response: str | None) -> str:
-    parts = [owner, *([f"row {row}"] if row else []), *([response] if response else [])]
-    return ", ".join(parts)
 
 
 @dataclass(frozen=True)

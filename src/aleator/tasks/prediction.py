@@ -17,7 +17,7 @@ from scipy import optimize
 
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Indices
-from aleator.inference.alpha_draws import AlphaDraws, moments, quantiles
+from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.information import INTERVALS
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import invert
@@ -274,7 +274,7 @@ def forecast(
         among = endless.among_finite(probabilities)
         found.quantiles[rows] = endless.quantiles(
             probabilities,
-            _weighted(eta, weights, among)
+            np.array([quantiles(*row) for row in zip(eta, weights, among, strict=True)])
             if errors is None
             else _inverted(errors, of_errors, eta, weights, rows, among, settings),
         )
@@ -341,18 +341,6 @@ def _moments(
     return middle, sd, skewness, kurtosis
 
 
-def _weighted(eta: Array, weights: Array, probabilities: Array) -> Array:
-    """Weighted quantiles (m, P) of values (m, J); each stands in the middle of its weight."""
-    order = np.argsort(eta, axis=1)
-    value, share = (np.take_along_axis(array, order, axis=1) for array in (eta, weights))
-    reached = np.cumsum(share, axis=1) - 0.5 * share
-    found = np.full(probabilities.shape, np.nan)
-    for k in np.flatnonzero(np.any(share > 0.0, axis=1)):
-        counted = share[k] > 0.0
-        found[k] = np.interp(probabilities[k], reached[k, counted], value[k, counted])
-    return found
-
-
 def _inverted(
     errors: MeasurementErrors,
     of_errors: Array,
@@ -417,6 +405,15 @@ def widened(
     return Forecast(mean, sd, skewness, kurtosis, quantiles_of, found.lost), ends
 
 
+def _moments_of(values: Array, weights: Array) -> Array:
+    """Mean, sd, skewness and kurtosis (4,) of values (J,) with weights; NaN does not count."""
+    known = ~np.isnan(values)
+    with np.errstate(all="ignore"):
+        share = weights[known] / weights[known].sum()
+        point = values[known][None]
+        return np.array(_moments(share[None], point, *np.zeros((3, *point.shape))))[:, 0]
+
+
 @dataclass(frozen=True, eq=False)
 class _PointValues:
     """Moments (4,) and quantiles (P,) by points, each of the mixture and of the estimate.
@@ -436,7 +433,7 @@ class _PointValues:
         whole = (draws.weights[:, None] * weights[1:]).ravel()
         mixed = y[1:].ravel()
         return cls(
-            (np.array(moments(mixed, whole)), np.array(moments(y[0], weights[0]))),
+            (_moments_of(mixed, whole), _moments_of(y[0], weights[0])),
             (quantiles(mixed, whole, probabilities), each[0]),
             each[1:],
             draws.weights,

@@ -228,7 +228,7 @@ def recover(
         found[number] = replicate
         progress.update(f"{len(found)} of {replicates} data sets", len(found), replicates)
     results = [found[number] for number in range(replicates)]
-    free = [k for k, h in enumerate(hyperparameters) if h.free]
+    free = np.flatnonzero([h.free for h in hyperparameters])
     return Recovery(
         tuple(hyperparameters[k].name for k in free),
         alpha[free],
