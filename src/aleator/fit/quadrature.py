@@ -32,58 +32,55 @@ from aleator.search.newton import ascended, outer
 
 @dataclass(frozen=True)
 class NodeAccuracy:
-    """When the nodes of an answer are enough, by judgement where nothing else is said.
-
-    - `rounds`: times that nodes are adapted before the answer is taken as it is.
-    - `rough`: what may be left to gain in log-likelihood where nodes are held from then on.
-    - `still`: a gain in log-likelihood with nodes adapted again that is none.
-    - `close`: distance in law over which nodes that are held as parameters need not be adapted
-      again.
-    - `enough`: a change of the log-likelihood with more nodes that is none; a hundred-thousandth an
-      experiment if that is more, up to one that is reported.
-    - `hardly`: a change of the log-likelihood with more nodes that does not matter to an interval.
-    - `little`: the same where surfaces are still coarse, and another round of runs follows.
-    - `scoring`: Gauss-Hermite nodes of a variate from which on scores are those of the likelihood.
-    - `products`: variates up to which products of Gauss-Hermite nodes are not too many.
-    - `sample`: experiments by which rules of many nodes are tried, and second modes sought.
-    - `large`: nodes that are many.
-    - `slow`: share of the last change that the next one is, where more of many nodes hardly help.
-    - `plane_large` and `plane_slow`: the same of two variates, where panels do not care how rough
-      an outcome is.
-    - `smooth`: a change with more nodes about one mode that they would not be rid of at a kink.
-    - `some`: nodes about one mode up to which it is seen whether they are rid of it.
-    - `panels_tried`: experiments on which panels of two variates are tried.
-    - `points_tried`: importance points that tell whether nodes about one mode leave a part out.
-    - `certain`: errors of these that are more than chance.
-    - `mode_points`: importance points where only the modes are of interest.
-    - `others`: optima besides the best that are looked at with the nodes of the answer.
-    - `higher`: a log-likelihood that is higher by so much is that of a better maximum.
-    - `same`: standard errors, by the outer product of the scores, within which two maxima are one.
-    """
+    """When the nodes of an answer are enough, by judgement where nothing else is said."""
 
     rounds: int = 30
+    """Times that nodes are adapted and climbed with, at most."""
     rough: float = 0.01
+    """Log-likelihood that may be left to climb before nodes are fixed."""
     still: float = 1e-5
+    """Gain of log-likelihood by adapting the nodes again that counts as none."""
     close: float = 0.1
+    """Distance in law over which nodes that are fixed as parameters still serve."""
     enough: float = 2e-3
+    """Change of the log-likelihood by more nodes that counts as none. If it is more, 1e-5 an
+    experiment, up to the change that is reported."""
     hardly: float = 0.02
+    """Change of the log-likelihood by more nodes that does not matter to an interval."""
     little: float = 0.1
+    """The same while surfaces are still coarse and more runs follow."""
     scoring: int = 3
+    """Gauss-Hermite nodes a variate that scores need, at least."""
     products: int = 4
+    """Variates for which product rules of Gauss-Hermite nodes are affordable, at most."""
     sample: int = 300
+    """Experiments on which rules of many nodes are tried and second modes are sought."""
     large: int = 400
+    """Nodes of an experiment from which a rule is large."""
     slow: float = 0.7
+    """Ratio of successive changes of a large rule above which it converges slowly."""
     plane_large: int = 100
+    """Nodes from which a rule of two variates is large; panels are the alternative."""
     plane_slow: float = 0.25
+    """Ratio of successive changes above which a rule of two variates converges slowly."""
     smooth: float = 1e-4
+    """Change by more nodes about one mode that rules out a kink."""
     some: int = 150
+    """Nodes about one mode, at most, by which it is tested whether there is a kink."""
     panels_tried: int = 40
+    """Experiments on which panels of two variates are tried."""
     points_tried: tuple[int, int] = (600, 1200)
+    """Importance points, coarse and fine, that show what nodes about one mode miss."""
     certain: float = 3.0
+    """Standard errors of the points beyond which a difference is no chance."""
     mode_points: int = 16
+    """Importance points where only the modes matter."""
     others: int = 3
+    """Optima besides the best that are evaluated with the nodes of the answer."""
     higher: float = 2e-3
+    """Log-likelihood by which another maximum must be higher to be taken."""
     same: float = 0.3
+    """Standard errors, by the outer product of the scores, within which two maxima are one."""
 
 
 NODE_ACCURACY = NodeAccuracy()

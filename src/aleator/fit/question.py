@@ -277,22 +277,18 @@ def _of_exact_outcomes(what: str, key: str) -> InputsError:
 
 @dataclass(frozen=True)
 class WaySettings:
-    """How runs without surfaces are counted beforehand, and where failures are looked for.
-
-    - `evaluations`: evaluations of the likelihood that an identification takes, about.
-    - `nodes`: nodes a variate that an identification comes to, about; of more than three variates
-      fewer.
-    - `line`: points of a line on which failures are looked for that lie alone.
-    - `grids`: grids of level sets in an identification, fewest and most of the studies of
-      `make judges`.
-    - `tried`: points at which a run must give no value of an observation for that to be lost.
-    """
+    """How runs without surfaces are counted beforehand, and where failures are looked for."""
 
     evaluations: int = 400
+    """Evaluations of the likelihood that an identification takes, about."""
     nodes: int = 9
+    """Nodes a variate that an identification comes to, about; of more than three variates fewer."""
     line: int = 33
+    """Points of a line on which failures are looked for that lie alone."""
     tried: int = 128
+    """Points at which a run must give no value of an observation for that to be lost."""
     grids: tuple[int, int] = (100, 5000)
+    """Grids of level sets in an identification, fewest and most of the studies of `make judges`."""
 
 
 WAYS = WaySettings()

@@ -23,27 +23,24 @@ from aleator.laws.inputs import Inputs
 
 @dataclass(frozen=True)
 class RegionSettings:
-    """Where laws are taken to lie; by judgement.
-
-    - `alphas`: laws that represent alpha's uncertainty.
-    - `spread`: by how much these laws are wider apart than alpha's uncertainty.
-    - `draws`: draws of the laws of one alpha, or of all that are likely.
-    - `far`: standard normal variates beyond which a law has no mass that counts: 1e-7 at either
-      end.
-    - `likely`: the same of laws that are only possible: 1e-3.
-    - `pad`: share of its width by which a region is widened on either side.
-    - `least`: width of a region over that of the box, at least.
-    - `slack`: share of its width by which a region may be too narrow.
-    """
+    """Where laws are taken to lie; by judgement."""
 
     alphas: int = 32
+    """Laws that represent alpha's uncertainty."""
     spread: float = 1.5
+    """By how much these laws are wider apart than alpha's uncertainty."""
     draws: int = 512
+    """Draws of the laws of one alpha, or of all that are likely."""
     far: float = 5.2
+    """Standard normal variates beyond which a law has no mass that counts: 1e-7 at either end."""
     likely: float = 3.1
+    """The same of laws that are only possible: 1e-3."""
     pad: float = 0.05
+    """Share of its width by which a region is widened on either side."""
     least: float = 1e-3
+    """Width of a region over that of the box, at least."""
     slack: float = 0.02
+    """Share of its width by which a region may be too narrow."""
 
 
 REGIONS = RegionSettings()

@@ -40,22 +40,20 @@ from aleator.surrogates.responses import moving_parameters
 
 @dataclass(frozen=True)
 class GuessSettings:
-    """Where a search begins, and when two searches are the same; by judgement.
-
-    - `huge`: a residual whose square is still finite.
-    - `groups`: groups that a mixture is guessed by, for all starts of a search that has to go on:
-      of five components 3 to 4 of 7 lead to the best of two maxima that differ by 0.08.
-    - `same`: relative difference of two optima that are one but for the order of components.
-    - `format`: to be changed with what a search does, or with how its result is written.
-    - `probes`: alphas at which two likelihoods agree in every digit of every experiment if they are
-      the same.
-    """
+    """Where a search begins, and when two searches are the same; by judgement."""
 
     huge: float = 1e100
+    """A residual whose square is still finite."""
     groups: int = 20
+    """Groups that a mixture is guessed by, for all starts of a search that has to go on: of five
+    components 3 to 4 of 7 lead to the best of two maxima that differ by 0.08."""
     same: float = 1e-2
+    """Relative difference of two optima that are one but for the order of components."""
     format: int = 2
+    """To be changed with what a search does, or with how its result is written."""
     probes: int = 3
+    """Alphas at which two likelihoods agree in every digit of every experiment if they are the
+    same."""
 
 
 GUESSES = GuessSettings()

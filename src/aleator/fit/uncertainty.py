@@ -39,36 +39,33 @@ from aleator.search.newton import ascend, ascended, outer
 
 @dataclass(frozen=True)
 class UncertaintySettings:
-    """How uncertainty is computed; by judgement where nothing else is said.
-
-    - `wider`: times that surfaces may be made to serve the ends of the intervals.
-    - `enough`: what may be left to climb, in log-likelihood, by the information at the end.
-    - `climbs`: times that a profile may meet a better maximum.
-    - `looks`: standard errors from an answer at which it is seen whether it is a saddle.
-    - `higher`: a log-likelihood there that is higher by so much than at the answer: it is.
-    - `determined`: share of the information about each hyperparameter that there is about all
-      directions, at least, where it is told by scores, which have errors of their own.
-    - `differs`: a drop of the profile by other nodes that is another one: twice what an end is
-      found to.
-    - `dear`: nodes of an experiment beyond which a profile by them costs minutes.
-    - `unknown`: a drop that more nodes change by so much is not known.
-    - `adapted`: times that an interval is sought with nodes that were adapted to its ends.
-    - `nodes`: Gauss-Hermite nodes a variate that a second maximum is looked at with.
-    - `others`: optima of the search that are looked at, besides the best.
-    """
+    """How uncertainty is computed; by judgement where nothing else is said."""
 
     wider: int = 3
+    """Times that surfaces may be extended to the ends of the intervals."""
     enough: float = 1e-3
+    """Log-likelihood that may be left to climb, by the information at the end."""
     climbs: int = 3
+    """Times that a profile may meet a better maximum, from which all is done again."""
     looks: tuple[float, ...] = (-1.0, -0.5, 0.5, 1.0)
+    """Distances in standard errors at which a suspected saddle is tested."""
     higher: float = 0.01
+    """Log-likelihood by which such a point must be higher to prove a saddle."""
     determined: float = 1e-2
+    """Least eigenvalue of the correlations for which outer products of scores replace the
+    information."""
     differs: float = 0.04
+    """Difference of a profile's drop by other nodes that counts: twice the error of an end."""
     dear: int = 400
+    """Nodes of an experiment beyond which a profile costs minutes."""
     unknown: float = 0.2
+    """Change of the drop by more nodes from which an end is not reported."""
     adapted: int = 4
+    """Times that an interval is sought with nodes adapted to its ends."""
     nodes: int = 5
+    """Gauss-Hermite nodes a variate by which a rival maximum is climbed to."""
     others: int = 2
+    """Optima of the search, besides the best, that are tested for rival maxima."""
 
 
 UNCERTAINTY = UncertaintySettings()
