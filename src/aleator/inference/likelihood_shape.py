@@ -126,8 +126,8 @@ def curve_points(
     """Values for a curve: the estimate, its interval, and some room beyond, within limits.
 
     >>> h = Hyperparameter("x", 0.0, 2.2, 1.0, True)
-    >>> around((1.0, 2.0), 1.4, h).round(2).tolist(), around((0.0, 1.0), 0.0, h).tolist()
-    ([0.7, 1.0, 1.4, 2.0, 2.2], [0.0, 1.0, 1.3])
+    >>> curve_points((1.0, 2.0), 1.4, h).round(2).tolist()
+    [0.7, 1.0, 1.4, 2.0, 2.2]
     """
     low, high = interval
     reach = settings.margin * (high - low)

@@ -40,21 +40,27 @@ from aleator.tasks.new_experiments import (
 
 
 @dataclass(frozen=True)
-class ExtrapolationSettings:
-    """When conditions are beyond the tested ones; by judgement."""
+class PredictionSettings:
+    """Points that stand for a law, and distances from tested conditions; by judgement."""
 
-    most: int = 2000
-    """Distinct tested points up to which their convex hull is asked."""
+    law_points: int = 4096
+    """Points that stand for the law of an experiment."""
+    edge: float = 1e-12
+    """Probabilities stay so far from zero and one."""
+    step: float = 1e-4
+    """Step in scales of the difference that a density is taken by."""
+    lost: float = 1e-3
+    """Share of the law whose runs may fail before what is told is told of what is left."""
+    hull: int = 2000
+    """Distinct tested points up to which a distance is one from their convex hull."""
     rounding: float = 1e-9
     """Distance below which a point lies within the tested ones."""
 
 
-EXTRAPOLATION = ExtrapolationSettings()
+PREDICTION = PredictionSettings()
 
 
-def beyond_range(
-    tested: Array, new: Array, settings: ExtrapolationSettings = EXTRAPOLATION
-) -> Array:
+def beyond_range(tested: Array, new: Array) -> Array:
     """Signed distances (Q, d) of new points (Q, d) from the range of the tested ones (R, d).
 
     In units of the tested range: 0.5 is half of it above the highest, zero within. Infinite
@@ -67,14 +73,12 @@ def beyond_range(
     width = np.where(high > low, high - low, 0.0)
     away = np.maximum(new - high, 0.0) - np.maximum(low - new, 0.0)
     size = np.maximum(np.abs(low), np.abs(high))
-    away = np.where(np.abs(away) > settings.rounding * np.maximum(width, size), away, 0.0)
+    away = np.where(np.abs(away) > PREDICTION.rounding * np.maximum(width, size), away, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(away == 0.0, 0.0, away / width))
 
 
-def beyond_hull(
-    tested: Array, new: Array, settings: ExtrapolationSettings = EXTRAPOLATION
-) -> Array:
+def beyond_hull(tested: Array, new: Array) -> Array:
     """Distances (Q,) of new points (Q, d) from the convex hull of the tested ones (R, d).
 
     The least t such that a mean of tested points is within t tested ranges of the new one in every
@@ -86,22 +90,22 @@ def beyond_hull(
     >>> beyond_hull(corners, np.array([[0.2, 0.2], [1.0, 1.0]])).round(3).tolist()
     [0.0, 0.5]
     """
-    single = np.abs(beyond_range(tested, new, settings=settings)).max(axis=1, initial=0.0)
+    single = np.abs(beyond_range(tested, new)).max(axis=1, initial=0.0)
     low = tested.min(axis=0)
     width = tested.max(axis=0) - low
     varied = width > 0.0
     points = np.unique((tested[:, varied] - low[varied]) / width[varied], axis=0)
-    if varied.sum() < 2 or len(points) > settings.most:
+    if varied.sum() < 2 or len(points) > PREDICTION.hull:
         return np.asarray(single)
     asked = (new[:, varied] - low[varied]) / width[varied]
     found = [
-        own if np.isinf(own) else max(own, _from_hull(points, x, settings))
+        own if np.isinf(own) else max(own, _from_hull(points, x))
         for own, x in zip(single.tolist(), asked, strict=True)
     ]
     return np.array(found)
 
 
-def _from_hull(points: Array, x: Array, settings: ExtrapolationSettings) -> float:
+def _from_hull(points: Array, x: Array) -> float:
     count, d = points.shape
     slack = np.ones((d, 1))
     rows = np.vstack([np.hstack([points.T, -slack]), np.hstack([-points.T, -slack])])
@@ -111,7 +115,7 @@ def _from_hull(points: Array, x: Array, settings: ExtrapolationSettings) -> floa
         cost, A_ub=rows, b_ub=np.concatenate([x, -x]), A_eq=total, b_eq=np.ones(1), method="highs"
     )
     distance = float(found.fun) if found.success else float("nan")
-    return distance if distance > settings.rounding else 0.0
+    return distance if distance > PREDICTION.rounding else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +130,7 @@ class Beyond:
     why: tuple[str, ...]
 
 
-def compared(
-    tested: pd.DataFrame, new: pd.DataFrame, settings: ExtrapolationSettings = EXTRAPOLATION
-) -> Beyond:
+def compared(tested: pd.DataFrame, new: pd.DataFrame) -> Beyond:
     """Distances of new conditions from the tested ones, by column and jointly.
 
     >>> tested = pd.DataFrame({"load": [1.0, 3.0], "oil": ["a", "b"]})
@@ -138,8 +140,8 @@ def compared(
     numbers = [str(n) for n in tested if _is_number(tested[n]) and _is_number(new[n])]
     texts = [name for name in tested if name not in numbers]
     here, there = (frame[numbers].to_numpy(dtype=float) for frame in (tested, new))
-    each = beyond_range(here, there, settings=settings) if numbers else np.zeros((len(new), 0))
-    distance = beyond_hull(here, there, settings=settings) if numbers else np.zeros(len(new))
+    each = beyond_range(here, there) if numbers else np.zeros((len(new), 0))
+    distance = beyond_hull(here, there) if numbers else np.zeros(len(new))
     words = [_words(numbers, row, far) for row, far in zip(each, distance.tolist(), strict=True)]
     for name in texts:
         known = set(map(str, tested[name]))
@@ -167,23 +169,6 @@ def _words(names: Sequence[str], each: Array, distance: float) -> str:
         elif away:
             parts.append(f"{name} is {abs(away):.2g} tested ranges {side}")
     return ", ".join(parts)
-
-
-@dataclass(frozen=True)
-class PredictionSettings:
-    """Points that stand for a law in a prediction; by judgement."""
-
-    law_points: int = 4096
-    """Points that stand for the law of an experiment."""
-    edge: float = 1e-12
-    """Probabilities stay so far from zero and one."""
-    step: float = 1e-4
-    """Step in scales of the difference that a density is taken by."""
-    lost: float = 1e-3
-    """Share of the law whose runs may fail before what is told is told of what is left."""
-
-
-PREDICTION = PredictionSettings()
 
 
 @dataclass(frozen=True, eq=False)

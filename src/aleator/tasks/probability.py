@@ -40,8 +40,8 @@ def requested_responses(context: PredictionContext, response: str | None) -> Ind
     """The number of the named response, or of all. Raises InputsError if it is unknown.
 
     >>> from types import SimpleNamespace as Some
-    >>> ground = Some(seen=Some(responses=(Some(name="force"), Some(name="wear"))))
-    >>> responses_asked(ground, "wear").tolist(), responses_asked(ground, None).tolist()
+    >>> context = Some(seen=Some(responses=(Some(name="force"), Some(name="wear"))))
+    >>> requested_responses(context, "wear").tolist(), requested_responses(context, None).tolist()
     ([1], [0, 1])
     """
     names = [r.name for r in context.seen.responses]
