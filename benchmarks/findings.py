@@ -128,7 +128,7 @@ def drawn(
 
 def judged(fit: Mixed, seed: int) -> Consistency:
     """The second verdict of a fit."""
-    return consistency_of(cast(Fit, fit), True, seed, Silent(), asked=("load",))
+    return consistency_of(cast(Fit, fit), True, seed, Silent(), requested=("load",))
 
 
 Verdict = Callable[[pd.DataFrame, int], Consistency]

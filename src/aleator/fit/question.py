@@ -223,12 +223,12 @@ def start_point(inputs: Inputs) -> Array:
     return np.array([law.mean_and_sd(values).mean for law, values in laws])
 
 
-def varying_conditions(table: Experiments, asked: Sequence[str]) -> list[str]:
+def varying_conditions(table: Experiments, requested: Sequence[str]) -> list[str]:
     """Those of the simulator's conditions that vary within an experiment."""
     first = np.unique(table.experiment, return_index=True)[1]
     return [
         name
-        for name in asked
+        for name in requested
         if np.any((cells := table.conditions[name].to_numpy()) != cells[first][table.experiment])
     ]
 

@@ -365,7 +365,7 @@ def observation_reports(
     likelihood: IndividualLikelihood,
     alpha: Array,
     found: IndividualParameters,
-    asked: Sequence[str],
+    requested: Sequence[str],
     pit: Array,
 ) -> tuple[ObservationReport, ...]:
     """A report for each of M observations, with those of the conditions that vary.
@@ -380,7 +380,7 @@ def observation_reports(
     with np.errstate(invalid="ignore"):
         # a prediction without end lies within every bound below it
         residual = np.where(nearest == predicted, 0.0, (nearest - predicted) / scale)
-    names = varying_conditions(table, asked)
+    names = varying_conditions(table, requested)
     columns = {name: table.conditions[name].to_numpy()[seen.row].tolist() for name in names}
     return tuple(
         ObservationReport(

@@ -81,14 +81,14 @@ def consistency_of(
     sound: bool,
     seed: int,
     progress: Progress,
-    asked: Collection[str] = (),
+    requested: Collection[str] = (),
     settings: ConsistencySettings = CONSISTENCY,
 ) -> Consistency:
     """Whether the experiments look as data drawn from the fitted model do.
 
     Replicates of the experiments are drawn from it, alpha is fitted to each by one step, and the
     same statistics are computed. There are more of them where p is near the decision (Besag and
-    Clifford, 1991). `asked` are the columns that the simulator or a law takes: what orders the
+    Clifford, 1991). `requested` are the columns that the simulator or a law takes: what orders the
     experiments as they came out is no condition else. Cost: some hundredths of a second a
     replicate, 40 to 200 of them; no run.
     """
@@ -103,7 +103,7 @@ def consistency_of(
     if np.mean(observed.known) < 1.0 - settings.lost:
         return Consistency.untested("too many observations have no predicted probability")
     columns = columns_of(table)
-    copies = copies_of(columns, table, asked, observed.normal)
+    copies = copies_of(columns, table, requested, observed.normal)
     columns = tuple(column for column in columns if column not in copies)
     names, pairs = _scattering(fit)
     # experiments of which nothing was observed have no say
@@ -130,7 +130,7 @@ def consistency_of(
     within = {column.name for column in columns if not column.by_experiment} - {RESPONSE, ORDER}
     # of many values, or classes of the outcome, which neither the simulator nor a law takes
     measured = {column.name for column in columns if column.count > COLUMNS.levels}
-    measured = (measured | classes_of(columns, table.observations)) - {ORDER, *asked}
+    measured = (measured | classes_of(columns, table.observations)) - {ORDER, *requested}
     return Consistency(
         found.together >= REPORTED.level,
         found.together,

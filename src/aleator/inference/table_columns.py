@@ -214,11 +214,11 @@ RARE = -math.log(math.factorial(COLUMNS.distinct) / 2)
 def copies_of(
     columns: Sequence[Column],
     table: Experiments,
-    asked: Collection[str],
+    requested: Collection[str],
     normal: Array,
     settings: ColumnSettings = COLUMNS,
 ) -> tuple[Column, ...]:
-    """Columns that are computed from the outcome, alone or with the columns `asked` for.
+    """Columns that are computed from the outcome, alone or with the columns `requested`.
 
     Their numbers order the measured values of a response, all or under each of the conditions that
     the simulator or a law takes, as these are themselves or in reverse; or they are a sum or a
@@ -229,7 +229,7 @@ def copies_of(
     columns conditions that tell no more than whether an outcome was measured, or is a bound.
     """
     seen = table.observations
-    taken = [c for c in columns if {c.name, *c.alike} & set(asked)]
+    taken = [c for c in columns if {c.name, *c.alike} & set(requested)]
     same = _together([c.group for c in taken], len(seen))
     causes = [normal, *(c.ranks for c in taken if c.ranks is not None)]
     return tuple(

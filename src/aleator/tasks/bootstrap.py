@@ -367,10 +367,10 @@ def bootstrapped(
     seed: int,
     workers: int,
     folder: str | Path | None,
-    told: Progress,
+    progress: Progress,
 ) -> Bootstrap:
     """The bootstrap of a fit, which goes on from the replicates in the folder."""
-    told.stage("bootstrap")
+    progress.stage("bootstrap")
     file = None
     if folder is not None:
         file = ReplicateFile(Path(folder) / FILE, head_of(fit, kind, seed))
@@ -382,7 +382,7 @@ def bootstrapped(
             done[replicate.number] = replicate
             if file is not None:
                 file.add(replicate)
-            told.update(f"{len(done)} of {replicates} replicates", len(done), replicates)
+            progress.update(f"{len(done)} of {replicates} replicates", len(done), replicates)
     own = fit.inference.identified
     limits = np.column_stack(limits_of(fit.hyperparameters, own))
     return Bootstrap(

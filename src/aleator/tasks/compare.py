@@ -386,25 +386,25 @@ def compared(
     bootstrap: int,
     ceilings: bool,
     seed: int,
-    told: Progress,
+    progress: Progress,
     settings: ComparisonSettings = COMPARISON,
 ) -> Comparison:
     """The comparison of fits with their verdicts, sound and consistent."""
     require_same_data(fits, settings=settings)
     competitors = []
     for name, fit in fits.items():
-        told.stage(f"{name}: leave one out")
-        left_out = leave_one_out(fit, told)
+        progress.stage(f"{name}: leave one out")
+        left_out = leave_one_out(fit, progress)
         gap = float("nan")
         if ceilings:
-            told.stage("best possible law")
+            progress.stage("best possible law")
             gap = _below_ceiling(fit, seed)
         competitors.append(Competitor(name, *verdicts[name], criteria(fit), left_out, gap))
     pairs = _pairs(fits, nested, settings)
     ratios = []
     for (small, large), found_in in pairs.items():
-        told.stage(f"{small} in {large}: likelihood ratio")
-        ratios.append(_ratio(fits, small, large, found_in, bootstrap, seed, told))
+        progress.stage(f"{small} in {large}: likelihood ratio")
+        ratios.append(_ratio(fits, small, large, found_in, bootstrap, seed, progress))
     competitors.sort(key=lambda model: -np.nan_to_num(model.left_out.total, nan=-np.inf))
     ids = next(iter(fits.values())).table.ids
     return Comparison(ids, tuple(competitors), tuple(ratios))

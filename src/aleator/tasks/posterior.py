@@ -117,14 +117,14 @@ class Posterior:
         """One sentence: whether the draws may be used, and what to do where not."""
         found = self.convergence
         worst = self.names[int(np.argmax(found.r_hat))]
-        told = (
+        diagnosis = (
             f"largest R-hat {np.max(found.r_hat):.4f} ({worst}), smallest effective sample size "
             f"{found.least:.0f}"
         )
         if self.converged:
-            return f"Converged: {told}."
+            return f"Converged: {diagnosis}."
         return (
-            f"NOT converged: {told}, where below {POSTERIOR.largest_r_hat} and above "
+            f"NOT converged: {diagnosis}, where below {POSTERIOR.largest_r_hat} and above "
             f"{POSTERIOR.least_ess:.0f} are wanted. Take more draws: --draws {self._enough}."
         )
 
@@ -315,7 +315,7 @@ def sampled_posterior(
     draws: int,
     chains: int,
     seed: int,
-    told: Progress,
+    progress: Progress,
     settings: DrawnReportSettings = REPORTED,
 ) -> Posterior:
     """The posterior of a fit, of which no verdict is known."""
@@ -325,10 +325,10 @@ def sampled_posterior(
             "nothing is identified: every hyperparameter is a number",
             "give one limits: Free(lower, upper), {lower = ..., upper = ...}",
         )
-    told.stage("posterior")
+    progress.stage("posterior")
     density = RealLine(fit.likelihood.honest(), fit.hyperparameters, fit.alpha, moving)
     scale = scaled(density, density.u_of(fit.alpha))
-    made = sampled(density, scale, draws, chains, seed, _listener(told, settings))
+    made = sampled(density, scale, draws, chains, seed, _listener(progress, settings))
     alphas = np.array([[_in_order(density.alpha_of(u), fit) for u in chain] for chain in made.u])
     own = alphas[:, :, moving]
     few = alphas.reshape(-1, alphas.shape[2])

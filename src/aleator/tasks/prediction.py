@@ -97,10 +97,10 @@ def beyond_hull(tested: Array, new: Array) -> Array:
     points = np.unique((tested[:, varied] - low[varied]) / width[varied], axis=0)
     if varied.sum() < 2 or len(points) > PREDICTION.hull:
         return np.asarray(single)
-    asked = (new[:, varied] - low[varied]) / width[varied]
+    scaled = (new[:, varied] - low[varied]) / width[varied]
     found = [
         own if np.isinf(own) else max(own, _from_hull(points, x))
-        for own, x in zip(single.tolist(), asked, strict=True)
+        for own, x in zip(single.tolist(), scaled, strict=True)
     ]
     return np.array(found)
 
@@ -475,10 +475,10 @@ def tabled(
     return in_rows(context, columns)
 
 
-def heads(context: PredictionContext, asked: Indices | None = None) -> dict[str, Any]:
+def heads(context: PredictionContext, places: Indices | None = None) -> dict[str, Any]:
     """The columns that name the row and response of each value, or of some values."""
     conditions, seen = context.conditions, context.seen
-    which = np.arange(len(seen)) if asked is None else asked
+    which = np.arange(len(seen)) if places is None else places
     columns: dict[str, Any] = {"id": [conditions.ids[l] for l in seen.experiment[which]]}
     if len(conditions.ids) < len(conditions.conditions):
         columns["row"] = seen.row[which] + 1
@@ -487,10 +487,12 @@ def heads(context: PredictionContext, asked: Indices | None = None) -> dict[str,
     return columns
 
 
-def tails(context: PredictionContext, asked: Indices | None = None) -> dict[str, Array]:
+def tails(context: PredictionContext, places: Indices | None = None) -> dict[str, Array]:
     """The column `beyond`: distances from the tested conditions, in tested ranges."""
     found, row = beyond(context), context.seen.row
-    return {} if found is None else {"beyond": found.distance[row if asked is None else row[asked]]}
+    return (
+        {} if found is None else {"beyond": found.distance[row if places is None else row[places]]}
+    )
 
 
 def beyond(context: PredictionContext) -> Beyond | None:
@@ -501,16 +503,16 @@ def beyond(context: PredictionContext) -> Beyond | None:
     if context.tested is None:
         return None
     new, tested = context.conditions.table, context.tested.table
-    asked = dict.fromkeys([*context.runner.cases.columns, *context.inputs.covariates])
-    names = [name for name in asked if name in new and name in tested]
+    columns = dict.fromkeys([*context.runner.cases.columns, *context.inputs.covariates])
+    names = [name for name in columns if name in new and name in tested]
     return compared(tested[names], new[names])
 
 
 def in_rows(
-    context: PredictionContext, columns: dict[str, Any], asked: Indices | None = None
+    context: PredictionContext, columns: dict[str, Any], places: Indices | None = None
 ) -> pd.DataFrame:
     """The columns as a table in the order of rows, then responses."""
-    which = np.arange(len(context.seen)) if asked is None else asked
+    which = np.arange(len(context.seen)) if places is None else places
     order = np.lexsort((context.seen.response[which], context.seen.row[which]))
     return pd.DataFrame(columns).iloc[order].reset_index(drop=True)
 

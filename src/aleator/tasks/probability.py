@@ -149,11 +149,11 @@ def probabilities(
 ) -> pd.DataFrame:
     """A row for each response that has an event (by its number) and each row of the conditions."""
     draws = context.taken(draws)
-    asked = np.flatnonzero(np.isin(context.seen.response, [*events]))
+    requested = np.flatnonzero(np.isin(context.seen.response, [*events]))
     found: list[Probability] = []
-    for place in asked.tolist():
+    for place in requested.tolist():
         if progress is not None:
-            progress.stage(f"probability {len(found) + 1} of {asked.size}")
+            progress.stage(f"probability {len(found) + 1} of {requested.size}")
         predicted = PredictedValue.of(context, place, draws, progress)
         event = events[int(context.seen.response[place])]
         found.append(probability(predicted, draws, event, checks, progress))
@@ -161,8 +161,8 @@ def probabilities(
              "unseen")  # fmt: skip
     columns = {name: np.array([getattr(p, name) for p in found]) for name in names}
     status = {"status": np.array([p.status for p in found])}
-    return in_rows(context, {**heads(context, asked), **columns, **tails(context, asked), **status},
-                   asked)  # fmt: skip
+    columns = {**heads(context, requested), **columns, **tails(context, requested), **status}
+    return in_rows(context, columns, requested)
 
 
 def probability(
@@ -181,26 +181,26 @@ def probability(
     "unsettled" where the surface is not certain in the end, or where the last fresh runs or the
     checks change the probability by more than the `share` of the choice.
     """
-    asked, turned, choice = event, False, choice or Exploration()
+    requested, turned, choice = event, False, choice or Exploration()
     if predicted.context.measured is not None:
         sample = of_law(predicted)
     else:
         turned = often(predicted, draws, event)
-        asked = event.contrary if turned else event
-        sample = about_event(predicted, draws, asked)
+        requested = event.contrary if turned else event
+        sample = about_event(predicted, draws, requested)
     found = _Explored(sample, float("nan"), True)
     if predicted.surface is not None:
-        found = _explored(predicted, draws, asked, sample, choice, progress)
+        found = _explored(predicted, draws, requested, sample, choice, progress)
     sample, settled = found.sample, found.settled
-    told = _Told.of(predicted, draws, asked, sample)
+    told = _Told.of(predicted, draws, requested, sample)
     distance = float("nan")
     if sample.density is not None:
-        distance = distance_of(predicted, draws.estimate, asked, sample.replicates)
+        distance = distance_of(predicted, draws.estimate, requested, sample.replicates)
     change = Correction(0.0, 0.0, 0)
     if predicted.surface is not None and checks and sample.reached:
         if progress is not None:
             progress.stage(f"{checks} runs of the simulator check a probability")
-        change = corrected(predicted, draws, asked, sample.joined, checks)
+        change = corrected(predicted, draws, requested, sample.joined, checks)
         settled = settled and np.hypot(change.value, change.error) <= choice.share * told.mixed
     whole = told.found(draws, change, sample, distance, found.unseen, settled)
     return _turned(whole) if turned else whole
@@ -411,7 +411,7 @@ class Tolerance:
 def limits(
     context: PredictionContext,
     draws: AlphaDraws,
-    asked: Tolerance,
+    requested: Tolerance,
     which: Indices,
     progress: Progress | None = None,
     settings: ToleranceSettings = LIMITS,
@@ -424,45 +424,51 @@ def limits(
             progress.stage(f"limits {row + 1} of {which.size}")
         predicted = PredictedValue.of(context, place, draws, progress, context.surfaces.max_runs)
         back = context.seen.responses[context.seen.response[place]].transform.inverse
-        if asked.side == "both":
-            low, high = _interval(predicted, draws, asked)
+        if requested.side == "both":
+            low, high = _interval(predicted, draws, requested)
             lower[row], upper[row] = back(np.array([low, high]))
         else:
-            value, error[row] = _bound(predicted, draws, asked, settings)
-            (upper if asked.side == "upper" else lower)[row] = back(np.array(value))
+            value, error[row] = _bound(predicted, draws, requested, settings)
+            (upper if requested.side == "upper" else lower)[row] = back(np.array(value))
             # the error is one of the logarithm, where that is what the likelihood sees
             slope = back(np.array([value + error[row], value - error[row]]))
             error[row] = 0.5 * float(slope[0] - slope[1])
-    columns = {"lower": lower, "upper": upper} if asked.side == "both" else {
-        asked.side: upper if asked.side == "upper" else lower, "error": error
+    columns = {"lower": lower, "upper": upper} if requested.side == "both" else {
+        requested.side: upper if requested.side == "upper" else lower, "error": error
     }  # fmt: skip
     return in_rows(context, {**heads(context, which), **columns, **tails(context, which)}, which)
 
 
 def _interval(
-    predicted: PredictedValue, draws: AlphaDraws, asked: Tolerance
+    predicted: PredictedValue, draws: AlphaDraws, requested: Tolerance
 ) -> tuple[float, float]:
     points = of_law(predicted).joined
     y, found = predicted.outcomes(draws.alpha, points)
-    return content_interval(y, found.weights, draws.weights, asked.content, asked.confidence)
+    return content_interval(
+        y, found.weights, draws.weights, requested.content, requested.confidence
+    )
 
 
 def _bound(
-    predicted: PredictedValue, draws: AlphaDraws, asked: Tolerance, settings: ToleranceSettings
+    predicted: PredictedValue, draws: AlphaDraws, requested: Tolerance, settings: ToleranceSettings
 ) -> tuple[float, float]:
     """The confidence bound of a quantile, and the standard error of its computation.
 
     Far out the points lie about the event beyond the value of the round before.
     """
-    upper = asked.side == "upper"
-    probability = asked.content if upper else 1.0 - asked.content
-    confidence = asked.confidence if upper else 1.0 - asked.confidence
+    upper = requested.side == "upper"
+    probability = requested.content if upper else 1.0 - requested.content
+    confidence = requested.confidence if upper else 1.0 - requested.confidence
     y, scatter, sample = 0.0, 1.0, of_law(predicted)
     for _ in range(settings.rounds):
         before = y
         y, scatter = _once(predicted, draws, sample.joined, probability, confidence)
         settled = abs(y - before) < settings.still * scatter
-        if 1.0 - asked.content > settings.far or predicted.context.measured is not None or settled:
+        if (
+            1.0 - requested.content > settings.far
+            or predicted.context.measured is not None
+            or settled
+        ):
             break
         event = Event(((y, np.inf),) if upper else ((-np.inf, y),))
         found = about_event(predicted, draws, event)
