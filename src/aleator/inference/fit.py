@@ -68,13 +68,13 @@ class Fit:
         alpha: Array,
         inference: Inference,
         table: Experiments,
-        few: NodeRule,
+        coarse: NodeRule,
     ) -> Fit:
         """The fit of an integral over individual parameters, with nodes adapted to alpha.
 
-        `few` is the rule with the fewest nodes of which more hardly change the log-likelihood.
+        `coarse` is the rule with the fewest nodes of which more hardly change the log-likelihood.
         """
-        return cls(IndividualsAt(likelihood, alpha, few), inference, table)
+        return cls(IndividualsAt(likelihood, alpha, coarse), inference, table)
 
     @property
     def alpha(self) -> Array:
