@@ -19,7 +19,7 @@ from aleator.core.types import Array
 from aleator.fit.flow import Answer
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import varying_conditions
-from aleator.fit.search import GUESSES, LeastSquares, LinearGaussian, by_tangent, least_squares
+from aleator.fit.search import GUESSES, LeastSquares, by_tangent, least_squares
 from aleator.fit.soundness import Reviewed
 from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.calibration import sequential_pit
@@ -71,7 +71,10 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         baselines = _baselines(fit, likelihood.inputs)
         if isinstance(likelihood, Problem):
             linear = by_tangent(likelihood, question.choices.search, question.seed)
-            baselines["circe"] = _of_tangent(linear, hyperparameters)
+            alpha_of_tangent = _named(linear.alpha, hyperparameters)
+            baselines["circe"] = {
+                "alpha": alpha_of_tangent, "log_likelihood": linear.log_likelihood
+            }  # fmt: skip
     reviewed = Reviewed(answer, table)
     notes = []
     if answer.checked is None and surfaces is not None and check.wanted:
@@ -348,15 +351,6 @@ def _baselines(fit: LeastSquares, inputs: Inputs) -> dict[str, Any]:
             "rmse": fit.rmse,
             "log_likelihood": fit.log_likelihood,
         }
-    }
-
-
-def _of_tangent(
-    linear: LinearGaussian, hyperparameters: Sequence[Hyperparameter]
-) -> dict[str, Any]:
-    return {
-        "alpha": _named(linear.alpha, hyperparameters),
-        "log_likelihood": linear.log_likelihood,
     }
 
 

@@ -116,12 +116,12 @@ def consistency_of(
         apart(observed.means, pairs),
     )
     with np.errstate(all="ignore"):
-        statistics = battery.values(observed)
+        subjects, statistics = battery.tests(observed)
         source = replicated(fit, battery, points, np.random.default_rng([seed, settings.stream]))
         most = max(settings.least, settings.values // (count * points))
         if count > settings.large:
             most = min(most, settings.large_replicates)
-        found = _enough(battery, statistics, source, most, progress, settings)
+        found = _enough(subjects, statistics, source, most, progress, settings)
     if found is None:
         return Consistency.untested("too many replicates of the experiments have no statistics")
     against = sorted(
@@ -171,7 +171,7 @@ def _scattering(fit: Fit) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]
 
 
 def _enough(
-    battery: Battery,
+    subjects: tuple[Subject, ...],
     statistics: Array,
     source: Iterator[Array],
     most: int,
@@ -189,7 +189,7 @@ def _enough(
                 replicates.append(np.where(exists, values, 0.0))
         if len(replicates) < (1.0 - settings.lost) * made:
             return None
-        found = assessed(battery.subjects, np.where(exists, statistics, 0.0), np.array(replicates))
+        found = assessed(subjects, np.where(exists, statistics, 0.0), np.array(replicates))
         if count == most or found.together < low or found.together > high:
             break
     return found
@@ -365,7 +365,7 @@ def replicated(
     while True:
         other = stepped(fit.drawn(rng))
         fitted = stepped(other) if fit.count < settings.many else other
-        yield battery.values(residuals_of(fitted, points))
+        yield battery.tests(residuals_of(fitted, points))[1]
 
 
 def outliers_of(
@@ -455,6 +455,7 @@ def _curved(test: Statistic) -> str:
 
 def _other(test: Statistic, several: bool) -> tuple[str, str]:
     up, of, column = test.z > 0.0, test.of, test.column
+    alike = "alike" if up else "opposite"
     match test.kind:
         case "level":
             return (
@@ -507,13 +508,13 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
             )
         case "neighbours" if several:
             return (
-                f"observations that follow each other in an experiment err {_alike(up)}",
+                f"observations that follow each other in an experiment err {alike}",
                 "the errors are not independent, or the simulator's curve has another shape: mend "
                 "the simulator, or leave out observations that are too close",
             )
         case "neighbours":
             return (
-                f"outcomes next to each other in the table are {_alike(up)}",
+                f"outcomes next to each other in the table are {alike}",
                 "if they are of one subject, name the column that says which: [experiments] "
                 'id = "..."; else something changed while the experiments were made',
             )
@@ -545,7 +546,3 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
                 if late
                 else f'let the mean of {of} follow {column}: "1 + {column}"',
             )
-
-
-def _alike(up: bool) -> str:
-    return "alike" if up else "opposite"

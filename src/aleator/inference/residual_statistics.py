@@ -278,18 +278,16 @@ class Relations:
         ranks = ranks - ranks.mean(axis=1, keepdims=True)
         return cls(names, pairs, tuple(c.name for c in own), ranks / _length(ranks))
 
-    def subjects(self) -> Iterator[Subject]:
-        """The subject of each of `values`: pairs, then each parameter against all columns."""
+    def tests(self, means: Array, products: Array) -> Iterator[tuple[Subject, float]]:
+        """Each test with its statistic, of means (N, s) and mean products (N, s, s)."""
+        main, least = self.settings.main, self.settings.least
         for i, j in self.pairs:
-            yield Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=self.settings.main)
-        for name in self.names:
-            for column in self.columns:
-                yield Subject(INDIVIDUAL, COLUMN, name, column, least=self.settings.least)
-
-    def values(self, means: Array, products: Array) -> Array:
-        """The statistics (P + s t,) of means (N, s) and mean products (N, s, s)."""
-        pairs = [products[:, i, j].mean() for i, j in self.pairs]
-        return np.concatenate([pairs, (of_size_one(means).T @ self.ranks.T).ravel()])
+            subject = Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=main)
+            yield subject, products[:, i, j].mean()
+        against = of_size_one(means).T @ self.ranks.T
+        for name, values in zip(self.names, against, strict=False):
+            for column, value in zip(self.columns, values, strict=True):
+                yield Subject(INDIVIDUAL, COLUMN, name, column, least=least), value
 
     def correlations(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
         """The correlations of individual means, each with the p of its test."""
@@ -390,82 +388,80 @@ class Battery:
         """Whether experiments have several observations."""
         return bool(self.experiment.size > self.experiment[-1] + 1)
 
-    @cached_property
-    def subjects(self) -> tuple[Subject, ...]:
-        """The subject of each of `values`."""
-        return (
-            *self._of_shape(),
-            *self._of_columns(),
-            *self._of_neighbours(),
-            *self.relations.subjects(),
-        )
-
-    def values(self, residuals: Residuals) -> Array:
-        """The statistics (T,); not finite where one does not exist."""
+    def tests(self, residuals: Residuals) -> tuple[tuple[Subject, ...], Array]:
+        """The subjects of all tests and their statistics (T,), NaN where one is undefined."""
         level = standardized(residuals.normal)
         spread = standardized(scatter(residuals.normal))
-        parts = [self._shape(residuals.normal[residuals.known])]
-        if self.several:
-            scores = of_size_one(residuals.scores)
-            parts += [self._of_experiments(residuals.scores), (scores.T @ self._own.T).ravel()]
-        parts += [self._rows @ level, self.contrasts.weights @ spread]
-        parts.append(self._together(level, spread))
-        if self.relations.names:
-            parts.append(self.relations.values(residuals.means, residuals.products))
-        return np.concatenate(parts)
+        found = [*self._shape(residuals), *self._along_columns(residuals, level, spread)]
+        found += self._together(level, spread)
+        found += self.relations.tests(residuals.means, residuals.products)
+        return tuple(subject for subject, _ in found), np.array([value for _, value in found])
 
-    def _of_shape(self) -> Iterator[Subject]:
-        yield Subject(SHAPE, "level", OUTCOMES, least=self.settings.pinned)
-        yield Subject(SHAPE, "scale", SCATTER, least=self.settings.pinned)
-        yield from self._of_moments(OUTCOMES)
-        yield Subject(SHAPE, "outlier", OUTCOMES, skewed=True, one_sided=True)
-        if self.several:
-            for k in self._shaped:
-                yield from self._of_moments(self.names[k])
+    def _shape(self, residuals: Residuals) -> Iterator[tuple[Subject, float]]:
+        """The shape of all residuals, and of the scores of location hyperparameters."""
+        w, pinned = residuals.normal[residuals.known], self.settings.pinned
+        yield Subject(SHAPE, "level", OUTCOMES, least=pinned), w.mean()
+        yield Subject(SHAPE, "scale", SCATTER, least=pinned), np.log(np.mean(w**2))
+        yield from self._moments(OUTCOMES, w)
+        # as far as the model says: the outliers that are named are those of this test
+        farthest = -special.log_ndtr(-np.abs(w).max())
+        yield Subject(SHAPE, "outlier", OUTCOMES, skewed=True, one_sided=True), farthest
+        for name, scores in zip(self.names, residuals.scores.T, strict=True):
+            located = name.split(".")[0] in self.relations.names and not is_scale(name)
+            if self.several and located:
+                yield from self._moments(name, scores[scores != 0.0])
 
-    def _of_moments(self, of: str) -> Iterator[Subject]:
-        yield Subject(SHAPE, "skewness", of)
-        yield Subject(SHAPE, "heavy tails", of, one_sided=True, weight=self.settings.heavy)
-        yield Subject(SHAPE, "light tails", of, one_sided=True)
+    def _moments(self, of: str, w: Array) -> Iterator[tuple[Subject, float]]:
+        skewness, heavy, light = moments(w)
+        yield Subject(SHAPE, "skewness", of), skewness
+        yield Subject(SHAPE, "heavy tails", of, one_sided=True, weight=self.settings.heavy), heavy
+        yield Subject(SHAPE, "light tails", of, one_sided=True), light
 
-    def _of_columns(self) -> Iterator[Subject]:
+    def _along_columns(
+        self, residuals: Residuals, level: Array, spread: Array
+    ) -> Iterator[tuple[Subject, float]]:
+        """Scores by contrasts of whole experiments, levels by all others, scatter by all."""
         if self.several:
-            for name in self.names:
+            against = of_size_one(residuals.scores).T @ self._own.T
+            for name, values in zip(self.names, against, strict=True):
                 group = SCATTER if is_scale(name) else OUTCOMES
-                yield from self._along(self._whole, group, name)
-        yield from self._along(~self._whole, OUTCOMES, OUTCOMES)
-        yield from self._along(np.ones_like(self._whole), SCATTER, SCATTER)
+                yield from self._contrasts(self._whole, group, name, values)
+        yield from self._contrasts(~self._whole, OUTCOMES, OUTCOMES, self._rows @ level)
+        every = np.ones_like(self._whole)
+        yield from self._contrasts(every, SCATTER, SCATTER, self.contrasts.weights @ spread)
 
-    def _along(self, which: Flags, group: str, of: str) -> Iterator[Subject]:
-        """Tests of the contrasts of some columns."""
-        for i in np.flatnonzero(which):
-            column, where = self.contrasts.column[i], self.contrasts.where[i]
-            skewed = group == SCATTER
+    def _contrasts(
+        self, which: Flags, group: str, of: str, values: Array
+    ) -> Iterator[tuple[Subject, float]]:
+        """Contrasts of some columns; those of scatter are skewed, and have no main form."""
+        skewed, pinned = group == SCATTER, self.settings.pinned
+        for i, value in zip(np.flatnonzero(which), values, strict=True):
+            column, where = self.contrasts.column[i].name, self.contrasts.where[i]
             weight = self.settings.main if self.contrasts.main[i] and not skewed else 1.0
-            yield Subject(
-                group, "contrast", of, column.name, where, skewed, weight=weight,
-                least=self.settings.pinned,
-            )  # fmt: skip
+            yield (
+                Subject(group, "contrast", of, column, where, skewed, weight=weight, least=pinned),
+                value,
+            )
 
-    def _of_neighbours(self) -> Iterator[Subject]:
+    def _together(self, level: Array, spread: Array) -> Iterator[tuple[Subject, float]]:
+        """How alike neighbours and members of each group are, in level and in scatter."""
+        pinned = self.settings.pinned
         if self.ordered:
-            yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True)
-        for name in self.groups:
-            for group, kind, of in ((TOGETHER, "groups", OUTCOMES), (SCATTER, "unequal", SCATTER)):
-                yield Subject(
-                    group, kind, of, name, skewed=True, one_sided=True, least=self.settings.pinned
+            pairs = level[1:] * level[:-1]
+            if self.several:
+                pairs = pairs[np.diff(self.experiment) == 0]
+            alike = np.sum(pairs) / np.sqrt(max(pairs.size, 1))
+            yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True), alike
+        for name, members in self.groups.items():
+            for group, kind, of, values in (
+                (TOGETHER, "groups", OUTCOMES, level), (SCATTER, "unequal", SCATTER, spread),
+            ):  # fmt: skip
+                yield (
+                    Subject(group, kind, of, name, skewed=True, one_sided=True, least=pinned),
+                    shared(members, values),
                 )
         if self.several:
-            yield Subject(SCATTER, "unequal", SCATTER, ORDER, one_sided=True)
-
-    @cached_property
-    def _shaped(self) -> tuple[int, ...]:
-        """Places of the location hyperparameters, whose scores have the shape of a law."""
-        return tuple(
-            k
-            for k, name in enumerate(self.names)
-            if name.split(".")[0] in self.relations.names and not is_scale(name)
-        )
+            yield Subject(SCATTER, "unequal", SCATTER, ORDER, one_sided=True), self._unequal(level)
 
     @cached_property
     def _whole(self) -> Flags:
@@ -484,28 +480,6 @@ class Battery:
         first = np.unique(self.experiment, return_index=True)[1]
         weights = self.contrasts.weights[self._whole][:, first]
         return np.asarray(weights - weights.mean(axis=1, keepdims=True))
-
-    def _shape(self, w: Array) -> Array:
-        """Mean, log scatter, skewness, both tails and the farthest of normal scores (M,)."""
-        farthest = -special.log_ndtr(-np.abs(w).max())
-        return np.array([w.mean(), np.log(np.mean(w**2)), *moments(w), farthest])
-
-    def _of_experiments(self, scores: Array) -> Array:
-        """Moments of the scores (N, K) of experiments."""
-        kept = [scores[:, k] for k in self._shaped]
-        return np.array([moments(each[each != 0.0]) for each in kept]).ravel()
-
-    def _together(self, level: Array, spread: Array) -> Array:
-        """How alike neighbours and members of each group are, in level and in scatter."""
-        found = [shared(group, of) for group in self.groups.values() for of in (level, spread)]
-        if self.several:
-            found.append(self._unequal(level))
-        if not self.ordered:
-            return np.array(found)
-        pairs = level[1:] * level[:-1]
-        if self.several:
-            pairs = pairs[np.diff(self.experiment) == 0]
-        return np.array([np.sum(pairs) / np.sqrt(max(pairs.size, 1)), *found])
 
     def _unequal(self, level: Array) -> float:
         """How unequal experiments scatter (after Bartlett, 1937)."""

@@ -425,8 +425,8 @@ def _uncertain(plan: DesignPlan, scores: Scores) -> Array:
 
 
 def _hyperparameters(fit: Fit, aim: Aim, plan: DesignPlan, choice: ChosenSet) -> pd.DataFrame:
-    size = aim.moving.size
-    each = [replace(plan, directions=_unit(plan, k), unit=1.0) for k in range(size)]
+    units = [np.tile(unit, (len(plan.present), 1, 1)) for unit in np.eye(aim.moving.size)]
+    each = [replace(plan, directions=unit, unit=1.0) for unit in units]
     after = plan.present + plan.offered[:, list(choice.order)].sum(axis=1)
     return pd.DataFrame(
         {
@@ -435,9 +435,3 @@ def _hyperparameters(fit: Fit, aim: Aim, plan: DesignPlan, choice: ChosenSet) ->
         },
         index=[fit.hyperparameters[k].name for k in aim.moving],
     )
-
-
-def _unit(plan: DesignPlan, k: int) -> Array:
-    direction = np.zeros((len(plan.present), 1, plan.present.shape[-1]))
-    direction[:, 0, k] = 1.0
-    return direction

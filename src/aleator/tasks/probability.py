@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -139,6 +139,14 @@ class Probability:
     status: str
     unseen: float
 
+    @property
+    def contrary(self) -> Probability:
+        """The probability of the contrary event."""
+        return replace(
+            self, probability=1.0 - self.probability, lower=1.0 - self.upper,
+            upper=1.0 - self.lower, at_estimate=1.0 - self.at_estimate,
+        )  # fmt: skip
+
 
 def probabilities(
     context: PredictionContext,
@@ -203,7 +211,7 @@ def probability(
         change = corrected(predicted, draws, requested, sample.joined, checks)
         settled = settled and np.hypot(change.value, change.error) <= choice.share * told.mixed
     whole = told.found(draws, change, sample, distance, found.unseen, settled)
-    return _turned(whole) if turned else whole
+    return whole.contrary if turned else whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,14 +368,6 @@ def _shares(holds: Flags, weights: Array, normalized: bool) -> Array:
     inside = np.sum(weights, axis=1, where=holds)
     whole = weights.sum(axis=1) if normalized else 1.0
     return np.asarray(np.minimum(inside / whole, 1.0))
-
-
-def _turned(found: Probability) -> Probability:
-    """The probability of the contrary event."""
-    return Probability(
-        1.0 - found.probability, 1.0 - found.upper, 1.0 - found.lower, 1.0 - found.at_estimate,
-        found.error, found.distance, found.checks, found.status, found.unseen,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)
