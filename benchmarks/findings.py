@@ -37,10 +37,10 @@ from aleator import (
 )
 from aleator.core.progress import Silent
 from aleator.core.types import Array
+from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.results.values import Consistency
-from aleator.tasks.consistency import consistency_of
 from benchmarks.kept import Entry, kept
 from benchmarks.mixed import Mixed, Plan
 
@@ -128,7 +128,7 @@ def drawn(
 
 def judged(fit: Mixed, seed: int) -> Consistency:
     """The second verdict of a fit."""
-    return consistency_of(cast(Fit, fit), True, seed, Silent(), asked=("load",))
+    return consistency_of(cast(Fit, fit), True, seed, Silent(), requested=("load",))
 
 
 Verdict = Callable[[pd.DataFrame, int], Consistency]

@@ -24,9 +24,8 @@ from aleator.inference.rare_events import Event
 from aleator.observations.experiments import Conditions
 from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.near import Near
-from aleator.tasks.decide.probability import Probability, probability
+from aleator.tasks.new_experiments import PredictedValue, PredictionContext
+from aleator.tasks.probability import Probability, probability
 
 Shape = Callable[[Array, Array], Array]
 END = 8.6
@@ -82,10 +81,10 @@ def estimated(state: LimitState, direct: bool) -> tuple[Probability, int]:
     source = f"lambda load, {', '.join(names)}: response(stacked(({', '.join(names)},)))"
     simulator = eval(source, {"response": state.response, "stacked": _stacked})
     runner = Runner(as_simulator(simulator, True), table, inputs.names)
-    ground = Ground(table, inputs, None, runner, direct, ResponseSurface())
+    context = PredictionContext(table, inputs, None, runner, direct, ResponseSurface())
     draws = AlphaDraws.at(np.array([h.start for h in inputs.hyperparameters]))
     event = Event(((state.limit, np.inf),))
-    return probability(Near.of(ground, 0, draws), draws, event), runner.runs
+    return probability(PredictedValue.of(context, 0, draws), draws, event), runner.runs
 
 
 def _stacked(values: tuple[Array, ...]) -> Array:

@@ -24,9 +24,9 @@ from scipy import stats
 from aleator import By, Free, Inputs, Noise, Normal
 from aleator.core.progress import Silent
 from aleator.core.types import Array
+from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
 from aleator.inference.information import INTERVALS
-from aleator.tasks.consistency import consistency_of
 from benchmarks.kept import Entry, kept
 from benchmarks.mixed import Mixed, Plan, drawn, maximum
 from benchmarks.shapes import SHAPES

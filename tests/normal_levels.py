@@ -14,8 +14,8 @@ from scipy import special
 from aleator import Experiments, Free, Inputs, Normal
 from aleator.core.progress import Silent
 from aleator.core.types import Array
+from aleator.inference.consistency import consistency_of
 from aleator.results.values import Consistency
-from aleator.tasks.consistency import consistency_of
 
 NAMES = ("a.mean", "a.sd", "noise.sd")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aleator.fit.regions import likely_alphas, padded
+from aleator.fit.regions import padded, plausible_alphas
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 
@@ -16,7 +16,7 @@ def test_likely_alphas_follow_the_information_within_the_limits() -> None:
         (None, None, None), True, np.arange(2), information,
     )  # fmt: skip
     limits = tuple(Hyperparameter(name, 0.0, 2.0, 1.0, True) for name in ("a", "b", "c"))
-    alphas = likely_alphas(np.array([1.0, 1.0, 0.7]), inference, limits)
+    alphas = plausible_alphas(np.array([1.0, 1.0, 0.7]), inference, limits)
     assert (alphas[:, 2] == 0.7).all()
     assert np.corrcoef(alphas[:, :2].T)[0, 1] < -0.9
     assert np.abs(alphas[:, :2].mean(axis=0) - 1.0).max() < 0.05

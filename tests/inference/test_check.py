@@ -15,7 +15,7 @@ from aleator import Free, Inputs, Noise, Normal
 from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
-from aleator.inference.diagnostics.surfaces import check_refusals, worse_than_estimated
+from aleator.inference.surface_diagnostics import check_refusals, worse_than_estimated
 from aleator.likelihood.individual import (
     Direct,
     GaussHermite,

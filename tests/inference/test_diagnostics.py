@@ -26,8 +26,7 @@ from aleator import (
 )
 from aleator.core.types import Array
 from aleator.errors import SimulatorError
-from aleator.inference.diagnostics.estimates import search_refusals
-from aleator.inference.diagnostics.experiments import Rival, rival_warnings
+from aleator.inference.diagnostics import Rival, rival_warnings, search_refusals
 from aleator.laws import Hyperparameter, Law
 from aleator.results.values import Diagnostic
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy.spatial import Delaunay
 
-from aleator.inference.extrapolation import beyond_hull, beyond_range, compared
+from aleator.tasks.prediction import beyond_hull, beyond_range, compared
 
 
 def test_within_the_hull_is_zero_and_elsewhere_not() -> None:

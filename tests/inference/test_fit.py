@@ -114,7 +114,7 @@ def test_what_is_given_integrates_to_the_likelihood() -> None:
     nodes = np.linspace(-8.0, 8.0, 2001)
     weights = np.exp(-0.5 * nodes**2)
     x = (fit.alpha[0] + fit.alpha[1] * nodes)[:, None]
-    each = np.log(np.exp(fit.likelihood.given(x)) @ (weights / weights.sum()))
+    each = np.log(np.exp(fit.likelihood.log_density_at(x)) @ (weights / weights.sum()))
     assert each == pytest.approx(fit.scored().each, abs=1e-8)
 
 

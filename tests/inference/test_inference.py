@@ -11,7 +11,7 @@ from scipy import optimize, stats
 
 from aleator import Constant, Free, Gaussian, GradientMultistart, Inputs, Normal
 from aleator.core.types import Array
-from aleator.inference.diagnostics.estimates import weak_directions
+from aleator.inference.diagnostics import weak_directions
 from aleator.inference.information import Inference, infer, observed_information
 from aleator.inference.profile import profile_intervals
 from aleator.moments.likelihood import Likelihood

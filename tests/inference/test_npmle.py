@@ -18,8 +18,8 @@ from aleator.inference.npmle import (
     NPMLE,
     NPMLE_SETTINGS,
     GapTest,
+    gap_test,
     gradient,
-    judged,
     local_maxima,
     mixed,
     npmle,
@@ -255,7 +255,7 @@ def points(fit: object, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG001
 
 
 def of(fit: Measured, most: int, seed: int = 0) -> GapTest:
-    return judged(fit, points, most, seed, Silent())  # type: ignore[arg-type, return-value]
+    return gap_test(fit, points, most, seed, Silent())  # type: ignore[arg-type, return-value]
 
 
 def p_values(count: int, modes: float, most: int = 39) -> np.ndarray:
@@ -309,4 +309,4 @@ def test_replicates_without_a_likelihood_count_as_larger_and_are_told() -> None:
 def test_data_without_a_likelihood_are_not_judged() -> None:
     fit = Measured.of(np.random.default_rng(2).normal(0.0, 1.2, COUNT))
     lost = replace(fit, y=np.full(COUNT, np.nan))
-    assert judged(lost, points, 30, 0, Silent()) is None  # type: ignore[arg-type]
+    assert gap_test(lost, points, 30, 0, Silent()) is None  # type: ignore[arg-type]

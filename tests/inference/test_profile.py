@@ -11,10 +11,8 @@ from scipy import stats
 from scipy.special import expit
 
 from aleator.core.types import Array
-from aleator.inference.bracket import Bracket
 from aleator.inference.information import infer
-from aleator.inference.profile import profile_intervals
-from aleator.inference.profile_end import ENDS, TARGET
+from aleator.inference.profile import ENDS, TARGET, Bracket, profile_intervals
 from aleator.laws import Hyperparameter
 from aleator.search import GradientMultistart
 from aleator.search.interface import LogLikelihood

@@ -17,7 +17,7 @@ from identifications import unjudged
 
 from aleator import Check, Free, Inputs, Noise, Normal
 from aleator.errors import SimulatorError
-from aleator.inference.diagnostics.experiments import failure_report
+from aleator.inference.diagnostics import failure_report
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.responses import Response
 from aleator.simulators import (

@@ -10,8 +10,7 @@ from aleator.inference.check import Check
 from aleator.observations.experiments import Experiments
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.expected_cost import expected_cost
-from aleator.tasks.first_look import LOOK, Look, first_look, planned_look
+from aleator.tasks.first_look import LOOK, Look, expected_cost, first_look, planned_look
 
 FORCE = np.array([10.0, 20.0, 30.0, 40.0, 50.0])
 TRAVEL = np.array([4.9, 10.2, 15.4, 12.0, 8.0])  # stiffness 2.04, 1.96, 1.95, 3.33, 6.25

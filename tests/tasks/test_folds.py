@@ -29,7 +29,7 @@ from aleator import (
 )
 from aleator.core.types import Array
 from aleator.errors import ExperimentsError
-from aleator.inference.diagnostics import by_finer_cells, cells_error
+from aleator.inference.surface_diagnostics import by_finer_cells, cells_error
 from aleator.likelihood.level_sets import LevelLikelihood
 from aleator.search import GradientMultistart
 from aleator.simulators.response_functions import DirectResponse

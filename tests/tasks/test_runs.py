@@ -31,7 +31,7 @@ from aleator import (
 from aleator.core.progress import Silent
 from aleator.core.types import Array
 from aleator.errors import InputsError, SimulatorError
-from aleator.fit.way import fails_here_and_there
+from aleator.fit.question import fails_here_and_there
 from aleator.inference.check import Check
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.search import GradientMultistart, SearchResult

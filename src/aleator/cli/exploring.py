@@ -28,8 +28,7 @@ from aleator.fit.question import Choices
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
-from aleator.tasks.expected_cost import expected_cost
-from aleator.tasks.first_look import first_look, planned_look
+from aleator.tasks.first_look import expected_cost, first_look, planned_look
 from aleator.tasks.next_experiment import (
     Predicted,
     next_experiments,

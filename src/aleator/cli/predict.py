@@ -28,7 +28,6 @@ from aleator.cli.running import (
 )
 from aleator.core.types import Indices
 from aleator.errors import AleatorError, short
-from aleator.inference.extrapolation import compared
 from aleator.observations.experiments import Conditions
 from aleator.results import documents
 from aleator.results.printed import Content, number
@@ -36,9 +35,10 @@ from aleator.results.schema import read_answer
 from aleator.results.units import label
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
-from aleator.tasks.decide.limits import Tolerance
-from aleator.tasks.decide.sample import SAMPLE
+from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.identification import Identification
+from aleator.tasks.prediction import compared
+from aleator.tasks.probability import Tolerance
 from aleator.tasks.session import OWN, Session
 from aleator.views import predictions
 

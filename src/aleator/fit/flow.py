@@ -1,4 +1,4 @@
-"""The flow of an identification: question, refine, certain, check.
+"""The flow of an identification: question, refine, uncertainty, check.
 
 `identify` asks for the experiments that were measured, `recover` for virtual ones.
 """
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.core.types import Array, Indices
-from aleator.fit.certain import Certain, certain
 from aleator.fit.ledger import Ledger, affordable
 from aleator.fit.question import Question, start_point
 from aleator.fit.refine import EXACT, Refinement, refined
-from aleator.fit.regions import REGIONS, draws, likely_alphas
-from aleator.inference import diagnostics
+from aleator.fit.regions import REGIONS, draws, plausible_alphas
+from aleator.fit.uncertainty import Inferred, with_uncertainty
+from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed
-from aleator.inference.diagnostics import Doubt, doubt
+from aleator.inference.surface_diagnostics import Doubt, doubt
 from aleator.likelihood.individual import Layout, OnSurfaces
 from aleator.likelihood.problem import Problem
 from aleator.simulators.response_functions import moving_parameters
@@ -25,18 +25,18 @@ from aleator.simulators.response_functions import moving_parameters
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """How sure an answer is, what the simulator says of it, and what surfaces have wrong.
+    """The maximum with its uncertainty, its check on the simulator, and the surfaces' errors.
 
     `checked` is None where nothing rests on surfaces, or no run was left or wanted.
     """
 
-    certain: Certain
+    inferred: Inferred
     checked: Checked | None
     doubt: Doubt
 
 
 def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
-    """The answer to a question, checked on the simulator where it rests on something else.
+    """The answer to a question, checked on the simulator where it rests on surfaces.
 
     Surfaces are made exact where the law has its mass. An exact outcome far out is explained
     elsewhere, and its log-density may rest on what a surface has wrong there: the check sees it,
@@ -48,7 +48,7 @@ def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
         with ledger.stage("repeated run"):
             runner.require_repeatable(start)
         answer = _checked(answered(question, ledger), check, ledger)
-        for _ in range(diagnostics.ACCURACY.rounds):
+        for _ in range(surface_diagnostics.ACCURACY.rounds):
             better = _nearer(answer, ledger)
             if better is None:
                 break
@@ -60,15 +60,15 @@ def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
     return answer
 
 
-def answered(question: Question, ledger: Ledger) -> Certain:
-    """The maximum that nothing moves, and how sure it is."""
-    return certain(refined(question, ledger), ledger)
+def answered(question: Question, ledger: Ledger) -> Inferred:
+    """The maximum that neither nodes nor runs move, with its uncertainty."""
+    return with_uncertainty(refined(question, ledger), ledger)
 
 
-def _checked(found: Certain, check: Check, ledger: Ledger) -> Answer:
-    """With a few fresh runs under the individual laws."""
+def _checked(found: Inferred, check: Check, ledger: Ledger) -> Answer:
+    """The answer with the check: a few fresh runs under the individual laws."""
     question, surfaces = found.refined.question, found.refined.surfaces
-    likelihood, alpha, runner = found.settled.likelihood, found.settled.alpha, question.runner
+    likelihood, alpha, runner = found.maximum.likelihood, found.maximum.alpha, question.runner
     none = np.zeros(likelihood.count)
     result: Checked | None = None
     if surfaces is not None and check.wanted:
@@ -86,12 +86,9 @@ def _checked(found: Certain, check: Check, ledger: Ledger) -> Answer:
     return Answer(found, result, doubted)
 
 
-def _against_simulator(found: Certain, check: Check, runs: int) -> Checked:
-    runner, likelihood, alpha = (
-        found.refined.question.runner,
-        found.settled.likelihood,
-        found.settled.alpha,
-    )
+def _against_simulator(found: Inferred, check: Check, runs: int) -> Checked:
+    runner, end = found.refined.question.runner, found.maximum
+    likelihood, alpha = end.likelihood, end.alpha
     if not isinstance(likelihood, Problem):
         return checked(likelihood, alpha, runner, runs, check)
     y, law = likelihood.outcomes, alpha[: likelihood.inputs.size]
@@ -103,31 +100,31 @@ def _against_simulator(found: Certain, check: Check, runs: int) -> Checked:
     return result if exact is None else unsmoothed(result, exact, law)
 
 
-def _nearer(answer: Answer, ledger: Ledger) -> Certain | None:
-    """The answer with more runs near some outcomes, where their surfaces are doubted."""
-    found, likelihood = answer.certain, answer.certain.settled.likelihood
+def _nearer(answer: Answer, ledger: Ledger) -> Inferred | None:
+    """The answer with more runs near outcomes whose surfaces are doubted; None without any."""
+    found, likelihood = answer.inferred, answer.inferred.maximum.likelihood
     surfaces = found.refined.surfaces
     if surfaces is None or not isinstance(likelihood, Problem):
         return None
-    doubtful = answer.doubt.wanting | likelihood.unreached_at(found.settled.alpha)
+    doubtful = answer.doubt.wanting | likelihood.unreached_at(found.maximum.alpha)
     members = np.isin(np.arange(surfaces.good.size), likelihood.condition[doubtful])
     rows = np.flatnonzero(doubtful & surfaces.granted(members)[likelihood.condition])
     if not rows.size:
         return None
     refinement = Refinement(found.refined.question, ledger)
     near = _draws_near(likelihood, found, rows)
-    return certain(refinement.sharpened(found.refined, near), ledger)
+    return with_uncertainty(refinement.sharpened(found.refined, near), ledger)
 
 
 def _draws_near(
-    problem: Problem, found: Certain, rows: Indices, times: int = 16
+    problem: Problem, found: Inferred, rows: Indices, times: int = 16
 ) -> dict[int, Array]:
-    """Draws (512, moving) for the conditions of some experiments, near their outcomes.
+    """Draws (512, moving) near the measured outcomes of some experiments, by condition.
 
-    Of so many `times` as many draws of likely laws those with the nearest outcomes.
+    Of `times` as many draws of plausible laws, those whose outcomes are nearest are taken.
     """
     inputs, region = problem.inputs, problem.region
-    likely = likely_alphas(found.settled.alpha, found.inference, problem.hyperparameters)
+    likely = plausible_alphas(found.maximum.alpha, found.inference, problem.hyperparameters)
     wide = draws(inputs, [*likely], problem.count, EXACT.wide, times * REGIONS.draws)
     wide = np.clip(wide, *region.T)[:, moving_parameters(region)]
     surface = problem.surface

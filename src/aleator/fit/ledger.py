@@ -23,7 +23,7 @@ SURFACE, SEARCH = "response surface", "search"
 
 
 class Ledger:
-    """Seconds and simulator runs by stage, noted while a progress is told of them."""
+    """Seconds and simulator runs of each stage, which a progress display follows."""
 
     def __init__(self, runner: Runner, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}
@@ -34,7 +34,7 @@ class Ledger:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Announce a stage, and note what it takes; a stage may come again, or go on."""
+        """Announce a stage and count its seconds and runs; a stage may come again."""
         if name != self._last:
             self.progress.stage(name)
         self._last = name
@@ -75,7 +75,7 @@ def spend(
 
 
 def affordable(runner: Runner, runs: int) -> int | None:
-    """Of so many runs of each unit how many the budget has; None if it has them all.
+    """How many of `runs` runs of each unit the budget allows; None if all of them.
 
     None at all, 0, where they are fewer than the least check takes.
     """

@@ -1,4 +1,8 @@
-"""What is asked: experiments, laws, noise and a simulator, and the choices by which to answer."""
+"""What is to be answered: experiments, laws, noise and a simulator, and the choices by which to.
+
+`Choices` is a study without its runs, `Question` one with them. `way_of` says whether the
+likelihood is integrated over the simulator itself or over surfaces of it.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import qmc
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
@@ -19,17 +24,21 @@ from aleator.likelihood.individual import (
     Layout,
     Predictor,
 )
+from aleator.likelihood.level_sets import on_a_grid, searched
+from aleator.likelihood.level_sets.lines import CROSSINGS
 from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.responses import Observations
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner
+from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
     from aleator.moments.propagation import Collocation
+
 
 Noises = Noise | Mapping[str, Noise]
 """The noise of the only response, or of each by name."""
@@ -43,7 +52,7 @@ FEWEST = GaussHermite(3, 1)
 
 
 def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
-    """Whether outcomes have a density of their own: the one choice between the two likelihoods.
+    """Whether outcomes have a density of their own, without an integral over parameters.
 
     It is so for one exact outcome an experiment, under one law for all experiments that is no
     mixture. Everything else is integrated over the parameters of each experiment.
@@ -72,7 +81,7 @@ class Choices:
         density: Density | None = None,
         search: Search = DEFAULT_SEARCH,
     ) -> Choices:
-        """The choices checked, and laws that follow covariates resolved by the table.
+        """Checked choices, in which laws that follow covariates are resolved by the table.
 
         Raises InputsError for what does not go together: a density, collocation or nodes of the
         law with noise, several observations without it, and nothing that scatters.
@@ -89,7 +98,7 @@ class Choices:
 
     @property
     def exact(self) -> bool:
-        """See `is_exact`."""
+        """Whether the outcomes have a density of their own (see `is_exact`)."""
         return is_exact(self.table, self.inputs, self.noise)
 
     @cached_property
@@ -105,14 +114,14 @@ class Choices:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the laws, then those of the errors."""
+        """The hyperparameters of the laws, then those of the errors."""
         if self.exact:
             return self.model.hyperparameters
         return (*self.inputs.hyperparameters, *self.errors.hyperparameters)
 
     @property
     def surfaces(self) -> ResponseSurface | None:
-        """The choice of response surfaces; None with collocation."""
+        """The settings of response surfaces; None with collocation."""
         own = isinstance(self.propagation, ResponseSurface)
         return self.propagation if own else None  # type: ignore[return-value]
 
@@ -127,7 +136,7 @@ class Choices:
             )
 
     def question(self, runner: Runner, seen: Observations, seed: int) -> Question:
-        """What to answer where this was observed, at the places of the table; NaN is nothing."""
+        """The question for these observations at the places of the table; NaN is no observation."""
         kept = ~np.isnan(seen.lower)
         table = self.table.with_observations(seen.only(kept))
         return Question(replace(self, table=table), runner, seed, kept)
@@ -146,7 +155,7 @@ class Question:
     kept: Flags
 
     def without(self, lost: Flags) -> Question:
-        """The same without some of the observations (M,): no run gives their values."""
+        """The question without some of the observations (M,), of which no run gives a value."""
         kept = self.kept.copy()
         kept[kept] = ~lost
         table = self.choices.table.only(~lost)
@@ -164,7 +173,7 @@ class Question:
 
     @property
     def exact(self) -> bool:
-        """See `is_exact`."""
+        """Whether the outcomes have a density of their own (see `is_exact`)."""
         return self.choices.exact
 
     @property
@@ -174,23 +183,23 @@ class Question:
 
     @property
     def unit(self) -> Indices:
-        """(M,) the unit whose run gives each observation."""
+        """The unit (M,) whose run gives each observation."""
         return self.runner.unit[self.kept]
 
     @property
     def column(self) -> Indices:
-        """(M,) which of the values of that run each observation is."""
+        """The place (M,) of each observation among the values of its run."""
         return self.runner.column[self.kept]
 
     @cached_property
     def layout(self) -> Layout:
-        """Which run gives the value of which observation."""
+        """The run that gives each observation, and its experiment."""
         experiment = self.table.observations.experiment
         return Layout(len(self.ids), experiment, self.unit, self.column)
 
     @cached_property
     def measured(self) -> Array:
-        """The observations (M,) as numbers: of one that is censored, the bound that is known."""
+        """The observations (M,) as numbers; of a censored one the bound."""
         seen = self.table.observations
         return np.where(np.isfinite(seen.lower), seen.lower, seen.upper)
 
@@ -203,7 +212,7 @@ class Question:
 
 
 def start_point(inputs: Inputs) -> Array:
-    """The mean (n,) of every law as the search starts it.
+    """The mean (n,) of every law at the start of the search.
 
     >>> from aleator.laws import Constant, Free, Normal
     >>> start_point(Inputs({"v": Normal(Free(0.0, 4.0), 1.0), "b": Constant(3.0)})).tolist()
@@ -214,12 +223,12 @@ def start_point(inputs: Inputs) -> Array:
     return np.array([law.mean_and_sd(values).mean for law, values in laws])
 
 
-def varying_conditions(table: Experiments, asked: Sequence[str]) -> list[str]:
-    """Which of the conditions that the simulator asks for vary within any experiment."""
+def varying_conditions(table: Experiments, requested: Sequence[str]) -> list[str]:
+    """Those of the simulator's conditions that vary within an experiment."""
     first = np.unique(table.experiment, return_index=True)[1]
     return [
         name
-        for name in asked
+        for name in requested
         if np.any((cells := table.conditions[name].to_numpy()) != cells[first][table.experiment])
     ]
 
@@ -242,7 +251,7 @@ def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> 
 def surfaces_alone(
     propagation: ResponseSurface | Collocation, density: Density | None
 ) -> ResponseSurface:
-    """The choice of surfaces of a likelihood over individual parameters.
+    """The settings of surfaces, for a likelihood over individual parameters.
 
     Raises InputsError for what only the density of an exact outcome has: the density itself,
     collocation, a surface of all experiments, and nodes of the law.
@@ -264,3 +273,124 @@ def _of_exact_outcomes(what: str, key: str) -> InputsError:
         f"leave {key} out: with noise the likelihood is an integral over each experiment's own "
         "parameters",
     )
+
+
+@dataclass(frozen=True)
+class WaySettings:
+    """How runs without surfaces are counted beforehand, and where failures are looked for."""
+
+    evaluations: int = 400
+    """Evaluations of the likelihood that an identification takes, about."""
+    nodes: int = 9
+    """Nodes a variate that an identification comes to, about; of more than three variates fewer."""
+    line: int = 33
+    """Points of a line on which failures are looked for that lie alone."""
+    tried: int = 128
+    """Points at which a run must give no value of an observation for that to be lost."""
+    grids: tuple[int, int] = (100, 5000)
+    """Grids of level sets in an identification, fewest and most of the studies of `make judges`."""
+
+
+WAYS = WaySettings()
+
+
+@dataclass(frozen=True)
+class Way:
+    """Whether the simulator itself is integrated over, or else surfaces; the `reason` in words."""
+
+    direct: bool
+    reason: str
+
+
+def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> Way:
+    """The simulator itself where it is vectorized, else surfaces.
+
+    The choice says otherwise by `surfaces`. A tolerance and a budget of runs are for surfaces, and
+    so is a simulator of which single runs fail between others that do not. `x` (n,) is a point of
+    the `region` (n, 2) where the laws may be. No time is measured, so that the same study goes the
+    same way on every machine. Cost: 33 runs a unit and parameter of a vectorized simulator.
+    """
+    if choice.surfaces == "none":
+        runner.takes_arrays(region)
+        return Way(True, 'surfaces = "none"')
+    if choice.surfaces is not None:
+        return Way(False, f'surfaces = "{choice.surfaces}"')
+    if choice.tolerance is not None:
+        return Way(False, "surfaces have a tolerance")
+    if runner.account.budget.runs is not None:
+        return Way(False, "runs have a budget")
+    if not runner.vectorized:
+        return Way(False, "the simulator makes one run at a time")
+    if fails_here_and_there(runner, x, region):
+        return Way(False, "the simulator takes arrays, but runs fail here and there")
+    return Way(True, "the simulator takes arrays")
+
+
+def way_of_outcomes(runner: Runner, model: Model) -> Way:
+    """The same choice for exact outcomes, one an experiment; without choice no reason.
+
+    The simulator itself serves where the likelihood is that of level sets, and the user chose no
+    tolerance. Raises InputsError where it is asked for elsewhere.
+    """
+    choice, inputs = model.surfaces, model.inputs
+    if choice is None:
+        return Way(False, "")
+    if model.density is None and model.follows:
+        start = np.clip(start_point(inputs), *inputs.box.T)
+        return way_of(runner, choice, start, inputs.box)
+    if choice.surfaces == "none":
+        raise InputsError(
+            'surfaces = "none": densities of moments and a tolerance take surfaces',
+            'leave out surfaces, or take method = "collocation"',
+        )
+    return Way(False, "")
+
+
+def grids_each(inputs: Inputs, conditions: int) -> tuple[int, int]:
+    """The least and most runs of each condition for level sets of the simulator itself."""
+    few, s = searched(inputs, conditions), inputs.scattering
+    points = few**s if on_a_grid(inputs) else few * (CROSSINGS.steps + 2 * s)
+    return WAYS.grids[0] * points, WAYS.grids[1] * points
+
+
+def runs_each(inputs: Inputs) -> int:
+    """About how many runs of each unit an identification without surfaces takes."""
+    moving = int(moving_parameters(inputs.box).size)
+    return int(WAYS.nodes ** min(inputs.scattering, 3)) * (2 * moving + 1) * WAYS.evaluations
+
+
+def fails_here_and_there(runner: Runner, x: Array, region: Array) -> bool:
+    """Whether single runs of a simulator fail between others that do not.
+
+    On lines through x (n,) along each side of a region (n, 2). An integral over such a simulator
+    itself is one over holes, of which each set of nodes meets others; a surface goes over them.
+    """
+    share = np.linspace(0.02, 0.98, WAYS.line)
+    units = np.arange(runner.units)
+    for k, (low, high) in enumerate(region):
+        if not low < high:
+            continue
+        points = np.tile(x, (WAYS.line, 1))
+        points[:, k] = low + share * (high - low)
+        values = runner.straight(np.repeat(units, WAYS.line), np.tile(points, (units.size, 1)))
+        failed = np.isnan(values).all(axis=1).reshape(units.size, WAYS.line)
+        if np.any(failed[:, 1:-1] & ~failed[:, :-2] & ~failed[:, 2:]):
+            return True
+    return False
+
+
+def failing_observations(runner: Runner, region: Array, unit: Indices, column: Indices) -> Flags:
+    """Which observations (M,) a simulator gives no value of at 128 points of a region (n, 2).
+
+    None where that is so of all: the simulator may work in a small part of the region only.
+    """
+    u = qmc.Sobol(len(region), rng=3).random_base2(int(np.log2(WAYS.tried)))
+    lost = np.ones(len(unit), dtype=np.bool_)
+    for x in region[:, 0] + u * (region[:, 1] - region[:, 0]):
+        left = np.flatnonzero(lost)
+        if not left.size:
+            break
+        units, place = np.unique(unit[left], return_inverse=True)
+        found = runner.straight(units, np.tile(x, (units.size, 1)))
+        lost[left] = np.isnan(found[place, column[left]])
+    return lost & (not np.all(lost))

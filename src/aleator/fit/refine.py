@@ -15,23 +15,35 @@ import numpy as np
 
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags
-from aleator.fit import reach
+from aleator.fit import outcome_range
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
-from aleator.fit.question import Question, start_point
+from aleator.fit.quadrature import (
+    NODE_ACCURACY,
+    AnyLikelihood,
+    Maximum,
+    highest_maximum,
+    with_enough_nodes,
+    with_other_optima,
+)
+from aleator.fit.question import (
+    Question,
+    failing_observations,
+    start_point,
+    way_of,
+    way_of_outcomes,
+)
 from aleator.fit.regions import (
     REGIONS,
     draws,
     first_region,
     hull,
     interval_alphas,
-    likely_alphas,
     padded,
+    plausible_alphas,
     reaching_out,
     region_of,
 )
 from aleator.fit.search import searched
-from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, compared, highest, settled
-from aleator.fit.way import failing_observations, way_of, way_of_outcomes
 from aleator.inference.information import Inference, infer
 from aleator.likelihood.individual import Direct, IndividualLikelihood, OnSurfaces
 from aleator.likelihood.model import Model
@@ -88,7 +100,7 @@ EXACT = Rounds(begin=np.inf, first=0.05, last=0.025, together=1, change=0.2, eac
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A maximum and the search that led to it, with what it rests on.
+    """A maximum, the search that led to it, and the surfaces that it rests on.
 
     `question` is what was answered: without observations of which no run gives a value. `surfaces`
     are None where the simulator itself was integrated over, and `sites` their distinct values on
@@ -99,15 +111,25 @@ class Refined:
     """
 
     question: Question
-    settled: Settled
+    maximum: Maximum
     found: SearchResult
     region: Array
     reason: str
     surfaces: AdaptiveSurfaces | None = None
     sites: Sites | None = None
-    others: tuple[Settled, ...] = ()
+    others: tuple[Maximum, ...] = ()
     possible: tuple[Array, ...] = ()
     spread: bool = False
+
+    @property
+    def likelihood(self) -> AnyLikelihood:
+        """The likelihood with nodes adapted to the maximum."""
+        return self.maximum.likelihood
+
+    @property
+    def alpha(self) -> Array:
+        """The maximum (K,)."""
+        return self.maximum.alpha
 
 
 def refined(question: Question, ledger: Ledger) -> Refined:
@@ -127,32 +149,32 @@ def refined(question: Question, ledger: Ledger) -> Refined:
 
 
 def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger) -> Refined:
-    """The maximum by the simulator itself: there is nothing to refine but nodes."""
+    """The maximum by the simulator itself, where only nodes are refined."""
     runner, inputs = question.runner, question.inputs
     likelihood: AnyLikelihood
     if question.exact:
         with ledger.stage("preparation"):
-            likelihood = reach.on_simulator(question, ledger.progress)
+            likelihood = outcome_range.on_simulator(question, ledger.progress)
     else:
         lost = failing_observations(runner, region, question.unit, question.column)
         question = question.without(lost)
         likelihood = question.integral(Direct(runner, moving_parameters(inputs.box), inputs.box))
     found = searched(question, likelihood, [], ledger)
     with ledger.stage(SEARCH):
-        top = highest(settled(likelihood, found.alpha), found)
-    return Refined(question, top.settled, top.found, likelihood.region, reason, possible=top.others)
+        top = highest_maximum(with_enough_nodes(likelihood, found.alpha), found)
+    return Refined(question, top.maximum, top.found, likelihood.region, reason, possible=top.others)
 
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """How an answer on surfaces goes on to a better one."""
+    """Makes better answers on surfaces from those before."""
 
     question: Question
     ledger: Ledger
 
     @property
     def rounds(self) -> Rounds:
-        """When surfaces are exact enough for this question."""
+        """The settings for exact outcomes, or those with noise."""
         return EXACT if self.question.exact else WITH_NOISE
 
     def answer(self, region: Array, reason: str) -> Refined:
@@ -167,25 +189,21 @@ class Refinement:
         ends = [self._finished(self._ended(first))]
         for alpha, surfaces in zip(others, again, strict=True):
             with self.ledger.stage(SEARCH):
-                start = settled(self._likelihood(first), alpha, SETTLING.rough)
-            known = [end.settled.alpha for end in ends]
-            follow = self._refined(replace(first, settled=start, surfaces=surfaces), known)
-            end = follow.settled
+                start = with_enough_nodes(self._likelihood(first), alpha, NODE_ACCURACY.rough)
+            known = [end.maximum.alpha for end in ends]
+            follow = self._refined(replace(first, maximum=start, surfaces=surfaces), known)
+            end = follow.maximum
             if not _infer(end).among(end.alpha, known, self.rounds.apart):
                 ends.append(self._finished(self._ended(follow)))
-        best, *lower = sorted(ends, key=lambda end: -end.settled.value)
-        return replace(best, others=tuple(end.settled for end in lower))
+        best, *lower = sorted(ends, key=lambda end: -end.maximum.value)
+        return replace(best, others=tuple(end.maximum for end in lower))
 
     def spread(self, answer: Refined, inference: Inference, intervals: Array) -> Refined | None:
-        """The answer on surfaces that serve the laws at the ends of intervals (K, 2) too.
+        """The answer on surfaces that hold at the ends of the intervals (K, 2) too.
 
         None where the present ones do.
         """
-        surfaces, likelihood, alpha = (
-            answer.surfaces,
-            answer.settled.likelihood,
-            answer.settled.alpha,
-        )
+        surfaces, likelihood, alpha = answer.surfaces, answer.likelihood, answer.alpha
         assert surfaces is not None
         inputs, hyperparameters = likelihood.inputs, likelihood.hyperparameters
         ends = interval_alphas(alpha, inference, intervals, hyperparameters)
@@ -214,18 +232,16 @@ class Refinement:
         return self._finished(moved)
 
     def sharpened(self, answer: Refined, draws_of: dict[int, Array]) -> Refined:
-        """The answer with a round of runs for some sites, each where its own draws lie."""
+        """The answer after a round of runs at some sites, each where its own draws lie."""
         surfaces = answer.surfaces
         assert surfaces is not None
         with self.ledger.stage(SURFACE):
             surfaces.sharpen_each(draws_of)
             moved = self._on(answer)
-        found = searched(
-            self.question, moved.settled.likelihood, [answer.settled.alpha], self.ledger
-        )
-        start = settled(moved.settled.likelihood, found.alpha, SETTLING.rough)
+        found = searched(self.question, moved.maximum.likelihood, [answer.alpha], self.ledger)
+        start = with_enough_nodes(moved.maximum.likelihood, found.alpha, NODE_ACCURACY.rough)
         found = replace(found, once=answer.found.once)
-        return self._finished(replace(moved, settled=start, found=found))
+        return self._finished(replace(moved, maximum=start, found=found))
 
     def _first(self, region: Array, reason: str) -> Refined:
         """Surfaces of all observations, exact to the user's tolerance or coarse, and a search."""
@@ -249,36 +265,35 @@ class Refinement:
             likelihood, region = self._made(question, surfaces, region, sites)
         found = searched(question, likelihood, [], self.ledger)
         with self.ledger.stage(SEARCH):
-            start = settled(likelihood, found.alpha, SETTLING.rough)
+            start = with_enough_nodes(likelihood, found.alpha, NODE_ACCURACY.rough)
         return Refined(question, start, found, region, reason, surfaces, sites)
 
     def _made(
         self, question: Question, surfaces: AdaptiveSurfaces, region: Array, sites: Sites
     ) -> tuple[AnyLikelihood, Array]:
-        """The likelihood on surfaces as they are, and the region where it is known."""
+        """The likelihood on the surfaces as they are, and the region of the surfaces."""
         progress = self.ledger.progress
         if surfaces.choice.tolerance is not None:
             surfaces.judge(None)
             surfaces.refine(None, surfaces.level, surface_progress(progress))
         if question.exact:
-            problem = reach.on_surfaces(question, surfaces, region, progress)
+            problem = outcome_range.on_surfaces(question, surfaces, region, progress)
             return problem, problem.region
         return question.integral(OnSurfaces(surfaces.surface(), region, sites.of)), region
 
     def _on(self, answer: Refined) -> Refined:
-        """The answer with the likelihood on its surfaces as they are now."""
         assert answer.surfaces is not None
         assert answer.sites is not None
         made, region = self._made(answer.question, answer.surfaces, answer.region, answer.sites)
-        before = answer.settled.likelihood
+        before = answer.likelihood
         if isinstance(made, IndividualLikelihood) and isinstance(before, IndividualLikelihood):
             # the nodes of the last round will do again
             made = replace(made, rule=before.rule)
-        return replace(answer, settled=replace(answer.settled, likelihood=made), region=region)
+        return replace(answer, maximum=replace(answer.maximum, likelihood=made), region=region)
 
     def _likelihood(self, answer: Refined) -> AnyLikelihood:
-        """With few nodes, on the surfaces of an answer."""
-        likelihood = answer.settled.likelihood
+        """The likelihood with few nodes, on the surfaces of an answer."""
+        likelihood = answer.likelihood
         if isinstance(likelihood, IndividualLikelihood):
             return answer.question.integral(likelihood.predictor)
         return likelihood
@@ -287,37 +302,42 @@ class Refinement:
         """Run and climb from an answer until neither moves it, and no search finds a higher one."""
         while True:
             answer = self._refined(answer)
-            before, likelihood = answer.settled, self._likelihood(answer)
+            before, likelihood = answer.maximum, self._likelihood(answer)
             found = searched(answer.question, likelihood, [before.alpha], self.ledger)
             found = replace(found, once=answer.found.once)
             with self.ledger.stage(SEARCH):
-                again = settled(likelihood, found.alpha, SETTLING.rough)
+                again = with_enough_nodes(likelihood, found.alpha, NODE_ACCURACY.rough)
             if again.value < before.value + OPTIMA.same_value:
                 return replace(answer, found=found)
-            answer = replace(answer, settled=again, found=found)
+            answer = replace(answer, maximum=again, found=found)
 
     def _finished(self, answer: Refined) -> Refined:
-        """With the nodes of an answer; surfaces are exact near it: it is as far as they know."""
+        """The answer with as many nodes as it needs, on the surfaces as they are."""
         with self.ledger.stage(SEARCH):
-            end = settled(self._likelihood(answer), answer.settled.alpha)
-            top = compared(end, answer.found)
-        return replace(answer, settled=top.settled, found=top.found, possible=top.others)
+            end = with_enough_nodes(self._likelihood(answer), answer.alpha)
+            top = with_other_optima(end, answer.found)
+        return replace(answer, maximum=top.maximum, found=top.found, possible=top.others)
 
     def _refined(self, answer: Refined, known: Sequence[Array] = ()) -> Refined:
-        """Run where the laws are, and climb, until nothing moves, or one comes to what is known."""
+        """Make runs where the laws are, and climb, until nothing moves.
+
+        It also ends where the answer comes to one of the `known` alphas.
+        """
         rounds, surfaces = self.rounds, answer.surfaces
         assert surfaces is not None
         level, calm = rounds.first * surfaces.caution, False
         for _ in range(rounds.most):
-            inference = _infer(answer.settled)
-            if inference.among(answer.settled.alpha, known, rounds.apart):
+            inference = _infer(answer.maximum)
+            if inference.among(answer.alpha, known, rounds.apart):
                 break
             with self.ledger.stage(SURFACE):
                 moved, done = self._sharpened(answer, inference, level)
             with self.ledger.stage(SEARCH):
-                after = settled(moved.settled.likelihood, answer.settled.alpha, SETTLING.rough)
-            calm = self._calm(answer.settled, after, inference)
-            answer = replace(moved, settled=after)
+                after = with_enough_nodes(
+                    moved.maximum.likelihood, answer.alpha, NODE_ACCURACY.rough
+                )
+            calm = self._calm(answer.maximum, after, inference)
+            answer = replace(moved, maximum=after)
             if calm and level <= rounds.last * surfaces.caution:
                 break
             if calm or done:
@@ -327,14 +347,10 @@ class Refinement:
     def _sharpened(
         self, answer: Refined, inference: Inference, level: float
     ) -> tuple[Refined, bool]:
-        """Runs for all sites whose error is above a level where the laws lie; whether none is."""
-        likelihood, alpha, surfaces = (
-            answer.settled.likelihood,
-            answer.settled.alpha,
-            answer.surfaces,
-        )
+        """Make runs at all sites whose error is above a level; also whether none is left above."""
+        likelihood, alpha, surfaces = answer.likelihood, answer.alpha, answer.surfaces
         assert surfaces is not None
-        likely = likely_alphas(alpha, inference, likelihood.hyperparameters)
+        likely = plausible_alphas(alpha, inference, likelihood.hyperparameters)
         region = answer.region
         if isinstance(likelihood, IndividualLikelihood):
             assert answer.sites is not None
@@ -360,23 +376,22 @@ class Refinement:
     def _draws(
         self, likelihood: AnyLikelihood, alphas: Sequence[Array], region: Array, wide: float = 1.0
     ) -> Array:
-        """Parameters (D, moving) of the laws, moved into a region (n, 2)."""
         x = np.clip(draws(likelihood.inputs, alphas, likelihood.count, wide), *region.T)
         return x[:, moving_parameters(region)]
 
     def _together(self, answer: Refined, members: Flags) -> Flags:
-        """With all sites of the same runs."""
+        """The members and all other sites that the same runs serve."""
         assert answer.sites is not None
         return answer.sites.together(members)
 
     def _elsewhere(self, first: Refined) -> list[Array]:
-        """Optima (K,) of a search on coarse surfaces that exact ones may prefer to its best.
+        """Other optima (K,) of the first search that exact surfaces may prefer to its best.
 
-        They lie apart, no mean is on a limit, and the noise that they need is at most e times
-        larger.
+        They lie apart from each other, no mean of them is on a limit, and the noise that they need
+        is at most e times larger.
         """
-        found, likelihood = first.found, first.settled.likelihood
-        inference = _infer(first.settled)
+        found, likelihood = first.found, first.maximum.likelihood
+        inference = _infer(first.maximum)
         limits = np.array(
             [(h.lower, h.upper) if h.free and not h.log else (-np.inf, np.inf)
              for h in likelihood.hyperparameters]
@@ -393,8 +408,8 @@ class Refinement:
                 known.append(alpha)
         return known[1:]
 
-    def _calm(self, before: Settled, after: Settled, inference: Inference) -> bool:
-        """Whether neither alpha nor the log-likelihood has moved."""
+    def _calm(self, before: Maximum, after: Maximum, inference: Inference) -> bool:
+        """Whether neither alpha nor the log-likelihood has moved in a round."""
         step = (after.alpha - before.alpha)[inference.identified]
         length = float(step @ inference.information @ step)
         change = abs(after.value - before.value)
@@ -405,7 +420,7 @@ class Refinement:
 def under_law(
     runner: Runner, model: Model, alpha: Array, progress: Progress | None = None
 ) -> Forward:
-    """The forward problem for a law alpha (K,) that is known: no search moves it.
+    """The forward problem under a known law alpha (K,), without a search.
 
     With a tolerance the surfaces are exact all over the region of the law, without one under the
     law (see `Rounds`).
@@ -426,11 +441,11 @@ def under_law(
 
 
 def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
-    """One that holds the laws of all that alpha may be, if that is better than the present one.
+    """A region that holds the laws of all plausible alphas, where it is better than the present.
 
-    A narrower one only if it is smaller than the share `shrink` of the present one.
+    A narrower region is better only if it is smaller than the share `shrink` of the present one.
     """
-    likelihood, alpha, region = answer.settled.likelihood, answer.settled.alpha, answer.region
+    likelihood, alpha, region = answer.likelihood, answer.alpha, answer.region
     inputs = likelihood.inputs
     certain = region_of(inputs, [alpha], likelihood.count, REGIONS.far)
     possible = region_of(inputs, [*likely], likelihood.count, REGIONS.likely)
@@ -456,6 +471,6 @@ def _noise(likelihood: IndividualLikelihood, alpha: Array, sites: Sites) -> Arra
     return np.where(np.isfinite(least), least, 1.0)
 
 
-def _infer(answer: Settled) -> Inference:
+def _infer(answer: Maximum) -> Inference:
     likelihood = answer.likelihood
     return infer(likelihood.followed, answer.alpha, likelihood.hyperparameters)

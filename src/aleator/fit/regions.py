@@ -23,27 +23,24 @@ from aleator.laws.inputs import Inputs
 
 @dataclass(frozen=True)
 class RegionSettings:
-    """Where laws are taken to lie; by judgement.
-
-    - `alphas`: laws that represent alpha's uncertainty.
-    - `spread`: by how much these laws are wider apart than alpha's uncertainty.
-    - `draws`: draws of the laws of one alpha, or of all that are likely.
-    - `far`: standard normal variates beyond which a law has no mass that counts: 1e-7 at either
-      end.
-    - `likely`: the same of laws that are only possible: 1e-3.
-    - `pad`: share of its width by which a region is widened on either side.
-    - `least`: width of a region over that of the box, at least.
-    - `slack`: share of its width by which a region may be too narrow.
-    """
+    """Where laws are taken to lie; by judgement."""
 
     alphas: int = 32
+    """Laws that represent alpha's uncertainty."""
     spread: float = 1.5
+    """By how much these laws are wider apart than alpha's uncertainty."""
     draws: int = 512
+    """Draws of the laws of one alpha, or of all that are likely."""
     far: float = 5.2
+    """Standard normal variates beyond which a law has no mass that counts: 1e-7 at either end."""
     likely: float = 3.1
+    """The same of laws that are only possible: 1e-3."""
     pad: float = 0.05
+    """Share of its width by which a region is widened on either side."""
     least: float = 1e-3
+    """Width of a region over that of the box, at least."""
     slack: float = 0.02
+    """Share of its width by which a region may be too narrow."""
 
 
 REGIONS = RegionSettings()
@@ -56,7 +53,7 @@ def draws(
     wide: float = 1.0,
     count: int = REGIONS.draws,
 ) -> Array:
-    """Some `count` parameters (D, n) of the experiments' laws, of all alphas alike.
+    """`count` draws (D, n) of the experiments' parameters, as many under each alpha.
 
     Variates are `wide` times as far out as the laws say.
     """
@@ -72,7 +69,7 @@ def draws(
 
 
 def region_of(inputs: Inputs, alphas: Sequence[Array], experiments: int, far: float) -> Array:
-    """The smallest region (n, 2) that holds the variates within `far` of all experiments."""
+    """The smallest region (n, 2) of all variates up to `far` under the experiments' laws."""
     n, s, laws = len(inputs.names), inputs.scattering, _laws(inputs, experiments)
     low, high = np.full(n, np.inf), np.full(n, -np.inf)
     for alpha in alphas:
@@ -90,7 +87,7 @@ def region_of(inputs: Inputs, alphas: Sequence[Array], experiments: int, far: fl
 def first_region(
     inputs: Inputs, hyperparameters: Sequence[Hyperparameter], experiments: int
 ) -> Array:
-    """The box where every law states one; else what the limits of locations and constants span.
+    """The box if every law has one; else what limits of locations and constants span.
 
     With the standard deviations at their starts.
     """
@@ -101,10 +98,10 @@ def first_region(
     return within(inputs.box, region_of(inputs, [lower, upper], experiments, REGIONS.likely))
 
 
-def likely_alphas(
+def plausible_alphas(
     alpha: Array, inference: Inference, hyperparameters: tuple[Hyperparameter, ...]
 ) -> Array:
-    """Values (32, K) of alpha that its uncertainty leaves open: normal, within the limits.
+    """32 values (32, K) of alpha within its uncertainty and its limits.
 
     1.5 times as wide as the information says, and no wider than the limits in any direction.
     """
@@ -129,7 +126,7 @@ def interval_alphas(
     intervals: Array,
     hyperparameters: tuple[Hyperparameter, ...],
 ) -> list[Array]:
-    """alpha at both ends of every interval (K, 2), the others gone along as the covariance says."""
+    """alpha at the ends of every interval (K, 2), the others moved by the covariance."""
     lower, upper = limits_of(hyperparameters)
     out = []
     for place, k in enumerate(inference.free.tolist()):
@@ -144,7 +141,7 @@ def interval_alphas(
 
 
 def reaching_out(region: Array, box: Array, other: Array) -> Flags:
-    """Which parameters (n,) of another region lie beyond this one, by 2 % of its width.
+    """Which parameters (n,) of another region lie outside this one by 2 % of its width.
 
     Not those that do only where the box ends too, or that are known.
     """
@@ -155,7 +152,7 @@ def reaching_out(region: Array, box: Array, other: Array) -> Flags:
 
 
 def hull(region: Array, other: Array) -> Array:
-    """The smallest region (n, 2) that holds both."""
+    """The smallest region (n, 2) that holds two regions."""
     return np.stack(
         [np.minimum(region[:, 0], other[:, 0]), np.maximum(region[:, 1], other[:, 1])], axis=1
     )
@@ -179,5 +176,5 @@ def within(box: Array, region: Array) -> Array:
 
 
 def _laws(inputs: Inputs, experiments: int) -> int:
-    """How many experiments have laws of their own: all that follow covariates, else one."""
+    """The number of different laws: one for each experiment with covariates, else one."""
     return experiments if inputs.regressed else 1

@@ -19,14 +19,14 @@ from aleator.core.types import Array
 from aleator.fit.flow import Answer
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import varying_conditions
-from aleator.fit.search import GUESSES, LeastSquares, LinearGaussian, by_tangent, least_squares
+from aleator.fit.search import GUESSES, LeastSquares, by_tangent, least_squares
 from aleator.fit.soundness import Reviewed
-from aleator.inference import diagnostics
+from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Check, Checked
-from aleator.inference.diagnostics.surfaces import judged
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
+from aleator.inference.surface_diagnostics import surface_report
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import has_prior
 from aleator.laws.inputs import Inputs
@@ -62,8 +62,8 @@ CUT = {(True, True): "both", (True, False): "lower", (False, True): "upper", (Fa
 
 def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) -> Result:
     """The result of an answer to the experiments of a table, as plain data."""
-    certain = answer.certain
-    end, inference, profile = certain.settled, certain.inference, certain.profile
+    certain = answer.inferred
+    end, inference, profile = certain.maximum, certain.inference, certain.profile
     likelihood, alpha, question = end.likelihood, end.alpha, certain.refined.question
     hyperparameters, surfaces = likelihood.hyperparameters, certain.refined.surfaces
     with ledger.stage("baselines"):
@@ -71,11 +71,14 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         baselines = _baselines(fit, likelihood.inputs)
         if isinstance(likelihood, Problem):
             linear = by_tangent(likelihood, question.choices.search, question.seed)
-            baselines["circe"] = _of_tangent(linear, hyperparameters)
+            alpha_of_tangent = _named(linear.alpha, hyperparameters)
+            baselines["circe"] = {
+                "alpha": alpha_of_tangent, "log_likelihood": linear.log_likelihood
+            }  # fmt: skip
     reviewed = Reviewed(answer, table)
     notes = []
     if answer.checked is None and surfaces is not None and check.wanted:
-        notes.append(diagnostics.UNCHECKED)
+        notes.append(surface_diagnostics.UNCHECKED)
     if isinstance(likelihood, Problem):
         own = _of_outcomes(likelihood, reviewed)
     else:
@@ -108,28 +111,28 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
 
 
 def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
-    """What a result says of exact outcomes."""
+    """The part of a result that only exact outcomes have."""
     answer, table, at = reviewed.answer, reviewed.table, reviewed.at
-    alpha, surface_error = answer.certain.settled.alpha, reviewed.surface_error
+    alpha, surface_error = answer.inferred.maximum.alpha, reviewed.surface_error
     where = "under the law" if problem.model.follows else "on the box"
     return {
         "log_likelihood": _verified(
             at, reviewed.exact or at, answer.checked,
-            diagnostics.cells_error(problem, reviewed.by_cells), answer.doubt,
+            surface_diagnostics.cells_error(problem, reviewed.by_cells), answer.doubt,
         ),
         "density": problem.likelihood.name,
         "propagation": problem.name,
         "experiments": experiment_reports(problem, alpha, at, table.ids, surface_error),
-        "surface": None if problem.surface is None else judged(problem.surface, where),
+        "surface": surface_report(problem.surface, where),
         "density_distances": _distances(problem, alpha, reviewed.exact),
         "outcome": table.outcome_name,
     }  # fmt: skip
 
 
 def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dict[str, Any]:
-    """What a result says of experiments with parameters of their own."""
-    certain, checked = reviewed.answer.certain, reviewed.answer.checked
-    alpha, gap, surfaces = certain.settled.alpha, certain.settled.gap, certain.refined.surfaces
+    """The part of a result that only experiments with noise have."""
+    certain, checked = reviewed.answer.inferred, reviewed.answer.checked
+    alpha, gap, surfaces = certain.maximum.alpha, certain.maximum.gap, certain.refined.surfaces
     question, inputs, at = certain.refined.question, likelihood.inputs, reviewed.at
     table, names = question.table, likelihood.inputs.names
     found = individual_parameters(likelihood, alpha)
@@ -141,7 +144,9 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
         "density": likelihood.name,
         "propagation": DIRECT if surfaces is None else "response_surface",
         "experiments": _individuals(table, at.each, at.status, found, names),
-        "surface": None if surfaces is None else judged(surfaces.surface(), against="the noise"),
+        "surface": surface_report(
+            None if surfaces is None else surfaces.surface(), "under the law", "the noise"
+        ),
         "outcome": ", ".join(response.name for response in table.observations.responses),
         "observations": observation_reports(table, likelihood, alpha, found, columns, pit),
         "shrinkage": {name: float(value) for name, value in shrinkage if np.isfinite(value)},
@@ -156,11 +161,12 @@ def _verified(
     exact: LogLikelihood,
     checked: Checked | None,
     cells: float,
-    doubted: diagnostics.Doubt,
+    doubted: surface_diagnostics.Doubt,
 ) -> LogLikelihoodReport:
-    """With its error, of which `cells` is that of level sets.
+    """The log-likelihood of exact outcomes with its error.
 
-    What was verified is the `exact` one on the surfaces and what the simulator changes of it.
+    The verified value is the `exact` one on the surfaces with the change by the simulator; `cells`
+    is the error of the level sets.
     """
     found = honest.likelihood
     if checked is None:
@@ -173,7 +179,7 @@ def _verified(
 
 
 def _with_nodes(total: float, gap: float, check: Checked | None) -> LogLikelihoodReport:
-    """Its error is that of the check and what more nodes change, which the check does not see."""
+    """The log-likelihood with its error: that of the check and that of the quadrature."""
     if check is None:
         return LogLikelihoodReport(total, None, None)
     error = max(float(np.hypot(check.standard_error, gap)), LEAST)
@@ -184,7 +190,7 @@ def _with_nodes(total: float, gap: float, check: Checked | None) -> LogLikelihoo
 def _distances(
     problem: Problem, alpha: Array, exact: LogLikelihood | None
 ) -> tuple[DensityDistance, ...]:
-    """How far densities of moments are from the exact one, where one of them was chosen."""
+    """How far the densities by moments are from the exact ones, where moments were chosen."""
     if exact is None or not np.isfinite(exact.total) or not np.all(exact.status == Status.SOLVED):
         return ()
     from aleator.moments.likelihood import Likelihood, density_distances
@@ -209,7 +215,7 @@ def experiment_reports(
     ids: Sequence[str],
     surface_error: Array,
 ) -> tuple[ExperimentReport, ...]:
-    """What the law alpha says of each experiment, beside its measured outcome.
+    """The distribution of each outcome under the law alpha, beside the measured value.
 
     Log-densities are those of the `honest` log-likelihood: they sum to the total that is told.
     """
@@ -292,7 +298,7 @@ def parameter_correlations_of(
 def search_of(
     found: SearchResult, inference: Inference, hyperparameters: Sequence[Hyperparameter]
 ) -> dict[str, Any]:
-    """What the search did, and the optima that it met."""
+    """The search in numbers, and its optima."""
     return {
         "method": found.method,
         "starts": len(found.ascents),
@@ -348,24 +354,15 @@ def _baselines(fit: LeastSquares, inputs: Inputs) -> dict[str, Any]:
     }
 
 
-def _of_tangent(
-    linear: LinearGaussian, hyperparameters: Sequence[Hyperparameter]
-) -> dict[str, Any]:
-    return {
-        "alpha": _named(linear.alpha, hyperparameters),
-        "log_likelihood": linear.log_likelihood,
-    }
-
-
 def observation_reports(
     table: Experiments,
     likelihood: IndividualLikelihood,
     alpha: Array,
     found: IndividualParameters,
-    asked: Sequence[str],
+    requested: Sequence[str],
     pit: Array,
 ) -> tuple[ObservationReport, ...]:
-    """A report for each of M observations; of the `asked` conditions those that vary are told.
+    """A report for each of M observations, with those of the conditions that vary.
 
     `pit` (M,) are their probabilities, see `sequential_pit`.
     """
@@ -377,7 +374,7 @@ def observation_reports(
     with np.errstate(invalid="ignore"):
         # a prediction without end lies within every bound below it
         residual = np.where(nearest == predicted, 0.0, (nearest - predicted) / scale)
-    names = varying_conditions(table, asked)
+    names = varying_conditions(table, requested)
     columns = {name: table.conditions[name].to_numpy()[seen.row].tolist() for name in names}
     return tuple(
         ObservationReport(
@@ -403,7 +400,7 @@ def _finite(value: float) -> float | None:
 def law_curves(
     inputs: Inputs, alpha: Array, experiments: int, far: float = 3.3, points: int = 121
 ) -> dict[str, dict[str, list[float]]]:
-    """`x` and `density` of each scattering parameter's law; with covariates the experiments' mean.
+    """The density of each scattering parameter's law over x; a mean over experiments.
 
     p(x) = phi(theta)/(dx/dtheta) at x = T(theta), up to `far` standard normal variates: all but a
     thousandth of the law.
@@ -424,7 +421,6 @@ def law_curves(
 
 
 def _mean_curve(x: Array, density: Array) -> tuple[Array, Array]:
-    """The mean of the curves (B, J) of several experiments, on twice as many points."""
     if len(x) == 1:
         return x[0], density[0]
     at = np.linspace(x.min(), x.max(), 2 * x.shape[1])
@@ -438,7 +434,7 @@ def _named(alpha: Array, hyperparameters: Sequence[Hyperparameter]) -> dict[str,
 
 
 def versions() -> dict[str, str]:
-    """What the numbers were computed with."""
+    """Versions of Python and the packages that the numbers were computed with."""
     return {
         "aleator": metadata.version("aleator"),
         "python": platform.python_version(),

@@ -17,8 +17,8 @@ from scipy import optimize
 from aleator.core.status import DEGENERATE_VALUE, Status
 from aleator.core.types import Array
 from aleator.fit.ledger import SEARCH, Ledger
+from aleator.fit.quadrature import AnyLikelihood, nearest_maximum
 from aleator.fit.question import Question, start_point
-from aleator.fit.settle import AnyLikelihood, climbed
 from aleator.laws import Hyperparameter, classes
 from aleator.laws.classes import apart, undivided
 from aleator.laws.hyperparameter import limits_of
@@ -39,22 +39,20 @@ from aleator.simulators.store import keep, kept
 
 @dataclass(frozen=True)
 class GuessSettings:
-    """Where a search begins, and when two searches are the same; by judgement.
-
-    - `huge`: a residual whose square is still finite.
-    - `groups`: groups that a mixture is guessed by, for all starts of a search that has to go on:
-      of five components 3 to 4 of 7 lead to the best of two maxima that differ by 0.08.
-    - `same`: relative difference of two optima that are one but for the order of components.
-    - `format`: to be changed with what a search does, or with how its result is written.
-    - `probes`: alphas at which two likelihoods agree in every digit of every experiment if they are
-      the same.
-    """
+    """Where a search begins, and when two searches are the same; by judgement."""
 
     huge: float = 1e100
+    """A residual whose square is still finite."""
     groups: int = 20
+    """Groups that a mixture is guessed by, for all starts of a search that has to go on: of five
+    components 3 to 4 of 7 lead to the best of two maxima that differ by 0.08."""
     same: float = 1e-2
+    """Relative difference of two optima that are one but for the order of components."""
     format: int = 2
+    """To be changed with what a search does, or with how its result is written."""
     probes: int = 3
+    """Alphas at which two likelihoods agree in every digit of every experiment if they are the
+    same."""
 
 
 GUESSES = GuessSettings()
@@ -103,7 +101,7 @@ class LinearGaussian:
 def searched(
     question: Question, likelihood: AnyLikelihood, guess: Sequence[Array], ledger: Ledger
 ) -> SearchResult:
-    """The user's search, with baselines of the same likelihood among its guesses.
+    """The result of the user's search, which begins at baselines of the same likelihood too.
 
     From a `guess` (K,) on it only climbs: what a search finds at other surfaces need not be sought
     everywhere again.
@@ -141,7 +139,7 @@ def of_many(
     search: Callable[[Objective], SearchResult],
     settings: SampledSearch = SAMPLE,
 ) -> SearchResult:
-    """What a search of all experiments would find; of up to `many` it is just that.
+    """The search made on a sample where experiments are many, then climbed on with all.
 
     Starts that ended at none of the best optima of the sample are left out.
     """
@@ -150,7 +148,7 @@ def of_many(
     found = search(likelihood.sampled(settings.size).continued)
     optima, ascents = list[Optimum](), list[Ascent]()
     for of_sample in found.optima[: settings.best]:
-        there, alpha = climbed(likelihood, of_sample.alpha)
+        there, alpha = nearest_maximum(likelihood, of_sample.alpha)
         at = there(alpha)
         assert at.scores is not None
         led = [a for a in found.ascents if _level(a.log_likelihood, of_sample.log_likelihood)]
@@ -176,7 +174,7 @@ def _level(one: float, other: float) -> bool:
 
 
 def least_squares(likelihood: AnyLikelihood, y: Array) -> LeastSquares:
-    """One point of the box for all experiments that is nearest to the observations y (M,).
+    """The one point of the box that is nearest to all observations y (M,).
 
     By a bounded trust-region method from the starts of the laws. Parameters that are known stay. A
     local method: it may end in a local minimum. Cost: some tens of simulations of all observations.
@@ -189,7 +187,7 @@ def least_squares(likelihood: AnyLikelihood, y: Array) -> LeastSquares:
 def fitted(
     simulated: Callable[[Array], tuple[Array, Array]], y: Array, box: Array, start: Array
 ) -> LeastSquares:
-    """The same of a function: x (n,) -> values (M,) with slopes (M, n)."""
+    """Least squares of a function that maps x (n,) to values (M,) with slopes (M, n)."""
     moving = moving_parameters(box)
     width = box[moving, 1] - box[moving, 0]
 
@@ -233,7 +231,7 @@ def linear_gaussian(
 
 
 def by_tangent(problem: Problem, search: Search, seed: int) -> LinearGaussian:
-    """The same at the start of the laws, by one evaluation with gradient."""
+    """The law identified with the tangent at the start of the laws."""
     x0 = np.clip(start_point(problem.inputs), *problem.region.T)
     own = problem.inputs, x0, *problem.at_point(x0), problem.outcomes
     return linear_gaussian(*own, search, seed)
@@ -266,7 +264,6 @@ class _LinearGaussian:
         return np.array([self(alpha).total for alpha in np.asarray(alphas)])
 
     def _moments(self, alpha: Array) -> tuple[Array, Array, Array, Array]:
-        """Mean and sd (N,) of the outcomes with derivatives (N, K)."""
         n, k_total = self.x0.size, alpha.size
         center, spread = np.zeros(n), np.zeros(n)
         d_center, d_spread = np.zeros((n, k_total)), np.zeros((n, k_total))
@@ -291,10 +288,10 @@ class _LinearGaussian:
 
 
 def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -> list[Array]:
-    """Laws about the point of least squares, with their sds at the start.
+    """Laws about the point of least squares, from which the search starts too.
 
-    Of exact outcomes also the law of the tangent; with noise also much narrower laws, and where
-    laws are mixtures, components about groups of the experiments' own parameters.
+    Of exact outcomes also the law of the tangent; with noise also much narrower laws; of mixtures
+    also components about groups of the experiments' own parameters.
     """
     inputs, around = question.inputs, likelihood.inputs.centered(fit.x)
     if isinstance(likelihood, Problem):
@@ -315,7 +312,7 @@ def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -
 def _grouped(
     likelihood: IndividualLikelihood, fit: LeastSquares, y: Array, seed: int
 ) -> Iterator[Array]:
-    """Components about random groups, and the noise that the centers of the groups leave."""
+    """Mixtures about random groups of experiments, with the noise that the groups leave."""
     # wide laws leave each experiment's parameters to its observations
     inputs, alone = likelihood.inputs, undivided(likelihood.inputs)
     wide = alone.centered(fit.x)
@@ -336,7 +333,7 @@ def _grouped(
 
 
 def _with_noise(likelihood: IndividualLikelihood, of_laws: Array, rmse: float) -> Array:
-    """The alpha (K,) of laws with errors of this size."""
+    """Values (K,) of all hyperparameters: those of the laws, then errors of this size."""
     errors = likelihood.errors.hyperparameters
     sizes = [float(np.clip(rmse, h.lower, h.upper)) if h.log else h.start for h in errors]
     return np.concatenate([of_laws, sizes])
@@ -346,7 +343,7 @@ def _with_noise(likelihood: IndividualLikelihood, of_laws: Array, rmse: float) -
 
 
 def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
-    """Optima that differ in the order of equal components only are one."""
+    """The search with optima merged that differ in the order of equal components only."""
     if not classes.exchangeable(inputs):
         return found
     optima: list[Optimum] = []
@@ -363,7 +360,7 @@ def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
 
 
 def in_order(alpha: Array, inputs: Inputs) -> Array:
-    """The same alpha (K,) with equal components in the order of their first hyperparameters."""
+    """alpha (K,) with equal components in the order of their first hyperparameters."""
     return np.concatenate([classes.ordered(inputs, alpha[: inputs.size]), alpha[inputs.size :]])
 
 
@@ -379,11 +376,10 @@ def _kept(
     seed: int,
     searched: Callable[[], SearchResult],
 ) -> SearchResult:
-    """What `searched` finds, or has found before in a study whose runner has the same store.
+    """The result of a search, read from the store where the same search was made before.
 
-    A likelihood is known again by its values and scores of all experiments at some alphas. A search
-    that is not a dataclass may hold what cannot be seen, and is made again; so is one that makes
-    runs, which are counted: it has no `runner`.
+    A likelihood is recognized by its values and scores at some alphas. A search that is no
+    dataclass may have hidden settings, and one that makes runs counts them: both are made again.
     """
     if runner is None or runner.cache is None or not is_dataclass(search):
         return searched()
@@ -404,7 +400,7 @@ def _key(
     guesses: Sequence[Array],
     seed: int,
 ) -> str:
-    """Of what a search depends on, a digest."""
+    """A digest of all that a search depends on."""
     digest = hashlib.sha256(repr((GUESSES.format, search, [*hyperparameters], seed)).encode())
     start = np.array([h.start for h in hyperparameters])
     for guess in guesses:

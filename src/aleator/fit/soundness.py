@@ -9,8 +9,9 @@ import numpy as np
 
 from aleator.core.types import Array, Flags
 from aleator.fit.flow import Answer
+from aleator.fit.quadrature import AnyLikelihood, Maximum
 from aleator.inference import diagnostics
-from aleator.inference.diagnostics import estimates, experiments, surfaces
+from aleator.inference import surface_diagnostics as on_surfaces
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
 from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
@@ -21,7 +22,7 @@ from aleator.search.interface import LogLikelihood
 
 @dataclass(frozen=True, eq=False)
 class Reviewed:
-    """An answer to the experiments of a `table` as its reader sees it."""
+    """The verdict on an answer: what refuses it, and what its reader must know."""
 
     answer: Answer
     table: Experiments
@@ -33,130 +34,129 @@ class Reviewed:
 
     @cached_property
     def warnings(self) -> tuple[Diagnostic, ...]:
-        """What refuses the answer first, then what else is to be known."""
+        """Refusals first, then other warnings."""
         return (*self._refusals, *self._notes)
 
     @cached_property
     def at(self) -> LogLikelihood:
-        """The likelihood itself at the estimate, minus infinity where there is no density."""
-        end = self.answer.certain.settled
-        likelihood = end.likelihood
+        """The log-likelihood at the estimate, minus infinity where there is no density."""
+        likelihood, alpha = self._likelihood, self._end.alpha
         honest = likelihood.likelihood if isinstance(likelihood, Problem) else likelihood
-        return honest.evaluate(end.alpha)
+        return honest.evaluate(alpha)
 
     @cached_property
     def exact(self) -> LogLikelihood | None:
-        """By the level sets of the same surfaces, where a density of moments was chosen."""
-        end = self.answer.certain.settled
-        if not isinstance(end.likelihood, Problem):
-            return None
-        return diagnostics.exact_density(end.likelihood, end.alpha)
+        """The log-likelihood by level sets, where a density of moments was chosen; else None."""
+        problem = self._likelihood
+        return (
+            on_surfaces.exact_density(problem, self._end.alpha)
+            if isinstance(problem, Problem)
+            else None
+        )
 
     @cached_property
     def by_cells(self) -> Array:
-        """What halving the cells of level sets changed, the last time and before, (2, N)."""
-        end = self.answer.certain.settled
-        if not isinstance(end.likelihood, Problem):
-            return np.zeros((2, end.likelihood.count))
-        return diagnostics.by_finer_cells(end.likelihood, end.alpha)
+        """Changes (2, N) of log-densities by the last two halvings of the cells of level sets."""
+        problem = self._likelihood
+        if not isinstance(problem, Problem):
+            return np.zeros((2, problem.count))
+        return on_surfaces.by_finer_cells(problem, self._end.alpha)
 
     @property
     def surface_error(self) -> Array:
-        """Of surfaces near the observations (M,) by the runs of the check; NaN if unknown."""
+        """Relative errors (M,) of surfaces near the observations by the check; NaN if unknown."""
         checked = self.answer.checked
         unknown = np.full(len(self._seen.observations), np.nan)
         return unknown if checked is None else checked.relative
 
     @property
+    def _end(self) -> Maximum:
+        return self.answer.inferred.maximum
+
+    @property
+    def _likelihood(self) -> AnyLikelihood:
+        return self._end.likelihood
+
+    @property
     def _seen(self) -> Experiments:
-        """The experiments without observations that no run gives a value of."""
-        return self.answer.certain.refined.question.table
+        """The experiments without those observations that no run gives a value of."""
+        return self.answer.inferred.refined.question.table
 
     @cached_property
     def _refusals(self) -> list[Diagnostic]:
-        answer, ids = self.answer, self._seen.ids
-        end, checked = answer.certain.settled, answer.checked
-        likelihood, inference = end.likelihood, answer.certain.inference
+        ids, of = self._seen.ids, self._seen.observations.experiment
+        likelihood, checked = self._likelihood, self.answer.checked
         found = [
             *diagnostics.density_refusals(self.at, ids),
-            *estimates.search_refusals(inference, likelihood.hyperparameters),
-            *experiments.too_few_nodes(end.gap, experiments.EXPERIMENTS.gap),
+            *diagnostics.search_refusals(
+                self.answer.inferred.inference, likelihood.hyperparameters
+            ),
+            *diagnostics.too_few_nodes(self._end.gap, diagnostics.EXPERIMENTS.gap),
         ]
         if checked is not None:
-            found += surfaces.check_refusals(checked.total, checked.standard_error)
+            found += on_surfaces.check_refusals(checked.total, checked.standard_error)
         if isinstance(likelihood, Problem):
-            found += surfaces.useless(likelihood, checked, self.surface_error, ids)
+            found += on_surfaces.useless(likelihood, checked, self.surface_error, ids)
         else:
-            found += experiments.without_surfaces(
-                self._lost, self._seen.observations.experiment, ids
-            )
-        if checked is not None and not any(one.about == "response surface" for one in found):
-            of = self._seen.observations.experiment
-            found += surfaces.worse_than_estimated(
+            found += diagnostics.without_surfaces(self._lost, of, ids)
+        if checked is not None and not any(one.about == on_surfaces.ABOUT for one in found):
+            found += on_surfaces.worse_than_estimated(
                 checked, self._estimated, [ids[l] for l in of.tolist()]
             )
-        found += surfaces.doubt_refusals(answer.doubt, ids)
-        found += experiments.level_refusals(self.by_cells, ids)
+        found += on_surfaces.doubt_refusals(self.answer.doubt, ids) + on_surfaces.level_refusals(
+            self.by_cells, ids
+        )
         if isinstance(likelihood, Problem):
-            found += experiments.unreached_refusals(likelihood, end.alpha, ids)
+            found += on_surfaces.unreached_refusals(likelihood, self._end.alpha, ids)
         return found
 
     @cached_property
     def _notes(self) -> list[Diagnostic]:
-        certain, ids = self.answer.certain, self._seen.ids
-        likelihood, inference, profile = (
-            certain.settled.likelihood,
-            certain.inference,
-            certain.profile,
-        )
-        hyperparameters, runner = likelihood.hyperparameters, certain.refined.question.runner
-        made = certain.refined.surfaces
-        against = "the outcome's scatter" if isinstance(likelihood, Problem) else "the noise"
+        inferred, ids, likelihood = self.answer.inferred, self._seen.ids, self._likelihood
+        inference, profile = inferred.inference, inferred.profile
+        hyperparameters, runner = likelihood.hyperparameters, inferred.refined.question.runner
+        made, exact = inferred.refined.surfaces, isinstance(likelihood, Problem)
         notes = [
-            *estimates.count_warnings(len(ids), inference),
-            *estimates.once_warnings(certain.found),
-            *estimates.bound_warnings(hyperparameters, inference, profile),
-            *estimates.weak_directions(inference, hyperparameters),
+            *diagnostics.count_warnings(len(ids), inference),
+            *diagnostics.once_warnings(inferred.found),
+            *diagnostics.bound_warnings(hyperparameters, inference, profile),
+            *diagnostics.weak_directions(inference, hyperparameters),
             *self._centering,
-            *experiments.rival_warnings(certain.rivals, hyperparameters, profile.intervals),
-            *experiments.level_warnings(self.by_cells),
+            *diagnostics.rival_warnings(inferred.rivals, hyperparameters, profile.intervals),
+            *on_surfaces.level_warnings(self.by_cells),
         ]
         if isinstance(likelihood, Problem):
-            notes += surfaces.surface_warnings(likelihood, self.surface_error, ids)
+            notes += on_surfaces.surface_warnings(likelihood, self.surface_error, ids)
             if not self._refusals:
-                notes += surfaces.density_notes(self.exact, inference, likelihood)
+                notes += on_surfaces.density_notes(self.exact, inference, likelihood)
         else:
             notes += self._of_individuals(likelihood)
             if not self._refusals:
-                notes += experiments.too_few_nodes(
-                    certain.settled.gap, experiments.EXPERIMENTS.noted_gap
-                )
-        notes += diagnostics.failure_warnings(
-            None if made is None and not isinstance(likelihood, Problem)
-            else diagnostics.failure_report(runner)
-        )  # fmt: skip
-        notes += diagnostics.budget_warnings(runner.account, made, against)
+                notes += diagnostics.too_few_nodes(self._end.gap, diagnostics.EXPERIMENTS.noted_gap)
+        if made is not None or exact:
+            notes += diagnostics.failure_warnings(diagnostics.failure_report(runner))
+        against = "the outcome's scatter" if exact else "the noise"
+        notes += on_surfaces.budget_warnings(runner.account, made, against)
         if made is not None and (self._refusals or made.broken):
-            notes += diagnostics.step_warnings(made, likelihood.inputs)
+            notes += on_surfaces.step_warnings(made, likelihood.inputs)
         return notes
 
     def _of_individuals(self, likelihood: IndividualLikelihood) -> list[Diagnostic]:
-        """What is missing, and experiments whose laws are held at their limits."""
-        alpha, model = self.answer.certain.settled.alpha, likelihood.inputs.covariate_model
-        ids = self._seen.ids
+        """Warnings of missing data, and of laws that a formula leads to their limits."""
+        ids, alpha, model = self._seen.ids, self._end.alpha, likelihood.inputs.covariate_model
+        failing = failing_share(likelihood, alpha)
         return [
-            *experiments.held_warnings({} if model is None else model.on_limits(alpha), ids),
-            *experiments.review_data(
-                self.table.observations, self._seen.observations,
-                failing_share(likelihood, alpha), ids,
+            *diagnostics.limit_warnings({} if model is None else model.on_limits(alpha), ids),
+            *diagnostics.review_data(
+                self.table.observations, self._seen.observations, failing, ids
             ),
-        ]  # fmt: skip
+        ]
 
     @property
     def _centering(self) -> list[Diagnostic]:
         """Advice to count conditions from their middle, by the slopes at the middle of the laws."""
-        certain, seen = self.answer.certain, self._seen.observations
-        likelihood, alpha = certain.settled.likelihood, certain.settled.alpha
+        certain, seen = self.answer.inferred, self._seen.observations
+        likelihood, alpha = certain.maximum.likelihood, certain.maximum.alpha
         inputs = likelihood.inputs
         conditions = self._seen.conditions.iloc[seen.row]
         if isinstance(likelihood, Problem):
@@ -172,14 +172,13 @@ class Reviewed:
             for block in likelihood.blocks:
                 at = likelihood.at(alpha, block, np.zeros((len(block), 1, inputs.scattering)))
                 slopes[block.rows] = at.slopes[:, :, 0].T
-        return estimates.centering_advice(
+        return diagnostics.centering_advice(
             slopes, inputs, likelihood.hyperparameters, certain.inference, conditions
         )
 
     @property
     def _estimated(self) -> Array:
-        """The estimated errors (M,) of the surfaces."""
-        likelihood = self.answer.certain.settled.likelihood
+        likelihood = self.answer.inferred.maximum.likelihood
         if isinstance(likelihood, Problem):
             assert likelihood.surface is not None
             return likelihood.surface.error[likelihood.condition]
@@ -189,14 +188,14 @@ class Reviewed:
 
     @property
     def _lost(self) -> Flags:
-        """Which observations (M,) have no surface: too few runs worked."""
-        if self.answer.certain.refined.surfaces is None:
+        """Which observations (M,) have no surface because too few runs worked."""
+        if self.answer.inferred.refined.surfaces is None:
             return np.zeros(len(self._seen.observations), dtype=np.bool_)
         return np.asarray(np.isinf(self._estimated))
 
 
 def failing_share(likelihood: IndividualLikelihood, alpha: Array, points: int = 64) -> Array:
-    """The share (N,) of each experiment's law at whose parameters a run of it has no value.
+    """The share (N,) of each experiment's law at which its runs fail.
 
     At so many `points` of each law.
     """

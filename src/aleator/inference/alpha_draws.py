@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from aleator.errors import InputsError
 from aleator.inference.information import INTERVALS
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.results.values import Estimate, in_order
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import Scored
 
 
 def quantiles(values: Array, weights: Array, probabilities: Array) -> Array:
@@ -42,28 +42,10 @@ def quantiles(values: Array, weights: Array, probabilities: Array) -> Array:
 
 
 def _between(y: Array, reached: Array, probabilities: Array) -> Array:
-    """By interpolation; beside an infinite value the next one itself."""
+    """Quantiles by interpolation; beside an infinite value the next value itself."""
     if np.all(np.isfinite(y)):
         return np.interp(probabilities, reached, y)
     return y[np.clip(np.searchsorted(reached, probabilities), 0, len(y) - 1)]
-
-
-def moments(values: Array, weights: Array) -> tuple[Array, Array, Array, Array]:
-    """Mean, sd, skewness and kurtosis (...) of values (..., J) with weights (..., J).
-
-    Values that are NaN do not count.
-    """
-    known = ~np.isnan(values)
-    with np.errstate(all="ignore"):
-        w = np.where(known, weights, 0.0)
-        w = w / w.sum(axis=-1, keepdims=True)
-        y = np.where(known, values, 0.0)
-        mean = np.sum(w * y, axis=-1)
-        away = y - np.where(np.isfinite(mean), mean, np.nan)[..., None]
-        square = w * away**2
-        variance = square.sum(axis=-1)
-        third, fourth = (square * away).sum(axis=-1), (square * away**2).sum(axis=-1)
-        return mean, np.sqrt(variance), third / variance**1.5, fourth / variance**2
 
 
 END = float(special.ndtri(INTERVALS.ends[1]))
@@ -72,7 +54,7 @@ END = float(special.ndtri(INTERVALS.ends[1]))
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """How draws of alpha follow its intervals; by judgement."""
+    """How draws of alpha reproduce its intervals; by judgement."""
 
     count: int = 256
     """Draws of alpha."""
@@ -82,8 +64,6 @@ class DrawSettings:
     """Bend of a scale beyond which an interval is too skew to be followed: one side 19 times the
     other.
     """
-    tiny: float = 1e-300
-    """A scale below this is zero."""
     smallest: float = 1e-9
     """A bend, or an eigenvalue of the correlations, below this is zero; probabilities stay so far
     from zero and one."""
@@ -96,7 +76,7 @@ DRAWING = DrawSettings()
 
 @dataclass(frozen=True, eq=False)
 class Estimated:
-    """What an identification tells of alpha (K,): estimates, errors, intervals, correlations.
+    """Estimates, errors, intervals and correlations of alpha (K,), as a result has them.
 
     `error` (K,), `interval` (K, 2) are NaN where there is none; `which` (F,) are the
     hyperparameters of `correlation` (F, F); `limits` (K, 2); `free` (K,) which are identified,
@@ -135,31 +115,31 @@ class AlphaDraws:
 
     @classmethod
     def at(cls, alpha: Array) -> AlphaDraws:
-        """The estimate alone: alpha as if it were known."""
+        """The estimate as the only draw, as if alpha were known."""
         one = np.ones(1)
         return cls(alpha, alpha[None], one, np.zeros((1, alpha.size)), 0.0 * one,
                    np.empty(0, np.intp))  # fmt: skip
 
     @property
     def certain(self) -> bool:
-        """Whether it is the estimate alone."""
+        """Whether the estimate is the only draw."""
         return len(self.alpha) == 1
 
     @property
     def effective(self) -> float:
-        """1/sum w^2 (Kish, 1965)."""
+        """The effective number of draws, 1/sum w^2 (Kish, 1965)."""
         return float(1.0 / np.sum(self.weights**2))
 
     def fewer(self, most: int) -> AlphaDraws:
-        """The first of the draws, so many at most."""
+        """The first `most` of the draws."""
         weights = self.weights[:most]
         return replace(
             self, alpha=self.alpha[:most], weights=weights / weights.sum(), z=self.z[:most],
             log_density=self.log_density[:most],
         )  # fmt: skip
 
-    def reweighted(self, objective: Callable[[Array], LogLikelihood]) -> AlphaDraws:
-        """The draws by the likelihood itself, not its approximation.
+    def reweighted(self, objective: Scored) -> AlphaDraws:
+        """The draws weighted by the likelihood itself in place of its approximation.
 
         Weights L(alpha_a) prior(alpha_a)/q(alpha_a), q the density of the draws, cut at sqrt(A)
         times their mean (Ionides, 2008). The prior is flat, but 1/alpha for a scale whose interval
@@ -214,7 +194,7 @@ def alpha_draws(
         alpha[:, k] = scale(z[:, k])
         log_density -= scale.bend * z[:, k]
         if known.scale[k] and scale.whole:
-            log_density += np.log(np.maximum(alpha[:, k], settings.tiny))
+            log_density += np.log(np.maximum(alpha[:, k], np.finfo(float).tiny))
     inside = np.all((alpha >= known.limits[:, 0]) & (alpha <= known.limits[:, 1]), axis=1)
     chosen = np.flatnonzero(inside)[:count]
     weights = np.full(chosen.size, 1.0 / chosen.size)
@@ -236,7 +216,7 @@ class _Profiled:
 
     @classmethod
     def of(cls, known: Estimated, k: int) -> _Profiled | None:
-        """That of hyperparameter k; None where nothing is known of its uncertainty."""
+        """The scale of hyperparameter k; None if nothing is known of its uncertainty."""
         at, error, (low, high) = known.alpha[k], known.error[k], known.limits[k]
         if not known.free[k]:
             return None
@@ -269,7 +249,7 @@ def _bent(z: Array | float, bend: float) -> Array:
 
 
 def _bend(reach: float, settings: DrawSettings = DRAWING) -> float:
-    """The bend with which 1.96 variates reach so many standard errors up."""
+    """The bend with which 1.96 normal variates reach `reach` standard errors up."""
     ends = [float(_bent(END, b)) - reach for b in (-settings.steepest, settings.steepest)]
     if ends[0] >= 0.0 or ends[1] <= 0.0:
         return -settings.steepest if ends[0] >= 0.0 else settings.steepest
@@ -281,7 +261,7 @@ def _bend(reach: float, settings: DrawSettings = DRAWING) -> float:
 
 
 def _correlation(known: Estimated, moving: Indices) -> Array:
-    """That (G, G) of the variates of the moving ones; one on its limit goes alone."""
+    """The correlations (G, G) of the moving variates; none of one that is on its limit."""
     place = {int(k): row for row, k in enumerate(known.which)}
     found = np.eye(moving.size)
     for i, k in enumerate(moving.tolist()):

@@ -29,19 +29,20 @@ class CalibrationSettings:
     where points are few, is not reported. Points lie about `stages` individual laws, from that of
     no observation to that of nearly all; `pytest tests/tasks/test_fit.py` measures what they miss
     of the normal law. A bin of a histogram should have `each` values, of `bins` at least and at
-    most. A sum of squares below `tiny` is zero.
+    most.
     """
 
     points: int = 1024
     values: int = 20_000_000
     effective: float = 20.0
     impossible: float = -1e5
+    """Log-density that stands for an impossible observation."""
     stages: int = 4
     seed: int = 20
+    """Seed of the points and of the values that are drawn between bounds."""
     bins: tuple[int, int] = (2, 20)
     each: int = 10
     least: float = 0.0625
-    tiny: float = 1e-300
 
 
 CALIBRATION = CalibrationSettings()
@@ -102,7 +103,7 @@ def _of_block(
     least = settings.impossible
     possible = np.where(np.isnan(terms), least, np.maximum(terms, least))
     known = mean_of(_before(possible, block) + prior[block.owner])[1]
-    effective = 1.0 / np.maximum(np.sum(known**2, axis=1), settings.tiny)
+    effective = 1.0 / np.maximum(np.sum(known**2, axis=1), np.finfo(float).tiny)
     low, high = np.sum(known * below, axis=1), np.sum(known * above, axis=1)
     enough = effective > min(settings.effective, settings.least * count)
     return np.where(enough, low + share * (high - low), np.nan)
@@ -111,11 +112,10 @@ def _of_block(
 def _stages(
     likelihood: IndividualLikelihood, alpha: Array, block: Block, stages: int
 ) -> tuple[Array, Array]:
-    """Centers (B, C, M, s) and information of the individual laws as observations come in.
+    """Centers (B, C, M, s) and information of individual laws as observations come in.
 
-    Of those after none, one, two, ... observations some are chosen, whose information grows evenly
-    from the law's own to that before the last observation: by the logarithm of its determinant.
-    About each mode the center is a Newton step away.
+    Of the laws after none, one, two, ... observations some are chosen, whose information grows
+    evenly in the logarithm of its determinant. About each mode the center is a Newton step away.
     """
     modes = likelihood.nodes.modes[block.experiments]
     experiments, classes, centers, s = modes.shape
@@ -140,7 +140,7 @@ def _stages(
 
 
 def _before(terms: Array, block: Block) -> Array:
-    """The sums (m, ...) of the terms of the same experiment before each observation."""
+    """Sums (m, ...) of the terms of the earlier observations of the same experiment."""
     running = np.cumsum(terms, axis=0) - terms
     return np.asarray(running - running[block.starts[block.owner]])
 
@@ -148,7 +148,7 @@ def _before(terms: Array, block: Block) -> Array:
 def _cdf(
     likelihood: IndividualLikelihood, of_errors: Array, y: Array, eta: Array, rows: slice
 ) -> Array:
-    """P(value <= y) (m, J) at eta (m, J); y may be infinite. No value where eta is none."""
+    """P(value <= y) (m, J) at eta (m, J); y may be infinite. Zero where eta is NaN."""
     inside = np.where(np.isfinite(y), y, 0.0)
     found = likelihood.errors.cdf(of_errors, inside[:, None], eta, rows)
     found = np.where(np.isfinite(y)[:, None], found, (y > 0.0)[:, None])
@@ -157,7 +157,7 @@ def _cdf(
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """Counts (B,) between `edges` (B + 1,); of a uniform sample 95 % lie from `low` to `high`."""
+    """Counts (B,) between `edges` (B + 1,); 95 % of uniform counts lie in [`low`, `high`]."""
 
     edges: Array
     counts: Array
@@ -168,7 +168,7 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Cumulated:
-    """The cumulative share minus the uniform one, as a line, and where 95 % of all samples stay."""
+    """The empirical minus the uniform distribution as a line, with a 95 % band of it."""
 
     x: Array
     difference: Array
@@ -178,7 +178,7 @@ class Cumulated:
 
 
 def counted(pit: Array, settings: CalibrationSettings = CALIBRATION) -> Histogram:
-    """The histogram of probabilities (N,), with the binomial range of each bin.
+    """The histogram of probabilities (N,), with the binomial 95 % range of a bin.
 
     >>> found = counted(np.array([0.1, 0.2, 0.7]))
     >>> found.counts.tolist(), found.expected
@@ -191,7 +191,7 @@ def counted(pit: Array, settings: CalibrationSettings = CALIBRATION) -> Histogra
 
 
 def cumulated(pit: Array) -> Cumulated:
-    """The difference of the cumulative share of probabilities (N,) from uniform.
+    """The empirical distribution of probabilities (N,) minus the uniform one.
 
     The band holds the whole curve in 95 % of all uniform samples (Kolmogorov).
 

@@ -86,7 +86,7 @@ class Check:
         return self.samples != 0
 
     def runs(self, surfaces: AdaptiveSurfaces) -> int:
-        """Runs of each unit, at most, for surfaces with the errors that these expect."""
+        """Runs of each unit, fewer where the surfaces' estimated errors are tiny."""
         if self.samples is not None:
             return self.samples
         return self.few if surfaces.relative.max() < self.exact else self.most
@@ -94,7 +94,7 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """What the simulator changes of each log-likelihood (N,), and the error of that (N,).
+    """Changes (N,) of the log-likelihoods by the simulator, with their errors (N,).
 
     Of each observation (M,) `largest` is the largest difference of surface and simulator at the
     points of the check, `typical` its root mean square, and `scatter` the standard deviation of the
@@ -112,7 +112,7 @@ class Checked:
 
     @property
     def total(self) -> float:
-        """The change of the log-likelihood."""
+        """The change of the whole log-likelihood by the simulator."""
         return float(self.change.sum())
 
     @property
@@ -134,7 +134,7 @@ def checked(
     settings: Check | None = None,
     measured: Array | None = None,
 ) -> Checked:
-    """Compare surfaces and simulator where each experiment's own law of the parameters lies.
+    """Compare surfaces and simulator where each experiment's individual law lies.
 
     log L_simulator - log L_surface = log sum_j w_j exp(l_simulator(x_j)) - the same on surfaces,
     with l(x) = sum_k log p(y_k | eta_k(x)), at the same few nodes: what these nodes miss is missed
@@ -144,9 +144,14 @@ def checked(
     too. Cost: `most` runs a unit, which are remembered and stored.
     """
     inputs, settings = likelihood.inputs, settings or Check()
-    few = likelihood
+    few, variates = likelihood, inputs.scattering
     if isinstance(likelihood.rule, GaussHermite):
-        few = likelihood.by(_rule(inputs.scattering, settings), alpha)
+        rule = (
+            ImportancePoints(settings.nodes, 1)
+            if variates > 2
+            else GaussHermite(EXACT_OUTCOMES.nodes[variates])
+        )
+        few = likelihood.by(rule, alpha)
     simulator = Direct(Remembered(runner), np.zeros(0, dtype=np.intp), inputs.box)
     change, error = np.zeros(likelihood.count), np.zeros(likelihood.count)
     count = likelihood.layout.experiment.size
@@ -181,7 +186,7 @@ def checked(
 
 
 def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked:
-    """The same with the changes of exact outcomes themselves, without the error of the check.
+    """The check with changes of the exact log-densities, without the auxiliary error.
 
     Where the simulator is off by e0 + e1 (eta - y) near an outcome y, its density there is
     f(y - e0/(1 + e1))/(1 + e1). Where the surfaces have none there, the change stays as it was.
@@ -203,7 +208,7 @@ def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked
 
 
 def _line(off: Array, away: Array, weights: Array) -> tuple[Array, Array]:
-    """Weighted lines (m, 2) through differences `away` (m, P) by `off` (m, P), and their errors."""
+    """Weighted least-squares lines (m, 2) of `away` (m, P) by `off` (m, P), with their errors."""
     weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), EXACT_OUTCOMES.smallest)
     middle, mean = (np.sum(weights * of, axis=1, keepdims=True) for of in (off, away))
     wide = np.sum(weights * (off - middle) ** 2, axis=1)
@@ -220,7 +225,7 @@ def _line(off: Array, away: Array, weights: Array) -> tuple[Array, Array]:
 def smoothed(
     inputs: Inputs, alpha: Array, predictor: Predictor, layout: Layout, y: Array, share: float
 ) -> IndividualLikelihood:
-    """The likelihood of exact outcomes y (N,) with a normal error of a share of their scatter.
+    """The likelihood of exact outcomes y (N,) with an auxiliary normal error.
 
     The scatter is that of the `predictor` under the law alpha (K,).
     """
@@ -244,22 +249,15 @@ def scatter_of(likelihood: IndividualLikelihood, alpha: Array, points: int = 128
     return np.nan_to_num(found)
 
 
-def _rule(variates: int, settings: Check) -> GaussHermite | ImportancePoints:
-    """Points from which those of the check are chosen: of a rule, or else about the mode."""
-    if variates > 2:
-        return ImportancePoints(settings.nodes, 1)
-    return GaussHermite(EXACT_OUTCOMES.nodes[variates])
-
-
 def _lost(block: Block, eta: Array) -> Flags:
-    """Nodes (B, J) where a run failed, of experiments that have others."""
+    """Nodes (B, J) at which a run failed, of experiments that have other nodes."""
     failed = block.summed(np.isnan(eta).astype(float)) > 0.0
     return np.asarray(failed & ~np.all(failed, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Remembered(Evaluator):
-    """The runs of a runner, kept."""
+    """A runner whose runs are remembered and stored."""
 
     runner: Runner
 
@@ -271,7 +269,7 @@ class Remembered(Evaluator):
 def _likeliest(
     likelihood: IndividualLikelihood, alpha: Array, block: Block, most: int
 ) -> tuple[Array, Array]:
-    """The nodes with the largest shares as parameters x (B, P, n), and their log weights (B, P)."""
+    """The nodes of largest weight as parameters x (B, P, n), and log weights (B, P)."""
     part = block.experiments
     found = likelihood.inputs.individual(
         alpha[: likelihood.inputs.size], likelihood.nodes.xi[part], part

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import special
-from scipy.integrate import cumulative_simpson
+from scipy.integrate import cumulative_simpson, simpson
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.stats import qmc
@@ -45,13 +45,13 @@ class DesignSettings:
     equal: float = 1e-6
     """Relative difference of two variances that is none."""
     sweeps: int = 50
+    """Sweeps of exchanges through a set, at most."""
     starts: int = 5
     """Candidates, the best by themselves, from which a set is begun."""
     most: float = 1e6
     """Repetitions beyond which none are told."""
     seed: int = 5
-    tiny: float = 1e-300
-    """Information below this is zero."""
+    """Seed of the laws that a plan is averaged over."""
     edge: float = 1e-6
     """Probabilities of drawn estimates stay so far from zero and one."""
     close: float = 1e-6
@@ -82,7 +82,7 @@ class Scores:
         return np.asarray(np.einsum("rc,rck,rcl->ckl", self.weights, self.scores, self.scores))
 
     def of(self, which: Indices) -> Scores:
-        """The same by some of the hyperparameters."""
+        """The scores by some of the hyperparameters."""
         return Scores(self.scores[:, :, which], self.weights, self.outcomes)
 
     def error(self, directions: Array) -> Array:
@@ -96,7 +96,7 @@ class Scores:
 def expected_scores(
     fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings = DESIGN
 ) -> Scores:
-    """Scores of experiments under their own law, for any of which nothing need be measured.
+    """Scores of experiments at virtual outcomes under their own law.
 
     Where each has one observation by a sum over its density f, exact but for the distance of the
     nodes: I = int s s' f dy, values beyond the limits of the test taken together. Else by draws,
@@ -117,7 +117,7 @@ def _over_outcomes(
     low, high = np.clip(low, lowest, highest), np.clip(high, lowest, highest)
     outcomes = low + np.linspace(0.0, 1.0, settings.nodes)[:, None] * (high - low)
     ends = [*zip(outcomes, outcomes, strict=True)]
-    step = [*(simpson(settings.nodes)[:, None] * (high - low) / (settings.nodes - 1))]
+    step = [*(_simpson(settings.nodes)[:, None] * (high - low) / (settings.nodes - 1))]
     if np.any(np.isfinite(highest)):
         ends.append((np.where(np.isfinite(highest), highest, high), np.full(high.shape, np.inf)))
         step.append(np.isfinite(highest).astype(float))
@@ -140,15 +140,9 @@ def _over_outcomes(
     return Scores(known, weights, outcomes)
 
 
-def simpson(count: int) -> Array:
-    """Weights (count,) of Simpson's rule over steps, for an odd number of nodes.
-
-    >>> simpson(5).tolist()
-    [0.333, 1.333, 0.667, 1.333, 0.333]
-    """
-    weights = np.tile([2.0, 4.0], count // 2 + 1)[:count]
-    weights[[0, -1]] = 1.0
-    return weights / 3.0
+def _simpson(count: int) -> Array:
+    """Weights (count,) of Simpson's rule over steps of length one."""
+    return np.asarray(simpson(np.eye(count)))
 
 
 def _over_draws(
@@ -165,7 +159,7 @@ def _over_draws(
 
 @dataclass(frozen=True, eq=False)
 class DesignPlan:
-    """Information that there is (A, F, F), and what each of C candidates would add (A, C, F, F).
+    """Present information (A, F, F), and what each of C candidates adds (A, C, F, F).
 
     Both are of F hyperparameters, at A values of them that are all possible. What is wanted is a
     small variance of d' alpha, the mean over G directions d (A, G, F): c-optimality for one,
@@ -181,7 +175,7 @@ class DesignPlan:
     settings: DesignSettings = DESIGN
 
     def relative(self) -> DesignPlan:
-        """The same with variances over the present ones, of each direction over its own.
+        """The plan with variances over the present ones, each direction over its own.
 
         Unchanged for one direction, and where something is not known at all.
         """
@@ -211,17 +205,17 @@ class DesignPlan:
         return np.asarray(np.where(finite, each, np.inf).mean(axis=0) / self.unit)
 
     def known(self, information: Array) -> Flags:
-        """Whether information (A, ..., F, F) tells something of all that is wanted, bool (...)."""
+        """Whether information (A, ..., F, F) determines all quantities, bool (...)."""
         values, vectors, finite = self._decomposed(information)
         nothing = values < self.settings.singular
         if self.directions is not None:
             along = np.einsum("agf,a...fh->a...gh", self._directions, vectors) ** 2
-            share = along / np.maximum(along.sum(axis=-1, keepdims=True), self.settings.tiny)
+            share = along / np.maximum(along.sum(axis=-1, keepdims=True), np.finfo(float).tiny)
             nothing = np.any((share > self.settings.singular) & nothing[..., None, :], axis=-2)
         return np.asarray(np.all(finite & ~np.any(nothing, axis=-1), axis=0))
 
     def standard_error(self, information: Array) -> Array:
-        """The root (...) of the criterion; infinite where something is not known at all."""
+        """The root (...) of the criterion; infinite where something is not determined."""
         known = self.known(information)
         return np.where(known, np.sqrt(self.variance(information)), np.inf)
 
@@ -236,10 +230,10 @@ class DesignPlan:
 
     @cached_property
     def _scale(self) -> Array:
-        """(A, F, F): the information of all experiments together has ones on its diagonal."""
+        """Factors (A, F, F) by which the information of all experiments has a unit diagonal."""
         offered = np.where(np.isfinite(self.offered), self.offered, 0.0)
         whole = np.diagonal(self.present + offered.sum(axis=1), axis1=1, axis2=2)
-        scale = 1.0 / np.sqrt(np.maximum(whole, self.settings.tiny))
+        scale = 1.0 / np.sqrt(np.maximum(whole, np.finfo(float).tiny))
         return np.asarray(scale[:, :, None] * scale[:, None, :])
 
     @cached_property
@@ -249,7 +243,7 @@ class DesignPlan:
 
     @cached_property
     def _volume(self) -> Array:
-        """(A,): of the scale that was multiplied by, det^(1/F)."""
+        """det^(1/F) (A,) of these factors."""
         return np.asarray(np.exp(np.mean(np.log(self._diagonal), axis=1)))
 
     @property
@@ -297,7 +291,7 @@ def chosen(
 def repetitions(
     plan: DesignPlan, again: Array, goal: float, settings: DesignSettings = DESIGN
 ) -> float | None:
-    """How often experiments of information `again` (F, F) are to be made for an error of `goal`.
+    """How often experiments of information `again` (F, F) must be made for an error `goal`.
 
     A number that need not be whole; None where no number reaches it.
     """
@@ -317,7 +311,7 @@ def repetitions(
 def _greedy(
     plan: DesignPlan, among: Sequence[int], count: int, begin: Sequence[int] = ()
 ) -> list[int]:
-    """`count` of the candidates `among`, after the first each the best beside those before."""
+    """`count` of the candidates, each the best beside those chosen before."""
     taken = [*begin]
     left = Counter(among) - Counter(taken)
     for _ in range(count - len(taken)):
@@ -359,7 +353,7 @@ def _ties(
 
 
 def _left(plan: DesignPlan, others: list[int], repeat: int) -> list[int]:
-    """The candidates that may stand beside these others."""
+    """The candidates that may still be chosen beside these others."""
     taken = Counter(others)
     return [c for c in range(plan.offered.shape[1]) if taken[c] < repeat]
 
@@ -369,7 +363,7 @@ def _sum(plan: DesignPlan, members: list[int]) -> Array:
 
 
 def _beside(plan: DesignPlan, members: list[int], candidates: list[int]) -> Array:
-    """The variance after these members with each of the candidates."""
+    """The variance after these members and each of the candidates."""
     return plan.variance(_sum(plan, members)[:, None] + plan.offered[:, candidates])
 
 
@@ -380,7 +374,7 @@ def possible_laws(
     count: int,
     settings: DesignSettings = DESIGN,
 ) -> Array:
-    """Values (A, K) that the experiments leave possible: alpha itself, or `count` spread about it.
+    """Values (A, K) of alpha within its uncertainty; for one, alpha itself.
 
     Normal with the covariance of the estimates, quasi-random, moved within their limits.
     """
@@ -425,7 +419,7 @@ def _distribution(found: Scores) -> tuple[Array, Array, Array, Array]:
     assert found.outcomes is not None
     y = found.outcomes
     step = np.diff(y, axis=0).mean(axis=0)
-    density = found.weights / (simpson(len(y))[:, None] * step)
+    density = found.weights / (_simpson(len(y))[:, None] * step)
     moved = density[..., None] * found.scores
     below = cumulative_simpson(density, dx=1.0, axis=0, initial=0.0) * step
     slopes = cumulative_simpson(moved, dx=1.0, axis=0, initial=0.0) * step[:, None]

@@ -6,7 +6,6 @@ comparison, posterior, the best possible law and the design of further experimen
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,16 +19,14 @@ from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import IndividualLikelihood, NodeRule
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import LogLikelihood, Scored
 from aleator.search.newton import ASCENT, Summit, ascended, on_limits
 from aleator.search.objective import SIGHT
-
-Objective = Callable[[Array], LogLikelihood]
 
 
 @dataclass(frozen=True)
 class RefitSettings:
-    """When a climb to the maximum of other data counts, by judgement.
+    """When a climb to the maximum of other data has succeeded, by judgement.
 
     It has arrived where less than `left` is left to climb, in log-likelihood. A scale that ends
     near zero is tried from so many `trials` between nearly zero and its upper limit. Eigenvalues of
@@ -61,7 +58,7 @@ class Fit:
     def of_outcomes(
         cls, problem: Problem, alpha: Array, inference: Inference, table: Experiments
     ) -> Fit:
-        """That of exact outcomes, one an experiment; those of the table are the problem's."""
+        """The fit of exact outcomes, one an experiment, which the table has too."""
         return cls(OutcomesAt(problem, alpha), inference, table)
 
     @classmethod
@@ -71,22 +68,22 @@ class Fit:
         alpha: Array,
         inference: Inference,
         table: Experiments,
-        few: NodeRule,
+        coarse: NodeRule,
     ) -> Fit:
-        """That of the integral over individual parameters, with nodes adapted to alpha.
+        """The fit of an integral over individual parameters, with nodes adapted to alpha.
 
-        `few` is the rule with the fewest nodes of which more hardly change the log-likelihood.
+        `coarse` is the rule with the fewest nodes of which more hardly change the log-likelihood.
         """
-        return cls(IndividualsAt(likelihood, alpha, few), inference, table)
+        return cls(IndividualsAt(likelihood, alpha, coarse), inference, table)
 
     @property
     def alpha(self) -> Array:
-        """Where it stands, (K,)."""
+        """The alpha (K,) of the fit."""
         return self.likelihood.alpha
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of alpha, in its order."""
+        """The hyperparameters in the order of alpha."""
         return self.likelihood.hyperparameters
 
     @property
@@ -96,15 +93,15 @@ class Fit:
 
     @property
     def count(self) -> int:
-        """N."""
+        """The number N of experiments."""
         return self.likelihood.count
 
     def scored(self) -> LogLikelihood:
         """Log-densities (N,) of all experiments at alpha, with scores (N, K)."""
         return self._scored
 
-    def objective(self) -> Objective:
-        """The same as a function of alpha, which a search or a sampler may climb."""
+    def objective(self) -> Scored:
+        """The log-likelihood as a function of alpha, for a search or a sampler."""
         return self.likelihood.objective()
 
     def probabilities(self, points: int | None = None) -> Array:
@@ -112,20 +109,20 @@ class Fit:
         return self.likelihood.probabilities(self.table.observations, points)
 
     def at(self, alpha: Array) -> Fit:
-        """The same data at another alpha."""
+        """The fit of the same data at another alpha."""
         return replace(self, likelihood=self.likelihood.at(alpha))
 
     def seeing(self, table: Experiments) -> Fit:
-        """Other data: the same experiments, whose observations are those of another table."""
+        """The fit of the observations of another table of the same experiments."""
         return replace(self, likelihood=self.likelihood.seeing(table.observations), table=table)
 
     def drawn(self, rng: np.random.Generator) -> Fit:
-        """Other data of the same experiments, under the law and the noise of alpha."""
+        """The fit of data drawn under the law and the noise of alpha."""
         other = self.likelihood.drawn(self.table.observations, rng)
         return self.seeing(self.table.with_observations(other))
 
     def for_replicates(self) -> Fit:
-        """The same with nodes that many data sets in turn are quickly judged by."""
+        """The fit with nodes by which many data sets are evaluated quickly."""
         likelihood, moved = self.likelihood.for_replicates()
         fit = replace(self, likelihood=likelihood)
         return stepped(fit) if moved else fit
@@ -139,7 +136,7 @@ class Fit:
 class Weighted:
     """An objective in which experiment l counts `weights[l]` times, (N,)."""
 
-    objective: Callable[[Array], LogLikelihood]
+    objective: Scored
     weights: Array
 
     def __call__(self, alpha: Array) -> LogLikelihood:
@@ -211,7 +208,7 @@ def refitted(fit: Fit, weights: Array | None = None, settings: RefitSettings = R
     values too: the score by a standard deviation is zero at zero, whether that is the maximum or
     not, so that no climb begins there. Cost: a climb, some ten evaluations; two with such a scale.
     """
-    objective: Objective = fit.objective()
+    objective: Scored = fit.objective()
     if weights is not None:
         objective = Weighted(objective, weights)
     end = _climb(fit, objective, fit.alpha, fit.inference.information)
@@ -222,28 +219,18 @@ def refitted(fit: Fit, weights: Array | None = None, settings: RefitSettings = R
     return Refit(fit.at(end.alpha), end.value, end.value > SIGHT.floor and end.gain < settings.left)
 
 
-def _climb(fit: Fit, objective: Objective, alpha: Array, matrix: Array) -> Summit:
-    return ascended(
-        objective,
-        alpha,
-        fit.hyperparameters,
-        fit.inference.identified,
-        positive(matrix),
-        ASCENT.arrived,
-    )
+def _climb(fit: Fit, objective: Scored, alpha: Array, matrix: Array) -> Summit:
+    moving, information = fit.inference.identified, positive(matrix)
+    return ascended(objective, alpha, fit.hyperparameters, moving, information, ASCENT.arrived)
 
 
 def _near_zero(fit: Fit, alpha: Array) -> list[int]:
-    found = []
-    for k in fit.inference.identified.tolist():
-        h = fit.hyperparameters[k]
-        if h.log and alpha[k] <= max(h.lower, LIMITS.nearest * h.upper):
-            found.append(k)
-    return found
+    each = [(k, fit.hyperparameters[k]) for k in fit.inference.identified.tolist()]
+    return [k for k, h in each if h.log and alpha[k] <= max(h.lower, LIMITS.nearest * h.upper)]
 
 
-def _best(objective: Objective, alpha: Array, k: int, h: Hyperparameter, trials: int) -> Array:
-    """The best of alpha with hyperparameter k at scales above zero."""
+def _best(objective: Scored, alpha: Array, k: int, h: Hyperparameter, trials: int) -> Array:
+    """The best of alphas in which hyperparameter k has one of some scales above zero."""
     scales = np.geomspace(max(h.lower, LIMITS.nearest * h.upper), h.upper, trials + 2)[1:-1]
     points = np.repeat(alpha[None], trials, axis=0)
     points[:, k] = scales
@@ -253,7 +240,7 @@ def _best(objective: Objective, alpha: Array, k: int, h: Hyperparameter, trials:
 
 
 def _outer(fit: Fit, found: LogLikelihood) -> Array:
-    """The sum of the outer products of the scores (G, G): positive wherever it is asked."""
+    """The sum of the outer products of the scores (G, G), which is never negative."""
     assert found.scores is not None
     scores = found.scores[:, fit.inference.identified]
     return np.asarray(scores.T @ scores)

@@ -52,14 +52,14 @@ INTERVALS = IntervalSettings()
 
 @dataclass(frozen=True)
 class Differences:
-    """Steps of the differences of a score, by what the log-likelihood drops over them.
+    """Steps of differences of a score, chosen by the drop of the log-likelihood over them.
 
     A step h is right where the drop I h^2/2 is `drop`, within a factor of `within` either way: a
     hundredth of a standard error, between 0.003 and 0.03. The information of a standard deviation
     of two units is then within 1e-3 of its closed form (`tests/tasks/test_maxima.py`). No step is
     longer than `share` of the width of the limits: a direction without a bend has no width of its
     own. At most `tries` steps are tried. One step differs from the last by a factor of `farthest`
-    at most, by judgement: far away the drop tells little. An information below `tiny` is zero.
+    at most, by judgement: far away the drop tells little.
     """
 
     drop: float = 5e-5
@@ -67,7 +67,6 @@ class Differences:
     share: float = 1e-2
     tries: int = 40
     farthest: float = 1e3
-    tiny: float = 1e-300
 
     def bends(
         self,
@@ -84,7 +83,9 @@ class Differences:
         """
         found = []
         for row, longest in enumerate(self.share * (upper - lower)):
-            step = float(min(longest, (2.0 * self.drop / max(known[row], self.tiny)) ** 0.5))
+            step = float(
+                min(longest, (2.0 * self.drop / max(known[row], np.finfo(float).tiny)) ** 0.5)
+            )
             for _ in range(self.tries):
                 ahead, behind = point.copy(), point.copy()
                 ahead[row] = min(point[row] + step, upper[row])
@@ -139,16 +140,16 @@ class Inference:
         return np.asarray(self.covariance / np.outer(scale, scale))
 
     def differences(self, alpha: Array, other: Array) -> Array:
-        """How far apart two alphas are in standard errors (K,); NaN where there is none."""
+        """Differences of two alphas in standard errors (K,); NaN without a standard error."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray((alpha - other) / self.standard_error)
 
     def apart(self, alpha: Array, other: Array) -> float:
-        """The largest difference of two alphas in standard errors, as far as they are known."""
+        """The largest difference of two alphas in standard errors."""
         return float(np.nanmax(np.abs(self.differences(alpha, other)), initial=0.0))
 
     def among(self, alpha: Array, others: Sequence[Array], apart: float) -> bool:
-        """Whether alpha lies less than so many standard errors `apart` from one of the others."""
+        """Whether alpha is within `apart` standard errors of one of the others."""
         return any(self.apart(alpha, other) < apart for other in others)
 
 
@@ -167,8 +168,8 @@ def infer(
     `by_scores`, the information is the sum of the outer products of the scores of the experiments
     in its place, which has the same mean (Berndt et al., 1974) and no errors of differences.
     """
-    at_bound = tuple(_side(value, h) for value, h in zip(alpha, hyperparameters, strict=True))
-    identified = np.array([k for k, h in enumerate(hyperparameters) if h.free], dtype=np.intp)
+    at_bound = tuple(side_of(value, h) for value, h in zip(alpha, hyperparameters, strict=True))
+    identified = np.flatnonzero([h.free for h in hyperparameters])
     inside = np.array([at_bound[k] is None for k in identified], dtype=bool)
     free = identified[inside]
     here = objective(alpha)
@@ -228,7 +229,8 @@ def observed_information(
     return np.asarray(0.5 * (information + information.T))
 
 
-def _side(value: float, h: Hyperparameter) -> str | None:
+def side_of(value: float, h: Hyperparameter) -> str | None:
+    """Which limit a value of a free hyperparameter is on, "lower" or "upper"; else None."""
     if not h.free:
         return None
     margin = INTERVALS.limit * (h.upper - h.lower)

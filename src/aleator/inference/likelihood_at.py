@@ -6,11 +6,8 @@ over each experiment's own parameters, with nodes adapted to alpha.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from scipy import special
@@ -20,7 +17,7 @@ from aleator.errors import InputsError
 from aleator.inference.alpha_draws import quantiles
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Remembered
-from aleator.inference.diagnostics.surfaces import relative_errors
+from aleator.inference.surface_diagnostics import relative_errors
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, drawn
 from aleator.likelihood.individual import (
@@ -37,14 +34,14 @@ from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
 from aleator.observations.responses import Observations
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import LogLikelihood, Scored
 from aleator.simulators import Runner
 from aleator.simulators.response_functions import DirectResponse, OutcomeDistribution
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a fit draws data and tells where they would lie, all by judgement.
+    """How data are drawn from a fit, and where they would lie; by judgement.
 
     Outcomes are taken to lie within `span` standard deviations of their mean. Of densities by
     moments `tabulated` quantiles, out to `farthest` normal scores, stand for the law that outcomes
@@ -66,140 +63,6 @@ class FitSettings:
 FIT = FitSettings()
 
 
-class LikelihoodAt(ABC):
-    """The likelihood of N experiments with M observations at alpha (K,).
-
-    A value: each method that changes something returns another one. Those with a default need
-    measurement noise, without which an outcome tells no single parameter.
-    """
-
-    alpha: Array
-
-    @property
-    @abstractmethod
-    def inputs(self) -> Inputs:
-        """The laws of the parameters, resolved by the covariates that they follow."""
-
-    @property
-    @abstractmethod
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of alpha, in its order."""
-
-    @property
-    @abstractmethod
-    def count(self) -> int:
-        """N."""
-
-    @property
-    @abstractmethod
-    def region(self) -> Array:
-        """Where simulated values are known, (n, 2): the region of the surfaces, or the box."""
-
-    @property
-    @abstractmethod
-    def roughness(self) -> Array | None:
-        """Of each observation the estimated error of its surface, relative, (M,); None without."""
-
-    @abstractmethod
-    def scored(self) -> LogLikelihood:
-        """Log-densities (N,) of all experiments at alpha, with scores (N, K)."""
-
-    @abstractmethod
-    def log_likelihood(self) -> float:
-        """The sum of the log-densities, without priors; minus infinity beyond a support."""
-
-    @abstractmethod
-    def objective(self) -> Callable[[Array], LogLikelihood]:
-        """The same as a function of alpha, which a search may climb: continued where it ends."""
-
-    @abstractmethod
-    def honest(self) -> Callable[[Array], LogLikelihood]:
-        """The same for a sampler: a function of alpha alone, minus infinity outside a support."""
-
-    @abstractmethod
-    def more_nodes(self, alpha: Array) -> float:
-        """What more nodes change of the log-likelihood at alpha; zero where there are no more."""
-
-    @abstractmethod
-    def rough(self) -> Self:
-        """The same with the fewest nodes that serve."""
-
-    @abstractmethod
-    def for_replicates(self) -> tuple[Self, bool]:
-        """The same with nodes that many data sets in turn are quickly judged by.
-
-        And whether the maximum by these nodes is another one, so that alpha is to be moved there.
-        """
-
-    @abstractmethod
-    def at(self, alpha: Array) -> Self:
-        """The same data at another alpha."""
-
-    @abstractmethod
-    def seeing(self, seen: Observations) -> Self:
-        """The same experiments with other observations."""
-
-    @abstractmethod
-    def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """Other observations under the law and the noise of alpha, with bounds like those seen."""
-
-    @abstractmethod
-    def probabilities(self, seen: Observations, points: int | None) -> Array:
-        """P(below what was measured | earlier ones of the same experiment, alpha) (M,).
-
-        Under the right alpha they are independent and uniform. NaN where one is not known. By so
-        many `points` of each experiment where they are integrals; None takes what a report needs.
-        """
-
-    @abstractmethod
-    def span(self) -> tuple[Array, Array]:
-        """Ends (M,) between which each observation would lie, but for one in many thousands."""
-
-    @abstractmethod
-    def quantiles(self, probabilities: Array) -> Array:
-        """Quantiles (M, P) of what would be measured in place of each observation, under alpha.
-
-        Of the law, not of what is known of the experiment. NaN where there is none.
-        """
-
-    @abstractmethod
-    def simulated(self, x: Array) -> Array | None:
-        """What is known of the simulator at points x (J, n): of each observation, (M, J).
-
-        By its surfaces, or by itself where it is fast. NaN where it has no value; None with
-        collocation, which knows its nodes only.
-        """
-
-    def nodes(self) -> tuple[Array, Array] | None:
-        """With collocation its nodes x (J, n), and the outcomes of its runs there (M, J).
-
-        None where `simulated` answers.
-        """
-        return None
-
-    def variates(self) -> tuple[Array, Array] | None:
-        """Means (N, s) and mean products (N, s, s) of the variates of the scattering parameters.
-
-        Given the observations of their experiment; under the law they are standard normal. None
-        where there is no noise, or one observation an experiment, which tells no parameter alone.
-        """
-        return None
-
-    def individuals(self, rng: np.random.Generator) -> Array:  # noqa: ARG002
-        """A draw (N, n) of the parameters of each experiment given its observations.
-
-        Under the right model they are a sample of the law. Raises as `given`.
-        """
-        raise _without_noise()
-
-    def given(self, x: Array) -> Array:  # noqa: ARG002
-        """log p(observations of an experiment | parameters) (N, J) at points x (J, n).
-
-        Raises InputsError where there is no noise.
-        """
-        raise _without_noise()
-
-
 def _without_noise() -> InputsError:
     return InputsError(
         "without measurement noise an outcome has no density given its parameters",
@@ -208,7 +71,7 @@ def _without_noise() -> InputsError:
 
 
 @dataclass(frozen=True, eq=False)
-class OutcomesAt(LikelihoodAt):
+class OutcomesAt:
     """The likelihood of exact outcomes, one an experiment."""
 
     problem: Problem
@@ -217,105 +80,122 @@ class OutcomesAt(LikelihoodAt):
 
     @property
     def inputs(self) -> Inputs:
-        """Those of the model."""
+        """The laws of the parameters."""
         return self.problem.model.inputs
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the model."""
+        """The hyperparameters in the order of alpha."""
         return self.problem.model.hyperparameters
 
     @property
     def count(self) -> int:
-        """One outcome each."""
+        """The number N of experiments."""
         return len(self.problem.outcomes)
 
     @property
     def region(self) -> Array:
-        """That of the surfaces; with collocation the box."""
+        """Where simulated values are known, (n, 2): the region of the surfaces, else the box."""
         return self.problem.region
 
     @property
     def roughness(self) -> Array | None:
-        """Over the scatter of the outcome under the law, (N,)."""
+        """Of each outcome the estimated error of its surface over its scatter, (N,), or None."""
         surface, of = self.problem.surface, self.problem.condition
         return None if surface is None else relative_errors(surface)[of]
 
     def scored(self) -> LogLikelihood:
-        """With a smooth continuation where there is no density."""
+        """Log-densities (N,) at alpha with scores (N, K), continued where there is no density."""
         return self.problem.continued(self.alpha)
 
     def log_likelihood(self) -> float:
-        """Not continued."""
+        """The log-likelihood without priors; minus infinity beyond a support."""
         return self.problem.likelihood.evaluate(self.alpha).likelihood
 
-    def objective(self) -> Callable[[Array], LogLikelihood]:
-        """Continued where there is no density."""
+    def objective(self) -> Scored:
+        """The log-likelihood as a function of alpha for a search, continued beyond a support."""
         return self.problem.continued
 
-    def honest(self) -> Callable[[Array], LogLikelihood]:
-        """Not continued."""
+    def honest(self) -> Scored:
+        """The log-likelihood for a sampler, minus infinity beyond a support."""
         return self.problem.likelihood
 
     def more_nodes(self, alpha: Array) -> float:
-        """With half as many nodes again; zero for collocation, where nodes cost runs."""
+        """The change of the log-likelihood at alpha by half as many nodes again.
+
+        Zero for collocation, where nodes cost runs.
+        """
         return self.problem.gap(alpha)
 
     def rough(self) -> OutcomesAt:
-        """With level sets on coarser grids; other nodes are those of the law."""
+        """The likelihood with level sets on coarser grids; other nodes stay."""
         return replace(self, problem=self.problem.coarse())
 
     def for_replicates(self) -> tuple[OutcomesAt, bool]:
-        """On coarser grids, alpha fitted by these; other nodes are those of the law."""
+        """The likelihood with nodes by which many data sets are evaluated quickly.
+
+        And whether the maximum by these nodes is another one, so that alpha is to be moved there.
+        """
         levels = self.problem.levels is not None
         return (self.rough() if levels else self), levels
 
     def at(self, alpha: Array) -> OutcomesAt:
-        """The same outcomes."""
+        """The likelihood of the same outcomes at another alpha."""
         return replace(self, alpha=alpha)
 
     def seeing(self, seen: Observations) -> OutcomesAt:
-        """The lower ends are the outcomes."""
+        """The likelihood of other outcomes, the lower ends of the observations."""
         return replace(self, problem=self.problem.with_outcomes(seen.lower))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """With surfaces values of these, and with level sets of the simulator.
+        """Outcomes drawn under the law of alpha.
 
-        With collocation they are quantiles of the densities, and where one failed the outcome
-        stays as it is.
+        With surfaces values of these, and with level sets of the simulator. With collocation they
+        are quantiles of the densities; where one failed the outcome stays as it is.
         """
         (response,) = seen.responses
         return Observations.exact(self._drawn(rng), response.name, response.transform)
 
     def probabilities(self, seen: Observations, points: int | None) -> Array:  # noqa: ARG002
-        """By the distributions of the outcomes."""
+        """P(below what was measured | alpha) (N,): uniform under the right alpha."""
         return self._under.cdf(self.problem.outcomes)
 
     def span(self) -> tuple[Array, Array]:
-        """Some standard deviations about the mean, within what can be reached."""
+        """Ends (N,) between which each outcome would lie, within what can be reached."""
         under, ends, far = self._under, self.problem.predictor, self.settings.span
         low, high = under.mean - far * under.sd, under.mean + far * under.sd
         return np.maximum(ends.lower, low), np.minimum(ends.upper, high)
 
     def quantiles(self, probabilities: Array) -> Array:
-        """Those of the densities."""
+        """Quantiles (N, P) of each outcome under alpha."""
         return self._under.quantile(probabilities)
 
     def simulated(self, x: Array) -> Array | None:
-        """Of surfaces, or of a simulator that is integrated over itself."""
+        """The simulated outcomes (N, J) at points x (J, n); None with collocation."""
         if not self.problem.free:
             return None
         return self.problem.response.evaluate(x)[self.problem.condition]
 
     def nodes(self) -> tuple[Array, Array] | None:
-        """Those of the law at alpha, whose runs the likelihood at alpha has made."""
+        """With collocation its nodes x (J, n) and their outcomes (N, J); else None."""
         if self.problem.free:
             return None
         x = self.problem.nodes(self.alpha)
         return x, self.problem.response.evaluate(x)[self.problem.condition]
 
+    def variates(self) -> None:
+        """None, since an outcome does not determine single parameters."""
+
+    def individuals(self, rng: np.random.Generator) -> Array:  # noqa: ARG002
+        """Raises InputsError: without noise an experiment has no law of its own parameters."""
+        raise _without_noise()
+
+    def log_density_at(self, x: Array) -> Array:  # noqa: ARG002
+        """Raises InputsError: without noise there is no density given the parameters."""
+        raise _without_noise()
+
     def _drawn(self, rng: np.random.Generator) -> Array:
-        """Outcomes (N,), simulated ones each at a point of its own, which may be far out."""
+        """Drawn outcomes (N,), each simulated at a point of its own, which may be far out."""
         problem = self.problem
         direct = problem.levels is not None and isinstance(problem.response, DirectResponse)
         if not direct and problem.surface is None:
@@ -328,7 +208,6 @@ class OutcomesAt(LikelihoodAt):
         return problem.surface.at(problem.condition, inside[:, problem.moving])
 
     def _from_densities(self, rng: np.random.Generator) -> Array:
-        """Outcomes (N,) by interpolation between the quantiles of the densities."""
         score, table = self._quantiles
         drawn = rng.standard_normal(self.count)
         place = np.clip(np.searchsorted(score, drawn) - 1, 0, score.size - 2)
@@ -339,7 +218,6 @@ class OutcomesAt(LikelihoodAt):
 
     @cached_property
     def _under(self) -> OutcomeDistribution:
-        """The distributions of the outcomes at alpha."""
         return self.problem.predictor.under(self.alpha)
 
     @cached_property
@@ -351,7 +229,7 @@ class OutcomesAt(LikelihoodAt):
 
 
 @dataclass(frozen=True, eq=False)
-class IndividualsAt(LikelihoodAt):
+class IndividualsAt:
     """The integral over each experiment's own parameters, on surfaces or the simulator itself.
 
     `fewest` is the rule with the fewest nodes of which more hardly change the log-likelihood. Nodes
@@ -366,55 +244,55 @@ class IndividualsAt(LikelihoodAt):
 
     @property
     def inputs(self) -> Inputs:
-        """Resolved by the covariates."""
+        """The laws of the parameters, resolved by the covariates that they follow."""
         return self.integral.inputs
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the laws, then those of the errors."""
+        """The hyperparameters of the laws, then those of the errors."""
         return self.integral.hyperparameters
 
     @property
     def count(self) -> int:
-        """Of one observation or more."""
+        """The number N of experiments."""
         return self.integral.count
 
     @property
     def region(self) -> Array:
-        """That of the surfaces; of the simulator itself the box."""
+        """Where simulated values are known, (n, 2): the region of the surfaces, else the box."""
         predictor = self.integral.predictor
         return predictor.region if isinstance(predictor, OnSurfaces) else self.inputs.box
 
     @property
     def roughness(self) -> Array | None:
-        """Over the noise, (M,)."""
+        """Of each observation the estimated error of its surface over the noise, (M,), or None."""
         predictor = self.integral.predictor
         if not isinstance(predictor, OnSurfaces):
             return None
         return relative_errors(predictor.surface)[predictor.of]
 
     def scored(self) -> LogLikelihood:
-        """With the nodes as they are."""
+        """Log-densities (N,) at alpha with scores (N, K), by the nodes as they are."""
         return self.integral(self.alpha)
 
     def log_likelihood(self) -> float:
-        """With the nodes as they are."""
+        """The log-likelihood without priors, by the nodes as they are."""
         return self.integral.evaluate(self.alpha).likelihood
 
-    def objective(self) -> Callable[[Array], LogLikelihood]:
-        """Nodes follow alpha, but importance points, whose error does."""
+    def objective(self) -> Scored:
+        """The log-likelihood for a search; nodes follow alpha, but importance points stay."""
         one = self.integral.rule.centers == 1
         return self.integral.continued if one else self.integral.__call__
 
-    def honest(self) -> Callable[[Array], LogLikelihood]:
-        """With nodes adapted to each alpha, from those here; importance points are kept."""
+    def honest(self) -> Scored:
+        """The log-likelihood for a sampler; nodes are adapted to each alpha, points stay."""
         here = self.integral
         if here.rule.centers > 1 or not here.inputs.scattering:
             return here.__call__
         return lambda alpha: here.adapted(alpha)(alpha)
 
     def more_nodes(self, alpha: Array) -> float:
-        """By the finest of the rules that tell how exact this one is, adapted to alpha."""
+        """The change of the log-likelihood at alpha by the finest of the finer rules."""
         here, s = self.integral, self.inputs.scattering
         finer = here.rule.finer(s) if s else ()
         if not finer:
@@ -424,11 +302,11 @@ class IndividualsAt(LikelihoodAt):
         return more - self.honest()(alpha).likelihood
 
     def rough(self) -> IndividualsAt:
-        """By the roughest rule that serves."""
+        """The likelihood by the roughest rule that suffices."""
         return replace(self, integral=self.integral.by(self.fewest.rough, self.alpha))
 
     def for_replicates(self) -> tuple[IndividualsAt, bool]:
-        """By points of the law where panels would have to be sought for each data set.
+        """The likelihood by points of the law where panels would be sought for each data set.
 
         One observation leaves enough of these points near; several may not.
         """
@@ -439,27 +317,30 @@ class IndividualsAt(LikelihoodAt):
         return replace(self, integral=integral, kept=integral.parameters is not None), False
 
     def at(self, alpha: Array) -> IndividualsAt:
-        """Nodes are adapted to it, unless they are kept."""
+        """The likelihood at another alpha; nodes are adapted to it, unless they are kept."""
         return replace(self, integral=self._adapted(self.integral, alpha), alpha=alpha)
 
     def seeing(self, seen: Observations) -> IndividualsAt:
-        """Nodes are adapted to them, unless they are kept."""
+        """The likelihood of other observations; nodes are adapted, unless they are kept."""
         other = replace(self.integral, errors=self.integral.errors.of_others(seen))
         return replace(self, integral=self._adapted(other, self.alpha))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """Of values that are simulated under drawn parameters, with their errors."""
+        """Observations drawn under the law and the noise of alpha, with bounds like those seen."""
         eta = self._simulated(rng)
         uniform = rng.random(eta.shape)
         y = self.integral.errors.quantile(self._of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
         return censored_alike(seen, y, rng)
 
     def probabilities(self, seen: Observations, points: int | None) -> Array:
-        """By importance points: see `sequential_pit`."""
+        """P(below what was measured | earlier ones of the experiment, alpha) (M,).
+
+        Independent and uniform under the right alpha; see `sequential_pit`.
+        """
         return sequential_pit(self.integral, self.alpha, seen, points)
 
     def span(self) -> tuple[Array, Array]:
-        """Some standard deviations about the mean of what would be measured."""
+        """Ends (M,) between which each observation would lie, but for one in many thousands."""
         middle, reach = np.empty((2, self._observations))
         for block, eta, share in values_under_law(self.integral, self.alpha, self.settings.points):
             scale = self.integral.errors.scale(self._of_errors, eta, block.rows)
@@ -469,9 +350,10 @@ class IndividualsAt(LikelihoodAt):
         return middle - reach, middle + reach
 
     def quantiles(self, probabilities: Array) -> Array:
-        """Of one measurement at each of many points of the law and the error (Sobol).
+        """Quantiles (M, P) of what would be measured in place of each observation.
 
-        Exact to some hundredths of a standard deviation. NaN where no run gives a value.
+        Of one measurement at each of many points of the law and the error (Sobol): exact to some
+        hundredths of a standard deviation. NaN where no run gives a value.
         """
         integral, inputs, count = self.integral, self.inputs, self.settings.marginal
         classes = len(inputs.classes)
@@ -490,7 +372,7 @@ class IndividualsAt(LikelihoodAt):
         return found
 
     def simulated(self, x: Array) -> Array:
-        """Of the surfaces, or of the simulator."""
+        """Simulated values (M, J) at points x (J, n), of the surfaces or the simulator."""
         found = np.empty((self._observations, len(x)))
         for block in self.integral.layout.blocks(len(x)):
             points = np.broadcast_to(x, (len(block), *x.shape))
@@ -498,12 +380,22 @@ class IndividualsAt(LikelihoodAt):
                 found[block.rows] = self.integral.predictor.values(block, points)
         return found
 
+    def nodes(self) -> None:
+        """None, since `simulated` answers at any point."""
+
     def variates(self) -> tuple[Array, Array] | None:
-        """By the nodes."""
+        """Means (N, s) and mean products (N, s, s) of the variates, given the observations.
+
+        Under the law they are standard normal. None with one observation an experiment, which
+        tells no parameter alone.
+        """
         return None if self._alone else individual_variates(self.integral, self.alpha)
 
     def individuals(self, rng: np.random.Generator) -> Array:
-        """One of many points of its individual law."""
+        """A draw (N, n) of the parameters of each experiment given its observations.
+
+        Under the right model they are a sample of the law.
+        """
         found, count = np.empty((self.count, len(self.inputs.names))), self.settings.points
         for block in self.integral.layout.blocks(count):
             x, share = individual_points(self.integral, self.alpha, block, count)
@@ -513,8 +405,8 @@ class IndividualsAt(LikelihoodAt):
             found[block.experiments] = x[np.arange(len(block)), chosen]
         return found
 
-    def given(self, x: Array) -> Array:
-        """The sum over its observations."""
+    def log_density_at(self, x: Array) -> Array:
+        """log p(observations of an experiment | parameters) (N, J) at points x (J, n)."""
         found = np.empty((self.count, len(x)))
         for block in self.integral.layout.blocks(len(x)):
             points = np.broadcast_to(x, (len(block), *x.shape))
@@ -524,19 +416,19 @@ class IndividualsAt(LikelihoodAt):
         return found
 
     def on(self, runner: Runner) -> IndividualsAt:
-        """The same by the simulator itself: values are runs, which are remembered and stored."""
+        """The likelihood by the simulator itself, whose runs are remembered and stored."""
         no_parameters = np.zeros(0, dtype=np.intp)
         simulator = Direct(Remembered(runner), no_parameters, self.inputs.box)
         return replace(self, integral=replace(self.integral, predictor=simulator))
 
     @property
     def _of_errors(self) -> Array:
-        """The part of alpha that is of the measurement errors."""
+        """The hyperparameters of the measurement errors."""
         return self.alpha[self.inputs.size :]
 
     @property
     def _observations(self) -> int:
-        """M."""
+        """M, the number of observations."""
         return int(self.integral.layout.experiment.size)
 
     @property
@@ -548,7 +440,6 @@ class IndividualsAt(LikelihoodAt):
         return integral if self.kept else integral.adapted(alpha)
 
     def _simulated(self, rng: np.random.Generator) -> Array:
-        """Values (M, 1) of runs at parameters drawn from the law of each experiment."""
         inputs, eta = self.inputs, np.full((self._observations, 1), np.nan)
         for _ in range(self.settings.tries):
             x = drawn(inputs, self.alpha[: inputs.size], self.count, rng)
@@ -559,12 +450,19 @@ class IndividualsAt(LikelihoodAt):
         return eta
 
     def _completed(self, block: Block, eta: Array, x: Array) -> Array:
-        """Values (m, 1), at x (B, n) where an experiment of the block lacks one."""
+        """Simulated values (m, 1), run again at x (B, n) for experiments that lack one."""
         lacking = block.summed(np.isnan(eta).astype(float)) > 0.0
         if not np.any(lacking):
             return eta
         found = self.integral.predictor.values(block, x[:, None])
         return np.where(lacking[block.owner], found, eta)
+
+
+LikelihoodAt = OutcomesAt | IndividualsAt
+"""The likelihood of N experiments with M observations at one alpha (K,).
+
+A value: each method that changes something returns another one. Both kinds answer the same.
+"""
 
 
 def censored_alike(seen: Observations, y: Array, rng: np.random.Generator) -> Observations:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,8 @@ import numpy as np
 from aleator.core.types import Array, Indices
 from aleator.inference.information import Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import Scored
 from aleator.search.newton import ascended, positive
-
-Objective = Callable[[Array], LogLikelihood]
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,7 @@ SHAPE = ShapeSettings()
 
 @dataclass(frozen=True)
 class LikelihoodCurve:
-    """The profile of the log-likelihood: largest `value`s (P,) where alpha_k is held `at` (P,)."""
+    """The profile log-likelihood `value` (P,) where alpha_k is fixed `at` (P,)."""
 
     k: int
     at: Array
@@ -55,7 +53,7 @@ class LikelihoodGrid:
 
 
 def likelihood_curve(
-    objective: Objective,
+    objective: Scored,
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
@@ -63,7 +61,7 @@ def likelihood_curve(
     at: Array,
     settings: ShapeSettings = SHAPE,
 ) -> LikelihoodCurve:
-    """The profile log-likelihood of alpha_k at the values `at` (P,), which rise (Wilks, 1938).
+    """The profile log-likelihood of alpha_k at increasing values `at` (P,) (Wilks, 1938).
 
     max log L over all other free hyperparameters: from the maximum alpha (K,) outward, each climbed
     to from the one before, moved along the ridge by -I_oo^-1 I_ok. Less than `ARRIVED` is left to
@@ -82,7 +80,7 @@ def likelihood_curve(
 
 
 def likelihood_surface(
-    objective: Objective,
+    objective: Scored,
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
@@ -122,14 +120,14 @@ def likelihood_surface(
     )
 
 
-def around(
+def curve_points(
     interval: Sequence[float], estimate: float, h: Hyperparameter, settings: ShapeSettings = SHAPE
 ) -> Array:
-    """The estimate, both ends of its interval, and somewhat beyond, within the limits.
+    """Values for a curve: the estimate, its interval, and some room beyond, within limits.
 
     >>> h = Hyperparameter("x", 0.0, 2.2, 1.0, True)
-    >>> around((1.0, 2.0), 1.4, h).round(2).tolist(), around((0.0, 1.0), 0.0, h).tolist()
-    ([0.7, 1.0, 1.4, 2.0, 2.2], [0.0, 1.0, 1.3])
+    >>> curve_points((1.0, 2.0), 1.4, h).round(2).tolist()
+    [0.7, 1.0, 1.4, 2.0, 2.2]
     """
     low, high = interval
     reach = settings.margin * (high - low)
@@ -138,7 +136,7 @@ def around(
 
 
 def weakest_pair(correlation: Array) -> tuple[int, int] | None:
-    """The rows of the two estimates that depend on each other most; None below two.
+    """The rows of the two estimates of largest correlation; None below two.
 
     >>> weakest_pair(np.array([[1.0, 0.1, -0.9], [0.1, 1.0, 0.2], [-0.9, 0.2, 1.0]]))
     (0, 2)
@@ -151,9 +149,10 @@ def weakest_pair(correlation: Array) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, eq=False)
 class _Ridge:
-    """How the `moving` hyperparameters follow those that are `held`.
+    """How the `moving` hyperparameters follow the `fixed` ones along the ridge.
 
-    `own` (F, F) is the information of the moving ones, `follow` (F, H) their slopes by the held.
+    `own` (F, F) is the information of the moving ones, `follow` (F, H) their slopes by the fixed
+    ones.
     """
 
     held: list[int]
@@ -170,7 +169,7 @@ class _Ridge:
         held: list[int],
         among: Indices,
     ) -> _Ridge:
-        """That of the information at the maximum, for those `among` whom are not held."""
+        """The ridge at the maximum, along which those `among` follow that are not fixed."""
         apart = ~np.isin(inference.identified, among) | np.isin(inference.identified, held)
         moving = inference.identified[~apart]
         # in the order in which they are held
@@ -182,7 +181,7 @@ class _Ridge:
         return cls(held, moving, limits, own, np.asarray(follow, float))
 
     def followed(self, here: Array, values: Array) -> Array:
-        """From here (K,) to where the held ones have these values (H,)."""
+        """The point reached from `here` (K,) where the fixed ones have these values (H,)."""
         there = here.copy()
         there[self.held] = values
         wished = here[self.moving] + self.follow @ (values - here[self.held])

@@ -17,13 +17,13 @@ from scipy import stats
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
 from aleator.inference.fit import Fit, refitted
-from aleator.inference.information import DIFFERENCES, INTERVALS
+from aleator.inference.information import DIFFERENCES, side_of
 from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
 
 
 @dataclass(frozen=True)
 class Criteria:
-    """A maximum of the likelihood with what it took to reach it.
+    """A maximal log-likelihood with the numbers of hyperparameters and data.
 
     Of the free hyperparameters `of_law` belong to parameters that differ between the N
     `experiments`, and `of_rest` to the noise and to constants, of which each of the M
@@ -71,7 +71,7 @@ class Criteria:
 
 @dataclass(frozen=True)
 class LeaveOneOutSettings:
-    """When a Newton step tells what an experiment that is left out changes; by judgement."""
+    """When one Newton step gives the effect of leaving out an experiment; by judgement."""
 
     tie: float = 1e-9
     """Ratios this close are equal: both are zero where a scale ends at zero."""
@@ -91,7 +91,7 @@ LEAVE_ONE_OUT = LeaveOneOutSettings()
 
 @dataclass(frozen=True)
 class LikelihoodRatio:
-    """D = 2 (log L_larger - log L_smaller) and what chance makes of it.
+    """The likelihood ratio D = 2 (log L_larger - log L_smaller) with its reference.
 
     `df` free hyperparameters more; `on_boundary` of them are scales that are zero in the smaller
     model. `bootstrap` (R,) are ratios of data drawn under the smaller model, NaN where a climb did
@@ -128,7 +128,7 @@ class LikelihoodRatio:
 
     @property
     def reference(self) -> str:
-        """What the p is taken from, in a few letters."""
+        """The reference distribution, in short."""
         if not self.regular or self.df < 1:
             return "bootstrap"
         if not self.on_boundary:
@@ -249,25 +249,18 @@ class _Local:
         found = fit.scored()
         assert found.scores is not None
         scores = found.scores[:, moving]
-        lower, upper = limits_of(fit.hyperparameters, moving)
-        margin = INTERVALS.limit * (upper - lower)
-        inside = (alpha[moving] > lower + margin) & (alpha[moving] < upper - margin)
-        information = informations(fit, scores)
         own = [fit.hyperparameters[k] for k in moving]
-        believed = found.score[moving] - scores.sum(axis=0)
-        curvature = curvatures(own, alpha[moving])
-        return cls(
-            alpha,
-            own,
-            moving,
-            inside,
-            found.each,
-            scores,
-            information,
-            believed,
-            curvature,
-            settings,
+        sides = [side_of(value, h) for value, h in zip(alpha[moving], own, strict=True)]
+        inside = np.array([side is None for side in sides], dtype=np.bool_)
+        information = informations(fit, scores)
+        believed, curvature = (
+            found.score[moving] - scores.sum(axis=0),
+            curvatures(own, alpha[moving]),
         )
+        return cls(
+            alpha, own, moving, inside, found.each, scores, information, believed, curvature,
+            settings,
+        )  # fmt: skip
 
     @cached_property
     def _whole(self) -> Array:

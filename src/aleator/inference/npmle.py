@@ -25,11 +25,12 @@ from aleator.inference.fit import Fit, climbed, stepped
 
 @dataclass(frozen=True)
 class NPMLESettings:
-    """How weights and points of the best law are found, and its gap judged; by judgement."""
+    """How weights and points of the best law are computed, and its gap tested; by judgement."""
 
     weighed: float = 1e-7
     """Of the gradient function, over its largest value at the end."""
     steps: int = 200
+    """Newton steps to the weights, at most."""
     covered: float = 0.05
     """Share of its largest likelihood that each experiment has at one of the first points."""
     entering: int = 8
@@ -39,28 +40,31 @@ class NPMLESettings:
     rise: float = 1e-4
     """Share of the rise that the gradient promises."""
     crosses: int = 40
+    """Rounds of an ascent of the gradient function, at most."""
     finest: float = 1e-6
     """Step at the end, over the width of the region."""
     narrower: float = 0.25
     """Width of a cross over the one before, where the point in its middle is the highest."""
     flat: float = 1e-3
+    """Least curvature along an axis, over the largest of all axes."""
     flattest: float = 1e-6
-    """A curvature is at least so large: over the largest of all axes, and over the slope."""
-    tiny: float = 1e-300
-    """A length or a curvature below this is zero."""
+    """Least curvature along an axis, over the slope."""
     farthest: float = 8.0
     """Steps that Newton's may be long."""
     starts: int = 12
+    """Local maxima of the gradient function that are climbed in a round."""
     last: int = 40
-    """Local maxima of the gradient function that are climbed in a round, and in the end."""
+    """The same in the end."""
     rounds: int = 40
+    """Rounds in which points join the law, at most."""
     enough: float = 1e-4
     """Of the log-likelihood, what other points may still add."""
     near: float = 0.05
     """Distance of points that may be one."""
     same: float = 0.01
+    """Distance of points that are merged."""
     alike: float = 1e-3
-    """Distance of points that are taken for one, and what that may cost of the log-likelihood."""
+    """Log-likelihood that merging may cost."""
     largest: float = 700.0
     """Exponent of the largest ratio that is told."""
     climbed: float = 0.01
@@ -93,7 +97,7 @@ class Mixing:
 
     @property
     def gap(self) -> float:
-        """How much larger the log-likelihood of other weights can be."""
+        """The log-likelihood of the best law on points x (J, n) minus that of the fit."""
         return bound(self.gradient, self.each.size)
 
     @property
@@ -103,7 +107,7 @@ class Mixing:
 
 
 def bound(gradient: Array, experiments: int) -> float:
-    """N log(1 + max D): what a law on these points may gain, by Jensen's inequality."""
+    """The bound N log(1 + max D) of what a law on these points may gain (Jensen's inequality)."""
     return experiments * float(np.log1p(max(gradient.max(initial=0.0), 0.0)))
 
 
@@ -140,7 +144,7 @@ def mixed(
 
 
 def _ascended(density: Array, enough: float, settings: NPMLESettings) -> Array:
-    """Newton steps from the few points that explain every experiment."""
+    """Weights by Newton steps from a few points that explain every experiment."""
     weights = np.zeros(density.shape[1])
     first = _cover(density, settings)
     weights[first] = 1.0 / max(first.size, 1)
@@ -161,7 +165,7 @@ def _ascended(density: Array, enough: float, settings: NPMLESettings) -> Array:
 
 
 def _cover(density: Array, settings: NPMLESettings) -> Indices:
-    """Points such that each experiment has a likelihood that counts at one of them."""
+    """Points such that each experiment has a considerable likelihood at one of them."""
     chosen, open_ = list[int](), np.ones(len(density), dtype=np.bool_)
     while open_.any():
         chosen.append(int(np.argmax(density[open_].sum(axis=0))))
@@ -190,7 +194,7 @@ def _newton(ratio: Array) -> Array:
 def _searched(
     density: Array, weights: Array, moved: Array, gradient: Array, settings: NPMLESettings
 ) -> Array | None:
-    """A point of the step at which the objective has risen; None where rounding leaves none."""
+    """The weights on the way to `moved` where the log-likelihood rises; None without any."""
     promised = len(density) * float(gradient @ (moved - weights))
     now, then = density @ weights, density @ moved
     share = 1.0
@@ -213,7 +217,7 @@ Function = Callable[[Array], Array]
 def uphill(
     function: Function, starts: Array, step: float, settings: NPMLESettings = NPMLE_SETTINGS
 ) -> Array:
-    """Points (P, s) of the unit cube uphill from `starts` (P, s), at local maxima.
+    """Local maxima (P, s) of a function on the unit cube, uphill from `starts` (P, s).
 
     Each round asks for the function on a cross about every point, takes the best of the cross and
     of the top of its parabola, and makes the cross a quarter as wide where nothing is better.
@@ -244,7 +248,7 @@ def uphill(
 
 
 def local_maxima(points: Array, value: Array, most: int) -> Indices:
-    """Those of points (J, s) that are higher than their nearest ones, the highest first."""
+    """Those of points (J, s) that are higher than their neighbours, the highest first."""
     s = points.shape[1]
     nearest = (
         cKDTree(points).query(points, min(1 + 2 * s * s, len(points)))[1].reshape(len(points), -1)
@@ -265,7 +269,7 @@ def _cross(s: int) -> Array:
 def _top(
     points: Array, width: Array, value: Array, around: Array, settings: NPMLESettings
 ) -> Array:
-    """The top of the parabola through each cross; where it has none, a step up the slope."""
+    """The top of the parabola through each cross; without one a step up the slope."""
     count, s = points.shape
     up, down = around[:, 0 : 2 * s : 2], around[:, 1 : 2 * s : 2]
     slope = 0.5 * (up - down)
@@ -279,11 +283,11 @@ def _top(
     along = np.einsum("pij,pi->pj", axes, np.nan_to_num(slope))
     flat = settings.flat * np.max(np.abs(bent), axis=1, keepdims=True)
     # a step that is much too long is cut anyhow
-    least = settings.flattest * np.abs(along) + settings.tiny
+    least = settings.flattest * np.abs(along) + np.finfo(float).tiny
     along /= np.maximum(np.maximum(np.abs(bent), flat), least)
     step = np.einsum("pij,pj->pi", axes, along)
     length = np.linalg.norm(step, axis=1, keepdims=True)
-    step *= np.minimum(1.0, settings.farthest / np.maximum(length, settings.tiny))
+    step *= settings.farthest / np.maximum(length, settings.farthest)
     return np.asarray(np.clip(points + width[:, None] * step, 0.0, 1.0))
 
 
@@ -313,7 +317,7 @@ class NPMLE:
 def gradient(
     log_density: LogDensity, each: Array, points: Array, settings: NPMLESettings = NPMLE_SETTINGS
 ) -> Array:
-    """D(x) = mean_l exp(log p(y_l | x) - each_l) - 1 at points (J, s): where mass is lacking.
+    """The gradient function D(x) = mean_l exp(log p(y_l | x) - each_l) - 1 at points (J, s).
 
     A law that moves a small share h of its mass to x gains N h D(x) in log-likelihood (Lindsay,
     1983). `each` (N,) are the log-densities under the law; -inf of one counts as the largest.
@@ -362,16 +366,16 @@ def _higher(
 
 
 def _between(law: NPMLE, settings: NPMLESettings) -> Array:
-    """The middles of points that are near each other, which the law may have in their place."""
+    """Means of points that are near each other, as candidates in their place."""
     near = cKDTree(law.points).query_pairs(settings.near, output_type="ndarray")
     share = law.weights[near] / law.weights[near].sum(axis=1, keepdims=True)
     return np.asarray(np.einsum("pk,pks->ps", share, law.points[near]))
 
 
 def _merged(log_density: LogDensity, law: NPMLE, settings: NPMLESettings) -> NPMLE:
-    """The law with one point in place of those that are all but one, where that loses nothing.
+    """The law with nearly equal points merged, where that costs nothing.
 
-    What it loses is added to the gap.
+    What it costs is added to the gap.
     """
     pairs = cKDTree(law.points).query_pairs(settings.same, output_type="ndarray")
     count = len(law.points)
@@ -395,7 +399,7 @@ Points = Callable[[Fit, np.random.Generator], Array]
 
 @dataclass(frozen=True)
 class GapTest:
-    """The share of data sets of the law itself whose gap is as large.
+    """The share of data sets drawn from the law itself that have as large a gap.
 
     `failed` replicates have no log-likelihood and count as larger.
     """
@@ -408,11 +412,13 @@ class GapTest:
 
 def gap(fit: Fit, points: Array, settings: NPMLESettings = NPMLE_SETTINGS) -> float:
     """Log-likelihood of the best law on points x (J, n) above that of the fit."""
-    best = mixed(fit.likelihood.given(points), settings.coarse, settings=settings).log_likelihood
+    best = mixed(
+        fit.likelihood.log_density_at(points), settings.coarse, settings=settings
+    ).log_likelihood
     return best - fit.scored().likelihood
 
 
-def judged(
+def gap_test(
     fit: Fit,
     points: Points,
     most: int,
@@ -420,7 +426,7 @@ def judged(
     progress: Progress,
     settings: NPMLESettings = NPMLE_SETTINGS,
 ) -> GapTest | None:
-    """The p value of the gap of a fit: data are drawn from its law, and fitted by its family.
+    """The p value of the gap, by data sets drawn from the fitted law and fitted again.
 
     The best law has no limit distribution to compare with, so that the gap is drawn (McLachlan,
     1987). It is that on points made by one rule for measured and for drawn data. It stops early:
@@ -445,9 +451,10 @@ def judged(
 def _larger(
     fit: Fit, seen: float, points: Points, rng: np.random.Generator, settings: NPMLESettings
 ) -> bool | None:
-    """Whether the gap of other data is as large; None where it is no number.
+    """Whether the gap of a drawn data set is as large; None where it is no number.
 
-    One step comes near the maximum, from below: what is smaller after it is smaller in the end.
+    One step comes near the maximum from below, so that a gap that is smaller after it stays
+    smaller.
     """
     near = stepped(fit.drawn(rng))
     found = gap(near, points(near, rng), settings=settings)

@@ -18,8 +18,7 @@ from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.fit import Fit
 from aleator.inference.information import INTERVALS
 from aleator.inference.likelihood_shape import (
-    Objective,
-    around,
+    curve_points,
     likelihood_curve,
     likelihood_surface,
     weakest_pair,
@@ -29,6 +28,7 @@ from aleator.laws.inputs import Inputs
 from aleator.laws.inputs import drawn as of_law
 from aleator.results.result import Result
 from aleator.results.values import REPORTED, Estimate
+from aleator.search.interface import Scored
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def likelihood_shapes(
         estimate = estimates[h.name]
         assert estimate.interval is not None
         assert estimate.drops is not None
-        at = around(estimate.interval, float(fit.alpha[k]), h)
+        at = curve_points(estimate.interval, float(fit.alpha[k]), h)
         curve = likelihood_curve(objective, fit.alpha, fit.hyperparameters, inference, k, at)
         below = curve.value[at == fit.alpha[k]] - curve.value
         for end, drop in zip(estimate.interval, estimate.drops, strict=True):
@@ -234,7 +234,7 @@ def _shown(fit: Fit, estimates: Mapping[str, Estimate], settings: PictureSetting
 def _surface(
     fit: Fit,
     estimates: Mapping[str, Estimate],
-    objective: Objective,
+    objective: Scored,
     report: Callable[[str], None],
     settings: PictureSettings,
 ) -> dict[str, Any] | None:

@@ -24,7 +24,7 @@ from aleator.core.types import Array, Flags, Indices
 from aleator.errors import AleatorError, installing
 from aleator.inference.information import DIFFERENCES
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import LogLikelihood, Scored
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,11 @@ class PosteriorSettings:
     least: float = 0.05
     """Least curvature: that of a density as flat as between limits that nothing else tells of."""
     tried: int = 16
+    """Points that say whether a scale is too wide."""
     shrunk: int = 12
+    """Times that a scale is made smaller, at most."""
     smaller: float = 0.6
-    """Points that tell whether a scale is too wide, and how often it is made how much smaller."""
+    """Factor by which it is made smaller."""
     impossible: float = 1e300
     """Minus the log-density that the search for the mode sees where there is none."""
     mode: int = 50
@@ -50,11 +52,13 @@ class PosteriorSettings:
     tries: int = 50
     """Points that a chain may try to begin at."""
     tails: tuple[float, float] = (0.05, 0.95)
+    """Probabilities of the quantiles whose effective sample size counts."""
     warm_up: int = 100
     """Steps of each chain that set the length of its steps, and are no draws."""
     largest_r_hat: float = 1.01
+    """R-hat of draws that have converged (Vehtari et al., 2021)."""
     least_ess: float = 400.0
-    """Both by Vehtari, Gelman, Simpson, Carpenter and Burkner (2021)."""
+    """Effective sample size of draws that have converged (the same)."""
 
 
 POSTERIOR = PosteriorSettings()
@@ -62,7 +66,7 @@ POSTERIOR = PosteriorSettings()
 
 @dataclass(frozen=True)
 class DensityAt:
-    """log p(u | y) at one u (G,), its slope (G,), and the log-likelihood that it is made of."""
+    """The log posterior density at one u (G,), its slope (G,), and the log-likelihood."""
 
     value: float
     slope: Array
@@ -77,7 +81,7 @@ class RealLine:
     impossible; the others are as in `alpha` (K,). Constant factors are left out.
     """
 
-    objective: Callable[[Array], LogLikelihood]
+    objective: Scored
     hyperparameters: Sequence[Hyperparameter]
     alpha: Array
     moving: Indices
@@ -119,7 +123,7 @@ class RealLine:
 
 @dataclass(frozen=True)
 class NormalScale:
-    """Where the posterior of u is, and how wide: u = center + factor z with z about N(0, I)."""
+    """The normal approximation of the posterior: u = center + factor z with z about N(0, I)."""
 
     center: Array
     factor: Array
@@ -156,7 +160,7 @@ def scaled(
 def _within(
     density: Callable[[Array], DensityAt], scale: NormalScale, settings: PosteriorSettings
 ) -> NormalScale:
-    """A scale at half of whose points there is a density: a likelihood may end abruptly."""
+    """The scale, shrunk until half of its points have a density: it may end abruptly."""
     z = np.random.default_rng(0).standard_normal((settings.tried, scale.center.size))
     for _ in range(settings.shrunk):
         inside = [np.isfinite(density(scale.center + scale.factor @ one).value) for one in z]
@@ -171,7 +175,7 @@ SAMPLER = "mici"
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """Draws u (C, D, G) of C chains of D, with what is told of each.
+    """Draws u (C, D, G) of C chains of D, with values that belong to each.
 
     `likelihood`, `prior` (C, D) are the log-likelihood and the log prior there, and `each`
     (C, D, N) that of every experiment; `divergent` (C, D) whether its trajectory broke off, `steps`
@@ -198,7 +202,7 @@ def sampled(
     told: Callable[[int, int], None],
     settings: PosteriorSettings = POSTERIOR,
 ) -> Chains:
-    """So many chains of draws of a density of u; `told` hears of each step, and of how many.
+    """Chains of draws of a density of u; `told` is called with each step and their number.
 
     Each chain has a stream of random numbers of its own. Cost: some five evaluations a draw.
     Raises AleatorError where the package is missing, and where a chain finds no place to begin.
@@ -208,18 +212,15 @@ def sampled(
     found = []
     for c, stream in enumerate(streams):
         done = c * (settings.warm_up + draws)
-        chain = _Chain(density, scale, partial(_counted, told, done, total), settings)
+        counted = partial(lambda begun, steps: told(begun + steps, total), done)
+        chain = _Chain(density, scale, counted, settings)
         found.append(chain.run(np.random.default_rng(stream), draws))
     parts = {key: np.stack([one[key] for one in found]) for key in found[0] if key != "evaluations"}
     return Chains(**parts, evaluations=sum(one["evaluations"] for one in found))
 
 
-def _counted(told: Callable[[int, int], None], done: int, total: int, steps: int) -> None:
-    told(done + steps, total)
-
-
 class _Chain:
-    """One chain in z, u = center + factor z, that remembers what it asked in its trajectory."""
+    """One chain in z, u = center + factor z, that remembers values along its trajectory."""
 
     def __init__(
         self,
@@ -269,17 +270,13 @@ class _Chain:
             raise KeyboardInterrupt
         kept = {
             name: np.asarray(values[0][self.settings.warm_up :])
-            for name, values in out.traces.items()
-        }
-        told = {
-            name: np.asarray(values[0][self.settings.warm_up :])
-            for name, values in out.statistics.items()
+            for name, values in (out.traces | out.statistics).items()
         }
         return {
-            **kept,
-            "divergent": told["diverging"].astype(bool),
-            "steps": told["n_step"],
-            "accepted": told["accept_stat"],
+            **{name: kept[name] for name in out.traces},
+            "divergent": kept["diverging"].astype(bool),
+            "steps": kept["n_step"],
+            "accepted": kept["accept_stat"],
             "evaluations": self._evaluations,
         }
 
@@ -303,7 +300,7 @@ class _Chain:
         return found
 
     def _traced(self, state: Any) -> dict[str, Any]:
-        """What is kept of a draw; the trajectory that led there is forgotten."""
+        """What is stored of a draw; the values along the trajectory are forgotten."""
         z = np.asarray(state.pos)
         found = self._at(z)
         self._known = {z.tobytes(): found}
@@ -332,7 +329,7 @@ def installed(package: str) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """No word of the package's own on an interruption, which is told by whoever asked."""
+    """Silence the sampler's own message on an interruption."""
     log = logging.getLogger("mici.samplers")
     before, log.disabled = log.disabled, True
     try:
@@ -369,7 +366,7 @@ class Convergence:
 
 
 def convergence(draws: Array, settings: PosteriorSettings = POSTERIOR) -> Convergence:
-    """That of draws (C, D, G) of C chains, by ArviZ.
+    """R-hat and effective sample sizes of draws (C, D, G) of C chains, by ArviZ.
 
     Raises AleatorError where ArviZ is not installed.
     """

@@ -31,25 +31,25 @@ class Event:
 
     @property
     def contrary(self) -> Event:
-        """Everything else."""
+        """The event of all other outcomes."""
         ends = [-np.inf, *(end for part in self.parts for end in part), np.inf]
         pairs = zip(ends[::2], ends[1::2], strict=True)
         return Event(tuple((low, high) for low, high in pairs if low < high))
 
     def holds(self, y: Array) -> Flags:
-        """Whether outcomes y are in it; what is NaN is not."""
+        """Which outcomes y are in the event; NaN is not."""
         found = np.zeros(y.shape, dtype=np.bool_)
         for low, high in self.parts:
             found |= (y > low) & (y < high)
         return found
 
     def distance(self, y: Array) -> Array:
-        """How far outcomes y are from the nearest end of an interval."""
+        """The distances of outcomes y from the nearest end of an interval."""
         ends = [end for part in self.parts for end in part if np.isfinite(end)]
         return np.asarray(np.min([np.abs(y - end) for end in ends], axis=0))
 
     def missed(self, y: Array) -> Array:
-        """By how much outcomes y miss it: zero within, infinite where there is no outcome."""
+        """The distances of outcomes y from the event: zero within, infinite without an outcome."""
         away = [np.maximum(low - y, y - high) for low, high in self.parts]
         outside = np.maximum(np.min(away, axis=0), np.finfo(float).tiny)
         return np.where(self.holds(y), 0.0, np.nan_to_num(outside, nan=np.inf, posinf=np.inf))
@@ -62,7 +62,7 @@ infinite where there is none, and the weight of each (L, J); weights sum to one 
 
 @dataclass(frozen=True)
 class CrossEntropy:
-    """How the importance density of an event is sought; chosen by `benchmarks limit_states`.
+    """How an importance density of an event is computed; chosen by `benchmarks limit_states`.
 
     Each of at most `rounds` rounds draws `points` from the mixture so far. `components` normal
     densities are fitted to those in the event, wider by `wider`; `floor` is the share of the law
@@ -87,7 +87,7 @@ class CrossEntropy:
 class RareEventSettings:
     """How points and levels of rare events are computed; by judgement.
 
-    edge: uniform numbers stay so far from zero and one. tiny: a share below this is zero.
+    edge: uniform numbers stay so far from zero and one.
     stream: the stream of random numbers for the fits, beside that of the points; seeds: numbers
     between the seeds of two searches, for the points of their rounds.
     levels: a level of the event is sought to one of so many points. round: what stands for the
@@ -96,7 +96,6 @@ class RareEventSettings:
     """
 
     edge: float = 1e-14
-    tiny: float = 1e-300
     stream: int = 5
     seeds: int = 1000
     levels: int = 1000
@@ -143,7 +142,7 @@ class ImportanceDensity:
         ):
             away = linalg.solve_triangular(factor, (u - mean).T, lower=True, check_finite=False)
             parts[k] = (
-                np.log(max(share, RARE_EVENTS.tiny))
+                np.log(max(share, np.finfo(float).tiny))
                 - 0.5 * np.sum(away**2, axis=0)
                 - np.log(np.diag(factor)).sum()
             )
@@ -204,10 +203,11 @@ def _effective(weights: Array) -> float:
 
 
 def _within(level: float, ratio: Array, misses: Array, shares: Array) -> Array:
-    """Weights (J,) of the points within a level: of the mixture of all laws, and of each alike.
+    """Weights (J,) of the points that miss the event by no more than a level.
 
-    Laws under which the event is far less probable would have no points by their mixture alone, and
-    the lower end of an interval is theirs.
+    The mean of the weights under the mixture of all laws and under each law alike: laws under which
+    the event is far less probable would have no points by the mixture alone, and the lower end of
+    an interval is theirs.
     """
     each = ratio * shares * (misses <= level)
     own = each.sum(axis=1)
@@ -219,7 +219,7 @@ def _within(level: float, ratio: Array, misses: Array, shares: Array) -> Array:
 
 
 def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Array | None:
-    """Weights (J,) of the points within the least miss that enough points are within.
+    """Weights (J,) of the points within the smallest level that holds enough of them.
 
     None where no point has an outcome.
     """
@@ -246,7 +246,7 @@ def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Arra
 def _fitted(
     u: Array, weights: Array, variates: int, choice: CrossEntropy, rng: np.random.Generator
 ) -> ImportanceDensity:
-    """The mixture of least cross-entropy to the weighted points, from distant first centers."""
+    """The normal mixture of least cross-entropy to the weighted points."""
     counted = weights > 0.0
     u, w = u[counted], weights[counted] / weights.sum()
     law = ImportanceDensity.of_law(variates, choice.scales)
@@ -280,14 +280,14 @@ def _fitted(
 
 
 def _rounder(spread: Array, count: float) -> Array:
-    """A covariance (d, d) of so many points, nearer to one that is alike in all directions."""
+    """A covariance (d, d), shrunk towards equal variances by the number of points."""
     d = len(spread)
     alike = (d + 1.0) * float(np.trace(spread)) / d + RARE_EVENTS.round
     return np.asarray((count * spread + alike * np.eye(d)) / (count + d + 1.0))
 
 
 def _distant(u: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
-    """Numbers of points far from each other, by chance (k-means++; Arthur, Vassilvitskii, 2007)."""
+    """Indices of points far from each other, drawn at random (k-means++, 2007)."""
     chosen = [int(rng.choice(len(u), p=weights))]
     nearest = np.sum((u - u[chosen[0]]) ** 2, axis=1)
     while len(chosen) < min(count, len(u)):
@@ -302,7 +302,7 @@ def _distant(u: Array, weights: Array, count: int, rng: np.random.Generator) -> 
 def quantile_bound(
     y: Array, weights: Array, draws: Array, probability: float, confidence: float
 ) -> tuple[float, Array]:
-    """The value that quantiles of draws are below with this confidence, and the quantiles (A,).
+    """The upper confidence bound of a quantile over draws, and the quantiles (A,).
 
     `y` (A, J) are outcomes with `weights` (A, J) under A laws, whose own weights are `draws` (A,).
     """

@@ -6,13 +6,14 @@ import json
 import os
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from pydantic import ConfigDict, TypeAdapter
 from scipy import special
 
 from aleator.core.progress import Progress, Silent
@@ -26,7 +27,7 @@ from aleator.results import printed
 from aleator.results.documents import make_folder
 from aleator.simulators.pool import packed
 from aleator.tasks.identification import Identification
-from aleator.tasks.parallel import in_processes
+from aleator.tasks.runs import in_processes
 
 
 def percentile(alpha: Array, level: float = INTERVALS.level) -> Array:
@@ -91,21 +92,27 @@ class Refitted:
     The status is "arrived", or says that the climb did not end at a maximum.
     """
 
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
     number: int
     alpha: tuple[float, ...]
     log_likelihood: float
     status: str
 
 
+REPLICATE = TypeAdapter(Refitted)
+"""Reads a replicate strictly: a number is no text, and every field is there."""
+
+
 @dataclass(frozen=True)
 class ReplicateFile:
-    """A file of lines: a head that says what is replicated, then a line for each replicate."""
+    """A file with a head that identifies the fit, then a line for each replicate."""
 
     path: Path
     head: Mapping[str, Any]
 
     def begun(self) -> dict[int, Refitted]:
-        """The replicates that are finished, by number; a torn last line is cut off.
+        """The finished replicates by number; an incomplete last line is removed.
 
         Makes the file where there is none. Raises AleatorError where its head is another one.
         """
@@ -125,28 +132,23 @@ class ReplicateFile:
 
     def _replicate(self, number: int, line: Mapping[str, Any]) -> Refitted:
         """What a line of the file says; raises AleatorError where it is no replicate."""
-        alpha = line.get("alpha")
-        sound = (
-            line.keys() == {field.name for field in fields(Refitted)}
-            and isinstance(alpha, list)
-            and len(alpha) == len(self.head["hyperparameters"])
-            and all(type(value) in (int, float) for value in (*alpha, line["log_likelihood"]))
-            and type(line["number"]) is int
-            and isinstance(line["status"], str)
-        )
-        if not sound:
+        try:
+            found = REPLICATE.validate_json(json.dumps(line), strict=True)
+        except ValueError:
+            found = None
+        if found is None or len(found.alpha) != len(self.head["hyperparameters"]):
             raise AleatorError(
                 f"{short(self.path)}: line {number} is no replicate",
                 "delete the line, and its replicate is made again",
             )
-        return Refitted(**{**line, "alpha": tuple(map(float, alpha or ()))})
+        return found
 
     def add(self, replicate: Refitted) -> None:
-        """Append a line, and have it on the disk before anything else is done."""
+        """Append a replicate, and flush it to the disk."""
         self._write(json.dumps(asdict(replicate)).encode() + b"\n", None)
 
     def _lines(self) -> tuple[list[dict[str, Any]], int]:
-        """The whole lines that can be read, and how many bytes they are."""
+        """The complete lines of the file, and how many bytes they have."""
         try:
             text = self.path.read_bytes()
         except FileNotFoundError:
@@ -185,7 +187,7 @@ class ReplicateFile:
 
 
 def head_of(fit: Fit, kind: str, seed: int) -> dict[str, Any]:
-    """What says of which fit replicates are: names, limits and data exactly, the rest nearly."""
+    """The head of a file of replicates: names, limits and data of the fit exactly, alpha nearly."""
     own = [fit.hyperparameters[k] for k in fit.inference.identified]
     seen, digest = fit.table.observations, sha256()
     for part in (seen.experiment, seen.response, seen.lower, seen.upper):
@@ -209,7 +211,7 @@ def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
 
 
 def _near(found: Any, wanted: Any, relative: float = 1e-5, absolute: float = 1e-12) -> bool:
-    """Whether these are the numbers that are wanted, but for a relative difference."""
+    """Whether numbers read from a file equal the expected ones to a relative difference."""
     try:
         numbers = np.array(found, dtype=float)
     except (OverflowError, TypeError, ValueError):  # damaged
@@ -329,7 +331,7 @@ def bootstrap(
     folder: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Bootstrap:
-    """Estimate again from other data, `replicates` times; no run of the simulator on surfaces.
+    """Estimate again from `replicates` other data sets; no runs where there are surfaces.
 
     "parametric" data are drawn for the same experiments under the identified law and noise (Efron
     1979); "nonparametric" are as many of the experiments, drawn with replacement, which stays right
@@ -365,10 +367,10 @@ def bootstrapped(
     seed: int,
     workers: int,
     folder: str | Path | None,
-    told: Progress,
+    progress: Progress,
 ) -> Bootstrap:
-    """The replicates of a fit, those of the folder first."""
-    told.stage("bootstrap")
+    """The bootstrap of a fit, which goes on from the replicates in the folder."""
+    progress.stage("bootstrap")
     file = None
     if folder is not None:
         file = ReplicateFile(Path(folder) / FILE, head_of(fit, kind, seed))
@@ -380,7 +382,7 @@ def bootstrapped(
             done[replicate.number] = replicate
             if file is not None:
                 file.add(replicate)
-            told.update(f"{len(done)} of {replicates} replicates", len(done), replicates)
+            progress.update(f"{len(done)} of {replicates} replicates", len(done), replicates)
     own = fit.inference.identified
     limits = np.column_stack(limits_of(fit.hyperparameters, own))
     return Bootstrap(
@@ -391,7 +393,7 @@ def bootstrapped(
 
 
 def influence(fit: Fit) -> Array:
-    """H^-1 s_l (N, F): what experiment l adds to the estimates, zero for one on a limit."""
+    """The influence H^-1 s_l (N, F) of each experiment on the estimates; zero on a limit."""
     inference, scores = fit.inference, fit.scored().scores
     found = np.zeros((fit.count, inference.identified.size))
     if inference.positive and scores is not None:
@@ -402,7 +404,7 @@ def influence(fit: Fit) -> Array:
 
 @single_threaded
 def replicated(fit: Fit, kind: str, seed: int, number: int) -> Refitted:
-    """Replicate `number`, which depends on these four alone."""
+    """Replicate `number`, which depends on fit, kind, seed and number alone."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     if kind == PARAMETRIC:
         end = refitted(fit.drawn(rng))
@@ -416,7 +418,7 @@ def replicated(fit: Fit, kind: str, seed: int, number: int) -> Refitted:
 def _made(
     fit: Fit, parcel: bytes | None, kind: str, seed: int, numbers: Sequence[int], workers: int
 ) -> Generator[Refitted, None, None]:
-    """The replicates of these numbers as they are finished; here, or where the parcel goes."""
+    """The replicates of these numbers, in this process or in those that take the parcel."""
     if parcel is None:
         for number in numbers:
             yield replicated(fit, kind, seed, number)

@@ -20,7 +20,7 @@ from aleator.core.types import Array, Flags
 from aleator.errors import SimulatorError
 from aleator.laws.inputs import Inputs
 from aleator.simulators import Runner
-from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
+from aleator.tasks.runs import AnySimulator, AnyTable, runner_on
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class BoxSettings:
     quiet: int = 3
     """Rounds without a failure after which a box is taken."""
     rounds: int = 100
+    """Rounds of the search, at most."""
     seeds: int = 6
     """Valid points that a largest box is grown around."""
     nodes: int = 4000
@@ -57,7 +58,7 @@ BOX = BoxSettings()
 
 @dataclass(frozen=True)
 class Side:
-    """One side of the box: where it lies, and what it is that limits it.
+    """One side of the box, and the failure that limits it.
 
     `experiment` is the id of the one that fails beyond it, at the parameters `at` (n,); None where
     the limits given by the study are reached.
@@ -100,7 +101,7 @@ class _Known:
     valid: list[Array]
 
     def worst_first(self, groups: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-        """The experiments in batches: those that failed before, then all others."""
+        """The experiments in batches: first those that failed before."""
         seen = [l for l in dict.fromkeys(reversed(self.culprit)) if l in set(groups.tolist())]
         first = np.array(seen[: BOX.first], dtype=np.intp)
         rest = np.setdiff1d(groups, first)
@@ -233,7 +234,7 @@ class _BoxSearch:
         return int(np.argmin(distance)) if np.isfinite(distance).any() else None
 
     def _look(self, points: Array) -> None:
-        """Run points (P, n) under every experiment until one fails; follow failures to the edge."""
+        """Run points (P, n) under every experiment until one fails, and locate the failures."""
         alive = np.arange(len(points))
         fresh: list[tuple[Array, int]] = []
         for batch in self.known.worst_first(self.groups):
@@ -255,7 +256,7 @@ class _BoxSearch:
         return np.where(bad.any(axis=1), batch[np.argmax(bad, axis=1)], -1)
 
     def _followed(self, failed: Array, culprits: NDArray[np.int64]) -> Array:
-        """The failures (F, n) moved to the end of the valid part, on lines to valid points."""
+        """The failures (F, n) moved by bisection to the end of the valid part."""
         if not self.known.valid:
             return failed
         valid = np.array(self.known.valid)
@@ -269,7 +270,7 @@ class _BoxSearch:
         return bad
 
     def _inside(self, box: Array) -> Array:
-        """Points inside the box and on its sides, corners first of all."""
+        """Points inside the box, on its sides and in its corners."""
         n = len(box)
         points = self.sobol.random(self.settings.points)
         onto = np.arange(self.settings.points) % 4
@@ -282,7 +283,7 @@ class _BoxSearch:
         return np.asarray(box[:, 0] + points * np.diff(box, axis=1)[:, 0])
 
     def _works(self, unit: NDArray[np.int64], x: Array) -> Flags:
-        """Which runs have values; all those of one that failed are NaN."""
+        """Which runs have a value."""
         return np.asarray(np.isfinite(self.runner.values(unit, x, most=1.0)).any(axis=1))
 
     def experiment(self, failure: int) -> str:
@@ -296,7 +297,7 @@ class _BoxSearch:
         return _volume(_retreated(self._largest(others), self.settings.retreat))
 
     def _largest(self, counted: Flags | None = None) -> Array:
-        """The largest box that leaves out every failure, or those that are `counted`."""
+        """The largest box without the failures, or without those that are `counted`."""
         failed = np.array(self.known.failed).reshape(-1, self.moving.size)
         failed = failed if counted is None else failed[counted]
         valid = np.array(self.known.valid)
@@ -324,7 +325,7 @@ def _volume(box: Array) -> float:
 
 
 def _retreated(box: Array, retreat: float) -> Array:
-    """The box with every side that a failure set moved inward."""
+    """The box with every side that a failure limits moved inward."""
     step = np.minimum(retreat, BOX.narrowed * np.diff(box, axis=1)[:, 0])
     low = np.where(box[:, 0] > 0.0, box[:, 0] + step, 0.0)
     high = np.where(box[:, 1] < 1.0, box[:, 1] - step, 1.0)

@@ -21,7 +21,7 @@ from aleator.fit.regions import REGIONS, padded, region_of, within
 from aleator.fit.result import law_curves
 from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
-from aleator.inference.npmle import NPMLE, GapTest, gradient, judged, mixed, npmle
+from aleator.inference.npmle import NPMLE, GapTest, gap_test, gradient, mixed, npmle
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import OnSurfaces
 from aleator.results import printed
@@ -31,7 +31,7 @@ from aleator.tasks.identification import Identification
 
 @dataclass(frozen=True)
 class CeilingSettings:
-    """Where the best law is sought, what is drawn of it, and when it is quick; all by judgement.
+    """Where the best law is sought, what is plotted, and when it is quick; by judgement.
 
     `points` cover a region of one, two, and more parameters: fewer, but `fewest`, where
     observations at them would be more than `values`. Half of them are of the law with variates
@@ -117,12 +117,12 @@ class Ceiling:
 
     @property
     def gap(self) -> float:
-        """How much larger than that of the chosen law."""
+        """The log-likelihood of the best law minus that of the identified one."""
         return self.log_likelihood - self.estimated
 
     @property
     def p_value(self) -> float:
-        """Of so large a gap under the chosen law; NaN where it was not asked for."""
+        """The p value of the gap under the identified law; NaN without a bootstrap."""
         return np.nan if self.judged is None else self.judged.p_value
 
 
@@ -171,7 +171,7 @@ def ceiling_of(
     test = None
     if replicates:
         progress.stage("bootstrap of the gap")
-        test = judged(fit, sought.points, replicates, seed, progress)
+        test = gap_test(fit, sought.points, replicates, seed, progress)
     names = sought.names
     x = sought.x(best.points)[:, sought.moving]
     order = np.lexsort((*x.T[::-1],))
@@ -187,13 +187,12 @@ def ceiling_of(
 
 
 def _on_points(exact: Fit, sought: LawRegion, best: NPMLE) -> float:
-    """The log-likelihood of the best weights of the same points on the simulator itself."""
     there = replace(sought, fit=exact)
     return mixed(there.log_density(best.points)).log_likelihood
 
 
 def gap_of(fit: Fit, seed: int) -> float:
-    """How much larger the log-likelihood of the best law is than that of a fit; no runs.
+    """The log-likelihood of the best law minus that of a fit; no runs.
 
     Raises InputsError without noise, where laws follow covariates, and where nothing scatters.
     """
@@ -210,18 +209,24 @@ def best_of(sought: LawRegion, seed: int) -> NPMLE:
 def best_possible(
     fit: Fit, seed: int, progress: Progress, settings: CeilingSettings = CEILING
 ) -> dict[str, float] | None:
-    """Its log-likelihood, the `gap` to it, its p value and replicates; None where it is not quick.
+    """Log-likelihood, gap and p value of the best law for a report; None if not quick.
 
     Quick are fits by individual parameters of one or two that scatter, with few nodes, and few
     values to compute for a replicate. So counted, and not timed, the answer is always the same.
     """
-    if not _small(fit, settings):
+    here, inputs, observations = fit.likelihood, fit.inputs, len(fit.table.observations)
+    small = 1 <= inputs.scattering <= settings.parameters and fit.count >= settings.experiments
+    if not (isinstance(here, IndividualsAt) and small and not inputs.regressed):
+        return None
+    on_surfaces = isinstance(here.integral.predictor, OnSurfaces)
+    allowed = settings.surfaces if on_surfaces else settings.direct
+    if observations * here.integral.nodes.xi.shape[1] > settings.nodes:
         return None
     sought = LawRegion.of(fit, settings)
-    if len(fit.table.observations) * sought.count > _allowed(fit, settings):
+    if observations * sought.count > allowed:
         return None
     best = best_of(sought, seed).log_likelihood
-    test = judged(fit, sought.points, settings.replicates, seed, progress)
+    test = gap_test(fit, sought.points, settings.replicates, seed, progress)
     if test is None:
         return None
     return {
@@ -232,26 +237,8 @@ def best_possible(
     }
 
 
-def _small(fit: Fit, settings: CeilingSettings) -> bool:
-    inputs = fit.inputs
-    return (
-        isinstance(fit.likelihood, IndividualsAt)
-        and not inputs.regressed
-        and 1 <= inputs.scattering <= settings.parameters
-        and fit.count >= settings.experiments
-        and len(fit.table.observations) * fit.likelihood.integral.nodes.xi.shape[1]
-        <= settings.nodes
-    )
-
-
-def _allowed(fit: Fit, settings: CeilingSettings) -> int:
-    assert isinstance(fit.likelihood, IndividualsAt)
-    on_surfaces = isinstance(fit.likelihood.integral.predictor, OnSurfaces)
-    return settings.surfaces if on_surfaces else settings.direct
-
-
 def require_one_law(inputs: Inputs) -> None:
-    """Raise InputsError where there is no one law of all experiments to be better than."""
+    """Raise InputsError for laws that follow covariates, and where nothing scatters."""
     if inputs.regressed:
         raise InputsError(
             "the best possible law is one for all experiments, but these laws follow "
@@ -277,7 +264,7 @@ class LawRegion:
 
     @classmethod
     def of(cls, fit: Fit, settings: CeilingSettings = CEILING) -> LawRegion:
-        """The box of laws that have one; of others where their mass is; within the surfaces.
+        """The region of a fit: the box, or else the mass of the law, within the surfaces.
 
         Raises InputsError where there is no such law.
         """
@@ -292,19 +279,19 @@ class LawRegion:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters that scatter."""
+        """The names of the scattering parameters."""
         return tuple(self.fit.inputs.names[i] for i in self.moving)
 
     @cached_property
     def still(self) -> Array:
-        """The parameters (n,) of the median of the law: of constants, their values."""
+        """The medians (n,) of the parameters: of constants, their values."""
         inputs, alpha = self.fit.inputs, self.fit.alpha
         middle = np.full((1, len(inputs.names)), 0.5)
         return np.asarray(inputs.marginal(alpha[: inputs.size], middle)[0])
 
     @property
     def held(self) -> dict[str, float]:
-        """What is identified and not of the law of a scattering parameter: constants and noise."""
+        """The estimates of constants and noise, which stay fixed."""
         inputs = self.fit.inputs
         kept = set(range(inputs.size))
         for i, part in enumerate(inputs.parts):
@@ -332,11 +319,11 @@ class LawRegion:
 
     def log_density(self, z: Array) -> Array:
         """log p(observations | parameters) (N, J) at points (J, s) of the unit cube."""
-        return self.fit.likelihood.given(self.x(z))
+        return self.fit.likelihood.log_density_at(self.x(z))
 
     @property
     def count(self) -> int:
-        """Points that cover the region."""
+        """The number of points that cover the region."""
         most = self.settings.points[min(len(self.moving), 3) - 1]
         allowed = max(
             self.settings.values // len(self.fit.table.observations), self.settings.fewest
@@ -344,7 +331,7 @@ class LawRegion:
         return most if allowed >= most else int(2 ** np.floor(np.log2(allowed)))
 
     def cover(self, seed: int, count: int) -> Array:
-        """Points (J, s): half of them spread over the region, half where the law is."""
+        """Points (J, s), half of them all over the region and half drawn from the law."""
         s, inputs = len(self.moving), self.fit.inputs
         uniform = qmc.Sobol(s, rng=seed).random(count // 2)
         scores = self.settings.wider * special.ndtri(qmc.Sobol(s, rng=seed + 1).random(count // 2))
@@ -354,7 +341,7 @@ class LawRegion:
         return np.concatenate([uniform, self.z(x)])
 
     def points(self, fit: Fit, rng: np.random.Generator) -> Array:
-        """Points x (J, n) for another fit of the same laws: those that cover, and its own."""
+        """Points x (J, n) for another fit of the same laws."""
         there = replace(self, fit=fit)
         return there.x(np.concatenate([self._covering, there.own(rng)]))
 
@@ -378,7 +365,7 @@ class LawRegion:
 
 
 def gradient_curves(sought: LawRegion) -> dict[str, pd.DataFrame]:
-    """`gradient` over each parameter `x`, with the `density` of its law, by its name.
+    """The gradient function over each parameter `x`, with the `density` of its law.
 
     D(x_i) is the mean of D over the other parameters, drawn from the chosen law: a law that moves
     a share h of mass to x_i, the others as they were, gains N h D(x_i) in log-likelihood.
@@ -400,7 +387,7 @@ def gradient_curves(sought: LawRegion) -> dict[str, pd.DataFrame]:
 
 
 def gradient_map(sought: LawRegion) -> pd.DataFrame | None:
-    """D at a grid of two parameters, a row for each of the second; None for any other number."""
+    """The gradient function on a grid of two parameters; None for any other number."""
     if len(sought.names) != 2:
         return None
     count = sought.settings.side
@@ -411,7 +398,7 @@ def gradient_map(sought: LawRegion) -> pd.DataFrame | None:
 
 
 def _places(sought: LawRegion, s: int) -> Array:
-    """Places of the unit interval for a curve: half of them even, half by the law's quantiles."""
+    """Places of the unit interval for a curve, half even and half at quantiles of the law."""
     inputs, alpha = sought.fit.inputs, sought.fit.alpha
     line = sought.settings.line
     level = (np.arange(line) + 0.5) / line
@@ -421,7 +408,6 @@ def _places(sought: LawRegion, s: int) -> Array:
 
 
 def _draws(sought: LawRegion) -> Array:
-    """Points (64, s) of the chosen law; one where nothing else scatters."""
     inputs, alpha = sought.fit.inputs, sought.fit.alpha
     count = sought.settings.across if len(sought.names) > 1 else 1
     uniform = qmc.Sobol(len(inputs.names), rng=sought.settings.seed).random(count)
@@ -429,7 +415,7 @@ def _draws(sought: LawRegion) -> Array:
 
 
 def _lacking(sought: LawRegion, points: Array) -> Array:
-    """D (J,) under the chosen law, in parts that fit into memory."""
+    """The gradient function (J,) under the chosen law, in parts that fit into memory."""
     each = sought.fit.scored().each
     parts = np.array_split(points, -(-len(points) // sought.count))
     return np.concatenate([gradient(sought.log_density, each, part) for part in parts])

@@ -15,7 +15,7 @@ from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array
 from aleator.errors import ExperimentsError, InputsError, nearest
 from aleator.inference.fit import Fit, refitted
-from aleator.inference.information import INTERVALS
+from aleator.inference.information import side_of
 from aleator.inference.model_choice import (
     Criteria,
     LeaveOneOut,
@@ -54,80 +54,55 @@ def require_same_data(fits: Mapping[str, Fit], settings: ComparisonSettings = CO
     the same order; conditions and the names of responses need not.
     """
     for (one, fit), (other, next_fit) in pairwise(fits.items()):
-        _require_same(one, fit.table, other, next_fit.table, settings)
+        fault = _difference(one, fit.table, other, next_fit.table, settings)
+        if fault:
+            raise ExperimentsError(*fault)
 
 
-def _require_same(
+def _difference(
     one: str, a: Experiments, other: str, b: Experiments, settings: ComparisonSettings
-) -> None:
-    _require_same_ids(one, a, other, b)
-    _require_same_transforms(one, a, other, b)
-    seen, met = a.observations, b.observations
-    counts = [np.bincount(s.experiment, minlength=len(a.ids)) for s in (seen, met)]
-    if (differ := np.flatnonzero(counts[0] != counts[1])).size:
-        l = differ[0]
-        raise ExperimentsError(
-            f"experiment '{a.ids[l]}' has {counts[0][l]} observations in model '{one}' and "
-            f"{counts[1][l]} in model '{other}'",
-            REMEDY,
-        )
-    for end in ("lower", "upper"):
-        u, v = getattr(seen, end), getattr(met, end)
-        if (differ := np.flatnonzero(~np.isclose(u, v, rtol=settings.same, atol=0.0))).size:
-            k = differ[0]
-            raise ExperimentsError(
-                f"experiment '{a.ids[seen.experiment[k]]}', {_name(a, k)}: the {end} end is "
-                f"{u[k]:g} in model '{one}' and {v[k]:g} in model '{other}'",
-                REMEDY,
-            )
-
-
-def _require_same_ids(one: str, a: Experiments, other: str, b: Experiments) -> None:
+) -> tuple[str, str] | None:
+    """The first difference between the data of two models, with its remedy."""
     for name, ids, stranger, others in ((one, a.ids, other, b.ids), (other, b.ids, one, a.ids)):
         if lacking := sorted(set(ids) - set(others)):
-            raise ExperimentsError(
-                f"model '{name}' has the experiment '{lacking[0]}', which '{stranger}' has not",
-                REMEDY,
-            )
+            found = f"the experiment '{lacking[0]}', which '{stranger}' has not"
+            return f"model '{name}' has {found}", REMEDY
     if a.ids != b.ids:
-        raise ExperimentsError(
-            f"models '{one}' and '{other}' have their experiments in another order",
-            "sort the rows of the two tables alike",
-        )
-
-
-def _require_same_transforms(one: str, a: Experiments, other: str, b: Experiments) -> None:
-    u, v = a.observations.responses, b.observations.responses
-    if len(u) != len(v):
-        raise ExperimentsError(
-            f"model '{one}' has {len(u)} responses and '{other}' has {len(v)}", REMEDY
-        )
-    for k, (first, second) in enumerate(zip(u, v, strict=True)):
+        order = f"models '{one}' and '{other}' have their experiments in another order"
+        return order, "sort the rows of the two tables alike"
+    seen, met = a.observations, b.observations
+    if len(seen.responses) != len(met.responses):
+        counts = f"{len(seen.responses)} responses and '{other}' has {len(met.responses)}"
+        return f"model '{one}' has {counts}", REMEDY
+    for k, (first, second) in enumerate(zip(seen.responses, met.responses, strict=True)):
         if first.transform != second.transform:
-            logged = a if first.transform is Transform.LOG else b
-            raise ExperimentsError(
+            logged = seen if first.transform is Transform.LOG else met
+            jacobian = logged.lower[(logged.response == k) & (logged.lower == logged.upper)].sum()
+            return (
                 f"'{first.name}' has transform {first.transform} in model '{one}' and "
                 f"{second.transform} in '{other}': the likelihood is a density of y in one and of "
-                f"log y in the other, {_jacobian(logged, k):.6g} apart by the Jacobian alone",
+                f"log y in the other, {jacobian:.6g} apart by the Jacobian alone",
                 "give both models the same transform",
             )
-
-
-def _jacobian(table: Experiments, response: int) -> Array:
-    """sum log y of the values that were measured."""
-    seen = table.observations
-    measured = (seen.response == response) & (seen.lower == seen.upper)
-    return np.asarray(np.sum(seen.lower[measured]))
-
-
-def _name(table: Experiments, k: int) -> str:
-    seen = table.observations
-    return f"'{seen.names[seen.response[k]]}'"
+    here, there = (np.bincount(s.experiment, minlength=len(a.ids)) for s in (seen, met))
+    for l in np.flatnonzero(here != there)[:1]:
+        counts = f"{here[l]} observations in model '{one}' and {there[l]} in model '{other}'"
+        return f"experiment '{a.ids[l]}' has {counts}", REMEDY
+    for end in ("lower", "upper"):
+        u, v = getattr(seen, end), getattr(met, end)
+        for k in np.flatnonzero(~np.isclose(u, v, rtol=settings.same, atol=0.0))[:1]:
+            name = seen.names[seen.response[k]]
+            return (
+                f"experiment '{a.ids[seen.experiment[k]]}', '{name}': the {end} end is {u[k]:g} "
+                f"in model '{one}' and {v[k]:g} in model '{other}'",
+                REMEDY,
+            )
+    return None
 
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """The hyperparameters (K,) of a larger model at which it is the smaller one.
+    """Hyperparameters (K,) at which a larger model equals a smaller one.
 
     `source` (K,) is the one of the smaller model that each takes its value from, or -1 where it
     has the value in `value` (K,). `df` are free in the larger model only, and of these
@@ -140,14 +115,14 @@ class Embedding:
     on_boundary: int
 
     def of(self, alpha: Array) -> Array:
-        """The larger model's alpha at the smaller one's."""
+        """The alpha of the larger model at that of the smaller one."""
         return np.where(self.source >= 0, alpha[self.source], self.value)
 
 
 def embedded(
     smaller: Fit, larger: Fit, settings: ComparisonSettings = COMPARISON
 ) -> Embedding | None:
-    """Where the larger model is the smaller one; None where it is not known to be.
+    """The embedding of a smaller model in a larger one; None if none is known.
 
     The hyperparameters are matched by their names: a number in place of a free one, a constant in
     place of a law whose scale may end at zero, no correlation, a formula with fewer terms. Laws
@@ -168,14 +143,13 @@ def embedded(
 
 
 def _same_families(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> bool:
-    """Whether each law has the family that it has in the other model, or is a constant."""
     return smaller.keys() == larger.keys() and all(
         not law.scatters or _family(law) == _family(larger[name]) for name, law in smaller.items()
     )
 
 
 def _family(law: Law) -> object:
-    """What two laws share that differ in their hyperparameters only."""
+    """What two laws of one family share: all but their hyperparameters."""
     if isinstance(law, Mixture):
         return [_family(component) for component in law.components]
     own = {h.name for h in law.hyperparameters}
@@ -184,7 +158,7 @@ def _family(law: Law) -> object:
 
 
 def _frozen(value: object) -> object:
-    """A distribution of SciPy by its name and arguments; all else as it is."""
+    """A distribution of SciPy by its name and arguments; other values as they are."""
     family = getattr(value, "dist", None)
     return value if family is None else (family.name, value.args, value.kwds)  # type: ignore[attr-defined]
 
@@ -192,7 +166,7 @@ def _frozen(value: object) -> object:
 def matched(
     smaller: Sequence[Hyperparameter], larger: Sequence[Hyperparameter]
 ) -> Embedding | None:
-    """The same by the names alone.
+    """The embedding by the names of the hyperparameters alone.
 
     >>> from aleator.laws import Constant, Free, Inputs, Normal
     >>> one = Inputs({"x": Constant(Free(0.0, 1.0))}).hyperparameters
@@ -211,7 +185,7 @@ def matched(
         if value is None or not _reaches(h, None if j < 0 else smaller[j]):
             return None
         added = h.free and (j < 0 or not smaller[j].free)
-        on_boundary += added and _on_limit(h, value)
+        on_boundary += added and side_of(value, h) is not None
         sources.append(j)
         values.append(value)
     if set(range(len(smaller))) - set(sources):
@@ -221,7 +195,7 @@ def matched(
 
 
 def _aliases(name: str) -> list[str]:
-    """What it is called where the parameter is a constant, and where it follows no covariate."""
+    """Names of the hyperparameter in models with a constant, or without a covariate."""
     bare = name.removesuffix("[Intercept]")
     return [
         *dict.fromkeys(
@@ -231,12 +205,12 @@ def _aliases(name: str) -> list[str]:
 
 
 def _reaches(h: Hyperparameter, source: Hyperparameter | None) -> bool:
-    """Whether it can have the values of its source: a fixed one has one only."""
+    """Whether a hyperparameter can have the values of its source."""
     return source is None or h.free or (not source.free and source.start == h.start)
 
 
 def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
-    """The value at which it does nothing, or None where that is not known."""
+    """The value at which a hyperparameter has no effect; None if there is none."""
     parameter = h.name.partition(".")[0]
     constant = any(name.startswith(f"{parameter}.value") for name in known)
     further = parameter == "noise" and any(name.startswith("noise.") for name in known)
@@ -246,11 +220,6 @@ def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
     if parameter == "correlation" or (term and not h.log):
         return 0.0 if h.lower <= 0.0 <= h.upper else None
     return None
-
-
-def _on_limit(h: Hyperparameter, value: float) -> bool:
-    margin = INTERVALS.limit * (h.upper - h.lower)
-    return value <= h.lower + margin or value >= h.upper - margin
 
 
 RATIO = ("smaller", "larger", "ratio", "df", "reference", "p", "bootstrap_p", "replicates")
@@ -320,7 +289,7 @@ class Comparison:
         return pd.DataFrame(rows, index=pd.Index([m.name for m in self.models], name="model"))
 
     def experiments(self) -> pd.DataFrame:
-        """log p of each experiment (N rows) by the maximum of the others, a column a model."""
+        """Log-densities of each left-out experiment (N rows), with a column for each model."""
         columns = {model.name: model.left_out.each for model in self.models}
         return pd.DataFrame(columns, index=pd.Index(self.ids, name="id"))
 
@@ -372,7 +341,7 @@ def compare(
     progress: Progress | None = None,
     **named: Identification,
 ) -> Comparison:
-    """Hold models of the same data against each other: criteria, ratios, predictions; no runs.
+    """Compare models of the same data by criteria, likelihood ratios and predictions; no runs.
 
     Models given by keyword have that name, the others are A, B, and so on. AIC, AICc and BIC come
     from the maximum of the likelihood; the predictive log-likelihood from leaving out each
@@ -417,25 +386,25 @@ def compared(
     bootstrap: int,
     ceilings: bool,
     seed: int,
-    told: Progress,
+    progress: Progress,
     settings: ComparisonSettings = COMPARISON,
 ) -> Comparison:
-    """The comparison of fits; each has the verdicts sound and consistent, which it shows."""
+    """The comparison of fits with their verdicts, sound and consistent."""
     require_same_data(fits, settings=settings)
     competitors = []
     for name, fit in fits.items():
-        told.stage(f"{name}: leave one out")
-        left_out = leave_one_out(fit, told)
+        progress.stage(f"{name}: leave one out")
+        left_out = leave_one_out(fit, progress)
         gap = float("nan")
         if ceilings:
-            told.stage("best possible law")
+            progress.stage("best possible law")
             gap = _below_ceiling(fit, seed)
         competitors.append(Competitor(name, *verdicts[name], criteria(fit), left_out, gap))
     pairs = _pairs(fits, nested, settings)
     ratios = []
     for (small, large), found_in in pairs.items():
-        told.stage(f"{small} in {large}: likelihood ratio")
-        ratios.append(_ratio(fits, small, large, found_in, bootstrap, seed, told))
+        progress.stage(f"{small} in {large}: likelihood ratio")
+        ratios.append(_ratio(fits, small, large, found_in, bootstrap, seed, progress))
     competitors.sort(key=lambda model: -np.nan_to_num(model.left_out.total, nan=-np.inf))
     ids = next(iter(fits.values())).table.ids
     return Comparison(ids, tuple(competitors), tuple(ratios))
@@ -488,7 +457,7 @@ def _check(
 def _pairs(
     fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]], settings: ComparisonSettings
 ) -> dict[tuple[str, str], Embedding | None]:
-    """The pairs (smaller, larger), and where the smaller lies in the larger if that is known."""
+    """Pairs (smaller, larger), and where the smaller lies in the larger if that is known."""
     found: dict[tuple[str, str], Embedding | None] = {}
     for small, large in permutations(fits, 2):
         place = embedded(fits[small], fits[large], settings=settings)

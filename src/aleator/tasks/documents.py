@@ -10,8 +10,7 @@ import pandas as pd
 from aleator.core.types import Array
 from aleator.tasks.box import FeasibleBox
 from aleator.tasks.ceiling import Ceiling
-from aleator.tasks.expected_cost import Cost
-from aleator.tasks.first_look import Look
+from aleator.tasks.first_look import Cost, Look
 from aleator.tasks.recover import Recovery
 from aleator.tasks.screen import Sensitivity
 

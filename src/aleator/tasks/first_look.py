@@ -1,27 +1,45 @@
-"""The first runs of a study: does the simulator reach what was measured, and what does it cost?"""
+"""The first runs of a study, and its cost: does the simulator reach what was measured?"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import SimulatorError
+from aleator.fit.question import (
+    grids_each,
+    is_exact,
+    runs_each,
+    start_point,
+    way_of,
+    way_of_outcomes,
+)
 from aleator.fit.regions import first_region
+from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.simulators import Runner
 from aleator.simulators.response_functions import moving_parameters
+from aleator.surrogates import ResponseSurface
+from aleator.surrogates.adaptive import first_runs, linear_runs
+
+if TYPE_CHECKING:
+    from aleator.moments.densities import Density
+    from aleator.moments.propagation import Collocation
 
 
 @dataclass(frozen=True, eq=False)
 class SingleValues:
-    """One value of a unit each, under a name of its own; `owner` is the id of its experiment.
+    """Single values of the simulator's runs, each with a name; `owner` names its experiment.
 
     `unit`, `column` (V,) say which value of which unit of the runner each is.
     """
@@ -51,43 +69,26 @@ def of_values(runner: Runner, table: Experiments | Conditions) -> SingleValues:
     """Every observation of a table, named by experiment, row and response."""
     seen = table.observations
     several = np.bincount(table.experiment, minlength=len(table.ids)) > 1
-    place = _places(table.experiment)
-    names = [
-        _name(
-            table.ids[l],
-            int(place[row]) + 1 if several[l] else None,
-            seen.responses[k].name if len(seen.responses) > 1 else None,
-        )
-        for l, row, k in zip(seen.experiment, seen.row, seen.response, strict=True)
-    ]
+    place = pd.Series(table.experiment).groupby(table.experiment).cumcount().to_numpy()
+    names = []
+    for l, row, k in zip(seen.experiment, seen.row, seen.response, strict=True):
+        rows = [f"row {place[row] + 1}"] if several[l] else []
+        response = [seen.responses[k].name] if len(seen.responses) > 1 else []
+        names.append(", ".join([table.ids[l], *rows, *response]))
     owner = tuple(table.ids[l] for l in seen.experiment)
     return SingleValues(runner, tuple(names), owner, runner.unit, runner.column)
 
 
 def one_each(runner: Runner) -> bool:
-    """Whether each run serves an experiment and gives one value: nothing to be told apart."""
+    """Whether each run serves one experiment and gives one value."""
     return runner.units == len(runner.ids) and bool(
         np.array_equal(runner.unit, np.arange(runner.units))
     )
 
 
-def _places(experiment: Indices) -> Indices:
-    """Where each row stands in its experiment, from 0."""
-    order = np.argsort(experiment, kind="stable")
-    sizes = np.bincount(experiment)
-    place = np.empty(len(experiment), dtype=np.intp)
-    place[order] = np.arange(len(experiment)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return place
-
-
-def _name(owner: str, row: int | None, response: str | None) -> str:
-    parts = [owner, *([f"row {row}"] if row else []), *([response] if response else [])]
-    return ", ".join(parts)
-
-
 @dataclass(frozen=True)
 class LookSettings:
-    """The first runs of a study; by judgement."""
+    """How many first runs there are, and what is reported of them; by judgement."""
 
     levels: int = 5
     """Values of each parameter, the others in the middle of the region."""
@@ -112,11 +113,11 @@ LOOK = LookSettings()
 
 @dataclass(frozen=True, eq=False)
 class LookPlan:
-    """What is to be run: P points x (P, n) of the region (n, 2), under the conditions `cases`.
+    """The plan of the first runs: P points x (P, n) of the region under some conditions.
 
-    `moving` are the parameters whose region has a width; `star[j]` (LEVELS,) are the points at
-    which only parameter `moving[j]` differs from the middle, which is point 0. `count` is how many
-    different conditions there are.
+    `moving` are the parameters whose region has a width; `star[j]` are the points at which only
+    parameter `moving[j]` differs from the middle, which is point 0. `cases` are the places of these
+    conditions among the `count` different ones.
     """
 
     names: tuple[str, ...]
@@ -129,7 +130,7 @@ class LookPlan:
 
     @property
     def runs(self) -> int:
-        """Runs that are made at first."""
+        """The number of runs of the plan."""
         return len(self.x) * len(self.cases)
 
 
@@ -168,7 +169,7 @@ class Look:
 
     @property
     def beyond(self) -> Array:
-        """(V,) how far each measured value lies outside what is reached: 0 inside, > 0 above.
+        """How far (V,) each measured value lies outside the reached range: 0 inside, > 0 above.
 
         Of a censored one the nearest end counts. NaN where every run failed.
         """
@@ -178,21 +179,21 @@ class Look:
 
     @property
     def out_of_reach(self) -> Indices:
-        """Which observations no point of the plan reaches, noise included, the farthest first."""
+        """Observations that no point reaches, noise included, the farthest first."""
         far = np.maximum(np.abs(self.beyond) - self.margin, 0.0)
         order = np.argsort(-np.nan_to_num(far), kind="stable")
         return order[far[order] > 0.0]
 
     @property
     def swing(self) -> Array:
-        """(V, n') how much each moving parameter moves each outcome by itself."""
+        """How much (V, n') each moving parameter alone moves each outcome."""
         part = self.outcome[:, self.plan.star]
         with np.errstate(all="ignore"):
             return np.asarray(np.fmax.reduce(part, axis=2) - np.fmin.reduce(part, axis=2))
 
     @property
     def without_influence(self) -> Flags:
-        """(n',) which moving parameters move no outcome."""
+        """Which moving parameters (n',) move no outcome."""
         low, high = self.reached.T
         size = self.settings.nothing * np.maximum(np.abs(high), self.settings.tiny)
         least = np.where(
@@ -204,7 +205,7 @@ class Look:
 def planned_look(
     runner: Runner, table: Experiments, inputs: Inputs, settings: LookSettings = LOOK
 ) -> LookPlan:
-    """The few points at which a study is looked at first, and the conditions.
+    """The few points and conditions of the first runs of a study.
 
     One after the other each parameter takes five values over the region, the others in its middle;
     then the corners of the region follow, sixteen at most. The region is the box, or where a law
@@ -230,7 +231,7 @@ def first_look(
     progress: Progress | None = None,
     settings: LookSettings = LOOK,
 ) -> Look:
-    """Make the runs of a plan; of a simulator that takes arrays those of all other conditions too.
+    """Make the first runs; of a vectorized simulator under all conditions.
 
     A run that fails stops nothing. Raises SimulatorError where nine of ten do.
     """
@@ -270,7 +271,7 @@ def _margin(
     outcome: Array,
     settings: LookSettings,
 ) -> Array:
-    """Three standard deviations of the noise of these observations, in the middle of its limits."""
+    """Three standard deviations of the noise, in the middle of its limits."""
     errors = MeasurementErrors.of(noise, table)
     values = np.array([h.start for h in errors.hyperparameters])
     eta = np.zeros((len(table.observations), 1))
@@ -280,7 +281,7 @@ def _margin(
 
 
 def _points(region: Array, moving: Indices, settings: LookSettings) -> tuple[Array, Indices]:
-    """The points (P, n), the middle first, and where those of each parameter's own stand."""
+    """The points (P, n) of a plan, the middle first, and the places of each parameter's own."""
     middle = region.mean(axis=1)
     shares = np.linspace(0.0, 1.0, settings.levels)
     points, star = [middle], np.zeros((len(moving), settings.levels), dtype=np.intp)
@@ -298,7 +299,7 @@ def _points(region: Array, moving: Indices, settings: LookSettings) -> tuple[Arr
 
 
 def _corners(n: int, settings: LookSettings) -> list[Indices]:
-    """Which end of each of n parameters, of every corner or of sixteen."""
+    """The ends of n parameters at every corner of the region, or at sixteen corners."""
     if n <= settings.corners:
         return [np.array(ends) for ends in product((0, 1), repeat=n)]
     some = np.random.default_rng(0).integers(0, 2, (2 ** (settings.corners - 1), n))
@@ -306,7 +307,7 @@ def _corners(n: int, settings: LookSettings) -> list[Indices]:
 
 
 def _chosen(runner: Runner, table: Experiments, most: int, settings: LookSettings) -> Indices:
-    """The conditions that are looked at, at most so many, evenly over the measured values."""
+    """At most `most` conditions, evenly over the measured values."""
     count, seen = len(runner.cases), table.observations
     if count <= most:
         return np.arange(count)
@@ -321,8 +322,75 @@ def _chosen(runner: Runner, table: Experiments, most: int, settings: LookSetting
 def _run(
     runner: Runner, cases: Indices, x: Array, progress: Progress, settings: LookSettings
 ) -> dict[int, Array]:
-    """The values (P, W) of each of these conditions."""
     progress.update(f"{len(cases) * len(x)} runs under {len(cases)} conditions")
     units = np.repeat(runner.cases.first[cases], len(x))
     found = runner.values(units, np.tile(x, (len(cases), 1)), settings.most_failed)
     return dict(zip(cases.tolist(), found.reshape(len(cases), len(x), -1), strict=True))
+
+
+@dataclass(frozen=True)
+class CostSettings:
+    """How the number of runs is predicted.
+
+    growth: runs that surfaces came to, over those of their first round, least and most, in the
+    examples and in trials of one and two parameters: the wet clutch 4.1, an outcome that wiggles
+    against a small noise 4.7. The most runs of each unit for the check are those of `Check`.
+    """
+
+    growth: tuple[float, float] = (1.0, 5.0)
+
+
+COST = CostSettings()
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Runs that an identification takes, from `least` to `most`.
+
+    `direct` says that the simulator itself is run at every node, without surfaces, and its runs
+    are not kept.
+    """
+
+    least: int
+    most: int
+    direct: bool
+
+
+def expected_cost(
+    runner: Runner,
+    table: Experiments,
+    inputs: Inputs,
+    noise: Noise | Mapping[str, Noise] | None,
+    propagation: ResponseSurface | Collocation,
+    density: Density | None,
+    verification: Check,
+    plan: LookPlan,
+    settings: CostSettings = COST,
+) -> Cost | None:
+    """The number of runs that `identify` will make; None with collocation.
+
+    The numbers are those that studies took (docs/study.md); one whose outcome bends much within
+    the law takes more.
+    """
+    if not isinstance(propagation, ResponseSurface):
+        return None
+    alone = not is_exact(table, inputs, noise)
+    at = plan.x[0]
+    if alone and not inputs.regressed:
+        at = start_point(inputs).clip(*inputs.box.T)
+    if alone and way_of(runner, propagation, at, plan.region).direct:
+        each = runs_each(inputs)
+        return Cost(each * runner.units, each * runner.units, True)
+    if not alone and way_of_outcomes(runner, Model.of(inputs, propagation, density)).direct:
+        low, high = grids_each(inputs, len(runner.cases))
+        return Cost(low * len(runner.cases), high * len(runner.cases), True)
+    moving = len(plan.moving)
+    few = linear_runs(moving, propagation, plan.count)
+    begun = few, first_runs(moving, propagation)
+    given = verification.samples
+    check = (0, verification.most if given is None else given)
+    least, most = (
+        plan.count * min(int(growth * first), propagation.max_runs) + runs * runner.units
+        for growth, first, runs in zip(settings.growth, begun, check, strict=True)
+    )
+    return Cost(least, most, False)

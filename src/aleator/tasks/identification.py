@@ -27,9 +27,14 @@ from aleator.results.schema import read_answer
 from aleator.results.values import REPORTED, in_order
 from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.limits import Tolerance, limits
-from aleator.tasks.decide.probability import events_asked, probabilities, responses_asked
-from aleator.tasks.decide.sample import SAMPLE
+from aleator.tasks.event_points import SAMPLE
+from aleator.tasks.probability import (
+    Tolerance,
+    limits,
+    probabilities,
+    requested_events,
+    requested_responses,
+)
 from aleator.tasks.session import Runners, Session, kept, missing, runners, runners_like
 
 if TYPE_CHECKING:
@@ -196,9 +201,9 @@ class Identification(Result):
         Raises InputsError unless one event of one response is asked for, AleatorError as `predict`.
         """
         draws = self._taken(uncertainty)
-        ground = self.session.ground(conditions, draws.estimate, of, noise)
-        events = events_asked(ground, response, above, below, between)
-        return probabilities(ground, draws, events, checks, progress)
+        context = self.session.context(conditions, draws.estimate, of, noise)
+        events = requested_events(context, response, above, below, between)
+        return probabilities(context, draws, events, checks, progress)
 
     def tolerance(
         self,
@@ -221,9 +226,11 @@ class Identification(Result):
         for a share that is not between 0 and 1, AleatorError as `predict`.
         """
         draws, asked = self._taken(uncertainty), Tolerance(content, confidence, side)
-        ground = self.session.ground(conditions, draws.estimate, of, noise)
-        which = np.flatnonzero(np.isin(ground.seen.response, responses_asked(ground, response)))
-        return limits(ground, draws, asked, which, progress)
+        context = self.session.context(conditions, draws.estimate, of, noise)
+        which = np.flatnonzero(
+            np.isin(context.seen.response, requested_responses(context, response))
+        )
+        return limits(context, draws, asked, which, progress)
 
     def _taken(self, uncertainty: bool | AlphaDraws) -> AlphaDraws:
         if isinstance(uncertainty, AlphaDraws):

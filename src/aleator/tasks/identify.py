@@ -16,6 +16,7 @@ from aleator.fit.ledger import Ledger, spend
 from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
 from aleator.fit.result import result_of
 from aleator.inference.check import Check
+from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
@@ -26,9 +27,8 @@ from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.ceiling import best_possible
-from aleator.tasks.consistency import consistency_of
 from aleator.tasks.identification import Identification
-from aleator.tasks.session import Session
+from aleator.tasks.session import Session, runners, runners_like
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -115,7 +115,7 @@ def _judged(
     best_law: bool,
     ledger: Ledger,
 ) -> Identification:
-    """The identification with its second verdict and the best possible law, where asked for.
+    """The identification with consistency and the best possible law, as requested.
 
     `taken` are the columns that the simulator or a law takes.
     """
@@ -152,19 +152,24 @@ def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -
 
 
 def _session(answer: Answer, table: Experiments) -> Session:
-    """What the answer was made with, for what is asked of it later."""
-    certain = answer.certain
-    question, end = certain.refined.question, certain.settled
+    """The model, the runs and the fit of an answer, for later questions."""
+    end, inferred = answer.inferred.maximum, answer.inferred
+    question, responses = inferred.refined.question, table.observations.responses
+    runner, noise = question.runner, question.choices.noise
     if isinstance(end.likelihood, Problem):
-        fit = Fit.of_outcomes(end.likelihood, end.alpha, certain.inference, table)
-        return Session.of_outcomes(end.likelihood.model, question.runner.simulator, fit)
+        model = end.likelihood.model
+        fit = Fit.of_outcomes(end.likelihood, end.alpha, inferred.inference, table)
+        # predictions of exact outcomes take surfaces
+        return Session(
+            model.inputs, None, responses, table, runners(runner.simulator, model.inputs.names),
+            fit, False, model.surfaces or ResponseSurface(), model,
+        )  # fmt: skip
     assert end.coarse is not None
-    assert question.choices.noise is not None
     assert question.choices.surfaces is not None
     fit = Fit.of_individuals(
-        end.likelihood, end.alpha, certain.inference, question.table, end.coarse.rule
+        end.likelihood, end.alpha, inferred.inference, question.table, end.coarse.rule
     )
-    return Session.of_individuals(
-        end.likelihood.inputs, question.choices.noise, table, question.runner, fit,
-        certain.refined.surfaces is None, question.choices.surfaces,
+    return Session(
+        end.likelihood.inputs, noise, responses, table, runners_like(runner, table), fit,
+        inferred.refined.surfaces is None, question.choices.surfaces,
     )  # fmt: skip

@@ -64,14 +64,14 @@ class Predicted:
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """The quantity in words."""
         if self.quantile is not None:
             return f"the quantile {self.quantile:g}"
         side, limit = ("below", self.below) if self.above is None else ("above", self.above)
         return f"the probability {side} {limit:g}"
 
     def gradients(self, scores: Scores, fit: Fit) -> Array:
-        """d/dalpha (G, K) at the conditions that the scores are of."""
+        """The gradient (G, K) of the quantity by alpha under each condition of the scores."""
         if scores.outcomes is None:
             raise InputsError(
                 f"{self.name}: the conditions have several observations an experiment",
@@ -88,7 +88,7 @@ class Predicted:
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """What is to be known better, and for which alpha (K,) experiments are planned.
+    """What is to be determined better, and the alpha (K,) for which experiments are planned.
 
     `moving` (F,) are the hyperparameters that are not known, `target` the place among them of the
     one that is asked for, if one is. `moved` has the values of those that ended on a limit and
@@ -104,7 +104,7 @@ class Aim:
 
     @classmethod
     def of(cls, about: str | Predicted | None, estimates: Mapping[str, Estimate], fit: Fit) -> Aim:
-        """What `about` says; None is the standard deviation that is least known for its size.
+        """The aim by name; None is the standard deviation with the largest relative error.
 
         Raises InputsError for a name that is unknown or fixed.
         """
@@ -123,7 +123,7 @@ class Aim:
         return cls(about, alpha, moving, int(np.searchsorted(moving, k)), None, moved)
 
     def observed(self, fit: Fit) -> Array:
-        """The information (F, F) of the experiments that were made about what is moving."""
+        """The information (F, F) of the measured experiments about the free hyperparameters."""
         place = np.searchsorted(fit.inference.identified, self.moving)
         return np.asarray(fit.inference.information[np.ix_(place, place)])
 
@@ -141,9 +141,9 @@ def require_free(about: str | None, hyperparameters: Sequence[Hyperparameter]) -
 
 
 def _weakest(fit: Fit) -> str:
-    """The standard deviation with the largest standard error for its size; all without any.
+    """The standard deviation with the largest relative error; "all" without any.
 
-    Of the laws; that of the errors only where no other is identified.
+    That of the noise only where no other is identified.
     """
     inference, hyperparameters = fit.inference, fit.hyperparameters
     every = [k for k in inference.identified if hyperparameters[k].log]
@@ -156,7 +156,7 @@ def _weakest(fit: Fit) -> str:
 
 
 def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
-    """The end of the interval that is off the limit; without one, the start of the search."""
+    """The end of the interval that is not on the limit; without one, the start."""
     h = fit.hyperparameters[k]
     interval = estimates[h.name].interval
     if interval is None:
@@ -168,7 +168,7 @@ def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NextExperiments:
-    """Candidates, what each would tell `about` something, and the set that tells most together.
+    """Candidates with what each adds to the knowledge of `about`, and the best set.
 
     Errors are standard errors of what it is about; of several quantities, or of all, their means
     over what they are now (`relative`), geometric for all. `now` is that of the experiments that
@@ -246,7 +246,7 @@ class NextExperiments:
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows with their ids; of equal names the one that is told of a candidate counts."""
+    """Rows with their ids; a candidate's own column replaces one of the same name."""
     return [
         {"id": str(name)} | {str(key): value for key, value in row.items()}
         for name, row in zip(table.index, table.to_dict("records"), strict=True)
@@ -264,7 +264,7 @@ def next_experiments(
     simulator: Runner | None = None,
     progress: Progress | None = None,
 ) -> NextExperiments:
-    """Tell what each candidate experiment would tell, and which `count` of them tell most together.
+    """The information of each candidate experiment, and the best set of `count` of them.
 
     I_c = E[s s'] is the expected information of alpha in one experiment under the conditions c, s
     its score. What a set S of them leaves unknown of a quantity g(alpha) is the variance
@@ -323,7 +323,7 @@ def planned(
     progress: Progress,
     seed: int = 11,
 ) -> NextExperiments:
-    """The best set of the experiments of the `offered` fit beside those of the fit that was made.
+    """The best set of the `offered` experiments beside the measured ones of the fit.
 
     `predicted` is the fit of what is to be predicted, where that is the aim.
     """
@@ -365,7 +365,7 @@ def _conditions(candidates: Conditions | pd.DataFrame, fit: Fit) -> Conditions:
 
 
 def _first_rows(conditions: Experiments) -> pd.DataFrame:
-    """The conditions of each experiment, by its id; of several rows, of the first."""
+    """The conditions of the first row of each experiment, by its id."""
     first = np.unique(conditions.experiment, return_index=True)[1]
     return conditions.conditions.iloc[first].set_axis(pd.Index(conditions.ids, name="id"))
 
@@ -394,7 +394,7 @@ def _directions(
     rng: np.random.Generator,
     progress: Progress,
 ) -> Array | None:
-    """Of what is to be known by the hyperparameters (A, G, F); None for all of these."""
+    """Gradients (A, G, F) of the quantities to be known; None for all hyperparameters."""
     if aim.target is not None:
         return np.tile(np.eye(aim.moving.size)[aim.target], (len(laws), 1, 1))
     if aim.predicted is None or predicted is None:
@@ -404,16 +404,15 @@ def _directions(
 
 
 def _alone(plan: DesignPlan) -> Array:
-    """The standard error (C,) after each candidate; NaN where it cannot be computed."""
     lost = ~np.all(np.isfinite(plan.offered), axis=(0, 2, 3))
     found = plan.standard_error(plan.present[:, None] + plan.offered)
     return np.where(lost, np.nan, found)
 
 
 def _uncertain(plan: DesignPlan, scores: Scores) -> Array:
-    """The Monte Carlo error (C,) of that for one direction and law, else zero.
+    """The Monte Carlo error (C,) of the standard error after each candidate.
 
-    By the delta method: the variance d' V d moves by -(V d)' dI (V d).
+    By the delta method: the variance d' V d moves by -(V d)' dI (V d). Zero for several directions.
     """
     nothing = np.zeros(plan.offered.shape[1])
     if scores.outcomes is not None or plan.directions is None or plan.directions.shape[1] > 1:
@@ -426,9 +425,8 @@ def _uncertain(plan: DesignPlan, scores: Scores) -> Array:
 
 
 def _hyperparameters(fit: Fit, aim: Aim, plan: DesignPlan, choice: ChosenSet) -> pd.DataFrame:
-    """The standard error of each now and after the set, by name."""
-    size = aim.moving.size
-    each = [replace(plan, directions=_unit(plan, k), unit=1.0) for k in range(size)]
+    units = [np.tile(unit, (len(plan.present), 1, 1)) for unit in np.eye(aim.moving.size)]
+    each = [replace(plan, directions=unit, unit=1.0) for unit in units]
     after = plan.present + plan.offered[:, list(choice.order)].sum(axis=1)
     return pd.DataFrame(
         {
@@ -437,9 +435,3 @@ def _hyperparameters(fit: Fit, aim: Aim, plan: DesignPlan, choice: ChosenSet) ->
         },
         index=[fit.hyperparameters[k].name for k in aim.moving],
     )
-
-
-def _unit(plan: DesignPlan, k: int) -> Array:
-    direction = np.zeros((len(plan.present), 1, plan.present.shape[-1]))
-    direction[:, 0, k] = 1.0
-    return direction

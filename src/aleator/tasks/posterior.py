@@ -38,11 +38,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawnReportSettings:
-    """What is told of the draws of a posterior; by judgement."""
+    """What is reported of the draws of a posterior; by judgement."""
 
     looked_at: int = 16
     """Draws at which more nodes are tried, and whose laws are held against the region."""
     fewest: int = 10
+    """Draws of a chain, at least."""
     longer: float = 1.3
     """Times the draws that the effective sample size asks for."""
     shown: float = 0.2
@@ -116,14 +117,14 @@ class Posterior:
         """One sentence: whether the draws may be used, and what to do where not."""
         found = self.convergence
         worst = self.names[int(np.argmax(found.r_hat))]
-        told = (
+        diagnosis = (
             f"largest R-hat {np.max(found.r_hat):.4f} ({worst}), smallest effective sample size "
             f"{found.least:.0f}"
         )
         if self.converged:
-            return f"Converged: {told}."
+            return f"Converged: {diagnosis}."
         return (
-            f"NOT converged: {told}, where below {POSTERIOR.largest_r_hat} and above "
+            f"NOT converged: {diagnosis}, where below {POSTERIOR.largest_r_hat} and above "
             f"{POSTERIOR.least_ess:.0f} are wanted. Take more draws: --draws {self._enough}."
         )
 
@@ -262,7 +263,7 @@ class Posterior:
 
     @property
     def _enough(self) -> int:
-        """Draws of each chain that may do, by the effective sample size of these."""
+        """Draws of each chain that may suffice, by the effective sample size of these."""
         draws = self.draws.shape[1]
         factor = max(2.0, REPORTED.longer * POSTERIOR.least_ess / max(self.convergence.least, 1.0))
         return int(np.ceil(draws * min(factor, 100.0) / 100.0) * 100)
@@ -314,7 +315,7 @@ def sampled_posterior(
     draws: int,
     chains: int,
     seed: int,
-    told: Progress,
+    progress: Progress,
     settings: DrawnReportSettings = REPORTED,
 ) -> Posterior:
     """The posterior of a fit, of which no verdict is known."""
@@ -324,10 +325,10 @@ def sampled_posterior(
             "nothing is identified: every hyperparameter is a number",
             "give one limits: Free(lower, upper), {lower = ..., upper = ...}",
         )
-    told.stage("posterior")
+    progress.stage("posterior")
     density = RealLine(fit.likelihood.honest(), fit.hyperparameters, fit.alpha, moving)
     scale = scaled(density, density.u_of(fit.alpha))
-    made = sampled(density, scale, draws, chains, seed, _listener(told, settings))
+    made = sampled(density, scale, draws, chains, seed, _listener(progress, settings))
     alphas = np.array([[_in_order(density.alpha_of(u), fit) for u in chain] for chain in made.u])
     own = alphas[:, :, moving]
     few = alphas.reshape(-1, alphas.shape[2])
@@ -372,7 +373,7 @@ def _listener(progress: Progress, settings: DrawnReportSettings) -> Callable[[in
 
 
 def _in_order(alpha: Array, fit: Fit) -> Array:
-    """Equal components of a mixture in one order: which of them is the first is arbitrary."""
+    """alpha (K,) with equal components of a mixture in one order."""
     size = fit.inputs.size
     return np.concatenate([classes.ordered(fit.inputs, alpha[:size]), alpha[size:]])
 

@@ -11,9 +11,8 @@ import pandas as pd
 from aleator.core.progress import Progress
 from aleator.core.types import Array
 from aleator.errors import InputsError
-from aleator.fit.question import DEFAULT_PROPAGATION, is_exact, surfaces_alone
+from aleator.fit.question import DEFAULT_PROPAGATION, Way, is_exact, surfaces_alone, way_of
 from aleator.fit.regions import REGIONS, region_of
-from aleator.fit.way import Way, way_of
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
@@ -23,7 +22,7 @@ from aleator.observations.responses import responses_of
 from aleator.results.values import REPORTED, Estimate, in_order
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.asked import AnySimulator, runner_on
+from aleator.tasks.runs import AnySimulator, runner_on
 from aleator.tasks.session import Session
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ from aleator.errors import InputsError
 from aleator.fit.flow import answered
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
-from aleator.inference.information import INTERVALS, Inference
+from aleator.inference.information import INTERVALS
 from aleator.inference.likelihood_at import censored_alike
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, drawn
@@ -32,8 +32,7 @@ from aleator.simulators.command.run import passing
 from aleator.simulators.pool import packed
 from aleator.simulators.store import Store
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
-from aleator.tasks.parallel import in_processes
+from aleator.tasks.runs import AnySimulator, AnyTable, in_processes, runner_on
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recovered:
-    """One virtual data set identified: alpha (K,), intervals (K, 2), errors (K, 2), the maximum.
+    """The identification of one drawn data set: alpha (K,), intervals and errors (K, 2).
 
     Errors are the standard errors by the observed information, and the sandwich errors.
     """
@@ -54,48 +53,31 @@ class Recovered:
     converged: bool
 
 
-@dataclass(frozen=True)
-class Job:
-    """A study whose virtual data sets are drawn, and identified as `identify` does it."""
+def _drawn(
+    choices: Choices, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
+) -> list[Observations]:
+    """Drawn observations of each replicate, at the conditions and bounds of the table."""
+    table, inputs, count = choices.table, choices.inputs, len(runner.ids)
+    if not choices.exact:
+        return [
+            virtual_observations(runner, table, inputs, choices.errors, alpha, rng)
+            for _ in range(replicates)
+        ]
+    x = inputs.sample(alpha[: inputs.size], rng.random((replicates * count, len(inputs.names))))
+    y = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
+    (response,) = table.observations.responses
+    return [Observations.exact(one, response.name, response.transform) for one in y]
 
-    choices: Choices
 
-    @property
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All of alpha."""
-        return self.choices.hyperparameters
-
-    @property
-    def table(self) -> Experiments:
-        """What another process makes runs for."""
-        return self.choices.table
-
-    def draw(
-        self, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
-    ) -> Sequence[Observations]:
-        """Observations for each replicate, at the conditions of the table and bounded as there."""
-        choices = self.choices
-        if not choices.exact:
-            return [
-                virtual_observations(
-                    runner, choices.table, choices.inputs, choices.errors, alpha, rng
-                )
-                for _ in range(replicates)
-            ]
-        inputs, count = choices.inputs, len(runner.ids)
-        uniform = rng.random((replicates * count, len(inputs.names)))
-        x = inputs.sample(alpha[: inputs.size], uniform)
-        y = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
-        (response,) = choices.table.observations.responses
-        return [Observations.exact(one, response.name, response.transform) for one in y]
-
-    def identify(self, runner: Runner, data: Observations, seed: int) -> Recovered:
-        """One data set identified."""
-        answer = answered(self.choices.question(runner, data, seed), Ledger(runner, Silent()))
-        return Recovered(
-            answer.settled.alpha, answer.profile.intervals, _errors(answer.inference),
-            answer.found.log_likelihood, answer.found.converged,
-        )  # fmt: skip
+def _identified(choices: Choices, runner: Runner, data: Observations, seed: int) -> Recovered:
+    """One data set, identified as `identify` does it."""
+    answer = answered(choices.question(runner, data, seed), Ledger(runner, Silent()))
+    inference = answer.inference
+    errors = np.stack([inference.standard_error, inference.sandwich_error], axis=1)
+    return Recovered(
+        answer.maximum.alpha, answer.profile.intervals, errors, answer.found.log_likelihood,
+        answer.found.converged,
+    )  # fmt: skip
 
 
 def virtual_observations(
@@ -122,28 +104,10 @@ def virtual_observations(
     return censored_alike(seen, y, rng)
 
 
-def _errors(inference: Inference) -> Array:
-    return np.stack([inference.standard_error, inference.sandwich_error], axis=1)
-
-
-def job_of(
-    experiments: AnyTable,
-    inputs: Inputs,
-    noise: Noise | Mapping[str, Noise] | None,
-    propagation: ResponseSurface | Collocation,
-    density: Density | None,
-    search: Search,
-) -> Job:
-    """The study that this is. Raises InputsError for choices that do not go together."""
-    if not isinstance(experiments, Experiments):
-        experiments = _unmeasured(experiments, noise)
-    return Job(Choices.of(experiments, inputs, noise, propagation, density, search))
-
-
 def _unmeasured(
     asked: Conditions | pd.DataFrame, noise: Noise | Mapping[str, Noise] | None
 ) -> Experiments:
-    """Experiments of which nothing was measured; a data frame has the responses of the noise."""
+    """Experiments without measured values; a data frame has the responses of the noise."""
     if isinstance(asked, pd.DataFrame):
         named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
         asked = Conditions.from_frame(asked, responses=named)
@@ -196,7 +160,6 @@ class Recovery:
         )
 
     def _by_errors(self) -> dict[str, Array]:
-        """Coverage by the estimate and its errors (R, F, 2)."""
         if self.errors is None:
             return {}
         half = float(stats.norm.ppf(0.5 + 0.5 * INTERVALS.level)) * self.errors
@@ -207,7 +170,7 @@ class Recovery:
 
 
 def _share(held: NDArray[np.bool_], known: NDArray[np.bool_]) -> Array:
-    """The share (F,) of those that hold the truth among the known (R, F); NaN without any."""
+    """The share (F,) of the known replicates (R, F) that hold the truth; NaN without any."""
     count = known.sum(axis=0)
     return np.where(count, (held & known).sum(axis=0) / np.maximum(count, 1), np.nan)
 
@@ -228,7 +191,7 @@ def recover(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Recovery:
-    """Draw outcomes from the model at `truth`, identify each data set as `identify` does, compare.
+    """Identify data sets drawn at `truth`, and compare the estimates with it.
 
     The arguments are those of `identify`; measured outcomes are not looked at. `truth` names the
     value of every free hyperparameter.
@@ -252,18 +215,20 @@ def recover(
     """
     progress = progress or Silent()
     runner = runner_on(simulator, experiments, inputs.names, vectorized)
-    job = job_of(experiments, inputs, noise, propagation, density, search)
-    hyperparameters = job.hyperparameters
+    if not isinstance(experiments, Experiments):
+        experiments = _unmeasured(experiments, noise)
+    choices = Choices.of(experiments, inputs, noise, propagation, density, search)
+    hyperparameters = choices.hyperparameters
     alpha = _checked(truth, hyperparameters, replicates)
     progress.stage("virtual experiments")
-    data = job.draw(runner, alpha, replicates, np.random.default_rng(seed))
+    data = _drawn(choices, runner, alpha, replicates, np.random.default_rng(seed))
     progress.stage("identification")
     found: dict[int, Recovered] = {}
-    for number, replicate in _identified(runner, job, data, seed, workers):
+    for number, replicate in _each_identified(choices, runner, data, seed, workers):
         found[number] = replicate
         progress.update(f"{len(found)} of {replicates} data sets", len(found), replicates)
     results = [found[number] for number in range(replicates)]
-    free = [k for k, h in enumerate(hyperparameters) if h.free]
+    free = np.flatnonzero([h.free for h in hyperparameters])
     return Recovery(
         tuple(hyperparameters[k].name for k in free),
         alpha[free],
@@ -279,53 +244,41 @@ def recover(
 class _Elsewhere:
     """What another process needs to identify data sets of the same experiments."""
 
+    choices: Choices
     simulator: Simulator
-    table: Experiments | Conditions
     parameters: tuple[str, ...]
     store: Path
     retries: int
     max_failed: float
-    job: Job
 
-    @classmethod
-    def of(cls, runner: Runner, job: Job, store: Path) -> _Elsewhere:
-        """The same runner, with a store by which processes share their runs."""
-        table = job.table
-        if table is None:
-            columns = pd.DataFrame(runner.cases.at(runner.cases.condition))
-            table = Conditions(tuple(runner.ids), columns, runner.transform)
-        return cls(
-            runner.simulator, table, runner.parameters, store, runner.retries, runner.max_failed,
-            job,
-        )  # fmt: skip
-
-    def identify(self, data: Any, seed: int) -> Recovered:
-        """One data set, on a runner of this process."""
+    def identified(self, data: Observations, seed: int) -> Recovered:
+        """One data set, on a runner of this process, which shares runs by the store."""
         with Store(self.store) as store:
             runner = Runner(
-                self.simulator, self.table, self.parameters, store=store,
+                self.simulator, self.choices.table, self.parameters, store=store,
                 retries=self.retries, max_failed=self.max_failed,
             )  # fmt: skip
-            return self.job.identify(runner, data, seed)
+            return _identified(self.choices, runner, data, seed)
 
 
-def _identified(
-    runner: Runner, job: Job, data: Sequence[Any], seed: int, workers: int
+def _each_identified(
+    choices: Choices, runner: Runner, data: Sequence[Observations], seed: int, workers: int
 ) -> Iterator[tuple[int, Recovered]]:
     if workers > 1:
         with passing() as folder:
             store = runner.cache.store.path if runner.cache else folder / "runs.sqlite"
-            parcel = packed(_Elsewhere.of(runner, job, store))
+            parcel = packed(
+                _Elsewhere(
+                    choices, runner.simulator, runner.parameters, store, runner.retries,
+                    runner.max_failed,
+                )
+            )  # fmt: skip
             if parcel is not None:
                 pieces = {k: (part, seed + k) for k, part in enumerate(data)}
-                yield from in_processes(parcel, _elsewhere, pieces, workers)
+                yield from in_processes(parcel, _Elsewhere.identified, pieces, workers)
                 return
     for k, part in enumerate(data):
-        yield k, job.identify(runner, part, seed + k)
-
-
-def _elsewhere(work: _Elsewhere, data: Any, seed: int) -> Recovered:
-    return work.identify(data, seed)
+        yield k, _identified(choices, runner, part, seed + k)
 
 
 def _checked(

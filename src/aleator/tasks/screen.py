@@ -21,8 +21,8 @@ from aleator.observations.experiments import Conditions
 from aleator.results import printed
 from aleator.results.printed import THRESHOLDS
 from aleator.simulators import Runner
-from aleator.tasks.asked import AnySimulator, AnyTable, runner_on
 from aleator.tasks.first_look import SingleValues, of_values, one_each
+from aleator.tasks.runs import AnySimulator, AnyTable, runner_on
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,9 @@ class ScreenSettings:
     """Terms that an expansion may have, unless more runs are asked for: n = 2, 4, 8, 12 parameters
     then get degree 8, 6, 3, 2."""
     highest_degree: int = 8
+    """Degree of an expansion, at most."""
     runs_per_term: int = 2
+    """Runs for each term of an expansion, at most."""
     first_runs: int = 10
     """Runs a parameter that the screening begins with; doubled until the expansions are good."""
     quantile: float = 0.9
@@ -114,7 +116,7 @@ class Sensitivity:
         return table.sort_values("mean_total", ascending=False, kind="stable", ignore_index=True)
 
     def pairs(self) -> pd.DataFrame:
-        """A row a pair, the best first: the share that both explain by themselves, and alignment.
+        """A row for each pair of parameters: the share that both explain, and alignment.
 
         `explained` is the mean over experiments of S_i + S_j + S_ij, `interaction` that of S_ij.
         """
@@ -230,7 +232,6 @@ def _expanded(
     progress: Progress,
     settings: ScreenSettings,
 ) -> tuple[Expansion, int]:
-    """The expansions, from as many runs as given or as are needed."""
     terms = _terms(n, runs, settings)
     last = runs or max(
         settings.runs_per_term * len(terms.indices(basis.limits)), settings.first_runs * n
@@ -263,7 +264,6 @@ def _terms(n: int, runs: int | None, settings: ScreenSettings) -> TotalDegree:
 
 
 def _varied(law: Law) -> tuple[Law, str]:
-    """The law by which a parameter is varied, and words for it."""
     free = any(h.free for h in law.hyperparameters)
     kind = type(law).__name__
     if not free:

@@ -16,7 +16,7 @@ from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, nearest
 from aleator.fit.question import DEFAULT_PROPAGATION, varying_conditions
 from aleator.fit.refine import under_law
-from aleator.fit.regions import draws, likely_alphas
+from aleator.fit.regions import draws, plausible_alphas
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
@@ -32,8 +32,13 @@ from aleator.results.result import Result
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.ground import Ground, MeasuredExperiments, about, direct
-from aleator.tasks.decide.prediction import Draws, tabled, tails
+from aleator.tasks.new_experiments import (
+    MeasuredExperiments,
+    PredictionContext,
+    simulator_itself,
+    surfaces_about,
+)
+from aleator.tasks.prediction import Draws, tabled, tails
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -51,7 +56,7 @@ Runners = Callable[[Experiments | Conditions], Runner]
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Laws, noise and responses, the experiments, how runs are made, and the fit.
+    """What an identification was made with: laws, noise, experiments, runs, and the fit.
 
     Laws that follow covariates are resolved by the experiments. What is not at hand is None: of an
     identification that was read from a file all that was not given again, and always the fit. Of
@@ -70,28 +75,6 @@ class Session:
     model: Model | None = None
 
     @classmethod
-    def of_outcomes(cls, model: Model, simulator: Simulator, fit: Fit) -> Session:
-        """Of exact outcomes that were identified here; their predictions take surfaces."""
-        responses, runner = fit.table.observations.responses, runners(simulator, model.inputs.names)
-        surfaces = model.surfaces or ResponseSurface()
-        return cls(model.inputs, None, responses, fit.table, runner, fit, False, surfaces, model)
-
-    @classmethod
-    def of_individuals(
-        cls,
-        inputs: Inputs,
-        noise: Noise | Mapping[str, Noise],
-        experiments: Experiments,
-        runner: Runner,
-        fit: Fit,
-        on_simulator: bool,
-        surfaces: ResponseSurface,
-    ) -> Session:
-        """Of an integral over individual parameters, whose runs `runner` made."""
-        responses, runs = experiments.observations.responses, runners_like(runner, experiments)
-        return cls(inputs, noise, responses, experiments, runs, fit, on_simulator, surfaces)
-
-    @classmethod
     def again(
         cls,
         found: Result,
@@ -103,7 +86,7 @@ class Session:
         density: Density | None,
         runner: Runners | None,
     ) -> Session:
-        """Of what was found and read from a file, its `source`, with what is given again.
+        """The session of a result read from a file `source`, by what is given again.
 
         Raises AleatorError for what is lacking, and InputsError for noise where there was none.
         """
@@ -133,7 +116,7 @@ class Session:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All of alpha, those of the laws first; none without inputs."""
+        """All hyperparameters, those of the laws first; none without inputs."""
         if self.inputs is None:
             return ()
         names = tuple(response.name for response in self.responses)
@@ -144,7 +127,7 @@ class Session:
         values: Mapping[str, float | Estimate],
         at: Mapping[str, object] | pd.Series | None = None,
     ) -> JointLaw:
-        """The joint law at these values of the hyperparameters, of experiments `at` covariates."""
+        """The joint law at these hyperparameters, for an experiment with the covariates `at`."""
         inputs = self.inputs
         if inputs is None:
             raise missing("the law needs the inputs", "aleator.load(path, inputs=...)")
@@ -164,12 +147,12 @@ class Session:
     def log_likelihood(
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
-        """The log-likelihood at alpha with nodes adapted there; what is not named has these values.
+        """The log-likelihood at alpha with nodes adapted there; others keep these values.
 
         At the estimate nodes are those of the answer, which importance points would not be again.
         """
         here = kept(self.fit).likelihood
-        at = given_values(alpha, values, here.hyperparameters)
+        at = alpha_from(alpha, values, here.hyperparameters)
         return (here if np.array_equal(at, here.alpha) else here.at(at)).log_likelihood()
 
     def predict(
@@ -185,21 +168,21 @@ class Session:
 
         Of exact outcomes and the estimate alone it is that of the density of the outcome itself.
         """
-        ground = self.ground(conditions, plausible.estimate, of, noise)
+        context = self.context(conditions, plausible.estimate, of, noise)
         if progress is not None:
             progress.stage("prediction")
         if self.model is None or not plausible.certain:
-            return tabled(ground, plausible, quantiles, progress)
-        return _by_density(ground, self.model, plausible.estimate, quantiles, progress)
+            return tabled(context, plausible, quantiles, progress)
+        return _by_density(context, self.model, plausible.estimate, quantiles, progress)
 
-    def ground(
+    def context(
         self,
         conditions: Conditions | pd.DataFrame,
         alpha: Array,
         of: str | None = None,
         noise: bool = True,
-    ) -> Ground:
-        """New experiments, or those `of` measured ones, and what makes their outcomes."""
+    ) -> PredictionContext:
+        """The context of new experiments, or of those that are the measured ones `of`."""
         if of is not None and self.model is not None:
             raise InputsError(
                 f"of '{of}': one outcome says too little of the parameters of its experiment",
@@ -212,7 +195,7 @@ class Session:
         known = None if of is None else self._measured(conditions, alpha, of)
         if inputs.regressed and known is None:
             inputs = inputs.resolved(covariates(conditions, inputs.covariates))
-        return Ground(
+        return PredictionContext(
             conditions,
             inputs,
             MeasurementErrors.of(self.noise, conditions) if noise and self.noise else None,
@@ -248,7 +231,7 @@ class Session:
     def fit_on(
         self, candidates: Conditions, alpha: Array, runner: Runner, progress: Progress
     ) -> Fit:
-        """The fit of experiments that were not made, at alpha: their outcomes are unknown.
+        """The fit of experiments that were not made, at alpha, with unknown outcomes.
 
         `drawn` and `seeing` give it some; limits are those of the measured ones. Runs are made
         where surfaces are needed, which are as exact as a prediction's.
@@ -265,7 +248,7 @@ class Session:
         if inputs.regressed:
             inputs = inputs.resolved(covariates(candidates, inputs.covariates))
         table = table.with_observations(with_limits_of_test(seen, fit.table.observations))
-        likely = likely_alphas(fit.alpha, fit.inference, fit.hyperparameters)
+        likely = plausible_alphas(fit.alpha, fit.inference, fit.hyperparameters)
         x = draws(inputs, [alpha, *likely], len(candidates.ids))
         # as many nodes as the answer needed
         likelihood = replace(
@@ -276,7 +259,7 @@ class Session:
     def _integral(
         self, inputs: Inputs, table: Experiments, runner: Runner, x: Array, nodes: int
     ) -> IndividualLikelihood:
-        """That of a table, on the simulator or surfaces that are exact at points x (D, n)."""
+        """The likelihood of a table, on the simulator or on surfaces exact at x (D, n)."""
         assert self.noise is not None
         return IndividualLikelihood.of(
             inputs,
@@ -290,11 +273,10 @@ class Session:
         assert self.inputs is not None
         box = self.inputs.box
         if not self.on_simulator:
-            return about(runner, box, x, self.surfaces)
-        return direct(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
+            return surfaces_about(runner, box, x, self.surfaces)
+        return simulator_itself(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
 
     def _measured(self, conditions: Conditions, alpha: Array, of: str) -> MeasuredExperiments:
-        """The measured experiments that the new ones are said to be."""
         table = self.experiments
         if table is None:
             raise missing(
@@ -305,9 +287,9 @@ class Session:
         return MeasuredExperiments(self._adapted(table, alpha), np.array(which, dtype=np.intp))
 
     def _adapted(self, table: Experiments, alpha: Array, nodes: int = 7) -> IndividualLikelihood:
-        """The likelihood of the measured experiments, made again where it was not kept.
+        """The likelihood of the measured experiments, made anew where it was not kept.
 
-        Then by so many Gauss-Hermite nodes a variate, which serve to look at single experiments.
+        Then by seven Gauss-Hermite nodes a variate, which serve to look at single experiments.
         """
         if self.fit is not None:
             assert isinstance(self.fit.likelihood, IndividualsAt)
@@ -319,29 +301,29 @@ class Session:
 
 
 def _by_density(
-    ground: Ground,
+    context: PredictionContext,
     model: Model,
     alpha: Array,
     quantiles: tuple[float, ...],
     progress: Progress | None,
 ) -> pd.DataFrame:
-    """The table of one exact outcome an experiment by its own density, under the law alpha (K,)."""
-    outcomes = under_law(ground.runner, model, alpha, progress).predictor.under(alpha)
+    """The table of predictions by the density of one exact outcome an experiment."""
+    outcomes = under_law(context.runner, model, alpha, progress).predictor.under(alpha)
     found = outcomes.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
-        "id": list(ground.runner.ids),
+        "id": list(context.runner.ids),
         "mean": outcomes.mean,
         "standard_deviation": outcomes.sd,
         "skewness": outcomes.standardized[:, 3],
         "kurtosis": outcomes.standardized[:, 4],
     }
-    columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)} | tails(ground)
+    columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)} | tails(context)
     columns["status"] = [Status(int(code)).name.lower() for code in outcomes.status]
     return pd.DataFrame(columns)
 
 
 def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
-    """The measured experiment that each new one is: a column's, or one for all."""
+    """The names of the measured experiments that the new ones are."""
     if of == OWN:
         ids = [*conditions.ids]
     elif of in conditions.table.columns:
@@ -358,17 +340,16 @@ def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
 
 
 def _text(cell: object) -> str:
-    """An id as a table of texts has it."""
     return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell)
 
 
 def runners(simulator: Simulator | Runner, parameters: Sequence[str]) -> Runners:
-    """Runs of a simulator, made here and kept in no store."""
+    """Runners of a simulator for any table, without a store."""
     return lambda asked: as_runner(simulator, asked, parameters)
 
 
 def runners_like(runner: Runner, table: Experiments) -> Runners:
-    """Runs of the simulator of a runner, which gets arrays of what varies in the table."""
+    """Runners like another one for any table; arrays are passed of the same conditions."""
     varying = varying_conditions(table, tuple(runner.cases.columns))
 
     def of(asked: Experiments | Conditions) -> Runner:
@@ -379,12 +360,12 @@ def runners_like(runner: Runner, table: Experiments) -> Runners:
     return of
 
 
-def given_values(
+def alpha_from(
     alpha: Mapping[str, float] | ArrayLike,
     values: Mapping[str, float | Estimate],
     hyperparameters: Sequence[Hyperparameter],
 ) -> Array:
-    """The alpha (K,) of names or of an array; what is not named has these values.
+    """The alpha (K,) of a mapping or an array; others keep these values.
 
     Raises InputsError for a name that is unknown and a value beyond its limits.
     """
@@ -405,7 +386,7 @@ def _named(alpha: Array, names: Sequence[str]) -> dict[str, float]:
 
 
 def kept(fit: Fit | None) -> Fit:
-    """The fit. Raises AleatorError where the identification was read from a file."""
+    """The fit, or AleatorError where the identification was read from a file."""
     if fit is None:
         raise missing(
             "this needs the surfaces, which are not saved",

@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGri
 
 from aleator.core.types import Array
 from aleator.inference.pictures import PICTURES, PictureSettings
-from aleator.inference.profile_end import DROP
+from aleator.inference.profile import DROP
 from aleator.results.units import label, transforms
 from aleator.views import chart
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, numbers

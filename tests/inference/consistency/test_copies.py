@@ -16,7 +16,7 @@ from aleator import (
     identify,
 )
 from aleator.core.types import Array
-from aleator.inference.consistency.columns import columns_of, copies_of
+from aleator.inference.table_columns import columns_of, copies_of
 
 RNG = np.random.default_rng(8)
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from aleator import Censoring, Experiments
-from aleator.inference.consistency.columns import columns_of, copies_of
+from aleator.inference.table_columns import columns_of, copies_of
 from benchmarks.findings import CASES, judge
 
 

@@ -8,10 +8,9 @@ import pytest
 from scipy import stats
 
 from aleator import Experiments
-from aleator.inference.consistency.battery import contrasts_of, moments, shared
-from aleator.inference.consistency.columns import ORDER, columns_of
-from aleator.inference.consistency.judged import corrected, effective, probabilities
-from aleator.inference.consistency.sentences import told
+from aleator.inference.consistency import corrected, discrepancy_of, effective, probabilities
+from aleator.inference.residual_statistics import contrasts_of, moments, shared
+from aleator.inference.table_columns import ORDER, columns_of
 from aleator.results.values import Statistic
 
 NONE = np.zeros(1, dtype=bool)
@@ -100,7 +99,9 @@ def test_columns_of_experiments_and_of_observations_are_told_apart() -> None:
             "y": [0.0] * 4,
         }
     )
-    found = {c.name: c.own for c in columns_of(Experiments.from_frame(frame, outcome="y"))}
+    found = {
+        c.name: c.by_experiment for c in columns_of(Experiments.from_frame(frame, outcome="y"))
+    }
     assert (found["time"], found["hot"]) == (False, True)
 
 
@@ -156,14 +157,16 @@ def test_size_and_place_do_not_count() -> None:
 
 def test_neighbours_in_an_experiment_are_no_order_of_rows() -> None:
     test = Statistic("groups", "outcomes", ORDER, None, 4.0, 1e-4, 1e-3)
-    found = told(test, several=True, within=())
+    found = discrepancy_of(test, several=True, within=())
     assert "same experiment" in found.message
     assert ORDER not in found.message
 
 
 def test_each_tail_has_its_remedy() -> None:
     heavy, light = (
-        told(Statistic(f"{kind} tails", "outcomes", None, None, 4.0, 1e-4, 1e-3), False, ())
+        discrepancy_of(
+            Statistic(f"{kind} tails", "outcomes", None, None, 4.0, 1e-4, 1e-3), False, ()
+        )
         for kind in ("heavy", "light")
     )
     assert "student_t" in heavy.remedy
@@ -172,5 +175,5 @@ def test_each_tail_has_its_remedy() -> None:
 
 def test_a_column_that_may_be_a_result_has_the_remedy_to_take_it_out() -> None:
     test = Statistic("contrast", "outcomes", "peak", None, 4.0, 1e-4, 1e-3)
-    assert "take it out of the table" in told(test, False, (), {"peak"}).remedy
-    assert "take it out" not in told(test, False, ()).remedy
+    assert "take it out of the table" in discrepancy_of(test, False, (), {"peak"}).remedy
+    assert "take it out" not in discrepancy_of(test, False, ()).remedy

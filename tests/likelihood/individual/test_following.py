@@ -221,9 +221,8 @@ def test_one_step_finds_the_mean_of_a_balanced_table():
     """Whatever the sds are, its maximum is the mean of all observations."""
     frame = balanced()
     for alpha in ([-1.0, 0.7, 0.0, 0.6], [4.0, 1.5, 0.0, 2.0], [2.2, 0.3, 0.0, 0.5]):
-        found = likelihood_of(straight_line, frame, ONE).continued.expectation_step(
-            np.array(alpha)
-        )[1]
+        following = likelihood_of(straight_line, frame, ONE).continued
+        found = following.expectation_step(np.array(alpha))[1]
         assert found[0] == pytest.approx(frame["y"].mean(), abs=1e-8)
 
 

@@ -7,8 +7,8 @@ from individual_cases import likelihood_of
 from scipy import stats
 
 from aleator import Experiments, Free, Inputs, Noise, Normal
-from aleator.fit.certain import CERTAINTY, inferred
-from aleator.fit.settle import Settled, climbed, settled
+from aleator.fit.quadrature import Maximum, nearest_maximum, with_enough_nodes
+from aleator.fit.uncertainty import UNCERTAINTY, inferred
 from aleator.inference.fit import Fit
 from aleator.likelihood.individual import GaussHermite, LawPoints, PlanePanels
 from aleator.search import Optimum, SearchResult
@@ -126,7 +126,7 @@ def test_a_climb_along_a_ridge_arrives() -> None:
     frame = pd.DataFrame({"id": range(12), "time": 1.0, "y": y})
     likelihood = likelihood_of(line, frame, TWO).by(PlanePanels.coarse(), ALPHA)
     start = np.array([0.6, 0.9, 0.3, 0.9, 0.9])
-    held, alpha = climbed(likelihood, start)
+    held, alpha = nearest_maximum(likelihood, start)
     best = stats.norm.logpdf(y, y.mean(), y.std()).sum()
     assert exact(line, 1.0, y, alpha).sum() == pytest.approx(best, abs=5e-3)
     assert held.evaluate(alpha).total == pytest.approx(best, abs=5e-3)
@@ -143,7 +143,7 @@ def test_their_score_counts_what_moves_across(model) -> None:
 
 def test_an_answer_at_a_kink_is_the_exact_one() -> None:
     frame = drawn(kink, 0.05, 10)
-    end = settled(likelihood_of(kink, frame, TWO), ALPHA)
+    end = with_enough_nodes(likelihood_of(kink, frame, TWO), ALPHA)
     assert isinstance(end.likelihood.rule, PlanePanels)
     own = frame["time"].to_numpy(), frame["y"].to_numpy()
     assert end.value == pytest.approx(exact(kink, *own, end.alpha).sum(), abs=5e-3)
@@ -157,11 +157,11 @@ def test_an_answer_at_a_kink_is_the_exact_one() -> None:
 
 
 def test_a_smooth_outcome_keeps_few_nodes() -> None:
-    end = settled(likelihood_of(line, drawn(line, 0.05), TWO), ALPHA)
+    end = with_enough_nodes(likelihood_of(line, drawn(line, 0.05), TWO), ALPHA)
     assert isinstance(end.likelihood.rule, GaussHermite)
 
 
-def search_of(end: Settled) -> SearchResult:
+def search_of(end: Maximum) -> SearchResult:
     return SearchResult(end.alpha, end.value, (), (Optimum(end.alpha, end.value, 1),))
 
 
@@ -169,7 +169,7 @@ def test_at_the_ends_of_intervals_the_exact_likelihood_has_dropped_as_told() -> 
     frame = drawn(front, 0.05, 12)
     time, y = frame["time"].to_numpy(), frame["y"].to_numpy()
     means = Inputs({"a": Normal(Free(-3.0, 3.0), 0.4), "b": Normal(Free(-3.0, 3.0), 0.3)})
-    end = settled(likelihood_of(front, frame, means, noise=Noise(0.05)), ALPHA)
+    end = with_enough_nodes(likelihood_of(front, frame, means, noise=Noise(0.05)), ALPHA)
     assert isinstance(end.likelihood.rule, PlanePanels)
     end, _, _, profile = inferred(end, search_of(end))
     top, told = exact(front, time, y, end.alpha).sum(), np.argwhere(profile.drops > 0.0)
@@ -178,7 +178,7 @@ def test_at_the_ends_of_intervals_the_exact_likelihood_has_dropped_as_told() -> 
         point, drop = profile.points[k, side], profile.drops[k, side]
         assert point[k] == profile.intervals[k, side]
         assert top - exact(front, time, y, point).sum() == pytest.approx(
-            drop, abs=CERTAINTY.unknown
+            drop, abs=UNCERTAINTY.unknown
         )
 
 
@@ -188,7 +188,7 @@ def test_a_saddle_is_left_for_the_maximum_beside_it() -> None:
     one = Inputs({"a": Normal(Free(-3.0, 3.0), Free(0.01, 3.0))})
     y = (1.0 + 0.2 * rng.standard_normal(40)) ** 2 + 0.05 * rng.standard_normal(40)
     frame = pd.DataFrame({"id": range(40), "time": 0.0, "y": y})
-    saddle = settled(
+    saddle = with_enough_nodes(
         likelihood_of(lambda time, x: x[0] ** 2 + 0.0 * time, frame, one),
         np.array([0.0, 1.0, 0.05]),
     )

@@ -7,7 +7,7 @@ from individual_cases import ALPHA, decay, likelihood_of, straight_line, table
 from scipy import integrate, stats
 
 from aleator import Free, Inputs, Noise, Normal, TruncatedNormal
-from aleator.fit.settle import settled, several_modes
+from aleator.fit.quadrature import several_modes, with_enough_nodes
 from aleator.likelihood.individual import (
     Direct,
     GaussHermite,
@@ -140,7 +140,7 @@ def test_the_score_with_panels_held_is_that_of_differences() -> None:
 
 @pytest.mark.parametrize(("model", "kind"), [(line, GaussHermite), (square, Panels)])
 def test_an_answer_settles_on_panels_where_they_tell_something_else(model, kind) -> None:
-    end = settled(likelihood_of(model, drawn_of_one(model), ONE), AT_ONE)
+    end = with_enough_nodes(likelihood_of(model, drawn_of_one(model), ONE), AT_ONE)
     assert isinstance(end.likelihood.rule, kind)
     assert abs(end.gap) < 2e-3
 
@@ -207,7 +207,7 @@ def test_a_second_mode_is_noticed_and_a_ridge_is_none(both):
 
 def test_an_answer_with_two_modes_is_that_of_the_exact_integral(both):
     likelihood, frame = both
-    end = settled(likelihood, AT_TWO, enough=0.02)
+    end = with_enough_nodes(likelihood, AT_TWO, enough=0.02)
     assert isinstance(end.likelihood.rule, PlanePanels)
     assert end.value == pytest.approx(exact_of_squares(frame, end.alpha).sum(), abs=0.05)
     for k in range(5):

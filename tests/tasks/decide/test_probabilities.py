@@ -17,10 +17,9 @@ from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions
 from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.near import Kriged, Near
-from aleator.tasks.decide.probability import events_asked, interval_about, probability
-from aleator.tasks.decide.sample import corrected, of_law, unseen_by
+from aleator.tasks.event_points import corrected, of_law, unseen_by
+from aleator.tasks.new_experiments import Kriged, PredictedValue, PredictionContext
+from aleator.tasks.probability import interval_about, probability, requested_events
 
 ONE = pd.DataFrame({"load": [1.0]})
 
@@ -28,11 +27,11 @@ ONE = pd.DataFrame({"load": [1.0]})
 def ground(
     simulator: Callable[..., np.ndarray], inputs: Inputs, noise: Noise | None = None,
     fast: bool = False, conditions: pd.DataFrame = ONE, transform: str = "none",
-) -> Ground:  # fmt: skip
+) -> PredictionContext:  # fmt: skip
     table = Conditions.from_frame(conditions, transform=transform)
     runner = Runner(as_simulator(simulator, True), table, inputs.names)
     errors = None if noise is None else MeasurementErrors.of(noise, table)
-    return Ground(table, inputs, errors, runner, fast, ResponseSurface())
+    return PredictionContext(table, inputs, errors, runner, fast, ResponseSurface())
 
 
 def known(inputs: Inputs, *noise: float) -> AlphaDraws:
@@ -43,8 +42,8 @@ def above(value: float) -> Event:
     return Event(((value, np.inf),))
 
 
-def found(where: Ground, event: Event, draws: AlphaDraws, checks: int = 0):
-    return probability(Near.of(where, 0, draws), draws, event, checks)
+def found(where: PredictionContext, event: Event, draws: AlphaDraws, checks: int = 0):
+    return probability(PredictedValue.of(where, 0, draws), draws, event, checks)
 
 
 ALONE = Inputs({"a": Normal(0.0, 1.0)})
@@ -140,8 +139,8 @@ def test_runs_correct_a_surface_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -
     doubtful(monkeypatch)
     draws = known(ALONE)
     right = ground(lambda load, a: load * a, ALONE)
-    near = Near.of(right, 0, draws)
-    wrong = Near.of(ground(lambda load, a: load * a - 0.1, ALONE), 0, draws)
+    near = PredictedValue.of(right, 0, draws)
+    wrong = PredictedValue.of(ground(lambda load, a: load * a - 0.1, ALONE), 0, draws)
     mixed = replace(near, surface=wrong.surface)
     change = corrected(mixed, draws, above(1.9), of_law(mixed).joined, 400)
     exact = stats.norm.sf(1.9) - stats.norm.sf(2.0)
@@ -169,18 +168,18 @@ def test_laws_that_follow_covariates_are_asked_row_by_row() -> None:
     where = ground(lambda load, t, a: load * a + 0.0 * t, law, fast=True, conditions=rows)
     draws = AlphaDraws.at(np.array([0.0, 1.0, 1.0]))
     for place, mean in ((0, 0.0), (1, 2.0)):
-        told = probability(Near.of(where, place, draws), draws, above(5.0))
+        told = probability(PredictedValue.of(where, place, draws), draws, above(5.0))
         assert told.probability == pytest.approx(stats.norm.sf(5.0 - mean), rel=0.05)
 
 
 def test_values_are_in_the_unit_of_the_outcome() -> None:
     where = ground(lambda load, a: load * np.exp(a), ALONE, transform="log")
-    (event,) = events_asked(where, None, 2.0, None, None).values()
+    (event,) = requested_events(where, None, 2.0, None, None).values()
     agrees(found(where, event, known(ALONE)), stats.norm.sf(np.log(2.0)), 0.02)
     for asked in ((None, None, None), (1.0, 2.0, None), (None, None, (2.0, 1.0)),
                   (-1.0, None, None), (np.nan, None, None)):  # fmt: skip
         with pytest.raises(InputsError):
-            events_asked(where, None, *asked)
+            requested_events(where, None, *asked)
 
 
 def bump(place: tuple[float, float], width: float) -> Callable[..., np.ndarray]:
@@ -237,8 +236,8 @@ def test_checks_that_change_the_probability_leave_it_unsettled(
     where = ground(lambda load, a: load * a, ALONE)
     where = replace(where, surfaces=ResponseSurface(max_runs=100))
     assert found(where, jump, draws, 20).status == "solved"
-    near = Near.of(where, 0, draws)
-    wrong = Near.of(ground(lambda load, a: load * a - 0.08, ALONE), 0, draws)
+    near = PredictedValue.of(where, 0, draws)
+    wrong = PredictedValue.of(ground(lambda load, a: load * a - 0.08, ALONE), 0, draws)
     doubtful(monkeypatch)
     told = probability(replace(near, surface=wrong.surface), draws, jump, 400)
     assert told.status == "unsettled"

@@ -1,7 +1,8 @@
 """The distribution of new observations: of a new experiment, or of one that was measured.
 
 `forecast` is that under one law, `widened` that of a mixture over plausible laws with intervals of
-its quantiles, and `tabled` the table of both.
+its quantiles, and `tabled` the table of both. `compared` says how far new conditions are beyond
+those that were tested.
 """
 
 from __future__ import annotations
@@ -12,35 +13,35 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import optimize
 
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Indices
-from aleator.inference.alpha_draws import AlphaDraws, moments, quantiles
-from aleator.inference.extrapolation import Beyond, compared
+from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.information import INTERVALS
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import invert
 from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor, individual_points
 from aleator.likelihood.individual.rules import standard_points
 from aleator.observations.errors import MeasurementErrors
-from aleator.tasks.decide.ground import (
-    GROUND,
+from aleator.tasks.new_experiments import (
+    CONTEXT,
     DrawnParameters,
-    Ground,
     Points,
-    about,
-    direct,
+    PredictionContext,
     ends_of,
     measured,
     parameters,
     predictor_for,
     simulated,
+    simulator_itself,
+    surfaces_about,
 )
 
 
 @dataclass(frozen=True)
 class PredictionSettings:
-    """Points that stand for a law in a prediction; by judgement."""
+    """Points that stand for a law, and distances from tested conditions; by judgement."""
 
     law_points: int = 4096
     """Points that stand for the law of an experiment."""
@@ -50,9 +51,124 @@ class PredictionSettings:
     """Step in scales of the difference that a density is taken by."""
     lost: float = 1e-3
     """Share of the law whose runs may fail before what is told is told of what is left."""
+    hull: int = 2000
+    """Distinct tested points up to which a distance is one from their convex hull."""
+    rounding: float = 1e-9
+    """Distance below which a point lies within the tested ones."""
 
 
 PREDICTION = PredictionSettings()
+
+
+def beyond_range(tested: Array, new: Array) -> Array:
+    """Signed distances (Q, d) of new points (Q, d) from the range of the tested ones (R, d).
+
+    In units of the tested range: 0.5 is half of it above the highest, zero within. Infinite
+    where it has no width and the value is another.
+
+    >>> beyond_range(np.array([[0.0], [2.0]]), np.array([[1.0], [3.0], [-1.0]])).ravel().tolist()
+    [0.0, 0.5, -0.5]
+    """
+    low, high = tested.min(axis=0), tested.max(axis=0)
+    width = np.where(high > low, high - low, 0.0)
+    away = np.maximum(new - high, 0.0) - np.maximum(low - new, 0.0)
+    size = np.maximum(np.abs(low), np.abs(high))
+    away = np.where(np.abs(away) > PREDICTION.rounding * np.maximum(width, size), away, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(away == 0.0, 0.0, away / width))
+
+
+def beyond_hull(tested: Array, new: Array) -> Array:
+    """Distances (Q,) of new points (Q, d) from the convex hull of the tested ones (R, d).
+
+    The least t such that a mean of tested points is within t tested ranges of the new one in every
+    coordinate: min t, |sum_r w_r x_r - x| <= t, w >= 0, sum w = 1, a linear program. Zero for what
+    lies between tested points; never less than the farthest `beyond_range`, which it is with more
+    than 2000 distinct points. Cost: some milliseconds a point.
+
+    >>> corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    >>> beyond_hull(corners, np.array([[0.2, 0.2], [1.0, 1.0]])).round(3).tolist()
+    [0.0, 0.5]
+    """
+    single = np.abs(beyond_range(tested, new)).max(axis=1, initial=0.0)
+    low = tested.min(axis=0)
+    width = tested.max(axis=0) - low
+    varied = width > 0.0
+    points = np.unique((tested[:, varied] - low[varied]) / width[varied], axis=0)
+    if varied.sum() < 2 or len(points) > PREDICTION.hull:
+        return np.asarray(single)
+    scaled = (new[:, varied] - low[varied]) / width[varied]
+    found = [
+        own if np.isinf(own) else max(own, _from_hull(points, x))
+        for own, x in zip(single.tolist(), scaled, strict=True)
+    ]
+    return np.array(found)
+
+
+def _from_hull(points: Array, x: Array) -> float:
+    count, d = points.shape
+    slack = np.ones((d, 1))
+    rows = np.vstack([np.hstack([points.T, -slack]), np.hstack([-points.T, -slack])])
+    total = np.append(np.ones(count), 0.0)[None]
+    cost = np.append(np.zeros(count), 1.0)
+    found = optimize.linprog(
+        cost, A_ub=rows, b_ub=np.concatenate([x, -x]), A_eq=total, b_eq=np.ones(1), method="highs"
+    )
+    distance = float(found.fun) if found.success else float("nan")
+    return distance if distance > PREDICTION.rounding else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Beyond:
+    """Distances (R,) of R rows from the tested ones, in tested ranges, and why.
+
+    Zero within the convex hull of the tested conditions; infinite for a level or a value of a
+    condition that was never varied. `why` is "" for rows within.
+    """
+
+    distance: Array
+    why: tuple[str, ...]
+
+
+def compared(tested: pd.DataFrame, new: pd.DataFrame) -> Beyond:
+    """Distances of new conditions from the tested ones, by column and jointly.
+
+    >>> tested = pd.DataFrame({"load": [1.0, 3.0], "oil": ["a", "b"]})
+    >>> compared(tested, pd.DataFrame({"load": [2.0, 4.0, 2.0], "oil": ["a", "a", "c"]})).why
+    ('', 'load is 0.5 tested ranges above the highest', "oil 'c' was never tested")
+    """
+    numbers = [str(n) for n in tested if _is_number(tested[n]) and _is_number(new[n])]
+    texts = [name for name in tested if name not in numbers]
+    here, there = (frame[numbers].to_numpy(dtype=float) for frame in (tested, new))
+    each = beyond_range(here, there) if numbers else np.zeros((len(new), 0))
+    distance = beyond_hull(here, there) if numbers else np.zeros(len(new))
+    words = [_words(numbers, row, far) for row, far in zip(each, distance.tolist(), strict=True)]
+    for name in texts:
+        known = set(map(str, tested[name]))
+        for row, cell in enumerate(map(str, new[name])):
+            if cell not in known:
+                distance[row] = np.inf
+                words[row] = f"{name} '{cell}' was never tested"
+    return Beyond(distance, tuple(words))
+
+
+def _is_number(column: pd.Series[Any]) -> bool:
+    return bool(pd.api.types.is_numeric_dtype(column))
+
+
+def _words(names: Sequence[str], each: Array, distance: float) -> str:
+    if not distance > 0.0:
+        return ""
+    if not np.any(each):
+        return f"{' and '.join(names)} were never tested together so: {distance:.2g} tested ranges"
+    parts = []
+    for name, away in zip(names, each.tolist(), strict=True):
+        side = "above the highest" if away > 0.0 else "below the lowest"
+        if np.isinf(away):
+            parts.append(f"{name} was never varied")
+        elif away:
+            parts.append(f"{name} is {abs(away):.2g} tested ranges {side}")
+    return ", ".join(parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +180,7 @@ class Draws:
 
     @classmethod
     def new(cls, inputs: Inputs, alpha: Array, experiments: int) -> Draws:
-        """Of experiments that nothing is known of but their law."""
+        """Points of the law of each new experiment."""
         points = standard_points(PREDICTION.law_points, inputs.scattering)
         xi = np.tile(points, (experiments, len(inputs.classes), 1))
         found = inputs.individual(alpha[: inputs.size], xi, slice(0, experiments))
@@ -73,7 +189,7 @@ class Draws:
 
     @classmethod
     def old(cls, likelihood: IndividualLikelihood, alpha: Array, which: int) -> Draws:
-        """Of one experiment of a likelihood that is adapted to alpha, given its observations."""
+        """Points of the individual law of one measured experiment at alpha."""
         return cls(
             *individual_points(
                 likelihood, alpha, likelihood.layout.alone(which), PREDICTION.law_points
@@ -82,7 +198,7 @@ class Draws:
 
     @classmethod
     def joined(cls, parts: Sequence[Draws]) -> Draws:
-        """Those of all experiments, one after the other."""
+        """The points of all experiments, one after the other."""
         return cls(
             np.concatenate([part.x for part in parts]),
             np.concatenate([part.weights for part in parts]),
@@ -114,7 +230,7 @@ def forecast(
     probabilities: Array,
     settings: PredictionSettings = PREDICTION,
 ) -> Forecast:
-    """The mixture over the draws of what is measured, or without errors of what is simulated.
+    """The distribution of measured values over the draws; of simulated ones without errors.
 
     F(y) = sum_j w_j F(y | eta_j, scale_j), exact but for the draws, inverted. Points whose runs
     fail are left out. Cost: a run for each point and unit.
@@ -143,7 +259,7 @@ def forecast(
         among = endless.among_finite(probabilities)
         found.quantiles[rows] = endless.quantiles(
             probabilities,
-            _weighted(eta, weights, among)
+            np.array([quantiles(*row) for row in zip(eta, weights, among, strict=True)])
             if errors is None
             else _inverted(errors, of_errors, eta, weights, rows, among, settings),
         )
@@ -165,7 +281,7 @@ class _Endless:
 
     @classmethod
     def of(cls, eta: Array, weights: Array) -> _Endless:
-        """Of values (m, J) with weights; those that are NaN count as nothing."""
+        """The shares of infinite ones among values (m, J) with weights; NaN does not count."""
         whole = np.sum(weights, axis=1, where=~np.isnan(eta))
         with np.errstate(all="ignore"):
             below, above = (
@@ -175,20 +291,20 @@ class _Endless:
 
     @property
     def mean(self) -> Array:
-        """What they add to a mean (m,): nothing, an infinity, or NaN where there are both."""
+        """The mean (m,) of infinite values: zero without any, NaN with both signs."""
         low, high = (np.where(share > 0.0, np.inf, 0.0) for share in (self.below, self.above))
         with np.errstate(invalid="ignore"):
             return np.asarray(high - low)
 
     def among_finite(self, probabilities: Array) -> Array:
-        """Which probability (m, P) of the finite values is one of all values."""
+        """The probabilities (m, P) among the finite values alone."""
         finite = 1.0 - self.below - self.above
         with np.errstate(all="ignore"):
             among = (probabilities - self.below[:, None]) / finite[:, None]
         return np.clip(np.nan_to_num(among, nan=0.5), PREDICTION.edge, 1.0 - PREDICTION.edge)
 
     def quantiles(self, probabilities: Array, finite: Array) -> Array:
-        """Those (m, P) of all values, given those of the finite ones."""
+        """Quantiles (m, P) of all values, from those of the finite ones."""
         low = probabilities < self.below[:, None]
         return np.where(
             low, -np.inf, np.where(probabilities > 1.0 - self.above[:, None], np.inf, finite)
@@ -208,18 +324,6 @@ def _moments(
         skewness = np.sum(weights * cubes, axis=1) / sd**3
         kurtosis = np.sum(weights * squares, axis=1) / sd**4
     return middle, sd, skewness, kurtosis
-
-
-def _weighted(eta: Array, weights: Array, probabilities: Array) -> Array:
-    """Quantiles (m, P) of values (m, J) with weights; each stands in the middle of its weight."""
-    order = np.argsort(eta, axis=1)
-    value, share = (np.take_along_axis(array, order, axis=1) for array in (eta, weights))
-    reached = np.cumsum(share, axis=1) - 0.5 * share
-    found = np.full(probabilities.shape, np.nan)
-    for k in np.flatnonzero(np.any(share > 0.0, axis=1)):
-        counted = share[k] > 0.0
-        found[k] = np.interp(probabilities[k], reached[k, counted], value[k, counted])
-    return found
 
 
 def _inverted(
@@ -252,7 +356,7 @@ def _inverted(
 
 
 def widened(
-    ground: Ground,
+    context: PredictionContext,
     predictor: Predictor,
     draws: AlphaDraws,
     probabilities: Array,
@@ -264,18 +368,18 @@ def widened(
     of the law for every alpha: what the points miss is the same under all. Cost: an evaluation of
     the predictor for each draw, each of the 512 points and value.
     """
-    size = len(ground.seen)
+    size = len(context.seen)
     moments_of, quantiles_of = np.empty((4, size)), np.empty((size, len(probabilities)))
     ends = np.empty((size, len(probabilities), 2))
-    points = Points.standard(GROUND.points, ground.inputs.scattering)
+    points = Points.standard(CONTEXT.points, context.inputs.scattering)
     alphas = np.concatenate([draws.estimate[None], draws.alpha])
     known: DrawnParameters | None = None
-    for l in range(ground.count):
-        if known is None or ground.inputs.regressed or ground.measured is not None:
-            known = parameters(ground, alphas, l, points)
-        block = ground.layout.alone(l)
+    for l in range(context.count):
+        if known is None or context.inputs.regressed or context.measured is not None:
+            known = parameters(context, alphas, l, points)
+        block = context.layout.alone(l)
         eta = simulated(predictor.values, block, known.x)
-        y = measured(ground, alphas, eta, known.score, block.rows)
+        y = measured(context, alphas, eta, known.score, block.rows)
         for k, own in enumerate(y, block.rows.start):
             values = _PointValues.of(own, known.weights, draws, probabilities)
             at = np.array([found.mean[k], found.sd[k], found.skewness[k], found.kurtosis[k]])
@@ -284,6 +388,15 @@ def widened(
             ends[k] = values.ends(found.quantiles[k])
     mean, sd, skewness, kurtosis = moments_of
     return Forecast(mean, sd, skewness, kurtosis, quantiles_of, found.lost), ends
+
+
+def _moments_of(values: Array, weights: Array) -> Array:
+    """Mean, sd, skewness and kurtosis (4,) of values (J,) with weights; NaN does not count."""
+    known = ~np.isnan(values)
+    with np.errstate(all="ignore"):
+        share = weights[known] / weights[known].sum()
+        point = values[known][None]
+        return np.array(_moments(share[None], point, *np.zeros((3, *point.shape))))[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,19 +413,19 @@ class _PointValues:
 
     @classmethod
     def of(cls, y: Array, weights: Array, draws: AlphaDraws, probabilities: Array) -> _PointValues:
-        """Of values y (1 + A, J) with weights; the first row is the estimate's."""
+        """Moments and quantiles of values y (1 + A, J), the first row under the estimate."""
         each = quantiles(y, weights, probabilities)
         whole = (draws.weights[:, None] * weights[1:]).ravel()
         mixed = y[1:].ravel()
         return cls(
-            (np.array(moments(mixed, whole)), np.array(moments(y[0], weights[0]))),
+            (_moments_of(mixed, whole), _moments_of(y[0], weights[0])),
             (quantiles(mixed, whole, probabilities), each[0]),
             each[1:],
             draws.weights,
         )
 
     def ends(self, at: Array) -> Array:
-        """The intervals (P, 2) of quantiles whose estimates are `at` (P,)."""
+        """95 % intervals (P, 2) of quantiles whose estimates are `at` (P,)."""
         own = self.quantiles[1]
         finite = np.isfinite(self.each).all(axis=0) & np.isfinite(own) & np.isfinite(at)
         shift = np.where(finite, at, 0.0) - np.where(finite, own, 0.0)
@@ -322,14 +435,14 @@ class _PointValues:
 
 
 def _moved(at: Array, mixed: Array, own: Array) -> Array:
-    """`at` moved by the difference of the other two; where one is not finite, `mixed` itself."""
+    """`at` + (mixed - own); `mixed` itself where one of the three is not finite."""
     finite = np.isfinite(at) & np.isfinite(mixed) & np.isfinite(own)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where(finite, at + (mixed - own), mixed))
 
 
 def tabled(
-    ground: Ground,
+    context: PredictionContext,
     draws: AlphaDraws,
     quantiles: tuple[float, ...],
     progress: Progress | None,
@@ -340,32 +453,32 @@ def tabled(
     With draws of alpha, their mixture, and columns ``q<p>.lower`` and ``q<p>.upper`` with 95 %
     intervals of the quantiles.
     """
-    draws, probabilities = ground.taken(draws), np.array(quantiles)
-    own = _own(ground, draws.estimate)
-    predictor = _about(ground, own) if draws.certain else predictor_for(ground, draws, progress)
+    draws, probabilities = context.taken(draws), np.array(quantiles)
+    own = _own(context, draws.estimate)
+    predictor = _about(context, own) if draws.certain else predictor_for(context, draws, progress)
     found = forecast(
-        own, predictor, ground.layout, ground.errors,
-        draws.estimate[ground.inputs.size :], probabilities,
+        own, predictor, context.layout, context.errors,
+        draws.estimate[context.inputs.size :], probabilities,
     settings=settings)  # fmt: skip
     ends = None
     if not draws.certain:
-        found, ends = widened(ground, predictor, draws, probabilities, found)
-    columns = heads(ground)
+        found, ends = widened(context, predictor, draws, probabilities, found)
+    columns = heads(context)
     columns["mean"], columns["standard_deviation"] = found.mean, found.sd
     columns["skewness"], columns["kurtosis"] = found.skewness, found.kurtosis
     columns |= {f"q{p:g}": found.quantiles[:, i] for i, p in enumerate(quantiles)}
     if ends is not None:
         for i, p in enumerate(quantiles):
             columns[f"q{p:g}.lower"], columns[f"q{p:g}.upper"] = ends[:, i].T
-    columns |= tails(ground)
+    columns |= tails(context)
     columns["status"] = np.where(found.lost > settings.lost, "runs_failed", "solved")
-    return in_rows(ground, columns)
+    return in_rows(context, columns)
 
 
-def heads(ground: Ground, asked: Indices | None = None) -> dict[str, Any]:
-    """The columns that say which row and response each value is, or those that are `asked`."""
-    conditions, seen = ground.conditions, ground.seen
-    which = np.arange(len(seen)) if asked is None else asked
+def heads(context: PredictionContext, places: Indices | None = None) -> dict[str, Any]:
+    """The columns that name the row and response of each value, or of some values."""
+    conditions, seen = context.conditions, context.seen
+    which = np.arange(len(seen)) if places is None else places
     columns: dict[str, Any] = {"id": [conditions.ids[l] for l in seen.experiment[which]]}
     if len(conditions.ids) < len(conditions.conditions):
         columns["row"] = seen.row[which] + 1
@@ -374,44 +487,47 @@ def heads(ground: Ground, asked: Indices | None = None) -> dict[str, Any]:
     return columns
 
 
-def tails(ground: Ground, asked: Indices | None = None) -> dict[str, Array]:
-    """How far each value is `beyond` the tested conditions, in tested ranges."""
-    found, row = beyond(ground), ground.seen.row
-    return {} if found is None else {"beyond": found.distance[row if asked is None else row[asked]]}
+def tails(context: PredictionContext, places: Indices | None = None) -> dict[str, Array]:
+    """The column `beyond`: distances from the tested conditions, in tested ranges."""
+    found, row = beyond(context), context.seen.row
+    return (
+        {} if found is None else {"beyond": found.distance[row if places is None else row[places]]}
+    )
 
 
-def beyond(ground: Ground) -> Beyond | None:
-    """Of the conditions that the simulator asks for, and the covariates of the laws.
+def beyond(context: PredictionContext) -> Beyond | None:
+    """Distances of the simulator's conditions and the laws' covariates from the tested ones.
 
     None where the experiments that were measured are not at hand.
     """
-    if ground.tested is None:
+    if context.tested is None:
         return None
-    new, tested = ground.conditions.table, ground.tested.table
-    asked = dict.fromkeys([*ground.runner.cases.columns, *ground.inputs.covariates])
-    names = [name for name in asked if name in new and name in tested]
+    new, tested = context.conditions.table, context.tested.table
+    columns = dict.fromkeys([*context.runner.cases.columns, *context.inputs.covariates])
+    names = [name for name in columns if name in new and name in tested]
     return compared(tested[names], new[names])
 
 
-def in_rows(ground: Ground, columns: dict[str, Any], asked: Indices | None = None) -> pd.DataFrame:
-    """The columns in the order of the rows; the responses of a row one below the other."""
-    which = np.arange(len(ground.seen)) if asked is None else asked
-    order = np.lexsort((ground.seen.response[which], ground.seen.row[which]))
+def in_rows(
+    context: PredictionContext, columns: dict[str, Any], places: Indices | None = None
+) -> pd.DataFrame:
+    """The columns as a table in the order of rows, then responses."""
+    which = np.arange(len(context.seen)) if places is None else places
+    order = np.lexsort((context.seen.response[which], context.seen.row[which]))
     return pd.DataFrame(columns).iloc[order].reset_index(drop=True)
 
 
-def _own(ground: Ground, alpha: Array) -> Draws:
-    """Points of each new experiment, or of the measured one that it is, under one alpha."""
-    if ground.measured is None:
-        return Draws.new(ground.inputs, alpha, ground.count)
-    likelihood, which = ground.measured.likelihood, ground.measured.which.tolist()
+def _own(context: PredictionContext, alpha: Array) -> Draws:
+    """Points of the law of each new experiment, or of the measured one that it is."""
+    if context.measured is None:
+        return Draws.new(context.inputs, alpha, context.count)
+    likelihood, which = context.measured.likelihood, context.measured.which.tolist()
     each = {k: Draws.old(likelihood, alpha, k) for k in dict.fromkeys(which)}
     return Draws.joined([each[k] for k in which])
 
 
-def _about(ground: Ground, own: Draws) -> Predictor:
-    """The simulator, or surfaces about the law of the estimate."""
-    x, box = own.x.reshape(-1, own.x.shape[2]), ground.inputs.box
-    if ground.on_simulator:
-        return direct(ground.runner, box, ends_of(x))
-    return about(ground.runner, box, x, ground.surfaces)
+def _about(context: PredictionContext, own: Draws) -> Predictor:
+    x, box = own.x.reshape(-1, own.x.shape[2]), context.inputs.box
+    if context.on_simulator:
+        return simulator_itself(context.runner, box, ends_of(x))
+    return surfaces_about(context.runner, box, x, context.surfaces)

@@ -21,14 +21,14 @@ from aleator.observations.responses import Observations, Transform
 
 @dataclass(frozen=True)
 class ColumnSettings:
-    """How columns are read, and when they copy the outcomes; by judgement, with the counts told."""
+    """How columns are read, and when they copy the outcomes; by judgement."""
 
     bins: int = 4
     """Parts, alike in size, of a column of more numbers."""
     pairs: int = 8
+    """Pairs of neighbours that say whether a table was sorted, at least."""
     sorted: float = 0.8
-    """Pairs of neighbours at least, and the share that rise (or fall) in a table that was sorted.
-    """
+    """Share of the pairs that rise (or fall) in a table that was sorted."""
     distinct: int = 7
     """Distinct values at least, of the column and of the outcome: fewer may be in one order by
     chance.
@@ -42,8 +42,6 @@ class ColumnSettings:
     """
     levels: int = 6
     """A column of so many values at most is looked at value by value."""
-    tiny: float = 1e-300
-    """A sum of squares below this is zero."""
     fewest: int = 3
     """Observations of a level that are looked at by themselves."""
 
@@ -57,12 +55,12 @@ RESPONSE = "response"
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A column of the table at M observations.
+    """A column of the table, at the M observations.
 
     `ranks` (M,) are centered mid-ranks, zero where a cell is empty; None for texts. `level` (M,)
     is the part of the column that a row belongs to, -1 for none, and `labels` name the parts.
-    `group` (M,) counts the distinct values. `own` tells whether it is the same in all rows of each
-    experiment. `alike` are other columns that order the rows in the same way.
+    `group` (M,) counts the distinct values. `by_experiment` tells whether the value is the same in
+    all rows of each experiment. `alike` are other columns that order the rows in the same way.
     """
 
     name: str
@@ -70,7 +68,7 @@ class Column:
     level: Indices
     labels: tuple[str, ...]
     group: Indices
-    own: bool
+    by_experiment: bool
     alike: tuple[str, ...] = ()
 
     @property
@@ -80,7 +78,7 @@ class Column:
 
 
 def columns_of(table: Experiments, settings: ColumnSettings = COLUMNS) -> tuple[Column, ...]:
-    """Every column that is not constant, the responses where there are several, and the order.
+    """All columns that vary, the response where there are several, and the row order.
 
     Of columns that part the rows alike only the first is kept.
     """
@@ -114,7 +112,9 @@ def without_order(
     observations: the order says nothing of when they were made.
     """
     first = np.unique(experiment, return_index=True)[1]
-    own = [column.group[first] for column in columns if column.own and column.name != ORDER]
+    own = [
+        column.group[first] for column in columns if column.by_experiment and column.name != ORDER
+    ]
     same = np.ones(first.size - 1, dtype=np.bool_)
     for group in own:
         same &= np.diff(group) == 0
@@ -127,7 +127,7 @@ def without_order(
 
 
 def _sorted(steps: Array, settings: ColumnSettings) -> bool:
-    """Whether nearly all steps go one way, of enough."""
+    """Whether nearly all of at least eight steps go one way."""
     share = (
         max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) if steps.size >= settings.pairs else 0.0
     )
@@ -170,7 +170,7 @@ def _column(name: str, values: pd.Series, experiment: Indices, settings: ColumnS
 def _binned(
     name: str, numbers: Array, ranks: Array, known: Flags, settings: ColumnSettings
 ) -> tuple[Indices, tuple[str, ...]]:
-    """Parts alike in size; equal numbers are in the same part."""
+    """Parts of a column of numbers that have about as many rows each."""
     share = ranks / known.sum() + 0.5
     level = np.where(
         known, np.clip((settings.bins * share).astype(np.intp), 0, settings.bins - 1), -1
@@ -184,7 +184,7 @@ def _binned(
 
 
 def _numbers(values: pd.Series) -> Array | None:
-    """The numbers (M,) of a column, NaN for empty cells; None where a cell is a text."""
+    """The numbers (M,) of a column, NaN for empty cells; None if a cell is a text."""
     try:
         return np.asarray(pd.to_numeric(values), dtype=float)
     except (TypeError, ValueError):
@@ -192,14 +192,14 @@ def _numbers(values: pd.Series) -> Array | None:
 
 
 def _own(group: ArrayLike, experiment: Indices) -> bool:
-    """Whether all observations of each experiment are in one group."""
+    """Whether the value is the same in all observations of each experiment."""
     values = np.asarray(group)
     first = np.searchsorted(experiment, experiment)
     return bool(np.all(values == values[first]))
 
 
 def _keys(column: Column) -> tuple[bytes, ...]:
-    """What two columns share that part the rows alike; numbers also in the reverse order."""
+    """Keys that two columns share if they part the rows alike, be it in reverse order."""
     if column.ranks is not None:
         return column.ranks.tobytes(), (-column.ranks + 0.0).tobytes()
     _, first = np.unique(column.group, return_index=True)
@@ -214,11 +214,11 @@ RARE = -math.log(math.factorial(COLUMNS.distinct) / 2)
 def copies_of(
     columns: Sequence[Column],
     table: Experiments,
-    asked: Collection[str],
+    requested: Collection[str],
     normal: Array,
     settings: ColumnSettings = COLUMNS,
 ) -> tuple[Column, ...]:
-    """The columns that the outcome determines, alone or with the columns `asked` for.
+    """Columns that are computed from the outcome, alone or with the columns `requested`.
 
     Their numbers order the measured values of a response, all or under each of the conditions that
     the simulator or a law takes, as these are themselves or in reverse; or they are a sum or a
@@ -229,7 +229,7 @@ def copies_of(
     columns conditions that tell no more than whether an outcome was measured, or is a bound.
     """
     seen = table.observations
-    taken = [c for c in columns if {c.name, *c.alike} & set(asked)]
+    taken = [c for c in columns if {c.name, *c.alike} & set(requested)]
     same = _together([c.group for c in taken], len(seen))
     causes = [normal, *(c.ranks for c in taken if c.ranks is not None)]
     return tuple(
@@ -253,7 +253,7 @@ def copies_of(
 
 
 def classes_of(columns: Sequence[Column], seen: Observations) -> set[str]:
-    """The names of columns whose classes part the outcomes at limits: results, or strong causes."""
+    """Names of columns whose classes part the outcomes at limits: results, or strong causes."""
     return {
         column.name
         for column in columns
@@ -262,7 +262,7 @@ def classes_of(columns: Sequence[Column], seen: Observations) -> set[str]:
 
 
 def classed(column: Column, values: Array, rows: Flags) -> bool:
-    """Whether values (M,) in their order run through one class of a column after the other.
+    """Whether in the order of values (M,) the classes of a column follow one another.
 
     Equal values are of one class then, and no such order of the classes would come by chance.
     """
@@ -278,7 +278,7 @@ def classed(column: Column, values: Array, rows: Flags) -> bool:
 
 
 def _measured(column: Column, seen: Observations) -> Iterator[Flags]:
-    """The rows (M,) of each response that were measured, and where the column has a value."""
+    """For each response the rows (M,) that were measured and have a value of the column."""
     known = seen.measured & ((column.level >= 0) | (column.ranks is None))
     for response in range(len(seen.responses)):
         rows = known & (seen.response == response)
@@ -287,14 +287,14 @@ def _measured(column: Column, seen: Observations) -> Iterator[Flags]:
 
 
 def _together(groups: Sequence[Indices], size: int) -> Indices:
-    """Which rows (M,) are in the same group of all."""
+    """Numbers (M,) of the combinations of groups that occur."""
     if not groups:
         return np.zeros(size, dtype=np.intp)
     return np.unique(np.stack(groups, axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
 def _censoring(column: Column, seen: Observations) -> bool:
-    """Whether the bounds alone give the column: one value for what was measured, and each bound."""
+    """Whether a column only says which observations are bounds, and which bounds."""
     if np.all(seen.measured):
         return False
     ends = np.where(seen.measured[:, None], 0.0, np.stack([seen.lower, seen.upper], axis=1))
@@ -309,14 +309,14 @@ def _copied(
     if column.ranks is None:
         return False
     y, ranks = seen.lower[rows], column.ranks[rows]
-    if column.own and len(seen) > seen.experiment[-1] + 1:
+    if column.by_experiment and len(seen) > seen.experiment[-1] + 1:
         return _of_series(y, ranks, seen.experiment[rows], settings)
     everywhere = np.zeros(y.size, dtype=np.intp)
     return _ordered(y, ranks, everywhere, settings) or _ordered(y, ranks, same[rows], settings)
 
 
 def _of_series(y: Array, ranks: Array, experiment: Indices, settings: ColumnSettings) -> bool:
-    """Whether one of the values that sum up a series orders the experiments as the column does."""
+    """Whether first, last, mean, least or largest of each series order as the column does."""
     first = np.unique(experiment, return_index=True)[1]
     count = np.diff([*first, y.size])
     sums = (
@@ -328,7 +328,7 @@ def _of_series(y: Array, ranks: Array, experiment: Indices, settings: ColumnSett
 
 
 def _ordered(y: Array, ranks: Array, same: Indices, settings: ColumnSettings) -> bool:
-    """Whether ranks rise with y, or fall, within each of the groups, and not by chance."""
+    """Whether ranks rise with y, or fall, within each group, and not by chance."""
     few, many = sorted(
         (len(np.unique([same, y], axis=1).T), len(np.unique([same, ranks], axis=1).T))
     )
@@ -342,7 +342,7 @@ def _ordered(y: Array, ranks: Array, same: Indices, settings: ColumnSettings) ->
 
 
 def _rising(y: Array, values: Array, same: Indices) -> bool:
-    """Whether no pair of values of a group falls where y rises."""
+    """Whether within each group values rise where y rises."""
     order = np.lexsort((values, y, same))
     inside = np.diff(same[order]) == 0
     return bool(np.all(np.diff(values[order])[inside] >= 0.0))
@@ -355,9 +355,10 @@ def _computed(
     taken: Sequence[Column],
     settings: ColumnSettings,
 ) -> bool:
-    """Whether a column is a sum of multiples, or a product of powers, of y and what is asked for.
+    """Whether a column is a linear combination, or a product of powers, of y and conditions.
 
-    But for rounding: y leaves `ROUNDED` of what the conditions leave of its variance.
+    But for rounding: y must leave less than the share `rounded` of the variance that the conditions
+    leave.
     """
     if column.ranks is None or rows.sum() < len(taken) + settings.distinct:
         return False
@@ -375,7 +376,7 @@ def _computed(
             continue
         design = np.stack([np.ones(y.size), *form[2:]], axis=1)
         c, y_left = form[:2] - (design @ np.linalg.lstsq(design, form[:2].T)[0]).T
-        slope = c @ y_left / max(y_left @ y_left, settings.tiny)
+        slope = c @ y_left / max(y_left @ y_left, np.finfo(float).tiny)
         if np.sum((c - slope * y_left) ** 2) < settings.rounded * (c @ c):
             return True
     return False

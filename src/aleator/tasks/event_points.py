@@ -22,8 +22,15 @@ from aleator.inference.rare_events import (
     importance_density,
     uniform_points,
 )
-from aleator.tasks.decide.ground import GROUND, DrawnParameters, Points, normal_points
-from aleator.tasks.decide.near import NEAR, Exploration, Near, some_of
+from aleator.tasks.new_experiments import (
+    CONTEXT,
+    DrawnParameters,
+    Exploration,
+    Points,
+    PredictedValue,
+    normal_points,
+    some_of,
+)
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,7 @@ class SampleSettings:
     sure: float = 2.0
     """Standard deviations of kriging within which an outcome is possible."""
     rounds: int = 6
+    """Rounds in which a surface follows the points of the event, at most."""
     still: float = 0.02
     """A relative change of the probability by a surface that is none."""
     searches: int = 40
@@ -48,11 +56,10 @@ class SampleSettings:
     """Share of the runs that are near the ends of the event; the others are anywhere in it."""
     checks: int = 20
     """Runs near the ends of the event that correct a surface."""
-    tiny: float = 1e-300
-    """A probability below this is as large."""
     usual: int = 16
     """The outcome's scatter is by one in so many points of the pool."""
     seed: int = 11
+    """Seed of fresh runs and of checks."""
     pool: int = 4096
     """Points by which the probability of an unseen region, and of a surface's mistakes, is
     computed.
@@ -87,108 +94,112 @@ class Sample:
         return Points.joined(self.replicates)
 
 
-def of_law(near: Near) -> Sample:
-    """Points of the law itself."""
-    s = near.ground.inputs.scattering
+def of_law(predicted: PredictedValue) -> Sample:
+    """Points drawn from the law itself."""
+    s = predicted.context.inputs.scattering
     return Sample(tuple(Points.standard(SAMPLE.each, s, seed) for seed in range(SAMPLE.replicates)))
 
 
 def about_event(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     choice: CrossEntropy | None = None,
     settings: SampleSettings = SAMPLE,
 ) -> Sample:
-    """Points of an importance density of the event, under the estimate and other laws alike.
+    """Points of an importance density of the event, on a surface made exact there.
 
     A surface is made exact there first: where the points of the density lie, and again where those
     of the next one do, until the probability that it tells stays. The laws of all draws share the
     points: the variates of an event move little with alpha.
     """
     laws, choice = chosen_laws(draws), choice or CrossEntropy()
-    if near.surface is not None:
-        near.surface.follow(near.wide(laws[0][: settings.followed], settings.far, settings.placed))
-    before, found = np.nan, sought(near, draws, event, choice)
-    for _ in range(settings.rounds if near.surface is not None and found.reached else 0):
-        assert near.surface is not None
+    if predicted.surface is not None:
+        predicted.surface.follow(
+            predicted.wide(laws[0][: settings.followed], settings.far, settings.placed)
+        )
+    before, found = np.nan, sought(predicted, draws, event, choice)
+    for _ in range(settings.rounds if predicted.surface is not None and found.reached else 0):
+        assert predicted.surface is not None
         points = found.replicates[0]
-        away, weights = missed(near, laws, event, points)
+        away, weights = missed(predicted, laws, event, points)
         now = float(np.sum(weights, where=away == 0.0))
         if abs(now - before) < settings.still * now:
             break
         before = now
-        x = near.outcomes(laws[0][: settings.followed], _heavy(points, away, weights))[1].x
-        near.surface.follow(x.reshape(-1, x.shape[2]))
-        found = sought(near, draws, event, choice)
+        x = predicted.outcomes(laws[0][: settings.followed], _heavy(points, away, weights))[1].x
+        predicted.surface.follow(x.reshape(-1, x.shape[2]))
+        found = sought(predicted, draws, event, choice)
     return found
 
 
-def sought(near: Near, draws: AlphaDraws, event: Event, choice: CrossEntropy) -> Sample:
-    """The same by the surface as it is, or by the simulator."""
+def sought(
+    predicted: PredictedValue, draws: AlphaDraws, event: Event, choice: CrossEntropy
+) -> Sample:
+    """Points of an importance density of the event, by the present surface or the simulator."""
     laws = chosen_laws(draws)
-    return _sought(near, lambda points: missed(near, laws, event, points), choice)
+    return _sought(predicted, lambda points: missed(predicted, laws, event, points), choice)
 
 
 def possible(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     choice: CrossEntropy,
     settings: SampleSettings = SAMPLE,
 ) -> Sample:
-    """Points about all that may be in the event: within two standard deviations of kriging."""
+    """Points about all that may be in the event, within two kriging standard deviations."""
     laws = chosen_laws(draws, settings.followed)
 
     def away(points: Points) -> tuple[Array, Array]:
-        y, apart, found = near.possible(laws[0], points)
+        y, apart, found = predicted.possible(laws[0], points)
         least = np.maximum(event.missed(y) - settings.sure * apart, 0.0)
         return _by_law(least, found, laws[1], points)
 
-    return _sought(near, away, choice)
+    return _sought(predicted, away, choice)
 
 
 def _sought(
-    near: Near, away: Callable[[Points], tuple[Array, Array]], choice: CrossEntropy
+    predicted: PredictedValue, away: Callable[[Points], tuple[Array, Array]], choice: CrossEntropy
 ) -> Sample:
-    if near.ground.measured is not None:
-        return of_law(near)
+    if predicted.context.measured is not None:
+        return of_law(predicted)
     density, reached = importance_density(
-        lambda u: away(points_at(near, u)), variates(near), choice
+        lambda u: away(points_at(predicted, u)), variates(predicted), choice
     )
     seeds = range(100, 100 + SAMPLE.replicates)
     return Sample(
-        tuple(drawn(near, density, SAMPLE.each, seed) for seed in seeds), density, reached
+        tuple(drawn(predicted, density, SAMPLE.each, seed) for seed in seeds), density, reached
     )
 
 
 def _heavy(points: Points, away: Array, weights: Array) -> Points:
-    """A quarter of the points: those of the event that weigh most, and the nearest others."""
+    """The quarter of the points with the most weight in the event, then the nearest ones."""
     mass = np.sum(weights, axis=0, where=away == 0.0)
     order = np.lexsort((np.min(away, axis=0), -mass))[: len(mass) // 4]
     return Points(points.xi[order], points.score[order], points.weights[order])
 
 
-def drawn(near: Near, density: ImportanceDensity, count: int, seed: int) -> Points:
+def drawn(predicted: PredictedValue, density: ImportanceDensity, count: int, seed: int) -> Points:
     """Points of a density, with their weights; `count` is a power of two."""
-    u = density.drawn(uniform_points(count, variates(near) + 1, seed))
-    return points_at(near, u, density.weights(u))
+    u = density.drawn(uniform_points(count, variates(predicted) + 1, seed))
+    return points_at(predicted, u, density.weights(u))
 
 
-def points_at(near: Near, u: Array, weights: Array | None = None) -> Points:
-    """The points u (J, d): parameters' variates first, then the error's if there is one."""
-    s = near.ground.inputs.scattering
-    score = np.zeros(len(u)) if near.ground.errors is None else u[:, s]
+def points_at(predicted: PredictedValue, u: Array, weights: Array | None = None) -> Points:
+    """Points from variates u (J, d): those of parameters first, then that of the error."""
+    s = predicted.context.inputs.scattering
+    score = np.zeros(len(u)) if predicted.context.errors is None else u[:, s]
     return Points(u[:, :s], score, np.ones(len(u)) if weights is None else weights)
 
 
-def variates(near: Near) -> int:
-    """Variates of parameters and errors, one at least."""
-    return max(near.ground.inputs.scattering + (near.ground.errors is not None), 1)
+def variates(predicted: PredictedValue) -> int:
+    """The number of variates of parameters and errors, at least one."""
+    return max(predicted.context.inputs.scattering + (predicted.context.errors is not None), 1)
 
 
 def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Array]:
-    """Some laws (L, K) and their weights (L,): the estimate and draws along the sequence."""
+    """Some laws (L, K) with weights (L,): the estimate, and draws along the sequence."""
     if draws.certain:
         return draws.alpha, np.ones(1)
     which = some_of(draws, count - 1)
@@ -198,66 +209,66 @@ def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Arr
 
 
 def missed(
-    near: Near, laws: tuple[Array, Array], event: Event, points: Points
+    predicted: PredictedValue, laws: tuple[Array, Array], event: Event, points: Points
 ) -> tuple[Array, Array]:
-    """By how much (L, J) each law and class misses the event at the points, and its weight."""
-    y, found = near.outcomes(laws[0], points)
+    """How far (L, J) outcomes miss the event at the points under each law, with weights."""
+    y, found = predicted.outcomes(laws[0], points)
     return _by_law(event.missed(y), found, laws[1], points)
 
 
 def _by_law(
     away: Array, found: DrawnParameters, share: Array, points: Points
 ) -> tuple[Array, Array]:
-    """A row for each law and class."""
+    """Misses and weights with a row for each law and class of a mixture."""
     shape = (-1, len(points.score))
     weights = found.weights * share[:, None] * len(points.score)
     return away.reshape(shape), weights.reshape(shape)
 
 
-def by_some(near: Near, draws: AlphaDraws, event: Event, points: Points) -> float:
-    """The probability of an event by points, under the laws that its density is sought for."""
-    away, weights = missed(near, chosen_laws(draws), event, points)
+def by_some(predicted: PredictedValue, draws: AlphaDraws, event: Event, points: Points) -> float:
+    """The probability of an event by points, under some of the laws."""
+    away, weights = missed(predicted, chosen_laws(draws), event, points)
     return float(np.sum(weights, where=away == 0.0)) / len(points.score)
 
 
-def often(near: Near, draws: AlphaDraws, event: Event) -> bool:
+def often(predicted: PredictedValue, draws: AlphaDraws, event: Event) -> bool:
     """Whether the event is more likely than its contrary."""
     laws = chosen_laws(draws)
     away, weights = missed(
-        near, laws, event, Points.standard(SAMPLE.each, near.ground.inputs.scattering)
+        predicted, laws, event, Points.standard(SAMPLE.each, predicted.context.inputs.scattering)
     )
     return bool(np.sum(weights, where=away == 0.0) > 0.5 * np.sum(weights, where=away < np.inf))
 
 
 def distance_of(
-    near: Near,
+    predicted: PredictedValue,
     alpha: Array,
     event: Event,
     samples: Sequence[Points],
     settings: SampleSettings = SAMPLE,
 ) -> float:
-    """The length of the shortest variates that lead to the event under one law.
+    """The distance of the event from the middle of the law, in standard deviations.
 
     From the shortest of the points, by random steps that are halved where none is shorter. NaN
     where no point leads there.
     """
 
     def inside(points: Points) -> Flags:
-        away = missed(near, (alpha[None], np.ones(1)), event, points)[0]
+        away = missed(predicted, (alpha[None], np.ones(1)), event, points)[0]
         return np.asarray(np.any(away == 0.0, axis=0))
 
-    s = near.ground.inputs.scattering
+    s = predicted.context.inputs.scattering
     points = Points.joined(samples)
-    u = np.column_stack([points.xi, points.score])[:, : variates(near)]
+    u = np.column_stack([points.xi, points.score])[:, : variates(predicted)]
     u = u[inside(points)]
-    if not len(u) or variates(near) > u.shape[1]:
+    if not len(u) or variates(predicted) > u.shape[1]:
         return float("nan")
     best = u[np.argmin(np.sum(u**2, axis=1))]
     rng, step = np.random.default_rng(s), 0.5
     for _ in range(settings.searches):
         tried = best + step * rng.normal(size=(settings.each, best.size))
         tried = tried[np.sum(tried**2, axis=1) < np.sum(best**2)]
-        tried = tried[inside(points_at(near, tried))] if len(tried) else tried
+        tried = tried[inside(points_at(predicted, tried))] if len(tried) else tried
         if not len(tried):
             step *= 0.5
         else:
@@ -267,7 +278,7 @@ def distance_of(
 
 @dataclass(frozen=True, eq=False)
 class Explored:
-    """Fresh runs x (R, n), and whether each contradicts a surface.
+    """Fresh runs x (R, n), and which of them contradict a surface.
 
     `unseen` is the largest probability of a region that runs like these had missed by more than
     5 % chance.
@@ -280,7 +291,7 @@ class Explored:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceDoubt:
-    """What a surface has of an event at points x (L, J, n), of probabilities `mass` (L, J).
+    """What a surface knows of an event at points x (L, J, n) with probabilities `mass` (L, J).
 
     `within` says which are in the event; `away` (L, J) are the distances of the outcomes from its
     ends, and `apart` (L, J) the outcomes' standard deviations that the runs leave.
@@ -296,11 +307,11 @@ class SurfaceDoubt:
 
     @classmethod
     def of(
-        cls, near: Near, draws: AlphaDraws, event: Event, points: Points, count: int
+        cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, points: Points, count: int
     ) -> SurfaceDoubt:
-        """By some of the points and so many laws."""
+        """What the surface knows at some of the points, under `count` laws."""
         laws, share = chosen_laws(draws, count)
-        y, apart, found = near.possible(laws, points.thinned(SAMPLE.pool // len(laws)))
+        y, apart, found = predicted.possible(laws, points.thinned(SAMPLE.pool // len(laws)))
         mass = share[:, None] * found.weights
         away = np.nan_to_num(event.distance(y), nan=np.inf)
         return cls(found.x, found.score, laws, mass, event.holds(y), away, apart)
@@ -316,13 +327,13 @@ class SurfaceDoubt:
 
     @property
     def probability(self) -> float:
-        """That of the event, by the surface."""
+        """The probability of the event by the surface."""
         return float(np.sum(self.mass, where=self.within))
 
 
 @dataclass(frozen=True)
 class Correction:
-    """What `runs` of the simulator change of a probability, and the standard error of that."""
+    """The change of a probability by `runs` of the simulator, with its standard error."""
 
     value: float
     error: float
@@ -330,7 +341,7 @@ class Correction:
 
 
 def explored(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     probability: float,
@@ -338,28 +349,28 @@ def explored(
     seed: int,
     settings: SampleSettings = SAMPLE,
 ) -> Explored:
-    """Runs of the simulator all over the law and its tails, against the surface.
+    """Fresh runs of the simulator all over the law and its tails, compared with the surface.
 
     Sobol' points of the variates, each under a law of its own.
     """
-    assert near.surface is not None
-    d = variates(near)
-    farthest = stats.chi.isf(max(choice.beyond * probability, settings.tiny), d)
-    u, _ = _all_over(choice.runs, d, min(farthest, NEAR.reach), settings.seed + seed, settings)
+    assert predicted.surface is not None
+    d = variates(predicted)
+    farthest = stats.chi.isf(max(choice.beyond * probability, np.finfo(float).tiny), d)
+    u, _ = _all_over(choice.runs, d, min(farthest, CONTEXT.reach), settings.seed + seed, settings)
     _, weights = _all_over(
-        settings.pool, d, min(farthest, NEAR.reach), settings.seed + seed, settings
+        settings.pool, d, min(farthest, CONTEXT.reach), settings.seed + seed, settings
     )
     unseen = unseen_by(weights, choice.runs, settings=settings)
     rng = np.random.default_rng([settings.seed, seed])
     laws, share = chosen_laws(draws)
-    y, sd, found = near.possible(laws, points_at(near, u))
+    y, sd, found = predicted.possible(laws, points_at(predicted, u))
     mass = (share[:, None] * found.weights).reshape(-1, len(u)).cumsum(axis=0)
     row = (mass < rng.uniform(size=len(u)) * mass[-1]).sum(axis=0)
     law, place = np.unravel_index(row * len(u) + np.arange(len(u)), y.shape)
     x, y, sd = found.x[law, place], y[law, place], sd[law, place]
-    run = near.at_runs(laws[law], x, found.score[place])
-    usual = near.outcomes(
-        laws, points_at(near, normal_points(settings.pool // settings.usual, d, settings.seed))
+    run = predicted.at_runs(laws[law], x, found.score[place])
+    usual = predicted.outcomes(
+        laws, points_at(predicted, normal_points(settings.pool // settings.usual, d, settings.seed))
     )[0]
     scale = np.nan_to_num(event.distance(y)) + float(np.nanstd(usual))
     sure = stats.norm.isf(0.5 * settings.missed / choice.runs)
@@ -368,20 +379,20 @@ def explored(
     return Explored(x, apart, float(unseen))
 
 
-def settling(near: Near, doubt: SurfaceDoubt, count: int) -> Array:
-    """Points (count, n) of runs that leave the least probability on the wrong side of an end.
+def settling(predicted: PredictedValue, doubt: SurfaceDoubt, count: int) -> Array:
+    """Points (count, n) of runs that most reduce the surface's expected mistakes.
 
     A run lowers the variances of all outcomes by their covariances with its own. Each point is the
     best one after those before (stepwise uncertainty reduction; Bect et al., 2012), among those of
     which the surface has most wrong.
     """
-    assert near.surface is not None
+    assert predicted.surface is not None
     wrong = doubt.wrong.ravel()
-    top = np.argsort(-wrong, kind="stable")[: GROUND.places]
+    top = np.argsort(-wrong, kind="stable")[: CONTEXT.places]
     x, mass, away, apart = (
         part.reshape(wrong.size, -1)[top] for part in (doubt.x, doubt.mass, doubt.away, doubt.apart)
     )
-    surface = near.surface.kriged
+    surface = predicted.surface.kriged
     joint, noise = surface.joint(x), surface.missed.noise
     # measurement errors may stretch deviations
     unit = apart / np.sqrt(np.maximum(np.diag(joint), noise))[:, None]
@@ -410,9 +421,10 @@ def _deviations(away: Array, apart: Array) -> Array:
 def _all_over(
     count: int, d: int, radius: float, seed: int, settings: SampleSettings
 ) -> tuple[Array, Array]:
-    """Points (J, d), half of the law and half over a ball, and the law over their density (J,).
+    """Points (J, d), half of the law and half over a ball, and their weights (J,).
 
-    Over the ball they are even in one or two variates, and nearer to the middle in more.
+    A weight is the density of the law over that of the points. Over the ball points are even in one
+    or two variates, and nearer to the middle in more.
     """
     flat = min(d, 2)
     u, z = normal_points(count // 2, d, seed), normal_points(count // 2, d, seed + settings.pool)
@@ -425,7 +437,7 @@ def _all_over(
 
 
 def unseen_by(weights: Array, runs: int, settings: SampleSettings = SAMPLE) -> float:
-    """The largest probability of a region that so many runs miss by more than 5 % chance.
+    """The largest probability of a region that `runs` runs may have missed.
 
     It would have 1 - 0.05^(1/runs) of the density that they were drawn by, about 3/runs; of that
     share of the points (J,) the law's `weights` over this density are the largest where the
@@ -438,21 +450,21 @@ def unseen_by(weights: Array, runs: int, settings: SampleSettings = SAMPLE) -> f
 
 
 def corrected(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     points: Points,
     checks: int,
     settings: SampleSettings = SAMPLE,
 ) -> Correction:
-    """The difference of simulator and surface, by runs drawn where that is likely.
+    """The difference of the probability by simulator and by surface, from a sample of runs.
 
     1/R sum_r (1_simulator - 1_surface) m_r/q_r over points drawn with probability q, which is
     larger near an end of the event, in standard deviations of the surface; m is the mass of a
     point. Where all agree the correction is zero, and its error is that mass of which one of R + 1
     might differ. What is in the event far from where the surface sees it is not found.
     """
-    known = SurfaceDoubt.of(near, draws, event, points, settings.laws)
+    known = SurfaceDoubt.of(predicted, draws, event, points, settings.laws)
     doubt = known.mass * np.exp(-_deviations(known.away, known.apart))
     parts = ((settings.doubted, doubt), (1.0 - settings.doubted, known.mass * known.within))
     chance = np.sum(
@@ -464,7 +476,7 @@ def corrected(
     rng = np.random.default_rng(settings.seed)
     chosen = rng.choice(chance.size, size=checks, p=chance.ravel())
     law, place = np.unravel_index(chosen, chance.shape)
-    run = near.at_runs(known.alphas[law], known.x[law, place], known.score[place])
+    run = predicted.at_runs(known.alphas[law], known.x[law, place], known.score[place])
     ratio = known.mass[law, place] / chance[law, place]
     apart = (event.holds(run).astype(float) - known.within[law, place]) * ratio
     doubted = float(known.wrong.sum()) / (checks + 1)

@@ -16,7 +16,7 @@ from aleator.core.progress import Progress
 from aleator.core.types import Array, Indices
 from aleator.fit.question import Question
 from aleator.fit.regions import hull, within
-from aleator.inference import diagnostics
+from aleator.inference import surface_diagnostics
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs, law_region
 from aleator.likelihood.problem import Problem, prepare
@@ -32,8 +32,8 @@ from aleator.surrogates.surface import Axes, logarithms
 
 
 @dataclass(frozen=True)
-class Reach:
-    """How an outcome is sought on the simulator; measured by `benchmarks folds` (its valleys).
+class OutcomeSearch:
+    """How an outcome is searched for on the simulator; measured by `benchmarks folds`.
 
     An ascent from the point that the surface says is nearest, then one from each of the best
     `starts` of `looks` points of the support, each of at most `steps` runs a parameter. An outcome
@@ -51,17 +51,17 @@ class Reach:
     draws: int = 512
 
     def most(self, parameters: int) -> int:
-        """Runs that an outcome is sought by, at most."""
+        """The most runs that the search for one outcome takes."""
         return self.looks + (1 + self.starts) * self.steps * parameters
 
 
-REACH = Reach()
+OUTCOME_SEARCH = OutcomeSearch()
 
 
 def on_surfaces(
     question: Question, surfaces: AdaptiveSurfaces, region: Array, progress: Progress
 ) -> Problem:
-    """The density of exact outcomes on surfaces, whose region holds all that is reached.
+    """The likelihood of exact outcomes on surfaces, whose region is widened to reach them.
 
     Outcomes that a surface still misses by its own error are left to later rounds, and all where a
     budget does not have the runs by which one is sought. Raises ExperimentsError for an outcome
@@ -69,11 +69,11 @@ def on_surfaces(
     """
     runner, inputs = question.runner, question.inputs
     model, outcomes = question.choices.model, question.measured
-    for _ in range(REACH.rounds):
+    for _ in range(OUTCOME_SEARCH.rounds):
         problem = prepare(runner, outcomes, model, region, progress, surfaces.surface())
-        short = diagnostics.shortfalls(problem)
+        short = surface_diagnostics.shortfalls(problem)
         lost = np.flatnonzero(short)
-        most = REACH.most(len(moving_parameters(region)))
+        most = OUTCOME_SEARCH.most(len(moving_parameters(region)))
         if not lost.size or runner.account.given(most) < most:
             return problem
         farthest = int(lost[np.argmax(np.abs(short[lost]))])
@@ -84,7 +84,7 @@ def on_surfaces(
             float(outcomes[farthest]), side, _support(inputs)[moving_parameters(region)],
         )  # fmt: skip
         if x is None:
-            raise diagnostics.unreachable(problem, question.ids)
+            raise surface_diagnostics.unreachable(problem, question.ids)
         wider = _holding(region, x, inputs.box)
         if not np.array_equal(wider, region):
             region = wider
@@ -95,7 +95,7 @@ def on_surfaces(
 
 
 def on_simulator(question: Question, progress: Progress) -> Problem:
-    """The density of exact outcomes by the simulator itself.
+    """The likelihood of exact outcomes by the simulator itself.
 
     Raises ExperimentsError for an outcome without level set that the simulator misses. It is sought
     there as with surfaces. One between the outcomes that the simulator has, in the gap of a jump,
@@ -132,14 +132,14 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
         if _reached(run, start, condition, y[row], side, whole) is None:
             missed.append(row)
     if missed:
-        raise diagnostics.out_of_reach(np.array(missed), y, (low, high), question.ids)
+        raise surface_diagnostics.out_of_reach(np.array(missed), y, (low, high), question.ids)
     return problem
 
 
 def _support(inputs: Inputs) -> Array:
-    """Where the laws of the admissible alphas have their mass, (n, 2): within the box."""
+    """The part of the box (n, 2) where laws of admissible hyperparameters have their mass."""
     lower, upper = (end[: inputs.size] for end in limits_of(inputs.hyperparameters))
-    u = qmc.Sobol(max(inputs.size, 1), rng=0).random(REACH.looks)[:, : inputs.size]
+    u = qmc.Sobol(max(inputs.size, 1), rng=0).random(OUTCOME_SEARCH.looks)[:, : inputs.size]
     return within(inputs.box, law_region(inputs, [*(lower + u * (upper - lower)), lower, upper]))
 
 
@@ -176,35 +176,35 @@ def _reached(
         simplex[1:][np.all(simplex[1:] == z, axis=1)] -= 0.1
         optimize.minimize(
             short, z, method="Nelder-Mead", callback=ended,
-            options={"initial_simplex": simplex, "maxfev": REACH.steps * z.size,
+            options={"initial_simplex": simplex, "maxfev": OUTCOME_SEARCH.steps * z.size,
                      "xatol": 1e-5, "fatol": 1e-9 * max(np.ptp(seen), 1e-300)},
         )  # fmt: skip
 
     ascend(first)
     if farthest < 0.0:
-        looks = 2.0 * qmc.Sobol(len(whole), rng=0).random(REACH.looks) - 1.0
-        for z in looks[np.argsort([short(z) for z in looks])[: REACH.starts]]:
+        looks = 2.0 * qmc.Sobol(len(whole), rng=0).random(OUTCOME_SEARCH.looks) - 1.0
+        for z in looks[np.argsort([short(z) for z in looks])[: OUTCOME_SEARCH.starts]]:
             if farthest < 0.0:
                 ascend(z)
-    missed = farthest < -REACH.near * np.ptp(seen)
+    missed = farthest < -OUTCOME_SEARCH.near * np.ptp(seen)
     return None if missed else np.asarray(axes.outward(best[None])[0])
 
 
 def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bool:
-    """Whether conditions `lost` have more runs now, each where its surface is near its outcome."""
+    """Run some conditions near their outcomes; False where none is granted a run."""
     members = np.isin(np.arange(surfaces.good.size), lost)
     granted = np.flatnonzero(surfaces.granted(members))
     for condition in granted.tolist():
         points, values = _by_surface(surfaces, condition)
         away = np.abs(values - outcomes[lost == condition][:, None]).min(axis=0)
         surfaces.sharpen(
-            np.arange(members.size) == condition, points[np.argsort(away)[: REACH.draws]]
+            np.arange(members.size) == condition, points[np.argsort(away)[: OUTCOME_SEARCH.draws]]
         )
     return bool(granted.size)
 
 
 def _holding(region: Array, x: Array, box: Array) -> Array:
-    """The region (n, 2), wider where a point x (moving,) lies outside: by half as much again."""
+    """The region (n, 2), widened so that it holds the point x (moving,) with some room."""
     moving = moving_parameters(region)
     wide = region.copy()
     inside = np.clip(x, *region[moving].T)
@@ -213,12 +213,14 @@ def _holding(region: Array, x: Array, box: Array) -> Array:
 
 
 def _spread(box: Array) -> Array:
-    """Points (4096, n) all over a box (n, 2)."""
+    """4096 quasi-random points all over a box (n, 2)."""
     axes = Axes(box, logarithms(box))
-    return np.asarray(axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(REACH.candidates) - 1.0))
+    return np.asarray(
+        axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(OUTCOME_SEARCH.candidates) - 1.0)
+    )
 
 
 def _by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Array]:
-    """Points (4096, n) all over the region, and what the surface of a condition says there."""
+    """4096 points all over the region, and the outcomes of one condition's surface there."""
     points = _spread(surfaces.box)
     return points, surfaces.surface().take(np.array([condition])).evaluate(points)[0]

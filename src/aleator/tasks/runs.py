@@ -1,17 +1,44 @@
-"""The same work on many pieces by processes of this machine, each of which gets the work once."""
+"""How every task makes its runs: a simulator under conditions, and work in several processes."""
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Generator, Mapping
-from concurrent.futures import BrokenExecutor, as_completed
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, as_completed
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+import pandas as pd
+
 from aleator.errors import SurroundingsError
-from aleator.simulators import ProcessPool
+from aleator.observations.experiments import Conditions, Experiments
+from aleator.simulators import ProcessPool, Runner, Simulator, as_runner
 from aleator.simulators.command.run import passing
+
+AnySimulator = Callable[..., Any] | Simulator | Runner
+"""A function, another simulator, or a Runner, which has conditions, store and workers already."""
+AnyTable = Experiments | Conditions | pd.DataFrame
+"""Conditions with or without outcomes; a simulator is given the columns that it asks for."""
+
+
+def runner_on(
+    simulator: AnySimulator,
+    table: AnyTable,
+    parameters: Sequence[str],
+    vectorized: bool = False,
+    executor: Executor | None = None,
+) -> Runner:
+    """The runner of a simulator under the conditions of a table; a Runner as it is.
+
+    >>> table = pd.DataFrame({"load": [1.0], "length": [2.1]})
+    >>> runner_on(lambda load, x: load * x, table, ["x"])([0], [[2.0]])
+    array([2.])
+    """
+    if isinstance(table, pd.DataFrame):
+        table = Conditions.from_frame(table)
+    return as_runner(simulator, table, parameters, vectorized, executor)
+
 
 Result = TypeVar("Result")
 
@@ -20,7 +47,7 @@ def in_processes(
     parcel: bytes, function: Callable[..., Result], pieces: Mapping[int, tuple[Any, ...]],
     workers: int,
 ) -> Generator[tuple[int, Result], None, None]:  # fmt: skip
-    """`function(work, *piece)` of each piece with its number, as they are finished.
+    """Results of `function(work, *piece)` by piece number, as they are finished.
 
     The work is what the parcel holds (see `packed`). Raises SurroundingsError where a process dies.
     """

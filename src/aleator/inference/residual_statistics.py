@@ -1,4 +1,4 @@
-"""The statistics of the tests: residuals of a fit in, one number for each test out.
+"""Statistics of the residuals of a fit: one number for each test of consistency.
 
 Residuals are normal scores of observations and scores of experiments. A `Battery` asks for their
 shape, for what they depend on (`Contrasts` by column, `Relations` of individual parameters), and
@@ -15,8 +15,8 @@ import numpy as np
 from scipy import special
 
 from aleator.core.types import Array, Flags, Indices
-from aleator.inference.consistency.columns import COLUMNS, ORDER, Column
 from aleator.inference.fit import Fit
+from aleator.inference.table_columns import COLUMNS, ORDER, Column
 from aleator.results.values import Relation, Statistic
 
 
@@ -27,12 +27,15 @@ class BatterySettings:
     nearest: float = 1e-15
     """Probabilities stay so far from zero and one: normal scores stay below eight."""
     values: int = 200_000
+    """Simulated values by which all probabilities are computed, about."""
     least_points: int = 64
+    """Points of an experiment, at least."""
     points: int = 256
-    """Simulated values by which all probabilities are computed; points of each, fewest and most."""
+    """Points of an experiment, at most, at first."""
     more: int = 4
+    """Times as many points where too few probabilities are known."""
     times: int = 3
-    """So many times as many points, so often, where too few probabilities are known."""
+    """How often there are more points."""
     main: float = 3.0
     """The weight of the likeliest form of dependence on a column, its trend, among its parts."""
     hidden: float = 0.5
@@ -66,7 +69,7 @@ BATTERY = BatterySettings()
 
 @dataclass(frozen=True)
 class AlarmShares:
-    """Share of each group of tests in the false alarms, chosen by `python -m benchmarks findings`.
+    """The share of each group of tests in the false alarms, chosen by `benchmarks findings`.
 
     The groups are the shape of all residuals, their outcomes, their scatter, all together, and the
     individual parameters.
@@ -84,7 +87,7 @@ ALARMS = AlarmShares()
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Of M observations the normal scores (M,), of N experiments the scores (N, K) by alpha.
+    """The normal scores (M,) of observations, and the scores (N, K) of experiments by alpha.
 
     w = Phi^-1(P(below what was measured | earlier ones of the same experiment)): independent and
     standard normal under the right model. `known` (M,) tells where the probability is one; w is
@@ -102,12 +105,9 @@ class Residuals:
 
 
 def points_of(fit: Fit, enough: float, settings: BatterySettings = BATTERY) -> int:
-    """The points of each experiment by which this share of the probabilities is known, or most."""
-    points = int(
-        np.clip(
-            settings.values // len(fit.table.observations), settings.least_points, settings.points
-        )
-    )
+    """The points of each experiment by which a share `enough` of the probabilities is known."""
+    each = settings.values // len(fit.table.observations)
+    points = int(np.clip(each, settings.least_points, settings.points))
     for _ in range(settings.times):
         if np.mean(np.isfinite(fit.probabilities(points))) >= enough:
             break
@@ -124,17 +124,10 @@ def residuals_of(fit: Fit, points: int, settings: BatterySettings = BATTERY) -> 
     assert scores is not None
     observed = np.unique(fit.table.observations.experiment)
     scores = scores[np.ix_(observed, fit.inference.free)]
-    means, products = fit.likelihood.variates() or (
-        np.zeros((fit.count, 0)),
-        np.zeros((fit.count, 0, 0)),
-    )
-    return Residuals(
-        special.ndtri(inside),
-        known,
-        np.where(np.isfinite(scores), scores, 0.0),
-        means[observed],
-        products[observed],
-    )
+    nothing = np.zeros((fit.count, 0)), np.zeros((fit.count, 0, 0))
+    means, products = fit.likelihood.variates() or nothing
+    scores = np.where(np.isfinite(scores), scores, 0.0)
+    return Residuals(special.ndtri(inside), known, scores, means[observed], products[observed])
 
 
 def standardized(values: Array) -> Array:
@@ -148,7 +141,7 @@ def standardized(values: Array) -> Array:
 
 
 def scatter(w: Array) -> Array:
-    """log(1 + u^2) of each value, with u the values over their size: what scatters more has more.
+    """The measure of scatter log(1 + u^2) of each value, with u the standardized values.
 
     It sees scatter that differs as well as |u| does, and one far value counts little in it.
     """
@@ -156,7 +149,7 @@ def scatter(w: Array) -> Array:
 
 
 def moments(w: Array) -> tuple[float, float, float]:
-    """Skewness, and a measure of heavy tails twice: as it is, and with the other sign, of light.
+    """Skewness, and a measure of heavy tails with both signs: the negative one is of light tails.
 
     With u, the values but the farthest one over their size, skewness is the mean of u log(1 + u^2),
     and the tails are the cube root of log 2 - mean of log(1 + u^2), which is never negative. It
@@ -173,7 +166,7 @@ def moments(w: Array) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Subject:
-    """What a test is about: its group of tests, what of the residuals, and where.
+    """What a test is about: its group, the kind of statistic, and the part of the table.
 
     `of` is "outcomes", "scatter", or a hyperparameter. `column` is None where a test is about all
     observations; `where` names the part of the column, and is None for a trend along it. `weight`
@@ -207,21 +200,18 @@ class Contrasts:
 
 
 def contrasts_of(columns: tuple[Column, ...], count: int) -> Contrasts:
-    """A trend along each column of numbers, and each part of it against the rest.
+    """Contrasts of all columns: trends of numbers, and each part against the rest.
 
     `count` is M, of a table without a column too.
     """
     found = [(column, where, weight) for column in columns for where, weight in _of_column(column)]
+    main = [c.name != ORDER and (where is None or c.count == 2) for c, where, _ in found]
     return Contrasts(
         tuple(column for column, _, _ in found),
         tuple(where for _, where, _ in found),
-        tuple(_is_main(column, where) for column, where, _ in found),
+        tuple(main),
         np.array([weight for _, _, weight in found]).reshape(len(found), count),
     )
-
-
-def _is_main(column: Column, where: str | None) -> bool:
-    return column.name != ORDER and (where is None or column.count == 2)
 
 
 def _of_column(column: Column) -> Iterator[tuple[str | None, Array]]:
@@ -242,7 +232,7 @@ def _of_column(column: Column) -> Iterator[tuple[str | None, Array]]:
 
 
 def shared(group: Indices, values: Array) -> float:
-    """How alike values of variance one are within groups: their sums squared over their number.
+    """How alike values of variance one are within groups.
 
     Only groups of two and more count; the mean is zero, whatever the sizes.
     """
@@ -261,7 +251,7 @@ RELATED = (PAIR, COLUMN)
 
 @dataclass(frozen=True, eq=False)
 class Relations:
-    """What is asked of s scattering parameters, whose names these are.
+    """Tests of the individual parameters: pairs of them, and each against the columns.
 
     `pairs` (P,) are the places of two that the law does not tie. `columns` (t,) are those that are
     one in each experiment, with centered ranks `ranks` (t, N) of length one.
@@ -281,28 +271,26 @@ class Relations:
         columns: tuple[Column, ...],
         first: Indices,
     ) -> Relations:
-        """Of these parameters; `first` (N,) is an observation of each experiment."""
-        own = [c for c in columns if c.own and c.ranks is not None]
+        """The tests of these parameters; `first` (N,) is an observation of each experiment."""
+        own = [c for c in columns if c.by_experiment and c.ranks is not None]
         ranks = np.array([c.ranks[first] for c in own if c.ranks is not None])
         ranks = ranks.reshape(len(own), len(first))
         ranks = ranks - ranks.mean(axis=1, keepdims=True)
         return cls(names, pairs, tuple(c.name for c in own), ranks / _length(ranks))
 
-    def subjects(self) -> Iterator[Subject]:
-        """What each of `values` is about: pairs, then each parameter against all columns."""
+    def tests(self, means: Array, products: Array) -> Iterator[tuple[Subject, float]]:
+        """Each test with its statistic, of means (N, s) and mean products (N, s, s)."""
+        main, least = self.settings.main, self.settings.least
         for i, j in self.pairs:
-            yield Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=self.settings.main)
-        for name in self.names:
-            for column in self.columns:
-                yield Subject(INDIVIDUAL, COLUMN, name, column, least=self.settings.least)
+            subject = Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=main)
+            yield subject, products[:, i, j].mean()
+        against = of_size_one(means).T @ self.ranks.T
+        for name, values in zip(self.names, against, strict=False):
+            for column, value in zip(self.columns, values, strict=True):
+                yield Subject(INDIVIDUAL, COLUMN, name, column, least=least), value
 
-    def values(self, means: Array, products: Array) -> Array:
-        """The statistics (P + s t,) of means (N, s) and mean products (N, s, s)."""
-        pairs = [products[:, i, j].mean() for i, j in self.pairs]
-        return np.concatenate([pairs, (of_size_one(means).T @ self.ranks.T).ravel()])
-
-    def told(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
-        """The correlations of individual means with all else, each with the p of its test."""
+    def correlations(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
+        """The correlations of individual means, each with the p of its test."""
         if not tests:
             return ()
         centered = means - means.mean(axis=0)
@@ -318,7 +306,7 @@ class Relations:
 def apart(
     means: Array, pairs: tuple[tuple[int, int], ...], settings: BatterySettings = BATTERY
 ) -> tuple[tuple[int, int], ...]:
-    """Those of the pairs of which the observations tell both, by individual means (N, s).
+    """Those of the pairs whose two parameters the observations determine.
 
     None where there are no such means (s = 0): outcomes without noise tell no single parameter.
 
@@ -333,7 +321,7 @@ def apart(
 
 
 def of_size_one(values: Array) -> Array:
-    """Values (N, ...) over their root mean square: that of a replicate may be far smaller.
+    """Values (N, ...) over their root mean square.
 
     So it is where its law hardly scatters, and each individual parameter is nearly the mean.
     """
@@ -342,7 +330,7 @@ def of_size_one(values: Array) -> Array:
 
 
 def _length(rows: Array, settings: BatterySettings = BATTERY) -> Array:
-    """The length of each row, as a column; one where there is nothing."""
+    """The lengths of the rows, as a column; one where a row is zero."""
     length = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.where(length > settings.scatter_least, length, 1.0)
 
@@ -360,7 +348,7 @@ SHAPES = ("level", "scale", "skewness", "heavy tails", "light tails", "outlier")
 
 @dataclass(frozen=True, eq=False)
 class Battery:
-    """All tests of a table whose columns are these.
+    """All tests of a table with these columns.
 
     `experiment` (M,) is that of each observation. `names` (F,) are the hyperparameters of the
     scores. `groups` are those by which observations may be repeated, by the name of their column.
@@ -400,139 +388,105 @@ class Battery:
         """Whether experiments have several observations."""
         return bool(self.experiment.size > self.experiment[-1] + 1)
 
-    @cached_property
-    def subjects(self) -> tuple[Subject, ...]:
-        """What each of the numbers of `values` is about."""
-        return (
-            *self._of_shape(),
-            *self._of_columns(),
-            *self._of_neighbours(),
-            *self.relations.subjects(),
-        )
-
-    def values(self, residuals: Residuals) -> Array:
-        """The statistics (T,); not finite where one does not exist."""
+    def tests(self, residuals: Residuals) -> tuple[tuple[Subject, ...], Array]:
+        """The subjects of all tests and their statistics (T,), NaN where one is undefined."""
         level = standardized(residuals.normal)
         spread = standardized(scatter(residuals.normal))
-        parts = [self._shape(residuals.normal[residuals.known])]
-        if self.several:
-            scores = of_size_one(residuals.scores)
-            parts += [self._of_experiments(residuals.scores), (scores.T @ self._own.T).ravel()]
-        parts += [self._rows @ level, self.contrasts.weights @ spread]
-        parts.append(self._together(level, spread))
-        if self.relations.names:
-            parts.append(self.relations.values(residuals.means, residuals.products))
-        return np.concatenate(parts)
+        found = [*self._shape(residuals), *self._along_columns(residuals, level, spread)]
+        found += self._together(level, spread)
+        found += self.relations.tests(residuals.means, residuals.products)
+        return tuple(subject for subject, _ in found), np.array([value for _, value in found])
 
-    def _of_shape(self) -> Iterator[Subject]:
-        yield Subject(SHAPE, "level", OUTCOMES, least=self.settings.pinned)
-        yield Subject(SHAPE, "scale", SCATTER, least=self.settings.pinned)
-        yield from self._of_moments(OUTCOMES)
-        yield Subject(SHAPE, "outlier", OUTCOMES, skewed=True, one_sided=True)
-        if self.several:
-            for k in self._shaped:
-                yield from self._of_moments(self.names[k])
+    def _shape(self, residuals: Residuals) -> Iterator[tuple[Subject, float]]:
+        """The shape of all residuals, and of the scores of location hyperparameters."""
+        w, pinned = residuals.normal[residuals.known], self.settings.pinned
+        yield Subject(SHAPE, "level", OUTCOMES, least=pinned), w.mean()
+        yield Subject(SHAPE, "scale", SCATTER, least=pinned), np.log(np.mean(w**2))
+        yield from self._moments(OUTCOMES, w)
+        # as far as the model says: the outliers that are named are those of this test
+        farthest = -special.log_ndtr(-np.abs(w).max())
+        yield Subject(SHAPE, "outlier", OUTCOMES, skewed=True, one_sided=True), farthest
+        for name, scores in zip(self.names, residuals.scores.T, strict=True):
+            located = name.split(".")[0] in self.relations.names and not is_scale(name)
+            if self.several and located:
+                yield from self._moments(name, scores[scores != 0.0])
 
-    def _of_moments(self, of: str) -> Iterator[Subject]:
-        yield Subject(SHAPE, "skewness", of)
-        yield Subject(SHAPE, "heavy tails", of, one_sided=True, weight=self.settings.heavy)
-        yield Subject(SHAPE, "light tails", of, one_sided=True)
+    def _moments(self, of: str, w: Array) -> Iterator[tuple[Subject, float]]:
+        skewness, heavy, light = moments(w)
+        yield Subject(SHAPE, "skewness", of), skewness
+        yield Subject(SHAPE, "heavy tails", of, one_sided=True, weight=self.settings.heavy), heavy
+        yield Subject(SHAPE, "light tails", of, one_sided=True), light
 
-    def _of_columns(self) -> Iterator[Subject]:
+    def _along_columns(
+        self, residuals: Residuals, level: Array, spread: Array
+    ) -> Iterator[tuple[Subject, float]]:
+        """Scores by contrasts of whole experiments, levels by all others, scatter by all."""
         if self.several:
-            for name in self.names:
+            against = of_size_one(residuals.scores).T @ self._own.T
+            for name, values in zip(self.names, against, strict=True):
                 group = SCATTER if is_scale(name) else OUTCOMES
-                yield from self._along(self._whole, group, name)
-        yield from self._along(~self._whole, OUTCOMES, OUTCOMES)
-        yield from self._along(np.ones_like(self._whole), SCATTER, SCATTER)
+                yield from self._contrasts(self._whole, group, name, values)
+        yield from self._contrasts(~self._whole, OUTCOMES, OUTCOMES, self._rows @ level)
+        every = np.ones_like(self._whole)
+        yield from self._contrasts(every, SCATTER, SCATTER, self.contrasts.weights @ spread)
 
-    def _along(self, which: Flags, group: str, of: str) -> Iterator[Subject]:
-        """The contrasts of some columns; those of scatter are skewed, and have no main form."""
-        for i in np.flatnonzero(which):
-            column, where = self.contrasts.column[i], self.contrasts.where[i]
-            skewed = group == SCATTER
+    def _contrasts(
+        self, which: Flags, group: str, of: str, values: Array
+    ) -> Iterator[tuple[Subject, float]]:
+        """Contrasts of some columns; those of scatter are skewed, and have no main form."""
+        skewed, pinned = group == SCATTER, self.settings.pinned
+        for i, value in zip(np.flatnonzero(which), values, strict=True):
+            column, where = self.contrasts.column[i].name, self.contrasts.where[i]
             weight = self.settings.main if self.contrasts.main[i] and not skewed else 1.0
-            yield Subject(
-                group,
-                "contrast",
-                of,
-                column.name,
-                where,
-                skewed,
-                weight=weight,
-                least=self.settings.pinned,
+            yield (
+                Subject(group, "contrast", of, column, where, skewed, weight=weight, least=pinned),
+                value,
             )
 
-    def _of_neighbours(self) -> Iterator[Subject]:
+    def _together(self, level: Array, spread: Array) -> Iterator[tuple[Subject, float]]:
+        """How alike neighbours and members of each group are, in level and in scatter."""
+        pinned = self.settings.pinned
         if self.ordered:
-            yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True)
-        for name in self.groups:
-            for group, kind, of in ((TOGETHER, "groups", OUTCOMES), (SCATTER, "unequal", SCATTER)):
-                yield Subject(
-                    group, kind, of, name, skewed=True, one_sided=True, least=self.settings.pinned
+            pairs = level[1:] * level[:-1]
+            if self.several:
+                pairs = pairs[np.diff(self.experiment) == 0]
+            alike = np.sum(pairs) / np.sqrt(max(pairs.size, 1))
+            yield Subject(TOGETHER, "neighbours", OUTCOMES, skewed=True), alike
+        for name, members in self.groups.items():
+            for group, kind, of, values in (
+                (TOGETHER, "groups", OUTCOMES, level), (SCATTER, "unequal", SCATTER, spread),
+            ):  # fmt: skip
+                yield (
+                    Subject(group, kind, of, name, skewed=True, one_sided=True, least=pinned),
+                    shared(members, values),
                 )
         if self.several:
-            yield Subject(SCATTER, "unequal", SCATTER, ORDER, one_sided=True)
-
-    @cached_property
-    def _shaped(self) -> tuple[int, ...]:
-        """The hyperparameters that say where a parameter's law is: their scores have its shape."""
-        return tuple(
-            k
-            for k, name in enumerate(self.names)
-            if name.split(".")[0] in self.relations.names and not is_scale(name)
-        )
+            yield Subject(SCATTER, "unequal", SCATTER, ORDER, one_sided=True), self._unequal(level)
 
     @cached_property
     def _whole(self) -> Flags:
-        """Which contrasts are held against scores: those that are one in each experiment."""
-        own = [self.several and column.own for column in self.contrasts.column]
+        """Which contrasts are of whole experiments, and are held against scores."""
+        own = [self.several and column.by_experiment for column in self.contrasts.column]
         return np.array(own, dtype=np.bool_)
 
     @cached_property
     def _rows(self) -> Array:
-        """The other contrasts (t, M), of observations."""
+        """The contrasts (t, M) of single observations."""
         return self.contrasts.weights[~self._whole]
 
     @cached_property
     def _own(self) -> Array:
-        """Contrasts (t, N) of whole experiments."""
+        """The contrasts (t, N) of whole experiments."""
         first = np.unique(self.experiment, return_index=True)[1]
         weights = self.contrasts.weights[self._whole][:, first]
         return np.asarray(weights - weights.mean(axis=1, keepdims=True))
-
-    def _shape(self, w: Array) -> Array:
-        """Of normal scores (M,): mean, scatter, freed of both skewness and tails, and the farthest.
-
-        The farthest is as far as the model says: the outliers that are named are those of the test.
-        """
-        farthest = -special.log_ndtr(-np.abs(w).max())
-        return np.array([w.mean(), np.log(np.mean(w**2)), *moments(w), farthest])
-
-    def _of_experiments(self, scores: Array) -> Array:
-        """Moments of the scores (N, K) of experiments."""
-        kept = [scores[:, k] for k in self._shaped]
-        return np.array([moments(each[each != 0.0]) for each in kept]).ravel()
-
-    def _together(self, level: Array, spread: Array) -> Array:
-        """How alike neighbours are, and those of each group, in level and in scatter."""
-        found = [shared(group, of) for group in self.groups.values() for of in (level, spread)]
-        if self.several:
-            found.append(self._unequal(level))
-        if not self.ordered:
-            return np.array(found)
-        pairs = level[1:] * level[:-1]
-        if self.several:
-            pairs = pairs[np.diff(self.experiment) == 0]
-        return np.array([np.sum(pairs) / np.sqrt(max(pairs.size, 1)), *found])
 
     def _unequal(self, level: Array) -> float:
         """How unequal experiments scatter (after Bartlett, 1937)."""
         count = np.bincount(self.experiment)
         square = np.bincount(self.experiment, level**2)[count > 1] / count[count > 1]
-        return -float(
-            np.average(np.log(np.maximum(square, BATTERY.squares)), weights=count[count > 1])
-        )
+        size = np.log(np.maximum(square, self.settings.squares))
+        return -float(np.average(size, weights=count[count > 1]))
 
 
 def is_scale(name: str) -> bool:
@@ -545,7 +499,7 @@ def is_scale(name: str) -> bool:
 
 
 def _groups(columns: tuple[Column, ...], settings: BatterySettings = BATTERY) -> dict[str, Indices]:
-    """Groups of rows by columns of many values that repeat, and by all numbers together."""
+    """Groups of rows with the same value of a column, or of all numbers together."""
     size = columns[0].group.size if columns else 0
     many = {
         c.name: c.group for c in columns if COLUMNS.levels < c.count <= settings.repeated * size

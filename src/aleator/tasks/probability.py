@@ -1,9 +1,9 @@
-"""The probability of an event, rare or not, with an interval for alpha's uncertainty."""
+"""Probabilities of events, rare or not, and tolerance limits, with the uncertainty of alpha."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -14,12 +14,9 @@ from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError, nearest
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.information import INTERVALS
-from aleator.inference.rare_events import CrossEntropy, Event
+from aleator.inference.rare_events import CrossEntropy, Event, content_interval, quantile_bound
 from aleator.observations.responses import Transform
-from aleator.tasks.decide.ground import Ground
-from aleator.tasks.decide.near import Exploration, Near
-from aleator.tasks.decide.prediction import PREDICTION, heads, in_rows, tails
-from aleator.tasks.decide.sample import (
+from aleator.tasks.event_points import (
     SAMPLE,
     Correction,
     Sample,
@@ -35,17 +32,19 @@ from aleator.tasks.decide.sample import (
     settling,
     sought,
 )
+from aleator.tasks.new_experiments import Exploration, Points, PredictedValue, PredictionContext
+from aleator.tasks.prediction import PREDICTION, heads, in_rows, tails
 
 
-def responses_asked(ground: Ground, response: str | None) -> Indices:
-    """The numbers of the response of that name, or of all. Raises InputsError where it is unknown.
+def requested_responses(context: PredictionContext, response: str | None) -> Indices:
+    """The number of the named response, or of all. Raises InputsError if it is unknown.
 
     >>> from types import SimpleNamespace as Some
-    >>> ground = Some(seen=Some(responses=(Some(name="force"), Some(name="wear"))))
-    >>> responses_asked(ground, "wear").tolist(), responses_asked(ground, None).tolist()
+    >>> context = Some(seen=Some(responses=(Some(name="force"), Some(name="wear"))))
+    >>> requested_responses(context, "wear").tolist(), requested_responses(context, None).tolist()
     ([1], [0, 1])
     """
-    names = [r.name for r in ground.seen.responses]
+    names = [r.name for r in context.seen.responses]
     # a table with one response may have been given without its name
     if response is None or names == [response] or len(names) == 1:
         return np.arange(len(names))
@@ -57,14 +56,14 @@ def responses_asked(ground: Ground, response: str | None) -> Indices:
     return np.array([names.index(response)], dtype=np.intp)
 
 
-def events_asked(
-    ground: Ground,
+def requested_events(
+    context: PredictionContext,
     response: str | None,
     above: float | None,
     below: float | None,
     between: Sequence[float] | None,
 ) -> dict[int, Event]:
-    """The event of one response by its number, as the likelihood sees its values.
+    """The event of one response by its number, in transformed values.
 
     Raises InputsError unless one of the three is given, of one response, with ends that are
     numbers in order and have a logarithm where the likelihood sees that.
@@ -74,13 +73,13 @@ def events_asked(
             "the probability of which outcomes?",
             "give one of above, below and between, in the unit of the outcome",
         )
-    which = responses_asked(ground, response)
+    which = requested_responses(context, response)
     if which.size > 1:
-        names = ", ".join(r.name for r in ground.seen.responses)
+        names = ", ".join(r.name for r in context.seen.responses)
         raise InputsError(
             f"the probability of which response? There are {names}", "name one with response"
         )
-    transform = ground.seen.responses[which[0]].transform
+    transform = context.seen.responses[which[0]].transform
     low, high = between or (above, below)
     ends = _end(low, -np.inf, transform), _end(high, np.inf, transform)
     if not ends[0] < ends[1]:
@@ -106,9 +105,9 @@ class ProbabilitySettings:
     """Shares and batches of an interval; by judgement."""
 
     content: float = 0.95
+    """Probability that an interval holds."""
     batches: int = 16
-    tiny: float = 1e-300
-    """What is added to each weight: their sum is never zero."""
+    """Batches of draws whose scatter is the error by the draws."""
 
 
 PROBABILITY = ProbabilitySettings()
@@ -140,34 +139,42 @@ class Probability:
     status: str
     unseen: float
 
+    @property
+    def contrary(self) -> Probability:
+        """The probability of the contrary event."""
+        return replace(
+            self, probability=1.0 - self.probability, lower=1.0 - self.upper,
+            upper=1.0 - self.lower, at_estimate=1.0 - self.at_estimate,
+        )  # fmt: skip
+
 
 def probabilities(
-    ground: Ground,
+    context: PredictionContext,
     draws: AlphaDraws,
     events: dict[int, Event],
     checks: int = SAMPLE.checks,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """A row for each response that has an event (by its number) and each row of the conditions."""
-    draws = ground.taken(draws)
-    asked = np.flatnonzero(np.isin(ground.seen.response, [*events]))
+    draws = context.taken(draws)
+    requested = np.flatnonzero(np.isin(context.seen.response, [*events]))
     found: list[Probability] = []
-    for place in asked.tolist():
+    for place in requested.tolist():
         if progress is not None:
-            progress.stage(f"probability {len(found) + 1} of {asked.size}")
-        near = Near.of(ground, place, draws, progress)
-        event = events[int(ground.seen.response[place])]
-        found.append(probability(near, draws, event, checks, progress))
+            progress.stage(f"probability {len(found) + 1} of {requested.size}")
+        predicted = PredictedValue.of(context, place, draws, progress)
+        event = events[int(context.seen.response[place])]
+        found.append(probability(predicted, draws, event, checks, progress))
     names = ("probability", "lower", "upper", "error", "at_estimate", "distance", "checks",
              "unseen")  # fmt: skip
     columns = {name: np.array([getattr(p, name) for p in found]) for name in names}
     status = {"status": np.array([p.status for p in found])}
-    return in_rows(ground, {**heads(ground, asked), **columns, **tails(ground, asked), **status},
-                   asked)  # fmt: skip
+    columns = {**heads(context, requested), **columns, **tails(context, requested), **status}
+    return in_rows(context, columns, requested)
 
 
 def probability(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     checks: int = SAMPLE.checks,
@@ -182,34 +189,34 @@ def probability(
     "unsettled" where the surface is not certain in the end, or where the last fresh runs or the
     checks change the probability by more than the `share` of the choice.
     """
-    asked, turned, choice = event, False, choice or Exploration()
-    if near.ground.measured is not None:
-        sample = of_law(near)
+    requested, turned, choice = event, False, choice or Exploration()
+    if predicted.context.measured is not None:
+        sample = of_law(predicted)
     else:
-        turned = often(near, draws, event)
-        asked = event.contrary if turned else event
-        sample = about_event(near, draws, asked)
+        turned = often(predicted, draws, event)
+        requested = event.contrary if turned else event
+        sample = about_event(predicted, draws, requested)
     found = _Explored(sample, float("nan"), True)
-    if near.surface is not None:
-        found = _explored(near, draws, asked, sample, choice, progress)
+    if predicted.surface is not None:
+        found = _explored(predicted, draws, requested, sample, choice, progress)
     sample, settled = found.sample, found.settled
-    told = _Told.of(near, draws, asked, sample)
+    told = _Told.of(predicted, draws, requested, sample)
     distance = float("nan")
     if sample.density is not None:
-        distance = distance_of(near, draws.estimate, asked, sample.replicates)
+        distance = distance_of(predicted, draws.estimate, requested, sample.replicates)
     change = Correction(0.0, 0.0, 0)
-    if near.surface is not None and checks and sample.reached:
+    if predicted.surface is not None and checks and sample.reached:
         if progress is not None:
             progress.stage(f"{checks} runs of the simulator check a probability")
-        change = corrected(near, draws, asked, sample.joined, checks)
+        change = corrected(predicted, draws, requested, sample.joined, checks)
         settled = settled and np.hypot(change.value, change.error) <= choice.share * told.mixed
     whole = told.found(draws, change, sample, distance, found.unseen, settled)
-    return _turned(whole) if turned else whole
+    return whole.contrary if turned else whole
 
 
 @dataclass(frozen=True, eq=False)
 class _Explored:
-    """A sample by a surface that was explored; `settled` says whether more would change little."""
+    """A sample by an explored surface; `settled`: more runs would change little."""
 
     sample: Sample
     unseen: float
@@ -217,25 +224,25 @@ class _Explored:
 
 
 def _explored(
-    near: Near,
+    predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,
     sample: Sample,
     choice: Exploration,
     progress: Progress | None,
 ) -> _Explored:
-    """Rounds of fresh runs all over the law, and of runs where kriging doubts (`Exploration`)."""
-    surface, most, round_ = near.surface, near.ground.surfaces.max_runs, 0
+    """Rounds of fresh runs all over the law, and of runs where kriging is uncertain."""
+    surface, most, round_ = predicted.surface, predicted.context.surfaces.max_runs, 0
     assert surface is not None
     while True:
         if progress is not None:
             progress.stage(f"{choice.runs} runs of the simulator look for other regions")
-        before = near.fixed
+        before = predicted.fixed
         probability = by_some(before, draws, event, sample.joined)
-        seen = explored(near, draws, event, probability, choice, round_)
+        seen = explored(predicted, draws, event, probability, choice, round_)
         surface.learn(seen.x)
-        sample, certain = _sharpened(near, draws, event, choice)
-        now, was = (by_some(one, draws, event, sample.joined) for one in (near, before))
+        sample, certain = _sharpened(predicted, draws, event, choice)
+        now, was = (by_some(one, draws, event, sample.joined) for one in (predicted, before))
         settled = certain and abs(now - was) <= choice.share * now
         if (settled and not seen.contrary.any()) or surface.runs + 2 * choice.runs > most:
             return _Explored(sample, seen.unseen, settled)
@@ -243,26 +250,27 @@ def _explored(
 
 
 def _sharpened(
-    near: Near, draws: AlphaDraws, event: Event, choice: Exploration
+    predicted: PredictedValue, draws: AlphaDraws, event: Event, choice: Exploration
 ) -> tuple[Sample, bool]:
-    """The sample where the surface is certain of the event, and whether it is."""
-    assert near.surface is not None
+    """The sample once the surface is certain of the event, and whether it is."""
+    assert predicted.surface is not None
     runs, seek = 0, CrossEntropy()
     while True:
-        seen = possible(near, draws, event, seek)
-        doubt = SurfaceDoubt.of(near, draws, event, seen.joined, SAMPLE.followed)
+        seen = possible(predicted, draws, event, seek)
+        doubt = SurfaceDoubt.of(predicted, draws, event, seen.joined, SAMPLE.followed)
         certain = not seen.reached or bool(doubt.wrong.sum() <= choice.doubt * doubt.probability)
         if certain or runs + choice.batch > choice.runs:
-            return sought(near, draws, event, seek), certain
-        near.surface.correct(settling(near, doubt, choice.batch))
+            return sought(predicted, draws, event, seek), certain
+        predicted.surface.correct(settling(predicted, doubt, choice.batch))
         runs += choice.batch
 
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """Probabilities (1 + A, R) of the estimate and each draw, by each of R replicates.
+    """Probabilities (1 + A, R) under the estimate and each draw, by each of R replicates.
 
-    Of a `plain` sample no replicate is closer than half a point."""
+    Of a `plain` sample the error is at least that of half a point.
+    """
 
     each: Array
     weights: Array
@@ -270,13 +278,17 @@ class _Told:
     plain: bool
 
     @classmethod
-    def of(cls, near: Near, draws: AlphaDraws, event: Event, sample: Sample) -> _Told:
-        """By outcomes at the points of the sample."""
+    def of(
+        cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, sample: Sample
+    ) -> _Told:
+        """The probabilities by outcomes at the points of the sample."""
         alphas = np.concatenate([draws.estimate[None], draws.alpha])
         parts, lost = [], 0.0
         for points in sample.replicates:
-            y, found = near.outcomes(alphas, points)
-            parts.append(_shares(event.holds(y), found.weights, near.ground.measured is not None))
+            y, found = predicted.outcomes(alphas, points)
+            parts.append(
+                _shares(event.holds(y), found.weights, predicted.context.measured is not None)
+            )
             lost = max(lost, float(np.max(np.sum(found.weights, axis=1, where=np.isnan(y)))))
         each = np.stack(parts, axis=1)
         return cls(each, draws.weights, lost, sample.density is None)
@@ -302,7 +314,7 @@ class _Told:
         batch = (np.arange(len(self.weights)) // 2) % PROBABILITY.batches
         own = self.each[1:].mean(axis=1)
         means = [
-            np.average(own[batch == b], weights=self.weights[batch == b] + PROBABILITY.tiny)
+            np.average(own[batch == b], weights=self.weights[batch == b] + np.finfo(float).tiny)
             for b in range(PROBABILITY.batches)
         ]
         return float(
@@ -353,15 +365,144 @@ def interval_about(
 
 
 def _shares(holds: Flags, weights: Array, normalized: bool) -> Array:
-    """Sums (A,) of the weights of an event, or their share of all weights."""
     inside = np.sum(weights, axis=1, where=holds)
     whole = weights.sum(axis=1) if normalized else 1.0
     return np.asarray(np.minimum(inside / whole, 1.0))
 
 
-def _turned(found: Probability) -> Probability:
-    """That of the contrary event."""
-    return Probability(
-        1.0 - found.probability, 1.0 - found.upper, 1.0 - found.lower, 1.0 - found.at_estimate,
-        found.error, found.distance, found.checks, found.status, found.unseen,
-    )  # fmt: skip
+@dataclass(frozen=True)
+class ToleranceSettings:
+    """When a design value has points of its own; by judgement."""
+
+    far: float = 0.02
+    """Share beyond a design value below which it has points of its own."""
+    middle: tuple[float, float] = (0.16, 0.84)
+    """Probabilities between whose quantiles the scatter is taken: two sd of a normal law."""
+    rounds: int = 4
+    """Rounds in which a design value gets points of its own, at most."""
+    still: float = 0.01
+    """A change of a design value over the scatter that is none."""
+
+
+LIMITS = ToleranceSettings()
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """A tolerance interval or a one-sided limit.
+
+    `content` of the outcomes lie within, with this `confidence`: between two limits, or on one
+    `side`, below an "upper" or above a "lower" one. Raises InputsError for shares that are not
+    between zero and one, and another side.
+    """
+
+    content: float = 0.95
+    confidence: float = 0.95
+    side: str = "both"
+
+    def __post_init__(self) -> None:
+        for name, value in (("content", self.content), ("confidence", self.confidence)):
+            if not 0.0 < value < 1.0:
+                raise InputsError(f"{name} {value:g}", "choose a share between 0 and 1, as 0.95")
+        if self.side not in ("both", "upper", "lower"):
+            raise InputsError(f"side '{self.side}'", 'it is "both", "upper" or "lower"')
+
+
+def limits(
+    context: PredictionContext,
+    draws: AlphaDraws,
+    requested: Tolerance,
+    which: Indices,
+    progress: Progress | None = None,
+    settings: ToleranceSettings = LIMITS,
+) -> pd.DataFrame:
+    """A row for each of the values `which`; limits are in the unit of the outcome."""
+    draws = context.taken(draws)
+    lower, upper, error = np.full((3, which.size), np.nan)
+    for row, place in enumerate(which.tolist()):
+        if progress is not None:
+            progress.stage(f"limits {row + 1} of {which.size}")
+        predicted = PredictedValue.of(context, place, draws, progress, context.surfaces.max_runs)
+        back = context.seen.responses[context.seen.response[place]].transform.inverse
+        if requested.side == "both":
+            low, high = _interval(predicted, draws, requested)
+            lower[row], upper[row] = back(np.array([low, high]))
+        else:
+            value, error[row] = _bound(predicted, draws, requested, settings)
+            (upper if requested.side == "upper" else lower)[row] = back(np.array(value))
+            # the error is one of the logarithm, where that is what the likelihood sees
+            slope = back(np.array([value + error[row], value - error[row]]))
+            error[row] = 0.5 * float(slope[0] - slope[1])
+    columns = {"lower": lower, "upper": upper} if requested.side == "both" else {
+        requested.side: upper if requested.side == "upper" else lower, "error": error
+    }  # fmt: skip
+    return in_rows(context, {**heads(context, which), **columns, **tails(context, which)}, which)
+
+
+def _interval(
+    predicted: PredictedValue, draws: AlphaDraws, requested: Tolerance
+) -> tuple[float, float]:
+    points = of_law(predicted).joined
+    y, found = predicted.outcomes(draws.alpha, points)
+    return content_interval(
+        y, found.weights, draws.weights, requested.content, requested.confidence
+    )
+
+
+def _bound(
+    predicted: PredictedValue, draws: AlphaDraws, requested: Tolerance, settings: ToleranceSettings
+) -> tuple[float, float]:
+    """The confidence bound of a quantile, and the standard error of its computation.
+
+    Far out the points lie about the event beyond the value of the round before.
+    """
+    upper = requested.side == "upper"
+    probability = requested.content if upper else 1.0 - requested.content
+    confidence = requested.confidence if upper else 1.0 - requested.confidence
+    y, scatter, sample = 0.0, 1.0, of_law(predicted)
+    for _ in range(settings.rounds):
+        before = y
+        y, scatter = _once(predicted, draws, sample.joined, probability, confidence)
+        settled = abs(y - before) < settings.still * scatter
+        if (
+            1.0 - requested.content > settings.far
+            or predicted.context.measured is not None
+            or settled
+        ):
+            break
+        event = Event(((y, np.inf),) if upper else ((-np.inf, y),))
+        found = about_event(predicted, draws, event)
+        if not found.reached:
+            break
+        sample = found
+    parts = [_once(predicted, draws, p, probability, confidence)[0] for p in sample.replicates]
+    return y, float(np.std(parts, ddof=1) / np.sqrt(len(parts)))
+
+
+def _once(
+    predicted: PredictedValue,
+    draws: AlphaDraws,
+    points: Points,
+    probability: float,
+    confidence: float,
+) -> tuple[float, float]:
+    y, found = predicted.outcomes(draws.alpha, points)
+    weights = _completed(y, found.weights, probability)
+    value, _ = quantile_bound(y, weights, draws.weights, probability, confidence)
+    middle = quantiles(y[0], found.weights[0], np.array(LIMITS.middle))
+    return value, 0.5 * float(middle[1] - middle[0])
+
+
+def _completed(y: Array, weights: Array, probability: float) -> Array:
+    """Weights completed to a sum of one at the far end of the other side.
+
+    Points about a rare event determine its probability, but not that of the rest.
+    """
+    order = np.argsort(y, axis=1)
+    first, last = order[:, 0], order[:, -1]
+    found = weights.copy()
+    rows = np.arange(len(y))
+    end = first if probability > 0.5 else last
+    found[rows, end] = 0.0
+    found[rows, end] = np.maximum(1.0 - found.sum(axis=1), 0.0)
+    return found

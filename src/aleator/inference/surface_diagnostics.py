@@ -1,4 +1,8 @@
-"""What response surfaces leave unknown: under the law, near the outcomes, at steps, by a budget."""
+"""What surfaces and level sets leave unknown: under the law, near the outcomes, at steps.
+
+Refusals and warnings, each with a remedy; how exact surfaces must be (`doubt`); outcomes out of
+reach; and what a budget cut off.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from aleator.core.status import Status
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError
 from aleator.inference.check import Checked
-from aleator.inference.diagnostics.experiments import chosen, named
+from aleator.inference.diagnostics import of_experiments
 from aleator.inference.information import Inference
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
@@ -24,39 +28,35 @@ from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, Surface
 from aleator.surrogates.adaptive import Outlook, outlook
 
+ABOUT = "response surface"
+
 
 @dataclass(frozen=True)
 class SurfaceReviewSettings:
     """When surfaces are too rough for an answer; by judgement but where a measurement is named.
 
     Errors are those of a surface under the identified law, over the sd of the outcome.
-
-    error: one that is worth a warning. useless: one with which an answer is not sound.
-    wrong, worse, share: nor is it where errors are above `wrong` and `worse` times the estimated
-    ones in such a share of the experiments. Right surfaces were at most 3.3 times as rough as
-    estimated, and most a fifth.
-    change: of the log-likelihood by the simulator, beyond `errors` standard errors of it, with
-    which an answer is refused. ids: experiments that are named with their outcomes.
     """
 
     error: float = 0.1
+    """An error that is worth a warning."""
     useless: float = 0.5
+    """An error with which an answer is not sound."""
     wrong: float = 0.03
+    """Errors above this, and `worse` times the estimated ones, say that the estimates are wrong."""
     worse: float = 4.0
+    """Right surfaces were at most 3.3 times as rough as estimated, and most a fifth."""
     share: float = 0.03
+    """Share of the experiments with such errors from which an answer is not sound."""
     change: float = 0.5
+    """Change of the log-likelihood by the simulator with which an answer is refused."""
     errors: float = 3.0
+    """Standard errors of this change that it must be beyond, too."""
     ids: int = 5
+    """Experiments that are named with their outcomes."""
 
 
 SURFACES = SurfaceReviewSettings()
-
-
-def surface_report(problem: Problem) -> dict[str, Any] | None:
-    """How good the surfaces are, relative to the outcome's scatter under the law or on the box."""
-    if problem.surface is None:
-        return None
-    return judged(problem.surface, "under the law" if problem.model.follows else "on the box")
 
 
 def relative_errors(surface: Surface) -> Array:
@@ -64,10 +64,12 @@ def relative_errors(surface: Surface) -> Array:
     return np.asarray(surface.error / np.where(surface.scatter > 0.0, surface.scatter, np.inf))
 
 
-def judged(
-    surface: Surface, where: str = "under the law", against: str = "the outcome's scatter"
-) -> dict[str, Any]:
-    """How good surfaces are, relative to what they were judged against."""
+def surface_report(
+    surface: Surface | None, where: str = "under the law", against: str = "the outcome's scatter"
+) -> dict[str, Any] | None:
+    """How good surfaces are, relative to what they were judged against; None without any."""
+    if surface is None:
+        return None
     relative = relative_errors(surface)
     return {
         "converged": int(surface.converged.sum()),
@@ -90,127 +92,98 @@ def worse_than_estimated(
     relative = checked.relative
     with np.errstate(invalid="ignore"):
         worse = (relative > SURFACES.wrong) & (checked.typical > SURFACES.worse * estimated)
-    rows = np.flatnonzero(worse)
-    if rows.size < max(2, SURFACES.share * worse.size):
+    if worse.sum() < max(2, SURFACES.share * worse.size):
         return []
-    return [
-        Diagnostic(
-            "response surface",
-            f"{named(rows, ids)}: the response surface misses the simulator by more than "
-            f"{SURFACES.worse:.0f} times its estimated error, and by up to "
-            f"{relative[rows].max():.1%} of the outcome's scatter under the identified law",
-            "see whether the simulator answers the same for equal parameters; choose a tolerance, "
-            "such as 0.005, for surfaces that are exact on all of their region",
-            chosen(rows, ids),
-        )
-    ]
+    return of_experiments(
+        ABOUT,
+        worse,
+        ids,
+        f"the response surface misses the simulator by more than {SURFACES.worse:.0f} times its "
+        f"estimated error, and by up to {relative[worse].max():.1%} of the outcome's scatter under "
+        "the identified law",
+        "see whether the simulator answers the same for equal parameters; choose a tolerance, such "
+        "as 0.005, for surfaces that are exact on all of their region",
+    )
 
 
 def useless(
     problem: Problem, checked: Checked | None, surface_error: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
-    """Surfaces that are rough under the law."""
+    """A refusal of surfaces that are too rough under the law."""
     surface = problem.surface
-    if surface is None:
+    if surface is None or (checked is None and not problem.model.follows):
         return []
     with np.errstate(invalid="ignore", divide="ignore"):
-        if checked is not None:
-            relative = surface_error
-        elif problem.model.follows:
-            relative = (surface.error / surface.scatter)[problem.condition]
-        else:
-            return []
-        useless = np.flatnonzero(relative > SURFACES.useless)
-    if not useless.size:
-        return []
-    return [
-        Diagnostic(
-            "response surface",
-            f"{named(useless, ids)}: the response surface misses the simulator by more than "
-            f"{SURFACES.useless:.0%} of the outcome's scatter under the identified law, so that "
-            "the estimates cannot be trusted",
-            "choose a tolerance, such as 0.005, for surfaces that are exact on all of their region "
-            'whatever the answer; take transform = "log" where the outcome spans decades; or '
-            "narrow the box",
-            chosen(useless, ids),
-        )
-    ]
+        estimated = (surface.error / surface.scatter)[problem.condition]
+        rough = (estimated if checked is None else surface_error) > SURFACES.useless
+    return of_experiments(
+        ABOUT,
+        rough,
+        ids,
+        f"the response surface misses the simulator by more than {SURFACES.useless:.0%} of the "
+        "outcome's scatter under the identified law, so that the estimates cannot be trusted",
+        "choose a tolerance, such as 0.005, for surfaces that are exact on all of their region "
+        'whatever the answer; take transform = "log" where the outcome spans decades; or narrow '
+        "the box",
+    )
 
 
 def surface_warnings(
     problem: Problem, surface_error: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
     """Surfaces that did not reach their tolerance, and surfaces too rough for the answer."""
-    if problem.surface is None:
+    surface, choice = problem.surface, problem.model.surfaces
+    if surface is None:
         return []
-    unexact = _unexact if problem.model.follows else _unconverged
-    warnings = unexact(problem, problem.surface, ids)
-    with np.errstate(invalid="ignore"):
-        rough = np.flatnonzero(surface_error > SURFACES.error)
-    if rough.size:
-        warnings.append(
-            Diagnostic(
-                "response surface",
-                f"{named(rough, ids)}: the error of the response surface is above "
-                f"{SURFACES.error:.0%} of the outcome's standard deviation under the "
-                "identified law",
-                "lower the tolerance of the surface, or narrow the box around the law",
-                chosen(rough, ids),
-            )
-        )
-    return warnings
-
-
-def _unexact(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Diagnostic]:
-    """Surfaces that are rough under the law: more runs did not help, or did not move the answer."""
-    rough = surface.error > SURFACES.error * surface.scatter
-    rows = np.flatnonzero((rough & ~surface.converged)[problem.condition])
-    if not rows.size:
-        return []
-    return [
-        Diagnostic(
-            "response surface",
-            f"{named(rows, ids)}: the estimated error of the response surface is above "
-            f"{SURFACES.error:.0%} of the outcome's scatter under the law; more runs "
-            "stopped making it smaller, or stopped changing the estimates",
+    assert choice is not None
+    missed = ~surface.converged
+    if problem.model.follows:
+        rough = missed & (surface.error > SURFACES.error * surface.scatter)
+        warnings = of_experiments(
+            ABOUT,
+            rough[problem.condition],
+            ids,
+            f"the estimated error of the response surface is above {SURFACES.error:.0%} of the "
+            "outcome's scatter under the law; more runs stopped making it smaller, or stopped "
+            "changing the estimates",
             "see what the verification says of these experiments; choose a tolerance, such as "
             "0.005, or allow more runs (max_runs)",
-            chosen(rows, ids),
         )
-    ]
-
-
-def _unconverged(problem: Problem, surface: Surface, ids: Sequence[str]) -> list[Diagnostic]:
-    """Two reasons: the runs were used up, or more runs stopped helping."""
-    choice = problem.model.surfaces
-    assert choice is not None
-    missed = ~surface.converged[problem.condition]
-    spent = surface.runs[problem.condition] >= choice.max_runs
-    warnings = []
-    for which, what, remedy in (
-        (
-            missed & spent,
-            f"the estimated error was still above the tolerance when all {choice.max_runs} runs "
-            "were used",
-            "allow more runs an experiment (max_runs), or narrow the box",
-        ),
-        (
-            missed & ~spent,
-            "the estimated error stays above the tolerance however many runs are made; usual "
-            "causes are the simulator's own numerical error, or an outcome that jumps",
-            "make the simulator's own tolerances finer, raise the tolerance of the surface, or use "
-            "collocation",
-        ),
-    ):
-        rows = np.flatnonzero(which)
-        if rows.size:
-            message = f"{named(rows, ids)}: {what}"
-            warnings.append(Diagnostic("response surface", message, remedy, chosen(rows, ids)))
-    return warnings
+    else:
+        spent = surface.runs >= choice.max_runs
+        warnings = [
+            *of_experiments(
+                ABOUT,
+                (missed & spent)[problem.condition],
+                ids,
+                f"the estimated error was still above the tolerance when all {choice.max_runs} "
+                "runs were used",
+                "allow more runs an experiment (max_runs), or narrow the box",
+            ),
+            *of_experiments(
+                ABOUT,
+                (missed & ~spent)[problem.condition],
+                ids,
+                "the estimated error stays above the tolerance however many runs are made; usual "
+                "causes are the simulator's own numerical error, or an outcome that jumps",
+                "make the simulator's own tolerances finer, raise the tolerance of the surface, or "
+                "use collocation",
+            ),
+        ]
+    with np.errstate(invalid="ignore"):
+        rough = surface_error > SURFACES.error
+    return warnings + of_experiments(
+        ABOUT,
+        rough,
+        ids,
+        f"the error of the response surface is above {SURFACES.error:.0%} of the outcome's "
+        "standard deviation under the identified law",
+        "lower the tolerance of the surface, or narrow the box around the law",
+    )
 
 
 def check_refusals(change: float, error: float) -> list[Diagnostic]:
-    """Whether the simulator itself gives another log-likelihood than its surfaces."""
+    """A refusal where the simulator itself gives another log-likelihood than its surfaces."""
     if not abs(change) > SURFACES.change + SURFACES.errors * error:
         return []
     return [
@@ -224,7 +197,7 @@ def check_refusals(change: float, error: float) -> list[Diagnostic]:
 
 
 def exact_density(problem: Problem, alpha: Array) -> LogLikelihood | None:
-    """By the level sets of the same surfaces, where a density of moments was chosen; else None."""
+    """The log-likelihood by level sets where a density of moments was chosen; else None."""
     levels = problem.exactly
     return None if levels is None or problem.levels is not None else levels(alpha)
 
@@ -241,44 +214,48 @@ def density_notes(
     if found is None:
         return []
     steps = found.in_standard_errors
-    names = [problem.model.hyperparameters[k].name for k in free]
     rows = np.flatnonzero(np.abs(steps) > ACCURACY.move)
     if not rows.size:
         return []
     rows = rows[np.argsort(-np.abs(steps[rows]))]
+    names = [problem.model.hyperparameters[free[i]].name for i in rows]
     moves = ", ".join(
-        f"{names[i]} would {'rise' if steps[i] > 0 else 'fall'} by {_size(abs(steps[i]))}"
-        for i in rows
+        f"{name} would {'rise' if steps[i] > 0 else 'fall'} by "
+        + (
+            f"about {abs(steps[i]):.2f} standard errors"
+            if abs(steps[i]) < 1.0
+            else "a standard error or more"
+        )
+        for name, i in zip(names, rows, strict=True)
     )
     return [
         Diagnostic(
             "density",
             f"the density in use is an approximation: with the exact one {moves}",
             "leave [density] out: level sets are exact; or take a higher order, and compare",
-            tuple(names[i] for i in rows),
+            tuple(names),
         )
     ]
 
 
-def _size(step: float) -> str:
-    return f"about {step:.2f} standard errors" if step < 1.0 else "a standard error or more"
+# ------------------------------------------------------------------------ near the outcomes
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How exact surfaces are to be at the measured outcomes; measured by `benchmarks folds`.
-
-    `log_likelihood` is the error of a log-likelihood without noise above which surfaces have more
-    runs near the outcomes, up to `rounds` times.
-    `move` is the same of an estimate, in standard errors, and `unknown` the one that refuses the
-    answer. A surface is taken to be off by up to `farther` times the largest error that was seen.
-    """
+    """How exact surfaces are to be at the measured outcomes; measured by `benchmarks folds`."""
 
     log_likelihood: float = 0.1
+    """Error of a log-likelihood without noise above which surfaces have more runs near the
+    outcomes."""
     rounds: int = 3
+    """Times that they have more runs."""
     move: float = 0.25
+    """Error of an estimate, in standard errors, above which they have more."""
     unknown: float = 0.5
+    """Error of an estimate that refuses the answer."""
     farther: float = 3.0
+    """A surface is taken to be off by up to so many times the largest error that was seen."""
 
 
 ACCURACY = Accuracy()
@@ -286,7 +263,7 @@ ACCURACY = Accuracy()
 
 @dataclass(frozen=True)
 class Doubt:
-    """What each surface's error near the outcome does at most: NaN where it is not known.
+    """The largest effect of each surface's error near the outcome; NaN if unknown.
 
     `moves` (N,) are standard errors of an estimate, `changes` (N,) of the log-density without
     noise; infinite where the outcome may be beyond an extreme, zero with noise or without surfaces.
@@ -296,24 +273,23 @@ class Doubt:
     changes: Array
 
     def but_for(self, rows: Flags) -> Doubt:
-        """The same, not known of some experiments (N,)."""
-        moves, changes = (np.where(rows, np.nan, each) for each in (self.moves, self.changes))
-        return Doubt(moves, changes)
+        """The effects, unknown for some experiments (N,)."""
+        return Doubt(*(np.where(rows, np.nan, each) for each in (self.moves, self.changes)))
 
     @property
     def error(self) -> float:
-        """Of the log-likelihood: surfaces of different experiments err independently."""
+        """The error of the log-likelihood; surfaces of different experiments err independently."""
         return float(np.linalg.norm(np.nan_to_num(self.changes, nan=0.0, posinf=np.inf)))
 
     @property
     def size(self) -> float:
-        """The larger of both, over what is admitted: above one more runs are worth while."""
+        """The larger effect over the admitted one; above one more runs are worth while."""
         move = float(np.nanmax(self.moves, initial=0.0))
         return max(move / ACCURACY.move, self.error / ACCURACY.log_likelihood)
 
     @property
     def wanting(self) -> Flags:
-        """Experiments (N,) whose surfaces are to be more exact near the measured outcomes."""
+        """Experiments (N,) whose surfaces must be more exact near the measured outcomes."""
         found: Flags = self.moves > ACCURACY.move
         if self.error > ACCURACY.log_likelihood:
             found |= self.changes > ACCURACY.log_likelihood / np.sqrt(self.changes.size)
@@ -321,7 +297,7 @@ class Doubt:
 
 
 def doubt(problem: Problem, inference: Inference, alpha: Array, checked: Checked | None) -> Doubt:
-    """How far the error of each surface near the outcome moves an estimate and a log-density.
+    """The effect of each surface's error near the outcome on estimates and log-density.
 
     The error is the largest that the runs of the check saw there. An outcome that is off by it has
     another score, and H^-1 times the difference is the step of the estimates, to first order. An
@@ -349,52 +325,45 @@ def doubt(problem: Problem, inference: Inference, alpha: Array, checked: Checked
     if problem.levels is not None:
         for off in (ACCURACY.farther * error, -ACCURACY.farther * error):
             beyond = problem.levels.with_outcomes(problem.outcomes + off).evaluate(alpha)
-            reached = beyond.status == Status.SOLVED
-            changes = np.maximum(
-                changes, np.where(reached, np.abs(beyond.each - here.each), np.inf)
-            )
+            change = np.abs(beyond.each - here.each)
+            changes = np.maximum(changes, np.where(beyond.status == Status.SOLVED, change, np.inf))
         changes[~known] = np.nan
     return Doubt(moves, changes)
 
 
 def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
-    """Experiments whose surfaces leave an estimate or a density unknown."""
+    """Refusals for experiments whose surfaces leave an estimate or a density unknown."""
+    runs = "choose a tolerance, such as 0.005, or allow more runs (max_runs)"
+    largest = np.nanmax(doubted.moves, initial=0.0)
     return [
-        *_refused(
+        *of_experiments(
+            ABOUT,
             doubted.moves > ACCURACY.unknown,
-            "near the measured outcome the response surface misses the simulator by so much that "
-            f"an estimate could move by {np.nanmax(doubted.moves, initial=0.0):.2g} standard "
-            "errors",
-            "see whether it is an outlier, or whether the simulator has a kink or a step there; ",
             ids,
+            "near the measured outcome the response surface misses the simulator by so much that "
+            f"an estimate could move by {largest:.2g} standard errors",
+            f"see whether it is an outlier, or whether the simulator has a kink or a step there; "
+            f"{runs}",
         ),
-        *_refused(
+        *of_experiments(
+            ABOUT,
             np.isposinf(doubted.changes),
+            ids,
             "the measured outcome lies at an extreme of the response surface, nearer than the "
             "surface is exact, so that its density is not known",
-            "add measurement noise ([noise] sd), check these rows; ",
-            ids,
+            f"add measurement noise ([noise] sd), check these rows; {runs}",
         ),
     ]
 
 
-def _refused(rows: Flags, what: str, remedy: str, ids: Sequence[str]) -> list[Diagnostic]:
-    where = np.flatnonzero(rows)
-    if not where.size:
-        return []
-    remedy += "choose a tolerance, such as 0.005, or allow more runs (max_runs)"
-    what = f"{named(where, ids)}: {what}"
-    return [Diagnostic("response surface", what, remedy, chosen(where, ids))]
-
-
 def shortfalls(problem: Problem) -> Array:
-    """How far outcomes (N,) lie above what is reached, or below it (negative); zero inside."""
+    """How far outcomes (N,) lie above the reached range, or below it (negative); zero inside."""
     y, reach = problem.outcomes, problem.predictor
     return np.asarray(np.maximum(y - reach.upper, 0.0) + np.minimum(y - reach.lower, 0.0))
 
 
 def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
-    """What names the experiments outside the reachable range."""
+    """The error that names the outcomes outside the range that surfaces reach."""
     rows, reach = np.flatnonzero(shortfalls(problem)), problem.predictor
     return out_of_reach(rows, problem.outcomes, (reach.lower, reach.upper), ids)
 
@@ -402,7 +371,7 @@ def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
 def out_of_reach(
     outside: Indices, y: Array, reach: tuple[Array, Array], ids: Sequence[str]
 ) -> ExperimentsError:
-    """What names the experiments `outside`, of outcomes y (N,), and the ends (N,) of the reach."""
+    """The error that names the outcomes `outside` the range that the simulator reaches."""
     (low, high), most = reach, SURFACES.ids
     named = "; ".join(
         f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
@@ -417,8 +386,94 @@ def out_of_reach(
     )
 
 
+# --------------------------------------------------------------------------------- level sets
+
+
+@dataclass(frozen=True)
+class Cells:
+    """How changes by finer cells of level sets are judged; measured by `benchmarks folds`."""
+
+    jumped: float = 0.5
+    """Loss of a log-density, from coarse cells to those of half their size, that says that the
+    outcome is nowhere reached: it is log 2 where a set is only the cells that a jump crosses."""
+    coarse: float = 0.1
+    """Error of the log-likelihood that is worth a warning."""
+    margin: float = 2.0
+    """Error that is left, over what the last two halvings changed: 1.4 on random study 25."""
+    rounding: float = 1e-8
+    """Least error of a log-density: of a slope over a cell that was halved eight times."""
+
+
+CELLS = Cells()
+
+
+def by_finer_cells(problem: Problem, alpha: Array) -> Array:
+    """Changes (2, N) of the log-densities by the last two halvings of the cells.
+
+    Nothing without level sets. One halving alone may change nothing by chance: beside a kink the
+    error of cells has either sign.
+    """
+    if problem.levels is None:
+        return np.zeros((2, problem.outcomes.size))
+    sizes = (problem.levels, problem.levels.coarse(), problem.levels.coarse(4))
+    return np.asarray(-np.diff([levels.evaluate(alpha).each for levels in sizes], axis=0))
+
+
+def cells_error(problem: Problem, changed: Array) -> float:
+    """The error of the log-likelihood by level sets, from changes (2, N) by finer cells."""
+    if problem.levels is None:
+        return 0.0
+    total, rounding = changed.sum(axis=1), CELLS.rounding * np.sqrt(changed.shape[1])
+    return float(np.hypot(CELLS.margin * np.sqrt(total @ total + np.sum(changed**2)), rounding))
+
+
+def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
+    """A refusal of outcomes between the values on either side of a jump."""
+    return of_experiments(
+        "jump",
+        changed[0] < -CELLS.jumped,
+        ids,
+        "the simulator jumps over the measured outcome, which it reaches for no parameters, so "
+        "that no law explains it",
+        "add measurement noise ([noise] sd), check these rows, or see why the simulator jumps",
+    )
+
+
+def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> list[Diagnostic]:
+    """A refusal of outcomes at an extreme of the response or beyond."""
+    what = "the simulator" if problem.surface is None else "the response surface"
+    return of_experiments(
+        "extreme",
+        problem.unreached_at(alpha),
+        ids,
+        f"{what} does not go so far: the measured outcome lies at an extreme of it or beyond, "
+        "where its density is not known",
+        "add measurement noise ([noise] sd), check these rows, or choose a tolerance, such as "
+        "0.005, for surfaces that are more exact there",
+    )
+
+
+def level_warnings(changed: Array) -> list[Diagnostic]:
+    """A warning where cells are too coarse for the answer."""
+    # what is left is as much at most, if the error is of first order
+    error = float(np.sum(changed[0]))
+    if abs(error) < CELLS.coarse:
+        return []
+    return [
+        Diagnostic(
+            "quadrature",
+            f"the cells in which the simulator is looked at may change the log-likelihood by "
+            f"{abs(error):.2g}: they are too coarse",
+            "narrow the box of the parameters around the law",
+        )
+    ]
+
+
+# ------------------------------------------------------------------------- steps and budgets
+
+
 def step_warnings(surfaces: AdaptiveSurfaces | None, inputs: Inputs) -> list[Diagnostic]:
-    """Outcomes with a step, which surfaces do not follow."""
+    """A warning of steps of the outcome, which surfaces do not follow."""
     if surfaces is None:
         return []
     found = surfaces.steps(np.arange(surfaces.good.size))
@@ -443,9 +498,9 @@ def _place(names: Sequence[str], x: Array) -> str:
     return ", ".join(f"{name} = {value:.6g}" for name, value in zip(names, x, strict=True))
 
 
-ABOUT = "budget"
+BUDGET = "budget"
 UNCHECKED = Diagnostic(
-    ABOUT,
+    BUDGET,
     "the budget had no runs left to check the answer on the simulator itself",
     "allow more runs, or hours, and give the same command again: the runs are kept",
 )
@@ -456,7 +511,7 @@ def budget_warnings(
     surfaces: AdaptiveSurfaces | None,
     against: str = "the outcome's scatter",
 ) -> list[Diagnostic]:
-    """That the surfaces had fewer runs than they asked for; what is left of the error, and why.
+    """A warning where the budget cut off runs of the surfaces, and what more would bring.
 
     `against` is what their errors are judged by.
     """
@@ -467,7 +522,7 @@ def budget_warnings(
         return []
     return [
         Diagnostic(
-            ABOUT,
+            BUDGET,
             f"the budget of {account.budget} ended the runs of the response surfaces: of "
             f"{found.rough} of {found.surfaces} the estimated error is above {found.level:.0%} of "
             f"{against}, at most {found.worst:.0%}",

@@ -14,14 +14,18 @@ import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.fit.ledger import Ledger
+from aleator.fit.quadrature import (
+    NODE_ACCURACY,
+    AnyLikelihood,
+    Maximum,
+    nearest_maximum,
+    with_enough_nodes,
+)
 from aleator.fit.refine import WITH_NOISE, Refined, Refinement
 from aleator.fit.search import in_order
-from aleator.fit.settle import SETTLING, AnyLikelihood, Settled, climbed, settled
-from aleator.inference.diagnostics.estimates import ESTIMATES
-from aleator.inference.diagnostics.experiments import Rival
+from aleator.inference.diagnostics import ESTIMATES, Rival
 from aleator.inference.information import Inference, infer
-from aleator.inference.profile import Profile, profile_intervals
-from aleator.inference.profile_end import ENDS
+from aleator.inference.profile import ENDS, Profile, profile_intervals
 from aleator.laws.hyperparameter import limits_of
 from aleator.likelihood.individual import (
     Following,
@@ -34,45 +38,42 @@ from aleator.search.newton import ascend, ascended, outer
 
 
 @dataclass(frozen=True)
-class Certainty:
-    """How sure an answer is to be made, by judgement where nothing else is said.
-
-    - `wider`: times that surfaces may be made to serve the ends of the intervals.
-    - `enough`: what may be left to climb, in log-likelihood, by the information at the end.
-    - `climbs`: times that a profile may meet a better maximum.
-    - `looks`: standard errors from an answer at which it is seen whether it is a saddle.
-    - `higher`: a log-likelihood there that is higher by so much than at the answer: it is.
-    - `determined`: share of the information about each hyperparameter that there is about all
-      directions, at least, where it is told by scores, which have errors of their own.
-    - `differs`: a drop of the profile by other nodes that is another one: twice what an end is
-      found to.
-    - `dear`: nodes of an experiment beyond which a profile by them costs minutes.
-    - `unknown`: a drop that more nodes change by so much is not known.
-    - `adapted`: times that an interval is sought with nodes that were adapted to its ends.
-    - `nodes`: Gauss-Hermite nodes a variate that a second maximum is looked at with.
-    - `others`: optima of the search that are looked at, besides the best.
-    """
+class UncertaintySettings:
+    """How uncertainty is computed; by judgement where nothing else is said."""
 
     wider: int = 3
+    """Times that surfaces may be extended to the ends of the intervals."""
     enough: float = 1e-3
+    """Log-likelihood that may be left to climb, by the information at the end."""
     climbs: int = 3
+    """Times that a profile may meet a better maximum, from which all is done again."""
     looks: tuple[float, ...] = (-1.0, -0.5, 0.5, 1.0)
+    """Distances in standard errors at which a suspected saddle is tested."""
     higher: float = 0.01
+    """Log-likelihood by which such a point must be higher to prove a saddle."""
     determined: float = 1e-2
+    """Least eigenvalue of the correlations for which outer products of scores replace the
+    information."""
     differs: float = 0.04
+    """Difference of a profile's drop by other nodes that counts: twice the error of an end."""
     dear: int = 400
+    """Nodes of an experiment beyond which a profile costs minutes."""
     unknown: float = 0.2
+    """Change of the drop by more nodes from which an end is not reported."""
     adapted: int = 4
+    """Times that an interval is sought with nodes adapted to its ends."""
     nodes: int = 5
+    """Gauss-Hermite nodes a variate by which a rival maximum is climbed to."""
     others: int = 2
+    """Optima of the search, besides the best, that are tested for rival maxima."""
 
 
-CERTAINTY = Certainty()
+UNCERTAINTY = UncertaintySettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Certain:
-    """A refined answer with its information, its profile intervals, and other maxima."""
+class Inferred:
+    """A refined maximum with its information, profile intervals and rival maxima."""
 
     refined: Refined
     inference: Inference
@@ -80,24 +81,24 @@ class Certain:
     rivals: tuple[Rival, ...]
 
     @property
-    def settled(self) -> Settled:
-        """The maximum."""
-        return self.refined.settled
+    def maximum(self) -> Maximum:
+        """The maximum with its likelihood."""
+        return self.refined.maximum
 
     @property
     def found(self) -> SearchResult:
-        """The search that led there."""
+        """The search that led to the maximum."""
         return self.refined.found
 
 
-def certain(answer: Refined, ledger: Ledger) -> Certain:
-    """How sure an answer is, on surfaces that serve the laws at the ends of its intervals too."""
+def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
+    """The maximum with its uncertainty, on surfaces that hold at the interval ends too."""
     refinement = Refinement(answer.question, ledger)
-    for widened in range(CERTAINTY.wider + 1):
+    for widened in range(UNCERTAINTY.wider + 1):
         with ledger.stage("inference"):
-            end, found, inference, profile = inferred(answer.settled, answer.found, answer.possible)
-            answer = replace(answer, settled=end, found=found)
-        if answer.surfaces is None or widened == CERTAINTY.wider:
+            end, found, inference, profile = inferred(answer.maximum, answer.found, answer.possible)
+            answer = replace(answer, maximum=end, found=found)
+        if answer.surfaces is None or widened == UNCERTAINTY.wider:
             break
         spread = refinement.spread(answer, inference, profile.intervals)
         if spread is None:
@@ -105,21 +106,21 @@ def certain(answer: Refined, ledger: Ledger) -> Certain:
         answer = spread
     with ledger.stage("inference"):
         rivals = _rivals(answer, inference) or _followed_rivals(answer, inference)
-    return Certain(answer, inference, profile, rivals)
+    return Inferred(answer, inference, profile, rivals)
 
 
 def inferred(
-    end: Settled, found: SearchResult, others: Sequence[Array] = ()
-) -> tuple[Settled, SearchResult, Inference, Profile]:
-    """The information, and profiles with as few nodes as serve at each end.
+    end: Maximum, found: SearchResult, others: Sequence[Array] = ()
+) -> tuple[Maximum, SearchResult, Inference, Profile]:
+    """The information and the profile intervals, with as few nodes as each end needs.
 
     `others` (K,) are lower optima, whose hills the profiles may go over.
     """
-    for _ in range(CERTAINTY.climbs):
+    for _ in range(UNCERTAINTY.climbs):
         before = end
         end, inference = _informed(end)
         likelihood, alpha = end.likelihood, end.alpha
-        if inference.positive and inference.edm > CERTAINTY.enough:
+        if inference.positive and inference.edm > UNCERTAINTY.enough:
             # with the information itself, which a search on a flat top has not learned
             alpha = ascend(
                 likelihood.followed, alpha, likelihood.hyperparameters, inference.identified,
@@ -133,37 +134,36 @@ def inferred(
         if profile.better is None:
             break
         others = (alpha, *others)
-        end = settled(likelihood, profile.better)
+        end = with_enough_nodes(likelihood, profile.better)
         found = found.improved(end.alpha, end.likelihood(end.alpha), inference.identified)
     return end, found, inference, profile
 
 
 def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
-    """Other optima of the search that are maxima indeed: arrived at, inside, and bent down.
+    """Other optima of the search that are maxima: the climb arrived, inside the limits.
 
-    Those that only a limit holds are none. With panels of two variates, where a climb costs most,
-    only those that were climbed to with them. Cost: some tens of evaluations for each, with no more
-    nodes than a search takes.
+    With panels of two variates, where a climb costs most, only optima that were climbed to with
+    panels count. Cost: some tens of evaluations for each, with no more nodes than a search takes.
     """
     if not inference.positive:
         return ()
-    end, found = answer.settled, answer.found
+    end, found = answer.maximum, answer.found
     likelihood = end.likelihood
     arrived = list(answer.possible)
     rule = likelihood.rule if isinstance(likelihood, IndividualLikelihood) else None
     if not isinstance(rule, PlanePanels):
         arrived += [a.alpha for a in found.ascents if a.converged]
     if isinstance(likelihood, IndividualLikelihood) and isinstance(rule, GaussHermite):
-        likelihood = likelihood.by(GaussHermite(min(rule.first, CERTAINTY.nodes)), end.alpha)
+        likelihood = likelihood.by(GaussHermite(min(rule.first, UNCERTAINTY.nodes)), end.alpha)
     known, kept = [end.alpha], list[Rival]()
     for optimum in found.optima[1:]:
-        if len(known) > CERTAINTY.others:
+        if len(known) > UNCERTAINTY.others:
             break
         if not any(np.array_equal(optimum.alpha, other) for other in arrived):
             continue
         if inference.among(optimum.alpha, known, WITH_NOISE.apart):
             continue
-        held, alpha = climbed(likelihood, optimum.alpha)
+        held, alpha = nearest_maximum(likelihood, optimum.alpha)
         alpha = in_order(alpha, end.likelihood.inputs)
         if inference.among(alpha, known, WITH_NOISE.apart):
             continue
@@ -174,8 +174,8 @@ def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
 
 
 def _followed_rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
-    """Those of maxima that were followed to their own ends which are maxima indeed."""
-    end, kept = answer.settled, list[Rival]()
+    """The maxima among those optima that were followed with surfaces of their own."""
+    end, kept = answer.maximum, list[Rival]()
     for other in answer.others:
         if not inference.among(other.alpha, [end.alpha], WITH_NOISE.apart):
             drop = end.value - other.value
@@ -186,7 +186,7 @@ def _followed_rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]
 def _maximum(
     likelihood: AnyLikelihood, alpha: Array, drop: float, here: Array, inference: Inference
 ) -> list[Rival]:
-    """What lies lower than `here` (K,) by `drop`, if it is a maximum."""
+    """The optimum alpha as a rival of `here` (K,), if it is a maximum; it is lower by `drop`."""
     about = infer(likelihood.followed, alpha, likelihood.hyperparameters)
     stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
     if stuck or not about.positive or not about.edm < ESTIMATES.edm or not np.isfinite(drop):
@@ -196,12 +196,12 @@ def _maximum(
     return [Rival(alpha, here, drop, moved)]
 
 
-def _informed(end: Settled) -> tuple[Settled, Inference]:
-    """The information at an answer, and the answer: where it is a saddle, a maximum beside it.
+def _informed(end: Maximum) -> tuple[Maximum, Inference]:
+    """The information at an answer; at a saddle, of the maximum beside it.
 
-    Where the top is as flat as the errors of the quadrature, differences of the score may tell
-    that it bends upward. It does not where the likelihood is no higher a standard error away, and
-    then the scores of the experiments tell the information, if they determine all of it.
+    Where the top is flat, differences of the score may say falsely that it bends upward. If the
+    likelihood is not higher a standard error away, the outer products of the scores give the
+    information in their place, provided that they determine all of it.
     """
     likelihood, alpha = end.likelihood, end.alpha
     objective, hyperparameters = likelihood.followed, likelihood.hyperparameters
@@ -211,37 +211,37 @@ def _informed(end: Settled) -> tuple[Settled, Inference]:
     told = infer(objective, alpha, hyperparameters, by_scores=True)
     if (
         not told.positive
-        or np.linalg.eigvalsh(np.linalg.inv(told.correlation))[0] < CERTAINTY.determined
+        or np.linalg.eigvalsh(np.linalg.inv(told.correlation))[0] < UNCERTAINTY.determined
     ):
         return end, inference
     higher = _beside_a_saddle(likelihood, alpha, inference, told)
     if higher is None:
         return end, told
-    end = settled(likelihood, higher)
+    end = with_enough_nodes(likelihood, higher)
     return end, infer(end.likelihood.followed, end.alpha, hyperparameters)
 
 
 def _beside_a_saddle(
     likelihood: AnyLikelihood, alpha: Array, inference: Inference, told: Inference
 ) -> Array | None:
-    """The highest point where the information tells that the likelihood bends upward, if higher."""
+    """The highest point along the direction that bends upward; None if the answer is higher."""
     inside = np.isin(inference.identified, told.free)
     errors = told.standard_error[told.free]
     bends = inference.information[np.ix_(inside, inside)] * np.outer(errors, errors)
     steepest = errors * np.linalg.eigh(bends)[1][:, 0]
-    points = np.tile(alpha, (len(CERTAINTY.looks), 1))
-    points[:, told.free] += np.outer(CERTAINTY.looks, steepest)
+    points = np.tile(alpha, (len(UNCERTAINTY.looks), 1))
+    points[:, told.free] += np.outer(UNCERTAINTY.looks, steepest)
     points = np.clip(points, *limits_of(likelihood.hyperparameters))
     *values, here = likelihood.continued.values(np.vstack([points, alpha]))
     best = int(np.nanargmax(values))
-    return points[best] if values[best] > here + CERTAINTY.higher else None
+    return points[best] if values[best] > here + UNCERTAINTY.higher else None
 
 
-def _profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
-    """By few nodes that follow alpha; by those of the answer, or finer, where these tell more.
+def _profiled(end: Maximum, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
+    """Profile intervals by few nodes, and by more of them where these change an end.
 
-    The laws of experiments at an end are others than at the answer, and may need more nodes. What
-    the finest change at an end is what cannot be known.
+    The individual laws at an end differ from those at the answer, and may need more nodes. An end
+    whose drop the finest nodes still change is not reported.
     """
     likelihood = end.likelihood
     if end.coarse is None or not isinstance(likelihood, IndividualLikelihood):
@@ -252,32 +252,26 @@ def _profiled(end: Settled, alpha: Array, inference: Inference, rivals: Sequence
         same = end.coarse.rule == likelihood.rule
         few = likelihood if same else likelihood.by(end.coarse.rule, alpha)
         return _by_held(few, alpha, inference, rivals)
-    many = likelihood.nodes.xi.shape[1] > CERTAINTY.dear
+    many = likelihood.nodes.xi.shape[1] > UNCERTAINTY.dear
     found = profile_intervals(
         end.coarse.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals
     )
     if found.better is not None:
         return found
-    found = _anew(
-        likelihood,
-        alpha,
-        found,
-        CERTAINTY.unknown if many else CERTAINTY.differs,
-        inference,
-        rivals,
-    )
+    least = UNCERTAINTY.unknown if many else UNCERTAINTY.differs
+    found = _anew(likelihood, alpha, found, least, inference, rivals)
     if many:
         return found
     finer = _finer(likelihood, alpha)
     if finer is None or found.better is not None:
         return found
-    if finer.nodes.xi.shape[1] > CERTAINTY.dear:
-        return found.only_known(_off(finer, alpha, found, CERTAINTY.unknown))
-    again = _anew(finer, alpha, found, CERTAINTY.unknown, inference, rivals)
+    if finer.nodes.xi.shape[1] > UNCERTAINTY.dear:
+        return found.only_known(_off(finer, alpha, found, UNCERTAINTY.unknown))
+    again = _anew(finer, alpha, found, UNCERTAINTY.unknown, inference, rivals)
     finest = _finer(finer, alpha)
     if again is found or again.better is not None or finest is None:
         return again
-    return again.only_known(_off(finest, alpha, again, CERTAINTY.unknown))
+    return again.only_known(_off(finest, alpha, again, UNCERTAINTY.unknown))
 
 
 def _anew(
@@ -288,7 +282,7 @@ def _anew(
     inference: Inference,
     rivals: Sequence[Array],
 ) -> Profile:
-    """The same, with the ends sought anew whose drop by these nodes is another one by so much."""
+    """The profile with those ends sought again whose drop these nodes change by `least`."""
     higher = _climbed_on(likelihood, found, inference)
     rows = np.flatnonzero(np.any(_off(likelihood, alpha, higher, least), axis=1))
     if not rows.size:
@@ -301,7 +295,7 @@ def _anew(
 
 
 def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inference) -> Profile:
-    """The same with the conditional maxima at its ends by the nodes of this likelihood."""
+    """The profile with the conditional maxima at its ends by this likelihood."""
     objective, points = likelihood.continued, found.points.copy()
     for k, side in np.argwhere(found.drops > 0.0):
         moving, point = inference.identified[inference.identified != k], points[k, side]
@@ -315,7 +309,7 @@ def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inf
 
 
 def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikelihood | None:
-    """The likelihood by more nodes about one mode, or by finer panels; None where there is none."""
+    """The likelihood by more nodes about one mode or by finer panels; None if there is none."""
     if likelihood.rule.centers > 1:
         return None
     rules = likelihood.rule.finer(likelihood.inputs.scattering)
@@ -323,7 +317,7 @@ def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikeliho
 
 
 def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least: float) -> Flags:
-    """Ends (K, 2) whose drop is another one with the nodes of this likelihood, by so much."""
+    """Which ends (K, 2) have a drop that this likelihood changes by `least` or more."""
     top = likelihood.adapted(alpha).evaluate(alpha).total
     wrong = np.zeros(profile.drops.shape, dtype=np.bool_)
     for k, side in np.argwhere(profile.drops > 0.0):
@@ -336,13 +330,12 @@ def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least
 def _by_held(
     likelihood: IndividualLikelihood, alpha: Array, inference: Inference, rivals: Sequence[Array]
 ) -> Profile:
-    """By nodes that are held as parameters, which take longer to find than a profile by them.
+    """Profile intervals by nodes fixed as parameters, which cost more than a profile.
 
-    Those that are nearest in law serve. Nodes that are adapted to an end tell whether its drop is
-    right; where it is not, it is sought again with these too.
+    The nearest nodes in law are used. Nodes adapted to an end verify its drop; where the drop is
+    wrong, the end is sought again with these nodes added.
     """
-    objective, nothing = likelihood.continued, np.full((alpha.size, 2), np.nan)
-    found = Profile(nothing, nothing, np.full((alpha.size, 2, alpha.size), np.nan), None)
+    objective, found = likelihood.continued, Profile.unknown_ends(alpha.size)
     for k in inference.identified:
         row = _row_by_held(objective, likelihood, alpha, inference, rivals, np.array([k]))
         found = found.joined(row, np.array([k]))
@@ -359,10 +352,10 @@ def _row_by_held(
     rivals: Sequence[Array],
     only: Indices,
 ) -> Profile:
-    """The interval of one hyperparameter; a better maximum is one if nodes adapted to it say so."""
+    """The interval of one hyperparameter; a better maximum must be confirmed by own nodes."""
     hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
     off, about = np.full((alpha.size, 2), np.inf), None
-    for _ in range(CERTAINTY.adapted):
+    for _ in range(UNCERTAINTY.adapted):
         found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals, about)
         if found.better is not None:
             if top - _with_own(objective, likelihood, found.better) < -ENDS.better:
@@ -372,18 +365,15 @@ def _row_by_held(
         for k, side in np.argwhere(found.drops > 0.0):
             drop = top - _with_own(objective, likelihood, found.points[k, side])
             off[k, side] = abs(drop - found.drops[k, side])
-        if np.max(off) < CERTAINTY.differs:
+        if np.max(off) < UNCERTAINTY.differs:
             break
-    return replace(found, better=None).only_known(off > CERTAINTY.unknown)
+    return replace(found, better=None).only_known(off > UNCERTAINTY.unknown)
 
 
 def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Array) -> float:
-    """The log-likelihood at a point (K,) with nodes of its own, which the objective remembers.
-
-    Or with some that were adapted as near to it as that.
-    """
+    """The log-likelihood at a point (K,) with nodes adapted near it, which are remembered."""
     own = objective.nearest(point)
-    if own.distance(point) > SETTLING.close:
+    if own.distance(point) > NODE_ACCURACY.close:
         own = likelihood.adapted(point)
         objective.remember(own)
     return own.evaluate(point).total

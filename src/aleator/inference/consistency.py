@@ -1,0 +1,548 @@
+"""The second verdict: whether a fitted model is consistent with its experiments.
+
+Replicates of the experiments are drawn from the fit, and fitted by one step. Statistics of the
+residuals (`residual_statistics.py`) that are improbable among those of the replicates contradict
+the model, and each becomes a sentence with a remedy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from itertools import combinations, islice
+
+import numpy as np
+from scipy import special
+
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Flags
+from aleator.inference.fit import Fit, stepped
+from aleator.inference.residual_statistics import (
+    OUTCOMES,
+    RELATED,
+    SAME,
+    SCATTER,
+    SHAPES,
+    SHARES,
+    Battery,
+    Residuals,
+    Subject,
+    apart,
+    points_of,
+    residuals_of,
+)
+from aleator.inference.table_columns import (
+    COLUMNS,
+    ORDER,
+    RESPONSE,
+    classes_of,
+    columns_of,
+    copies_of,
+    without_order,
+)
+from aleator.observations.experiments import Experiments
+from aleator.results.values import REPORTED, Consistency, Discrepancy, Outlier, Statistic
+
+
+@dataclass(frozen=True)
+class ConsistencySettings:
+    """When the model is tested and by how many replicates; by judgement.
+
+    observations: observations; with fewer nothing is tested.
+    stages: numbers of replicates, each with two probabilities: so many are enough where p is then
+    below the first or above the second. values: simulated values of all replicates, at most, but
+    for `least` replicates. large: observations; with more there are no more than
+    `large_replicates` replicates.
+    unknown: share of probabilities that may be missing before more points are taken: the missing
+    are no random ones (crack growth had a mean square of 0.59 with 13 % missing, exact 1.00).
+    lost: share of probabilities or replicates that may be missing.
+    discrepancies: those that are reported. stream: the stream of random numbers for replicates.
+    """
+
+    observations: int = 5
+    stages: tuple[tuple[int, float, float], ...] = (
+        (40, 0.001, 0.3), (100, 0.01, 0.12), (200, 0.0, 0.0),
+    )  # fmt: skip
+    values: int = 150_000_000
+    least: int = 40
+    large: int = 3000
+    large_replicates: int = 100
+    unknown: float = 0.02
+    lost: float = 0.2
+    discrepancies: int = 3
+    stream: int = 11
+
+
+CONSISTENCY = ConsistencySettings()
+
+
+def consistency_of(
+    fit: Fit,
+    sound: bool,
+    seed: int,
+    progress: Progress,
+    requested: Collection[str] = (),
+    settings: ConsistencySettings = CONSISTENCY,
+) -> Consistency:
+    """Whether the experiments look as data drawn from the fitted model do.
+
+    Replicates of the experiments are drawn from it, alpha is fitted to each by one step, and the
+    same statistics are computed. There are more of them where p is near the decision (Besag and
+    Clifford, 1991). `requested` are the columns that the simulator or a law takes: what orders the
+    experiments as they came out is no condition else. Cost: some hundredths of a second a
+    replicate, 40 to 200 of them; no run.
+    """
+    if not sound:
+        return Consistency.untested("the answer was not computed soundly")
+    fit = fit.for_replicates()
+    table, count = fit.table, len(fit.table.observations)
+    if count < settings.observations:
+        return Consistency.untested(f"there are only {count} observations")
+    points = points_of(fit, 1.0 - settings.unknown)
+    observed = residuals_of(fit, points)
+    if np.mean(observed.known) < 1.0 - settings.lost:
+        return Consistency.untested("too many observations have no predicted probability")
+    columns = columns_of(table)
+    copies = copies_of(columns, table, requested, observed.normal)
+    columns = tuple(column for column in columns if column not in copies)
+    names, pairs = _scattering(fit)
+    # experiments of which nothing was observed have no say
+    experiment = np.unique(table.observations.experiment, return_inverse=True)[1]
+    battery = Battery.of(
+        without_order(columns, experiment, _rising(table, observed.normal), observed.means),
+        experiment,
+        tuple(fit.hyperparameters[k].name for k in fit.inference.free),
+        names,
+        apart(observed.means, pairs),
+    )
+    with np.errstate(all="ignore"):
+        subjects, statistics = battery.tests(observed)
+        source = replicated(fit, battery, points, np.random.default_rng([seed, settings.stream]))
+        most = max(settings.least, settings.values // (count * points))
+        if count > settings.large:
+            most = min(most, settings.large_replicates)
+        found = _enough(subjects, statistics, source, most, progress, settings)
+    if found is None:
+        return Consistency.untested("too many replicates of the experiments have no statistics")
+    against = sorted(
+        (t for t in found.tests if t.corrected < REPORTED.level), key=lambda t: t.corrected
+    )
+    within = {column.name for column in columns if not column.by_experiment} - {RESPONSE, ORDER}
+    # of many values, or classes of the outcome, which neither the simulator nor a law takes
+    measured = {column.name for column in columns if column.count > COLUMNS.levels}
+    measured = (measured | classes_of(columns, table.observations)) - {ORDER, *requested}
+    return Consistency(
+        found.together >= REPORTED.level,
+        found.together,
+        found.replicates,
+        tuple(
+            discrepancy_of(test, battery.several, within, measured)
+            for test in _causes(against, within, settings)
+        ),
+        outliers_of(observed, table),
+        found.tests,
+        relations=battery.relations.correlations(
+            observed.means, [t for t in found.tests if t.kind in RELATED]
+        ),
+        copies=tuple(name for column in copies for name in (column.name, *column.alike)),
+    )
+
+
+def _rising(table: Experiments, normal: Array) -> Array:
+    """The values (M,) along which a sorted table rises or falls.
+
+    The normal scores of a bound are drawn at random. With one value an experiment the bounds and
+    values of the table are therefore taken themselves.
+    """
+    seen = table.observations
+    if len(seen) > len(table.ids):
+        return normal
+    return np.where(np.isfinite(seen.lower), seen.lower, seen.upper)
+
+
+def _scattering(fit: Fit) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]:
+    """The scattering parameters, and the pairs of them that the law takes as independent."""
+    inputs = fit.inputs
+    names, tied = inputs.names, inputs.correlation
+    known = {frozenset((tied.members[i], tied.members[j])) for i, j in tied.pairs}
+    places = combinations(range(inputs.scattering), 2)
+    free = tuple(pair for pair in places if frozenset(pair) not in known)
+    return tuple(names[i] for i in inputs.scattered), free
+
+
+def _enough(
+    subjects: tuple[Subject, ...],
+    statistics: Array,
+    source: Iterator[Array],
+    most: int,
+    progress: Progress,
+    settings: ConsistencySettings,
+) -> Assessment | None:
+    replicates: list[Array] = []
+    exists, made, found = np.isfinite(statistics), 0, None
+    for stage, low, high in settings.stages:
+        count = min(stage, most)
+        for values in islice(source, count - made):
+            made += 1
+            progress.update(f"replicate {made} of {count}", made, count)
+            if np.all(np.isfinite(values[exists])):
+                replicates.append(np.where(exists, values, 0.0))
+        if len(replicates) < (1.0 - settings.lost) * made:
+            return None
+        found = assessed(subjects, np.where(exists, statistics, 0.0), np.array(replicates))
+        if count == most or found.together < low or found.together > high:
+            break
+    return found
+
+
+def _causes(
+    tests: list[Statistic], within: Collection[str], settings: ConsistencySettings
+) -> list[Statistic]:
+    """Of the tests that contradict the model those that explain the others.
+
+    The strongest one, and one of each column that differs between experiments. Left out is what
+    follows from another finding: scatter within experiments from a wrong scale, unequal scatter
+    from groups that differ, far values from tails and skewness, the columns together from one
+    column, and the shape of all residuals from a column.
+    """
+    found = {(test.kind, test.column) for test in tests}
+    inside = {SAME, *within}
+    if ("scale", None) in found:
+        tests = [t for t in tests if t.of != SCATTER or t.column not in inside]
+    if {("skewness", None), ("heavy tails", None)} & found:
+        tests = [t for t in tests if t.kind != "outlier"]
+    tests = [t for t in tests if t.kind != "unequal" or ("groups", t.column) not in found]
+    if any(t.column not in (None, ORDER, SAME) for t in tests):
+        tests = [t for t in tests if t.column != SAME]
+    placed = [t for t in tests if t.column is not None and t.column not in inside]
+    told = (placed if placed and tests[0].kind in SHAPES else tests)[:1]
+    for test in placed:
+        if test.column not in {ORDER, *(t.column for t in told)}:
+            told.append(test)
+    return told[: settings.discrepancies]
+
+
+@dataclass(frozen=True)
+class AssessmentSettings:
+    """How small probabilities follow from few replicates; held against the tests of statistics."""
+
+    flattest: float = 1e-12
+    """A statistic whose replicates scatter less than this, over its size, tells nothing."""
+    straight: float = 1e-3
+    """A skewness below this is none."""
+    shrunk: float = 20.0
+    """The skewness of B replicates is taken B/(B + this) times."""
+    many: int = 200
+    """Experiments from which one step to the maximum of a replicate does."""
+    farthest: float = 1.01
+    """A replicate is at most sqrt(B - this) standard deviations away: sqrt(B - 1) is the most that
+    one of B values can be.
+    """
+    certain: float = 1e-15
+    """Probabilities stay so far from one."""
+    named: int = 5
+    """Outliers that are named."""
+
+
+ASSESSMENT = AssessmentSettings()
+
+
+def probabilities(
+    observed: Array,
+    replicates: Array,
+    skewed: Flags,
+    one_sided: Flags,
+    least: Array,
+    settings: AssessmentSettings = ASSESSMENT,
+) -> tuple[Array, Array, Array]:
+    """p (T,) and z (T,) of observed statistics, and p (B, T) of each replicate.
+
+    By the normal law, and where `skewed` by Pearson's third with the skewness of the replicates
+    (Wilson and Hilferty, 1931); Student's t with B - 1 degrees of freedom is for their mean and
+    scatter, which are estimated. So a few dozen replicates tell small probabilities. They are taken
+    to scatter by `least` (T,) more; the probability is one where they do not scatter at all.
+    """
+    count = len(replicates)
+    mean = replicates.mean(axis=0)
+    sd = np.hypot(replicates.std(axis=0, ddof=1), least)
+    flat = ~(sd > settings.flattest * (1.0 + np.abs(mean)))
+    scale = np.where(flat, 1.0, sd)
+    third = np.mean(((replicates - mean) / scale) ** 3, axis=0)
+    skewness = np.where(skewed, third, 0.0) * count / (count + settings.shrunk)
+    z = _normal((observed - mean) / scale, skewness, settings) / np.sqrt(1.0 + 1.0 / count)
+    own = _normal((replicates - mean) / scale, skewness, settings)
+    most = np.sqrt(count - settings.farthest)
+    r = np.clip(own / np.sqrt(1.0 - 1.0 / count), -most, most)
+    left_out = r * np.sqrt((count - 2.0) / (count - 1.0 - r**2))
+    p = np.where(flat, 1.0, _tail(z, count - 1.0, one_sided))
+    return p, np.where(flat, 1.0, _tail(left_out, count - 2.0, one_sided)), np.where(flat, 0.0, z)
+
+
+def effective(smallest: Array) -> float:
+    """The number m of independent tests with such smallest p (B,): 1 - (1 - p)^m.
+
+    The maximum of the likelihood from the lower half of the replicates, the others counted as
+    larger: the tail is what matters.
+    """
+    limit = float(np.median(smallest))
+    low = smallest[smallest < limit]
+    told = -np.log1p(-low).sum() - (smallest.size - low.size) * np.log1p(-limit)
+    return low.size / told if told > 0.0 else 1.0
+
+
+def corrected(p: Array, tests: float) -> Array:
+    """The probability that the smallest p of so many tests is as small."""
+    return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(p, 1.0 - ASSESSMENT.certain))))
+
+
+def _normal(z: Array, skewness: Array, settings: AssessmentSettings) -> Array:
+    """Standardized values of a skewed law as normal ones.
+
+    Only on the side of the long tail: where the short tail ends depends on a skewness that few
+    replicates hardly determine.
+    """
+    straight = (np.abs(skewness) < settings.straight) | (z * skewness < 0.0)
+    g = np.where(straight, 1.0, skewness)
+    inside = np.cbrt(np.maximum(0.5 * g * z + 1.0, 0.0))
+    return np.where(straight, z, 6.0 / g * (inside - 1.0) + g / 6.0)
+
+
+def _tail(z: Array, freedom: float, one_sided: Flags) -> Array:
+    upper = special.stdtr(freedom, -z)
+    return np.asarray(np.where(one_sided, upper, 2.0 * special.stdtr(freedom, -np.abs(z))))
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """Tests with probabilities, the probability of all `together`, and the replicates."""
+
+    tests: tuple[Statistic, ...]
+    together: float
+    replicates: int
+
+
+def assessed(
+    subjects: tuple[Subject, ...],
+    observed: Array,
+    replicates: Array,
+    settings: AssessmentSettings = ASSESSMENT,
+) -> Assessment:
+    """Probabilities of the observed statistics (T,) among B replicates (B, T).
+
+    First within each group of tests, the smallest p over its weight, then of the groups: each has
+    its share of the false alarms, however many columns and hyperparameters there are.
+    """
+    skewed = np.array([s.skewed for s in subjects])
+    one_sided = np.array([s.one_sided for s in subjects])
+    least, weight = np.array([[s.least, s.weight] for s in subjects]).T
+    p, own, z = probabilities(observed, replicates, skewed, one_sided, least, settings=settings)
+    groups = np.array([s.group for s in subjects])
+    found, smallest = np.ones(p.size), []
+    for name in dict.fromkeys(groups.tolist()):
+        inside = groups == name
+        strongest = np.min(own[:, inside] / weight[inside], axis=1)
+        tests = effective(strongest) / SHARES[name]
+        found[inside] = corrected(p[inside] / weight[inside], tests)
+        smallest.append(corrected(strongest, tests))
+    found = corrected(found, effective(np.min(smallest, axis=0)))
+    rows = zip(subjects, z.tolist(), p.tolist(), found.tolist(), strict=True)
+    tests_found = tuple(Statistic(s.kind, s.of, s.column, s.where, *values) for s, *values in rows)
+    return Assessment(tests_found, float(found.min()), len(replicates))
+
+
+def replicated(
+    fit: Fit,
+    battery: Battery,
+    points: int,
+    rng: np.random.Generator,
+    settings: AssessmentSettings = ASSESSMENT,
+) -> Iterator[Array]:
+    """Statistics (T,) of data drawn from the fitted model and fitted again, without end.
+
+    Of few experiments alpha takes a second step: after one, replicates miss their maximum by so
+    much that the experiments, which do not, look odd (10 instead of 5 % false alarms at N = 15).
+    """
+    while True:
+        other = stepped(fit.drawn(rng))
+        fitted = stepped(other) if fit.count < settings.many else other
+        yield battery.tests(residuals_of(fitted, points))[1]
+
+
+def outliers_of(
+    residuals: Residuals, table: Experiments, settings: AssessmentSettings = ASSESSMENT
+) -> tuple[Outlier, ...]:
+    """Observations that are too far out even as the farthest of M, the farthest first."""
+    seen = table.observations
+    p = np.where(residuals.known, 2.0 * special.ndtr(-np.abs(residuals.normal)), 1.0)
+    among = corrected(p, float(p.size))
+    return tuple(
+        Outlier(
+            table.ids[seen.experiment[i]], int(seen.row[i]) + 1, seen.names[seen.response[i]],
+            float(p[i]), float(among[i]),
+        )
+        for i in np.argsort(p, kind="stable")[: settings.named]
+        if among[i] < REPORTED.level
+    )  # fmt: skip
+
+
+LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may have two modes"
+HEAVY = "more outcomes lie far out, and more in the middle, than the law says"
+
+
+def discrepancy_of(
+    test: Statistic, several: bool, within: Collection[str], measured: Collection[str] = ()
+) -> Discrepancy:
+    """A test that contradicts the model, as a sentence with a remedy.
+
+    `several`: experiments have several observations; `within` are the columns that differ within
+    an experiment, which no law can follow; `measured` those that may be results themselves.
+    """
+    if test.kind == "contrast":
+        message, remedy = _contrast(test), (_curved if test.column in within else _mended)(test)
+    else:
+        message, remedy = _other(test, several)
+    if test.column in measured and test.kind in ("contrast", "relation"):
+        remedy += f"; or, if {test.column} is a result of the experiments, take it out of the table"
+    return Discrepancy(test, message, remedy)
+
+
+def _contrast(test: Statistic) -> str:
+    if test.where is not None:
+        place = f"at {test.where}"
+    elif test.column == ORDER:
+        place = "late in the table"
+    else:
+        place = f"under high `{test.column}`"
+    up = test.z > 0.0
+    if test.of == OUTCOMES:
+        return f"outcomes {place} are {'larger' if up else 'smaller'} than the law says"
+    if test.of == SCATTER:
+        return f"outcomes {place} scatter {'more' if up else 'less'} than the law says"
+    return f"experiments {place} ask for a {'larger' if up else 'smaller'} {test.of}"
+
+
+def _mended(test: Statistic) -> str:
+    if test.column == ORDER:
+        return (
+            "something changed while the experiments were made: look for it, and give it a column "
+            "that the simulator or a law follows"
+        )
+    if test.column == RESPONSE:
+        return "give each response a noise of its own, or mend what the simulator says of it"
+    formula = test.column if test.where is None else f"C({test.column})"
+    if test.of == SCATTER:
+        return (
+            f"let the noise differ with {test.column} (a column of standard deviations), or the sd "
+            f'of a law follow it: sd = "1 + {formula}"'
+        )
+    of = "the mean of a parameter" if test.of == OUTCOMES else test.of
+    return (
+        f'let {of} follow {test.column}: "1 + {formula}"; or mend how the simulator depends on it'
+    )
+
+
+def _curved(test: Statistic) -> str:
+    if test.of == SCATTER:
+        return (
+            f"let the noise differ with {test.column} (a column of standard deviations), or be "
+            "relative: [noise] relative"
+        )
+    return (
+        f"the simulator depends on {test.column} in another way than the experiments: mend it, or "
+        "let a constant of it be identified"
+    )
+
+
+def _other(test: Statistic, several: bool) -> tuple[str, str]:
+    up, of, column = test.z > 0.0, test.of, test.column
+    alike = "alike" if up else "opposite"
+    match test.kind:
+        case "level":
+            return (
+                f"outcomes are {'larger' if up else 'smaller'} than the law says, by and large",
+                "let a mean that is fixed be identified, or mend the simulator, which is biased",
+            )
+        case "scale":
+            return (
+                f"outcomes scatter {'more' if up else 'less'} than the law and the noise say",
+                "let the noise, or a standard deviation of a law, be identified; where all are, "
+                "let the noise differ by a column of standard deviations, or take noise of kind "
+                '"student_t"',
+            )
+        case "heavy tails":
+            pull = f"more experiments pull far, and more hardly, on {of} than the law says"
+            return (
+                HEAVY if of == OUTCOMES else pull,
+                'noise of kind "student_t", a law with heavier tails, or a column that tells apart '
+                "what scatters more",
+            )
+        case "light tails":
+            return (
+                LIGHT
+                if of == OUTCOMES
+                else f"experiments pull alike far on {of} than the law says",
+                'a law = "mixture", or a column that tells two groups apart',
+            )
+        case "skewness":
+            skewed = "choose a skewed law (lognormal, gamma, beta), or"
+            if of == OUTCOMES:
+                side = "above" if up else "below"
+                message = f"outcomes lie farther {side} what is expected than the law says"
+                return message, f"{skewed} the transform log"
+            side = "up" if up else "down"
+            message = f"single experiments pull {of} farther {side} than the law says"
+            return message, f"{skewed} look at these experiments"
+        case "outlier":
+            return (
+                "an outcome lies farther out than the law says",
+                'look at the outliers named; noise of kind "student_t", or a skewed law, makes '
+                "them likely",
+            )
+        case "unequal":
+            whose = "experiments" if column == ORDER else f"outcomes of different `{column}`"
+            whose = "outcomes under different conditions" if column == SAME else whose
+            heavy = ', or take noise of kind "student_t"' if column == ORDER else ""
+            return (
+                f"{whose} scatter unequally, more than the law says",
+                f"let the noise differ between them by a column of standard deviations{heavy}",
+            )
+        case "neighbours" if several:
+            return (
+                f"observations that follow each other in an experiment err {alike}",
+                "the errors are not independent, or the simulator's curve has another shape: mend "
+                "the simulator, or leave out observations that are too close",
+            )
+        case "neighbours":
+            return (
+                f"outcomes next to each other in the table are {alike}",
+                "if they are of one subject, name the column that says which: [experiments] "
+                'id = "..."; else something changed while the experiments were made',
+            )
+        case "groups":
+            where = "under the same conditions" if column == SAME else f"with the same `{column}`"
+            whose = (
+                "observations of the same experiment" if column == ORDER else f"outcomes {where}"
+            )
+            mended = "mend the simulator, whose curve has another shape than what was measured"
+            named = "..." if column == SAME else column
+            subject = (
+                "if their rows are of one subject, name the column that says which: [experiments] "
+                f'id = "{named}"; else mend the simulator, which is biased there'
+            )
+            return f"{whose} err alike, more than the law says", mended if several else subject
+        case "pair":
+            return (
+                f"{of} and {column} of single experiments differ "
+                f"{'together' if up else 'in opposite directions'}, more than a law says that "
+                "takes them as independent",
+                f"let them be correlated: [correlation] {of}.{column}",
+            )
+        case _:
+            late, size = column == ORDER, "larger" if up else "smaller"
+            place = "late in the table" if late else f"under high `{column}`"
+            return (
+                f"{of} of single experiments is {size} {place} than the law says",
+                "look for what changed while the experiments were made"
+                if late
+                else f'let the mean of {of} follow {column}: "1 + {column}"',
+            )

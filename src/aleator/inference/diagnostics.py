@@ -1,0 +1,620 @@
+"""What a reader must know before trusting an answer: warnings and refusals, each with a remedy.
+
+Of estimates: too few experiments, limits, directions left open. Of single experiments: no density,
+no runs, no observations. What surfaces and level sets leave unknown is in `surface_diagnostics.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aleator.core.status import Status
+from aleator.core.types import Array, Flags, Indices
+from aleator.inference.information import Inference
+from aleator.inference.profile import Profile
+from aleator.laws import Hyperparameter
+from aleator.laws.inputs import Inputs
+from aleator.observations.responses import Observations
+from aleator.results.values import Diagnostic, FailureReport
+from aleator.search import SearchResult, wide_limits
+from aleator.search.interface import LogLikelihood
+from aleator.simulators import NoOutcome, Runner, working_box
+
+# ---------------------------------------------------------------------------------- estimates
+
+
+@dataclass(frozen=True)
+class EstimateSettings:
+    """When estimates are no maximum, too many for the data, or hardly determined; by judgement."""
+
+    edm: float = 5e-3
+    """Distance to the maximum, in log-likelihood, that still counts as arrived: 0.1 standard
+    errors."""
+    experiments: int = 5
+    """Experiments for each free hyperparameter. With fewer, intervals of a normal law contain the
+    truth in less than 93 % of all cases: 92 % at four, 91 % at three, by the laws of Student and
+    Helmert."""
+    weak: float = 0.02
+    """Curvature of a direction, over that of each hyperparameter alone, below which it is weak."""
+    part: float = 0.3
+    """Share of a direction from which a hyperparameter is named."""
+    correlation: float = 0.95
+    """Correlation of two estimates from which advice on it is a warning."""
+    distance: float = 3.0
+    """Mean of a condition, over its standard deviation, from which it is far from zero."""
+    proportional: float = 0.01
+    """Relative deviation of the ratio of two effects from a condition that counts as none."""
+    spread: float = 0.2
+    """The same over the relative spread of the condition; the smaller of both counts."""
+
+
+ESTIMATES = EstimateSettings()
+
+
+def count_warnings(
+    experiments: int, inference: Inference, settings: EstimateSettings = ESTIMATES
+) -> list[Diagnostic]:
+    """A warning where there are too few experiments for normal theory."""
+    free = inference.identified.size
+    if experiments >= settings.experiments * free:
+        return []
+    return [
+        Diagnostic(
+            "experiments",
+            f"{experiments} experiments for {free} free hyperparameters: intervals hold the truth "
+            "in less than 93 % of all cases, estimates -+ 1.96 standard errors in less than 90 %, "
+            "and estimated standard deviations tend to be too small, by about the ratio of "
+            "hyperparameters to experiments",
+            "take the intervals, not the standard errors; fix some, or add experiments "
+            f"({2 * settings.experiments} for each is a start)",
+        )
+    ]
+
+
+def search_refusals(
+    inference: Inference,
+    hyperparameters: Sequence[Hyperparameter],
+    settings: EstimateSettings = ESTIMATES,
+) -> list[Diagnostic]:
+    """A refusal where the answer is no maximum, or the search did not arrive there."""
+    wide = ", ".join(wide_limits(hyperparameters))
+    also = f"; narrow the limits of {wide}, many orders of magnitude wide" if wide else ""
+    if not inference.positive:
+        message = (
+            "the information matrix at the answer is not positive definite: it is no maximum, or a "
+            "hyperparameter has no effect"
+        )
+        remedy = "fix a hyperparameter, or search from more starts"
+    elif not inference.edm < settings.edm:
+        message = (
+            f"the search did not arrive: the maximum is an estimated {inference.edm:.2g} higher in "
+            "log-likelihood"
+        )
+        remedy = "allow more evaluations a start, search from more starts, or polish"
+    else:
+        return []
+    return [Diagnostic("search", message, remedy + also)]
+
+
+def once_warnings(found: SearchResult) -> list[Diagnostic]:
+    """A warning where no second start of the search came to the maximum."""
+    if not found.once:
+        return []
+    return [
+        Diagnostic(
+            "search",
+            f"of {len(found.ascents)} starts of the search not two came to the same best "
+            "log-likelihood: there may be a higher maximum",
+            "search from more starts, give a hyperparameter a start or narrower limits, or fix one",
+        )
+    ]
+
+
+def bound_warnings(
+    hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
+) -> list[Diagnostic]:
+    """Warnings of estimates on a limit, and of intervals without an end."""
+    sides = zip(hyperparameters, inference.at_bound, strict=True)
+    warnings = [_on_limit(h, side) for h, side in sides if side is not None]
+    unknown = tuple(hyperparameters[k].name for k in profile.unknown(inference.identified))
+    if unknown and inference.positive:
+        warnings.append(
+            Diagnostic(
+                "interval",
+                f"no interval is told of {', '.join(unknown)}: an end of it could not be found, at "
+                "which the profile of the log-likelihood has dropped by 1.92",
+                "take the standard error for what it is worth, or a bootstrap of the experiments; "
+                "see whether the likelihood is rough because the simulator jumps",
+                unknown,
+            )
+        )
+    return warnings
+
+
+def _on_limit(h: Hyperparameter, side: str) -> Diagnostic:
+    if side == "lower" and h.reaches_zero:
+        return Diagnostic(
+            "bounds",
+            f"{h.name} ends at zero: as far as these experiments tell, it is no scatter. It has no "
+            "standard error, and those of the others hold with it at zero",
+            "take a constant in place of a law that does not scatter, or leave it and say so",
+            (h.name,),
+        )
+    scatter = side == "lower" and h.log and not h.name.startswith("noise.")
+    constant = '; if its parameter is the same in all experiments, take law = "constant"'
+    return Diagnostic(
+        "bounds",
+        f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
+        "it has no standard error, and those of the others hold with it fixed there",
+        "widen the limit if it is not physical, or fix the hyperparameter"
+        + (constant if scatter else ""),
+        (h.name,),
+    )
+
+
+REMEDY = "fix a hyperparameter, or measure under more varied conditions"
+
+
+def weak_directions(
+    inference: Inference,
+    hyperparameters: Sequence[Hyperparameter],
+    settings: EstimateSettings = ESTIMATES,
+) -> list[Diagnostic]:
+    """Hyperparameters that the experiments hardly determine: pairs, groups, and some alone.
+
+    Pairs and groups are those whose estimates are correlated beyond 0.98. Of one standard deviation
+    alone the interval says how uncertain it is.
+    """
+    weak = _correlated if inference.positive else _flat
+    return [*weak(inference, [hyperparameters[k] for k in inference.free], settings)]
+
+
+def _correlated(
+    inference: Inference, free: Sequence[Hyperparameter], settings: EstimateSettings
+) -> Iterator[Diagnostic]:
+    if inference.free.size < 2:
+        return
+    names = [h.name for h in free]
+    values, vectors = np.linalg.eigh(inference.correlation)
+    for vector in vectors.T[values <= settings.weak]:
+        # the small eigenvalue is well determined; what moves along its large parts is not apart
+        parts = _large(vector, settings)
+        which = [names[i] for i in parts]
+        yield _weak(
+            f"{', '.join(which)} can hardly be told apart: if they change together, the "
+            "likelihood hardly changes; well determined is only "
+            f"{_combination(vector, parts, names)} (se: standard error)",
+            *which,
+            remedy=_remedy([free[i] for i in parts]),
+        )
+
+
+def _remedy(which: Sequence[Hyperparameter]) -> str:
+    """Centering, where one of the hyperparameters is an intercept far from all experiments."""
+    terms = [name for h in which if h.beside for name, _ in h.beside.terms]
+    if not terms:
+        return REMEDY
+    covariate = terms[0].partition("[")[2].removesuffix("]")
+    return (
+        f"write center({covariate}) for {covariate} in the formula: the other coefficient is then "
+        "the value at the mean of the covariate, not at zero; nothing else changes"
+    )
+
+
+def _flat(
+    inference: Inference, free: Sequence[Hyperparameter], settings: EstimateSettings
+) -> Iterator[Diagnostic]:
+    """Directions along which the log-likelihood is flat, so that there is no covariance."""
+    inside = np.isin(inference.identified, inference.free)
+    information = inference.information[np.ix_(inside, inside)]
+    scale = np.sqrt(np.abs(np.diag(information)))
+    if not np.all(np.isfinite(information)):
+        return
+    acts = scale > 0.0
+    for h, act in zip(free, acts, strict=True):
+        if not act:
+            yield _weak(f"{h.name} has no effect", h.name)
+    names = [h.name for h, act in zip(free, acts, strict=True) if act]
+    values, vectors = np.linalg.eigh(
+        information[np.ix_(acts, acts)] / np.outer(scale[acts], scale[acts])
+    )
+    for vector in vectors.T[np.abs(values) < settings.weak]:
+        parts = _large(vector, settings)
+        which = [names[i] for i in parts]
+        yield _weak(
+            f"{', '.join(which)} can change together without effect, along "
+            f"{_combination(vector, parts, names)} (se: standard error of each by itself)",
+            *which,
+        )
+
+
+def _weak(message: str, *names: str, remedy: str = REMEDY) -> Diagnostic:
+    return Diagnostic("identifiability", message, remedy, names)
+
+
+def _large(vector: Array, settings: EstimateSettings) -> list[int]:
+    return [int(i) for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > settings.part]
+
+
+def _combination(vector: Array, parts: Sequence[int], names: Sequence[str]) -> str:
+    return " ".join(
+        f"{'+' if vector[i] >= 0 else '-'} {abs(vector[i]):.2f} {names[i]}/se" for i in parts
+    )
+
+
+def centering_advice(
+    slope: Array,
+    inputs: Inputs,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    conditions: pd.DataFrame,
+    settings: EstimateSettings = ESTIMATES,
+) -> list[Diagnostic]:
+    """Advice for pairs of parameters of which one acts as the other times a condition.
+
+    By slopes (M, n) of M simulated values by the parameters; a row of conditions for each. In
+    y = a + b T with T far from zero, a and b take each other's place; in a' + b (T - T0) with T0 in
+    the middle they do not. None where laws follow covariates: their values are not in alpha.
+    """
+    if inputs.regressed:
+        return []
+    far = {
+        str(name): column.to_numpy()
+        for name, column in conditions.items()
+        if pd.api.types.is_float_dtype(column) and _far(column.to_numpy(), settings)
+    }
+    return [
+        _advice(inputs.names[a], inputs.names[b], name, values)
+        for i, j in _close(inputs, hyperparameters, inference, settings)
+        for a, b in ((i, j), (j, i))
+        for name, values in far.items()
+        if _times(slope[:, b], slope[:, a], values, settings)
+    ]
+
+
+def _far(values: Array, settings: EstimateSettings) -> bool:
+    spread = float(values.std())
+    return bool(
+        np.all(np.isfinite(values)) and 0.0 < settings.distance * spread < abs(values.mean())
+    )
+
+
+def _times(effect: Array, other: Array, condition: Array, settings: EstimateSettings) -> bool:
+    """Whether one effect is the other times the condition and a constant, over all experiments."""
+    product = other * condition
+    size = float(product @ product)
+    if size == 0.0:
+        return False
+    off = effect - (effect @ product) / size * product
+    # as close as to the other alone would be no sign of the condition
+    spread = float(condition.std() / abs(condition.mean()))
+    closeness = min(settings.proportional, settings.spread * spread)
+    return bool(np.linalg.norm(off) < closeness * np.linalg.norm(effect))
+
+
+def _close(
+    inputs: Inputs,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    settings: EstimateSettings,
+) -> Iterator[tuple[int, int]]:
+    """Pairs of parameters whose means or values are free and strongly correlated."""
+    where = {
+        int(k): i
+        for i, part in enumerate(inputs.slices)
+        for k in inference.free
+        if part.start <= k < part.stop and not hyperparameters[k].log
+    }
+    rows = [row for row, k in enumerate(inference.free) if int(k) in where]
+    for p, q in combinations(rows, 2):
+        i, j = where[int(inference.free[p])], where[int(inference.free[q])]
+        if not inference.positive or abs(inference.correlation[p, q]) > settings.correlation:
+            yield i, j
+
+
+def _advice(a: str, b: str, name: str, values: Array) -> Diagnostic:
+    low, high = values.min(), values.max()
+    middle = float(f"{0.5 * (low + high):.3g}")
+    return Diagnostic(
+        "identifiability",
+        f"{b} acts as {a} times {name} does, and {name} ({low:.6g} to {high:.6g}) lies far from "
+        f"zero, so that the experiments hardly tell {a} from {b}",
+        f"count {name} from its middle: write ({name} - {middle:.6g}) for {name} in the simulator, "
+        f"and set the limits of {a} anew, which then belongs to {name} = {middle:.6g}",
+        (a, b, name),
+    )
+
+
+# --------------------------------------------------------------------------- single experiments
+
+
+@dataclass(frozen=True)
+class ExperimentSettings:
+    """When something is reported of single experiments, and how much; by judgement."""
+
+    gap: float = 0.1
+    """Change of the log-likelihood with more nodes from which an answer is refused."""
+    noted_gap: float = 0.01
+    """The same from which it is reported."""
+    equal: float = 0.1
+    """Maxima whose log-likelihoods differ by less are as high as each other."""
+    failing: float = 0.02
+    """Share of a law at which runs fail, from which it is reported."""
+    censored: float = 0.5
+    """Share of the values of which only bounds are known, from which it is reported."""
+    ids: int = 8
+    """Experiments that a message names."""
+    points: int = 300
+    """Failed runs of which a result says where they were."""
+
+
+EXPERIMENTS = ExperimentSettings()
+
+
+def named(which: NDArray[np.intp], ids: Sequence[str], most: int = EXPERIMENTS.ids) -> str:
+    """The experiments `which`, by their ids, so many of them at most.
+
+    >>> named(np.array([0, 2]), ["a", "b", "c"])
+    'experiments a, c'
+    """
+    shown = ", ".join(ids[l] for l in which[:most])
+    more = f" and {which.size - most} more" if which.size > most else ""
+    return f"experiment{'s' if which.size > 1 else ''} {shown}{more}"
+
+
+def of_experiments(
+    about: str, which: Flags, ids: Sequence[str], message: str, remedy: str
+) -> list[Diagnostic]:
+    """A diagnostic that names the experiments `which` (N,); none where there are none."""
+    rows = np.flatnonzero(which)
+    if not rows.size:
+        return []
+    names = tuple(ids[l] for l in rows.tolist())
+    return [Diagnostic(about, f"{named(rows, ids)}: {message}", remedy, names)]
+
+
+def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
+    """One word for each experiment: solved, outside_support, or why the density failed."""
+    outside = (codes == Status.SOLVED) & ~np.isfinite(log_density)
+    combined = np.where(outside, int(Status.OUTSIDE_SUPPORT), codes)
+    return [Status(int(code)).name.lower() for code in combined]
+
+
+def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnostic]:
+    """Refusals for experiments whose observations have no density."""
+    words = np.array(statuses(honest.status, honest.each))
+    refusals = []
+    for status in (s for s in Status if s is not Status.SOLVED):
+        what, _, remedy = status.explanation.partition(": ")
+        refusals += of_experiments("density", words == status.name.lower(), ids, what, remedy)
+    return refusals
+
+
+def limit_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diagnostic]:
+    """Warnings of experiments whose covariates lead a law's value beyond its limits."""
+    return [
+        warning
+        for name, which in held.items()
+        for warning in of_experiments(
+            "bounds",
+            np.isin(np.arange(len(ids)), which),
+            ids,
+            f"the formula of {name} leads beyond the limits of {name}, where it is held",
+            f"widen the limits of {name} if they are not physical, or take another formula",
+        )
+    ]
+
+
+def review_data(
+    seen: Observations, left: Observations, failing: Array, ids: Sequence[str]
+) -> list[Diagnostic]:
+    """Warnings of missing data: no observations, no runs, bounds only.
+
+    `seen` are the observations of the table, `left` those of them that runs give a value of, and
+    `failing` (N,) is the share of each experiment's law at which runs fail.
+    """
+    count, kept = (np.bincount(part.experiment, minlength=len(ids)) for part in (seen, left))
+    lost, share = count - kept, float(np.mean(left.censored)) if len(left) else 0.0
+    return [
+        *of_experiments(
+            "experiments",
+            count == 0,
+            ids,
+            "nothing was observed. It says nothing of the law, and of its parameters only the law "
+            "is known",
+            "leave it out, or see whether cells are blank that should not be",
+        ),
+        *of_experiments(
+            "simulator",
+            lost > 0,
+            ids,
+            f"no run gives a value of {int(lost.sum()):,} of the {len(seen):,} observations, "
+            "wherever the parameters are. They are left out: the likelihood is that of the others, "
+            "on condition that what is left out has nothing to do with the parameters",
+            "mend the simulator there, or delete these rows of the table",
+        ),
+        *of_experiments(
+            "simulator",
+            failing > EXPERIMENTS.failing,
+            ids,
+            f"runs fail at up to {100 * failing.max():.2g} % of the identified law. These "
+            "parameters count as impossible there: the likelihood is that of the observations and "
+            "of a run that works",
+            "mend the simulator, or give the law a box where it works (`aleator box STUDY.toml`)",
+        ),
+        *(
+            [
+                Diagnostic(
+                    "observations",
+                    f"of {100 * share:.0f} % of the values only bounds are known: the answer rests "
+                    "on the form of the law beyond what was measured",
+                    "see whether another law gives the same answer",
+                )
+            ]
+            if share > EXPERIMENTS.censored
+            else []
+        ),
+    ]
+
+
+def without_surfaces(lost: Flags, of: Indices, ids: Sequence[str]) -> list[Diagnostic]:
+    """A refusal where observations (M,) have no surface in the end; `of` (M,) whose they are."""
+    return of_experiments(
+        "surface",
+        np.bincount(of[lost], minlength=len(ids)) > 0,
+        ids,
+        "too few runs work near the identified law for a surface",
+        "mend the simulator there, or narrow the limits of the law",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """Another maximum alpha (K,), lower by `drop` than the one `here` (K,).
+
+    `moved` are the hyperparameters that differ by more than a standard error.
+    """
+
+    alpha: Array
+    here: Array
+    drop: float
+    moved: tuple[int, ...]
+
+    def outside(self, intervals: Array) -> bool:
+        """Whether a hyperparameter that differs lies outside its interval (K, 2)."""
+        return any(not intervals[k, 0] <= self.alpha[k] <= intervals[k, 1] for k in self.moved)
+
+
+def rival_warnings(
+    rivals: Sequence[Rival], hyperparameters: Sequence[Hyperparameter], intervals: Array
+) -> list[Diagnostic]:
+    """A warning of another maximum that is as high, or outside the intervals (K, 2)."""
+    rivals = [one for one in rivals if one.drop < EXPERIMENTS.equal or one.outside(intervals)]
+    if not rivals:
+        return []
+    best = rivals[0]
+    where = ", ".join(
+        f"{hyperparameters[k].name} {best.alpha[k]:.4g} (here {best.here[k]:.4g})"
+        for k in best.moved
+    )
+    lower = f"has a log-likelihood lower by {best.drop:.3g}"
+    height = lower if best.drop > EXPERIMENTS.equal else "is as high"
+    more = f" (and {len(rivals) - 1} more)" if len(rivals) > 1 else ""
+    return [
+        Diagnostic(
+            "search",
+            f"there are two maxima: another one{more} {height}, at {where}. The higher one need "
+            "not be the physical one",
+            "judge by what the parameters may be; limits that leave out one of them give the other",
+            tuple(hyperparameters[k].name for k in best.moved),
+        )
+    ]
+
+
+def too_few_nodes(gap: float, admitted: float) -> list[Diagnostic]:
+    """A diagnostic where more nodes change the log-likelihood by more than is admitted."""
+    # of an outcome without density there is no difference, and it is refused as such
+    if not np.isfinite(gap) or abs(gap) <= admitted:
+        return []
+    return [
+        Diagnostic(
+            "quadrature",
+            f"more nodes change the log-likelihood by {gap:.2g}: those that are used are too few "
+            "for what the observations leave open of the parameters",
+            "let fewer parameters scatter, or see whether the simulator jumps as they change; of a "
+            "density of moments, raise propagation.nodes, or leave [density] out",
+        )
+    ]
+
+
+# ------------------------------------------------------------------------------- failed runs
+
+
+def failure_report(runner: Runner) -> FailureReport | None:
+    """What a runner's failures have in common; None without any.
+
+    In the order of conditions and parameters: that of the runs depends on what a store knew.
+    """
+    lost, straight = runner.lost
+    kept = runner.failures
+    if not len(kept) and not lost:
+        return None
+    shown = kept if len(kept) else straight
+    first = shown.failures[int(_in_order(shown.case, shown.x)[0])]
+    case, x = np.concatenate([kept.case, straight.case]), np.concatenate([kept.x, straight.x])
+    x = x[_in_order(case, x)]
+    ends = zip(x.min(axis=0).tolist(), x.max(axis=0).tolist(), strict=True)
+    some = np.unique(np.linspace(0, len(x) - 1, EXPERIMENTS.points).round().astype(int))
+    return FailureReport(
+        len(kept) + lost,
+        runner.runs,
+        tuple(runner.ids[k] for k in np.unique(runner.experiment[runner.cases.first[case]])),
+        dict(zip(runner.parameters, ends, strict=True)),
+        first.message,
+        {name: tuple(x[some, k].tolist()) for k, name in enumerate(runner.parameters)},
+    )
+
+
+def _in_order(case: Indices, x: Array) -> Indices:
+    return np.lexsort((*x.T[::-1], case))
+
+
+def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
+    """A warning of failed runs: where, and what they mean for the answer."""
+    if report is None:
+        return []
+    where = ", ".join(f"{k} in [{low:.4g}, {high:.4g}]" for k, (low, high) in report.region.items())
+    which = named(np.arange(len(report.experiments)), report.experiments)
+    return [
+        Diagnostic(
+            "simulator",
+            f"{report.runs:,} of {report.needed:,} runs failed ({which}), with {where}; the first: "
+            f"{report.message}. Response surfaces and check leave these runs out; where they "
+            "failed a surface extrapolates, and its estimated error is larger",
+            "see them with `aleator runs show STUDY.toml --failures`, mend the simulator and "
+            "`aleator runs retry` them, or narrow the box (`aleator box STUDY.toml`)",
+            report.experiments,
+        )
+    ]
+
+
+@contextmanager
+def boxes_proposed(runner: Runner, inputs: Inputs) -> Iterator[None]:
+    """Add a box where runs work, as sections of study.toml, to the remedy of a failed run.
+
+    Nothing is added where every law has a box: the remedy then says which box to narrow.
+    """
+    try:
+        yield
+    except NoOutcome as error:
+        remedy = f"{error.remedy}{_sections(error, runner, inputs)}"
+        raise NoOutcome(error.problem, remedy, error.failed, error.index) from error
+
+
+def _sections(error: NoOutcome, runner: Runner, inputs: Inputs) -> str:
+    laws = inputs.laws.values()
+    reaching = [i for i, law in enumerate(laws) if law.scatters and not law.bounded]
+    worked = runner.completed.x
+    if not reaching:
+        return "; or let `aleator box STUDY.toml` find the largest box in which every run works"
+    if len(worked) < 2:
+        return ""
+    names = ", ".join(inputs.names[i] for i in reaching)
+    box = working_box(worked, error.failed, reaching)
+    sections = "".join(
+        f'\n    [parameters.{inputs.names[i]}]\n    law = "truncated_normal"\n'
+        f"    box = [{box[i, 0]:.4g}, {box[i, 1]:.4g}]"
+        for i in reaching
+    )
+    return (
+        f"; the law of {names} gives weight to values at which the simulator fails: give it a box, "
+        f"such as that of the runs that worked so far,{sections}\n  and let `aleator box "
+        "STUDY.toml` find the largest box that works"
+    )
