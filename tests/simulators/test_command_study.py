@@ -31,8 +31,6 @@ from aleator.study import load_study
 from aleator.study.simulators import SIMULATORS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "command_springs"
-
-
 STUDY = """\
 [experiments]
 file = "springs.csv"
@@ -45,8 +43,6 @@ outcome = "travel"
 law = "truncated_normal"
 box = [1.0, 3.0]
 """
-
-
 COMMAND = """\
 command = ["./spring.sh", "{input}"]
 template = "spring.tpl"
@@ -106,34 +102,23 @@ def test_the_example_is_read_and_runs() -> None:
         ("output = {regex = '(.*)', match = 0}", RegexOutput("stdout", "(.*)", 0)),
         ("output = {column = 2}", CsvOutput("stdout", 2)),
         ('output = {file = "r.json", path = "a.0"}', JsonOutput("r.json", "a.0")),
+        ('output = {hook = "model.py:outcome"}', None),
     ],
 )
-def test_outputs(folder: Path, written: str, output: OutputFile) -> None:
-    path = study(folder, f'command = "./spring.sh {{stiffness}}"\n{written}')
-    assert load_study(path).simulator.output == output
-
-
-def test_standard_input_and_hook(folder: Path) -> None:
-    command = 'command = "awk {{print}}"\nstdin = "json"\noutput = {hook = "model.py:outcome"}'
-    simulator = load_study(study(folder, command)).simulator
-    assert (simulator.stdin, simulator.output) == (
-        JsonFeed(),
-        HookOutput("model.py:outcome", folder),
-    )
-    simulator = load_study(study(folder, command.replace('"json"', '"csv"'))).simulator
-    assert simulator.stdin == CsvFeed()
+def test_outputs_and_what_is_fed(folder: Path, written: str, output: OutputFile | None) -> None:
+    for word, feed in (("json", JsonFeed()), ("csv", CsvFeed())):
+        text = f'command = "./spring.sh {{stiffness}}"\nstdin = "{word}"\n{written}'
+        simulator = load_study(study(folder, text)).simulator
+        assert simulator.stdin == feed
+        assert simulator.output == (output or HookOutput("model.py:outcome", folder))
 
 
 LOAD, TIME = [2.0, 2.0, 2.0, 3.0, 3.0], [0.5, 1.0, 1.5, 1.0, 2.0]
-
-
 ROWS = pd.DataFrame({"load": LOAD, "time": TIME})
 
 
 # Reads rows.csv; writes way = load x time and speed = load x, row by row.
 AWK = 'NR == 1 {{print "way,speed"}} NR > 1 {{print {load} * {x} * $1 "," {load} * {x}}}'
-
-
 BY_ROWS = ["sh", "-c", f"awk '{AWK}' rows.csv > out.csv"]
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from programs import emptied
 
 from aleator.errors import SimulatorError, SurroundingsError
 from aleator.observations.experiments import Conditions
@@ -31,11 +32,7 @@ from aleator.simulators.fmu import (
 from aleator.simulators.records import stored_runs
 
 KINDS = ("co_simulation", "model_exchange")
-
-
 HERE = Operation(isolated=False)
-
-
 K = {"k": "surface.k"}
 
 
@@ -57,12 +54,11 @@ def test_every_version_and_kind_gives_the_closed_form(
     simulator.close()
 
 
-@pytest.mark.parametrize("version", [2, 3])
-def test_a_model_exchange_is_as_exact_as_its_tolerance(fmus: dict[int, Path], version: int) -> None:
+def test_a_model_exchange_is_as_exact_as_its_tolerance(fmus: dict[int, Path]) -> None:
     errors = []
     for tolerance in (1e-4, 1e-6, 1e-8):
         course = Course(kind="model_exchange", tolerance=tolerance)
-        simulator = FMUSimulator(fmus[version], Final("T"), course=course, operation=HERE)
+        simulator = FMUSimulator(fmus[2], Final("T"), course=course, operation=HERE)
         errors.append(abs(simulator.run_one({}, {}) - cooled_until(1.0)))
         simulator.close()
     assert errors[0] < 0.5
@@ -92,8 +88,6 @@ def test_a_crossing_converges_at_the_order_of_its_interpolant(
 
 
 RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
-
-
 JUMP = Signal(np.array([0.0, 0.73, 0.73, 2.0]), np.array([300.0, 300.0, 350.0, 350.0]))
 
 
@@ -245,24 +239,6 @@ def test_the_runner_runs_an_fmu(spring: Path) -> None:
     simulator.close()
 
 
-def test_another_outcome_of_the_same_fmu_is_no_older_version(
-    fmus: dict[int, Path], tmp_path: Path
-) -> None:
-    table = Conditions(("A",), pd.DataFrame(index=[0]))
-
-    def others(outcome: Final | Extreme, **course: float) -> int:
-        simulator = FMUSimulator(fmus[2], outcome, variables=K, course=Course(**course))
-        with Store(tmp_path / "runs.sqlite") as store:
-            run = Runner(simulator, table, ["k"], store=store)
-            run([0], [[1.0]])
-            simulator.close()
-            assert run.cache is not None
-            return run.cache.at_start.other
-
-    assert others(Final("T")) == others(Extreme("T", "max")) == others(Final("T")) == 0
-    assert others(Final("T"), stop_time=1.0) == 1
-
-
 def test_the_fingerprint_sees_whatever_changes_the_outcome(
     fmus: dict[int, Path], tmp_path: Path
 ) -> None:
@@ -307,9 +283,7 @@ FAULTS = [
     (2, "co_simulation", "error", r"fmi2DoStep failed .*\(error\)", "the body cracked (k = 2)"),
     (3, "co_simulation", "error", r"fmi3DoStep failed .*\(error\)", "the body cracked"),
     (2, "model_exchange", "error", r"fmi2GetDerivatives failed", "the body cracked (k = 2)"),
-    (3, "model_exchange", "error", r"fmi3GetContinuousStateDerivatives", "the body cracked"),
     (2, "co_simulation", "terminate", r"stopped at time 0.6 s instead of 2 s", ""),
-    (3, "co_simulation", "terminate", r"stopped at time 0.7 s instead of 2 s", ""),
     (2, "model_exchange", "terminate", r"stopped at time 0.5\d* s instead of 2 s", ""),
     (2, "co_simulation", "discard", r"does not advance beyond time 0.6 s", ""),
     (2, "co_simulation", "not_a_number", r"the outcome is nan", ""),
@@ -323,11 +297,10 @@ def test_a_fault_is_a_failed_run_and_the_next_run_is_sound(
     fmus: dict[int, Path], version: int, kind: str, trap: str, message: str, log: str
 ) -> None:
     simulator = FMUSimulator(fmus[version], Final("T"), course=Course(kind=kind), variables=K)
-    for _ in range(2):
-        with pytest.raises(RunFailed, match=message) as raised:
-            simulator.run_one({"trap": trap}, {"k": 2.0})
-        assert log in raised.value.log
-        assert simulator.run_one({"trap": "none"}, {"k": 1.0}) == pytest.approx(cooled(1.0))
+    with pytest.raises(RunFailed, match=message) as raised:
+        simulator.run_one({"trap": trap}, {"k": 2.0})
+    assert log in raised.value.log
+    assert simulator.run_one({"trap": "none"}, {"k": 1.0}) == pytest.approx(cooled(1.0))
     simulator.close()
 
 
@@ -474,13 +447,6 @@ if sys.argv[3] == "wait":
 """
 
 
-def assert_nothing_is_left(folder: Path) -> None:
-    deadline = time.monotonic() + 30.0
-    while list(folder.glob("aleator_fmu_*")) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert list(folder.glob("aleator_fmu_*")) == []
-
-
 @pytest.mark.parametrize(("isolated", "ending"), [("0", "end"), ("1", "wait")])
 def test_nothing_is_left_of_a_program_that_ends_or_is_killed(
     fmus: dict[int, Path], tmp_path: Path, isolated: str, ending: str
@@ -497,7 +463,7 @@ def test_nothing_is_left_of_a_program_that_ends_or_is_killed(
         program.send_signal(signal.SIGKILL)
     program.wait()
     program.stdout.close()
-    assert_nothing_is_left(tmp_path)
+    assert emptied(tmp_path, "aleator_fmu_*")
 
 
 BUSY = """
@@ -505,16 +471,15 @@ import sys
 from aleator.simulators.fmu import Course, Final, FMUSimulator
 simulator = FMUSimulator(sys.argv[1], Final("travel"), course=Course(stop_time=1.0, step=0.5))
 print(simulator.run_one({}, {"nap": 0.0}), flush=True)
-simulator.run_one({}, {"nap": float(sys.argv[2])})
+simulator.run_one({}, {"nap": 600.0})
 """
 
 
-@pytest.mark.parametrize("nap", ["0.5", "600"])  # it ends by itself, or hangs
-def test_nothing_is_left_of_a_program_that_is_killed_while_the_fmu_runs(
-    spring: Path, tmp_path: Path, nap: str
+def test_nothing_is_left_of_a_program_that_is_killed_while_the_fmu_hangs(
+    spring: Path, tmp_path: Path
 ) -> None:
     program = subprocess.Popen(
-        [sys.executable, "-c", BUSY, str(spring), nap],
+        [sys.executable, "-c", BUSY, str(spring)],
         env={**os.environ, "TMPDIR": str(tmp_path)},
         stdout=subprocess.PIPE,
     )
@@ -524,4 +489,4 @@ def test_nothing_is_left_of_a_program_that_is_killed_while_the_fmu_runs(
     program.send_signal(signal.SIGKILL)
     program.wait()
     program.stdout.close()
-    assert_nothing_is_left(tmp_path)
+    assert emptied(tmp_path, "aleator_fmu_*")

@@ -8,11 +8,7 @@ import pandas as pd
 import pytest
 from fmus.build import compiled, rewritten
 from fmus.truths import column_of, cooled, flown
-from identifications import unjudged
-from scipy.special import logsumexp
-from scipy.stats import norm
 
-from aleator import Free, Inputs, Noise, Normal
 from aleator.errors import SimulatorError
 from aleator.observations.experiments import Experiments
 from aleator.simulators import RunFailed, Runner
@@ -20,14 +16,8 @@ from aleator.simulators.fmu import Course, Crossing, Extreme, Final, FMUSimulato
 from aleator.study import load_study
 
 HERE = Operation(isolated=False)
-
-
 KINDS = ("co_simulation", "model_exchange")
-
-
 K = {"k": "surface.k"}
-
-
 TIMES = np.array([1.234, 0.0, 0.1, 0.777, 0.1, 3.3])  # neither sorted nor on the steps of 0.1 s
 
 
@@ -74,16 +64,6 @@ def test_a_runner_takes_a_series_of_two_responses(ball: Path) -> None:
     late = flown(np.array([0.5, 0.2]), 2.0, 0.0, 1.62, 0.8)
     assert values[1, :4].reshape(-1, 2) == pytest.approx(late, abs=1e-9)
     assert np.all(np.isnan(values[1, 4:]))
-    simulator.close()
-
-
-def test_a_time_that_is_the_same_in_all_rows_serves_them_all(fmus: dict[int, Path]) -> None:
-    simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
-    table = pd.DataFrame({"id": [*"aab"], "time": [1.3, 1.3, 0.2], "T0": 400.0, "y": 0.0})
-    run = Runner(simulator, Experiments.from_frame(table, outcome="y", id="id"), ["k"])
-    values = run.values([0, 1], [[1.0], [2.0]])
-    assert values[0] == pytest.approx([cooled(1.0, np.array(1.3))] * 2)
-    assert values[1, 0] == pytest.approx(cooled(2.0, np.array(0.2)))
     simulator.close()
 
 
@@ -153,8 +133,6 @@ def test_a_solver_of_known_step_is_asked_at_the_ends_of_its_steps(
 
 
 RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
-
-
 JUMP = Signal(np.array([0.0, 0.777, 0.777, 5.0]), np.array([300.0, 300.0, 350.0, 350.0]))
 
 
@@ -303,16 +281,6 @@ def test_a_start_time_comes_from_a_condition(fmus: dict[int, Path]) -> None:
     simulator.close()
 
 
-def test_a_condition_may_be_a_time_and_a_variable(fmus: dict[int, Path]) -> None:
-    """A time that is a parameter of the FMU, as the length of a pulse is, is set there too."""
-    simulator = FMUSimulator(
-        fmus[2], Final("level - T"), course=Course(stop_time="level", step=0.1), operation=HERE
-    )
-    found = simulator.run_one({"level": 1.7}, {"surface.k": 1.0})
-    assert found == pytest.approx(1.7 - cooled(1.0, np.array(1.7)))
-    simulator.close()
-
-
 def test_a_variable_that_is_only_guessed_or_the_time_is_no_start_value(
     fmus: dict[int, Path], tmp_path: Path
 ) -> None:
@@ -347,12 +315,6 @@ def study(fmu: Path, keys: str) -> Path:
     return path
 
 
-def test_a_study_takes_times_from_its_table(fmus: dict[int, Path]) -> None:
-    loaded = load_study(study(fmus[2], 'outcome = "T"\nstop_time = "time"\nisolated = false'))
-    found = loaded.runner()([0, 1], [[1.0], [2.0]])
-    assert found == pytest.approx([cooled(1.0, np.array(0.5)), cooled(2.0, np.array(1.25))])
-
-
 def test_a_study_names_a_series_and_its_responses(fmus: dict[int, Path]) -> None:
     """A response may be called as a key is, if its outcome is a table."""
     outcome = 'outcome = {warmth = "T - ambient", value = {variable = "T", reduce = "maximum"}}'
@@ -364,27 +326,3 @@ def test_a_study_names_a_series_and_its_responses(fmus: dict[int, Path]) -> None
         assert simulator.series
         assert simulator.responses == responses
         assert simulator.course.conditions == ("time",)
-
-
-def test_a_law_is_identified_from_series(fmus: dict[int, Path]) -> None:
-    """Against an integral over k on a fine grid, of the closed form."""
-    rng = np.random.default_rng(3)
-    times = rng.uniform(0.2, 2.0, (6, 4)).round(3)
-    drawn = 1.0 + 0.2 * rng.standard_normal((6, 1))
-    measured = 300.0 + 100.0 * np.exp(-drawn * times) + rng.standard_normal((6, 4))
-    ids = np.repeat([f"body {k}" for k in range(6)], 4)
-    table = pd.DataFrame({"id": ids, "time": times.ravel(), "T": measured.ravel()})
-    simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
-    found = unjudged(
-        simulator,
-        Experiments.from_frame(table, outcome="T", id="id"),
-        Inputs({"k": Normal(Free(0.5, 2.0), Free(0.01, 1.0))}),
-        noise=Noise(1.0),
-    )
-    simulator.close()
-    mean, sd = (found.alpha[name].estimate for name in ("k.mean", "k.sd"))
-    k = np.linspace(mean - 8.0 * sd, mean + 8.0 * sd, 4001)
-    errors = measured[..., None] - 300.0 - 100.0 * np.exp(-times[..., None] * k)
-    log_density = np.sum(norm.logpdf(errors), axis=1) + norm.logpdf(k, mean, sd)
-    exact = np.sum(logsumexp(log_density, axis=1) + np.log(k[1] - k[0]))
-    assert found.log_likelihood.estimated == pytest.approx(exact, abs=0.01)

@@ -1,7 +1,7 @@
 """The only way to a simulator: runs are checked, counted, made once, and repeated on purpose."""
 
 # Arguments that a test's simulator does not use still say what it is given.
-# ruff: noqa: ARG001, ARG002, ARG005
+# ruff: noqa: ARG001, ARG005
 import math
 import time
 from collections.abc import Callable
@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from identifications import unjudged
 
-from aleator import Check, Free, Inputs, Noise, Normal
+from aleator import Check, Free, Inputs, Normal
 from aleator.errors import SimulatorError
 from aleator.inference.diagnostics.experiments import failure_report
 from aleator.observations.experiments import Conditions, Experiments
@@ -26,12 +26,9 @@ from aleator.simulators import (
     ProcessPool,
     Runner,
     Store,
-    as_simulator,
     working_box,
 )
-from aleator.simulators.derived import derived
 from aleator.simulators.dispatch import Batching
-from aleator.surrogates import ResponseSurface
 
 TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "site": [*"xyz"]}))
 
@@ -211,49 +208,6 @@ def test_a_run_is_counted_and_made_once_however_often_it_is_asked_for(
         assert (len(run.completed), len(run.failures)) == (2, 2)
 
 
-def test_an_identification_counts_the_different_runs_it_needed(tmp_path: Path) -> None:
-    asked = set[tuple[float, float]]()
-
-    def model(load: np.ndarray, x: np.ndarray) -> np.ndarray:
-        asked.update(zip(load.tolist(), x.tolist(), strict=True))
-        return load * x
-
-    frame = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
-    table = Experiments.from_frame(frame, outcome="y")
-    law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
-    simulator = FunctionSimulator(model, vectorized=True)
-    counts = []
-    for path in (None, tmp_path / "runs.sqlite", tmp_path / "runs.sqlite"):
-        with Store(path) if path else nullcontext() as store:
-            run = Runner(simulator, table, law.names, store=store)
-            found = unjudged(
-                run, table, law, verification=Check(50),
-                propagation=ResponseSurface(surfaces="own"),
-            )  # fmt: skip
-        counts.append((found.runs, run.runs, len(asked)))
-    assert counts == [(len(asked),) * 3] * 3
-    assert run.fresh == 0
-
-
-def test_any_class_that_fills_the_protocol_is_a_simulator() -> None:
-    class Doubling:
-        name = "doubling"
-        block = 10
-
-        def asks(self, conditions: Any, parameters: Any) -> tuple[str, ...]:
-            return ("load",)
-
-        def __call__(self, conditions: Any, parameters: Any) -> Any:
-            return 2 * conditions["load"] * parameters["x"]
-
-        def fingerprint(self) -> str:
-            return "doubling 1"
-
-    simulator = Doubling()
-    assert as_simulator(simulator) is simulator
-    assert Runner(simulator, TABLE, ["x"])([1], [[1.0]]).tolist() == [4.0]
-
-
 @pytest.mark.parametrize("seconds", [0.0, np.inf])
 def test_where_a_batch_ends_does_not_decide_whether_too_many_runs_failed(seconds: float) -> None:
     """The first unit fails everywhere; a batch ends after each run, or never."""
@@ -303,7 +257,7 @@ def runs_asked(size: int) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(size) % 4, np.linspace(0.5, 1.5, size)[:, None]
 
 
-@pytest.mark.parametrize("way", ["attempt", "values", "straight", "__call__"])
+@pytest.mark.parametrize("way", ["attempt", "values", "straight"])
 def test_what_is_random_in_one_of_ten_runs_is_refused(way: str) -> None:
     """Of 600 runs 24 are made again: 0.81^24, so that one of 157 passes."""
     found = 0
@@ -378,19 +332,16 @@ def test_it_is_found_among_workers() -> None:
             run.attempt(*runs_asked(100))
 
 
-@pytest.mark.parametrize("noise", [None, Noise(Free(0.01, 0.5))])
-def test_an_identification_refuses_it(noise: Noise | None) -> None:
+def test_an_identification_refuses_it() -> None:
     rng = np.random.default_rng(1)
     load = np.linspace(1.0, 2.0, 30)
     table = pd.DataFrame({"load": load, "y": load * rng.normal(1.0, 0.1, 30)})
     inputs = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
     with pytest.raises(SimulatorError, match="for the same run"):
-        unjudged(Sometimes(), table, inputs, outcome="y", noise=noise, verification=Check(0))
+        unjudged(Sometimes(), table, inputs, outcome="y", verification=Check(0))
 
 
 ONE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
-
-
 X = np.array([[1.0], [2.0], [3.0], [4.0]])
 
 
@@ -430,12 +381,6 @@ def test_a_hanging_run_fails_and_the_others_do_not(function, vectorized: bool) -
     assert failure.message == "it was stopped after its 0.1 s"
 
 
-def test_so_it_does_with_derived_parameters() -> None:
-    simulator = derived(FunctionSimulator(hangs_at_three, timeout=0.1), {"x": "2.0 * z"})
-    run = Runner(simulator, ONE, ["z"], max_failed=1.0)
-    np.testing.assert_array_equal(run.attempt([0] * 2, [[1.0], [1.5]]), [4.0, np.nan])
-
-
 @pytest.mark.slow
 def test_compiled_code_that_hangs_ends_its_worker_alone() -> None:
     began = time.perf_counter()
@@ -464,13 +409,9 @@ def test_the_limit_is_no_part_of_what_the_function_is() -> None:
 
 
 IDS = tuple(f"E{k // 4}" for k in range(20))
-
-
 ROWS = pd.DataFrame(
     {"load": 1.0 + np.arange(20) // 4, "time": 0.1 * np.arange(20), "site": [*"ab"] * 10}
 )
-
-
 REGION = np.array([[0.5, 2.0], [-1.0, 1.0]])
 
 
@@ -553,32 +494,6 @@ def test_a_run_that_raises_does_not_spoil_the_others() -> None:
     assert report is not None
     assert (report.runs, report.needed, report.experiments) == (1, 19, ("E0",))
     assert report.region == {"x": (7.0, 7.0), "y": (1.0, 1.0)}
-
-
-def test_what_is_no_number_is_counted_and_the_first_are_told() -> None:
-    def half(load: Any, time: Any, x: Any, y: Any) -> Any:
-        return np.where(x > 1.0, np.nan, np.inf) + 0 * load * time * y
-
-    run = of_rows(half, vectorized=True)
-    values = run.straight(np.zeros(4000, int), np.tile([[0.5, 0.0], [1.5, 0.0]], (2000, 1)))
-    assert np.sum(np.isnan(values)) == 2000
-    lost, failures = run.lost
-    assert (lost, len(failures), np.unique(failures.x[:, 0]).tolist()) == (2000, 1000, [1.5])
-    assert failures.failures[0].message == "it returned nan"
-
-
-def test_few_calls_find_it_out() -> None:
-    calls = []
-
-    def counted(load: Any, time: Any, x: Any, y: Any) -> Any:
-        calls.append(1)
-        return formula(load, time, x, y)
-
-    run = of_rows(counted)
-    assert run.takes_arrays(REGION)
-    assert len(calls) == 17
-    run.straight(np.zeros(1000, int), np.ones((1000, 2)))
-    assert len(calls) == 18
 
 
 def test_a_series_that_changes_its_arguments_changes_no_other_run() -> None:

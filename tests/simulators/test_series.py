@@ -217,11 +217,6 @@ def test_equal_experiments_are_one_case_unless_they_differ_in_length() -> None:
     assert run.runs == 2
 
 
-def test_a_series_is_not_vectorized_too() -> None:
-    with pytest.raises(SimulatorError, match="series"):
-        FunctionSimulator(course, vectorized=True, series=True)
-
-
 def test_straight_runs_are_the_same_but_not_remembered() -> None:
     for kind in ({"vectorized": True}, {}, {"series": True}):
         asked = np.arange(2 if "series" in kind else 5)
@@ -264,13 +259,7 @@ class Gone(Exception):
         raise GeneratorExit
 
 
-TEXTS = [
-    Mute(),
-    Gone(),
-    ValueError("a file \udcff"),
-    SyntaxError("a file \udcff"),
-    SyntaxError("odd", (3, 1, 2, b"x")),
-]
+TEXTS = [Mute(), Gone(), ValueError("a file \udcff"), SyntaxError("odd", (3, 1, 2, b"x"))]
 
 
 @pytest.mark.parametrize("error", TEXTS, ids=lambda error: type(error).__name__)
