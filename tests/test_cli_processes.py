@@ -1,14 +1,17 @@
-"""The command line with a cluster: workers die, the scheduler dies, and the answer is the same."""
+"""How commands end, by a crash or a signal; and clusters whose workers or scheduler die."""
 
-import json
+from __future__ import annotations
+
 import os
+import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from studies import LENGTHS, SPRINGS, read, refused, run, springs
 
 import aleator
 from aleator import cli
@@ -16,22 +19,131 @@ from aleator.simulators import Store
 from aleator.simulators.records import stored_runs
 from hardening.dask_processes import DaskProcesses
 
-STUDY = """\
-[experiments]
-file = "springs.csv"
-outcome = "length"
-[simulator]
-function = "model.py:length"
-[parameters.softness]
-law = "truncated_normal"
-box = [0.5, 1.5]
-sd = {lower = 0.01, upper = 0.4}
-[search]
-method = "gradient"
-starts = 2
-[verification]
-samples = 0
+ENDS = {
+    "exit": ("os._exit(0)", "exit code 0"),
+    "stop": ("ctypes.CDLL(None).exit(0)", "exit code 0"),
+    "crash": ("ctypes.string_at(0)", "signal SIGSEGV"),
+    "abort": ("os.abort()", "signal SIGABRT"),
+}
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="no cheap copy of a process")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    springs(tmp_path, lengths=LENGTHS[:4])
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def simulated(folder: Path, line: str) -> None:
+    (folder / "model.py").write_text(
+        f"import ctypes, os\ndef length(load, softness):\n    {line}\n    return load * softness\n"
+    )
+
+
+def program(*arguments: str, beside: Path | None = None, **how: Any) -> Any:
+    """The command in a process of its own, with modules beside it that are imported first."""
+    source = str(Path(cli.__file__).parents[2])
+    path = os.pathsep.join([str(beside), source]) if beside else source
+    return subprocess.run(
+        [sys.executable, "-m", "aleator", *arguments], env={**os.environ, "PYTHONPATH": path},
+        capture_output=True, text=True, check=False, **how,
+    )  # fmt: skip
+
+
+@LINUX
+@pytest.mark.parametrize("name", ENDS)
+def test_a_function_that_ends_its_process_is_misuse(folder: Path, name: str) -> None:
+    line, how = ENDS[name]
+    simulated(folder, line)
+    done = run("check", "study.toml")  # which would end this test, too
+    assert done.exit_code == 2, done.output
+    assert how in done.stderr
+
+
+@LINUX
+def test_a_crash_of_a_later_run_is_not_silent(folder: Path) -> None:
+    simulated(folder, "load > 3 and ctypes.string_at(0)")
+    done = program("check", "study.toml", "--quiet")
+    assert done.returncode == -11
+    assert "Segmentation fault" in done.stderr
+    assert "model.py" in done.stderr
+
+
+@LINUX
+def test_an_end_of_a_later_run_is_not_silent(folder: Path) -> None:
+    simulated(folder, f"load > 3 and {ENDS['stop'][0]}")
+    done = program("check", "study.toml", "--no-figures")
+    assert "'length' ended it" in done.stderr
+    assert "--workers 1" in done.stderr
+
+
+@LINUX
+def test_a_command_that_ends_of_itself_says_nothing_of_ends(
+    folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run("check", "study.toml", "--no-figures").exit_code == 0
+    simulated(folder, "None.no")
+    assert run("check", "study.toml", "--no-figures").exit_code == 2
+    assert "ended it" not in capfd.readouterr().err
+
+
+# a module that is interrupted while it is imported, and makes nothing of it
+INTERRUPTED = """\
+import os, signal, time
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(20)
+except BaseException:
+    pass
+raise ImportError("half imported")
 """
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments"), [("click", ["--help"]), ("numpy", ["identify", "study.toml"])]
+)
+def test_ctrl_c_ends_an_import_at_once(tmp_path: Path, module: str, arguments: list[str]) -> None:
+    (tmp_path / f"{module}.py").write_text(INTERRUPTED)
+    # it may be ignored where the tests run in the background
+    heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.default_int_handler)}
+    done = program(*arguments, beside=tmp_path, **heard)
+    assert (done.returncode, done.stderr) == (130, "aleator: stopped by Ctrl-C\n")
+
+
+def test_sigterm_ends_a_command_and_keeps_its_runs(folder: Path) -> None:
+    """So a batch system ends it; in the background of a shell only Ctrl-C is ignored."""
+    simulated(folder, "length.runs += 1; length.runs == 20 and os.kill(os.getpid(), 15)")
+    with (folder / "model.py").open("a") as model:
+        model.write("length.runs = 0\n")
+    heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)}
+    done = program("identify", "study.toml", "--output", "out", **heard)
+    assert done.returncode == 143, done.stderr
+    assert done.stderr.endswith("aleator: stopped by SIGTERM\n")
+    kept = re.search(r"(\d+) new runs are kept", done.stderr)
+    assert kept is not None
+    assert int(kept[1]) >= 14
+    assert "Traceback" not in done.stderr
+
+
+def test_who_imports_the_command_line_keeps_its_own_answer_to_ctrl_c() -> None:
+    told = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import signal\n"
+            "before = signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+            "import aleator.cli\n"
+            "print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)",
+        ],
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    assert told.stdout == "True\n"
+
+
+QUICK = SPRINGS + "[verification]\nsamples = 0\n"
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 # Runs are logged, and slow enough for several batches; one of them ends a process, once.
 MODEL = """\
@@ -52,7 +164,6 @@ def length(load, softness):
         log.write(f"{load} {softness!r}\\n")
     return load * softness
 """
-TABLE = "id,load,length\nA,1,0.93\nB,2,2.1\nC,3,3.2\nD,4,3.7\nE,5,5.4\n"
 
 
 def aleator_run(folder: Path, *options: str, launch: tuple[str, ...] = ()) -> Any:
@@ -66,16 +177,13 @@ def aleator_run(folder: Path, *options: str, launch: tuple[str, ...] = ()) -> An
 
 
 def answer(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / "out" / "identification.json").read_text())
+    found = read(folder / "out" / "identification.json")
     del found["seconds"]
     return found
 
 
 def study_in(folder: Path) -> Path:
-    folder.mkdir()
-    for name, text in (("study.toml", STUDY), ("model.py", MODEL), ("springs.csv", TABLE)):
-        (folder / name).write_text(text)
-    return folder
+    return springs(folder, QUICK, MODEL, LENGTHS[:5]).parent
 
 
 @pytest.fixture(scope="module")
@@ -165,9 +273,7 @@ def test_a_cluster_that_is_none_is_told_before_anything_runs(
     tmp_path: Path, options: list[str], names: list[str]
 ) -> None:
     folder = study_in(tmp_path / "springs")
-    done = CliRunner().invoke(cli.main, ["box", str(folder / "study.toml"), *options])
-    assert done.exit_code == 2
-    for name in names:
-        assert name in done.stderr
+    said = refused("box", folder / "study.toml", *options)
+    assert [name for name in names if name not in said] == []
     assert not (folder / "log.txt").exists()
     assert not (folder / "runs.sqlite").exists()
