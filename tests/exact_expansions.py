@@ -18,7 +18,6 @@ from aleator.moments.exact_moments import ExactQuadrature, Galerkin
 from aleator.moments.expansion import Basis
 
 Recurrence = tuple[Array, Array]
-
 WAYS = [ExactQuadrature(), Galerkin(), None]
 
 
@@ -68,7 +67,6 @@ LAWS: dict[str, Law] = {
 }
 """Laws with these polynomials, in their own coordinates."""
 MIXED = ("hermite", "laguerre", "jacobi")
-
 TOTAL = {n: np.array([k for k in product(range(4), repeat=n) if sum(k) <= 3]) for n in (1, 2, 3)}
 # neither downward closed nor in any order, the constant not first
 SCATTERED = np.array([[0, 2], [3, 0], [0, 0], [1, 1], [4, 1], [1, 0], [2, 2]])

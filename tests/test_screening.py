@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
 
 from aleator.errors import InputsError, SimulatorError
 from aleator.laws import Constant, Free, Normal, TruncatedNormal, Uniform
@@ -13,12 +12,8 @@ from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.tasks.screen import SCREEN, screen
-from examples.wet_clutch.bench import design
-from examples.wet_clutch.model import shifting_time
 
 Z = np.array([0.5, 1.0, 2.0, 4.0])
-
-
 TABLE = pd.DataFrame({"z": Z})  # not looked at where there is a runner, which has its own
 
 
@@ -159,24 +154,6 @@ def test_ten_parameters_on_ten_laws() -> None:
     np.testing.assert_allclose(found.sobol.first[0], truth, atol=5e-3)
     finer = screen(runner_of(outcome, inputs, np.ones(1)), TABLE, inputs, runs=572)
     np.testing.assert_allclose(finer.sobol.first[0], truth, atol=3e-4)
-
-
-def test_the_clutch_agrees_with_monte_carlo() -> None:
-    names = ["c2_scale", "alpha_scale", "j2_scale"]
-    inputs = Inputs({"zp_scale": Constant(1.0)} | {n: Constant(Free(0.8, 1.2)) for n in names})
-    conditions = design().iloc[[93]]
-    table = Conditions(("94",), conditions.drop(columns="id").reset_index(drop=True))
-    runner = Runner(FunctionSimulator(shifting_time, vectorized=True), table, inputs.names)
-    found = screen(runner, TABLE, inputs)
-    fixed = conditions.drop(columns="id").iloc[0].to_dict()
-    peer = stats.sobol_indices(
-        func=lambda x: shifting_time(**fixed, zp_scale=1.0, **dict(zip(names, x, strict=True))),
-        n=2**10,
-        dists=[stats.uniform(0.8, 0.4)] * 3,
-        rng=np.random.default_rng(0),
-    )
-    np.testing.assert_allclose(found.sobol.first[0], peer.first_order, atol=0.02)
-    np.testing.assert_allclose(found.sobol.total[0], peer.total_order, atol=0.02)
 
 
 def test_misuse_is_told() -> None:

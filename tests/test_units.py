@@ -167,7 +167,6 @@ def test_the_next_experiment_and_the_box_show_them(study: Path) -> None:
     study.write_text(study.read_text() + "[noise]\nsd = 0.1\n")
     Path("new.csv").write_text("id,force\nA,10\nB,50\n")
     for command, shown in {
-        "next --candidates new.csv --count 1": ["stiffness.sd [N/mm]", "force [N]"],
         "box": ["stiffness [N/mm]"],
     }.items():
         name, *options = command.split()

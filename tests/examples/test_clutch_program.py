@@ -41,7 +41,7 @@ def corners_and_points(count: int) -> dict[str, np.ndarray]:
 
 
 def test_the_program_has_the_shifting_times_of_the_function(program: ModuleType) -> None:
-    columns = corners_and_points(150)
+    columns = corners_and_points(60)
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     found = [program.Engagement(**row).shifting_time() for row in rows]
     # Either side is known to some 4e-7 s.

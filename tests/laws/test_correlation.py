@@ -168,15 +168,6 @@ def test_perfect_correlation_is_no_accident(rho: float) -> None:
     np.testing.assert_allclose(x[:, 1], rho * 0.4 * (x[:, 0] - 1.0), atol=1e-14)
 
 
-def test_independent_variables_are_tied_to_the_nodes() -> None:
-    inputs, alpha, _ = four()
-    laws, values = inputs.independent(alpha)
-    own = np.stack([law.rule(v, 2).x[[-1]] for law, v in zip(laws, values, strict=True)], axis=1)
-    at = list(inputs.correlated)
-    own[:, at], _ = inputs.tied(alpha, own[:, at])
-    np.testing.assert_allclose(own, TensorGauss(2).nodes(inputs, alpha).x[[-1]], atol=1e-13)
-
-
 # ------------------------------------------------------------------------------ copulas
 
 

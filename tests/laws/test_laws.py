@@ -38,24 +38,6 @@ def standardized_by(x: Array, weights: Array, order: int) -> tuple[float, float,
     return mean, sd, [float(weights @ ((x - mean) / sd) ** m) for m in range(order + 1)]
 
 
-# ------------------------------------------------------------------------------ truth of the truth
-
-
-@pytest.mark.parametrize(("box", "mean", "sd"), TRUNCATED[:4])
-def test_the_closed_form_of_truncated_moments_is_that_of_an_integral(box, mean, sd) -> None:
-    with mpmath.workdps(30):
-        points = mpmath.linspace(*box, 33)
-
-        def weight(x: mpmath.mpf) -> mpmath.mpf:
-            return mpmath.exp(-(((x - mean) / sd) ** 2) / 2)
-
-        mass = mpmath.quad(weight, points)
-        for m in (1, 2, 5, 8):
-            integral = mpmath.quad(lambda x, m=m: x**m * weight(x), points) / mass
-            # mpmath.quad itself leaves 5e-12 on these panels
-            assert float(raw_truncated(mean, sd, box, m) / integral) == pytest.approx(1, abs=1e-10)
-
-
 # ------------------------------------------------------------------------------ rules
 
 

@@ -10,7 +10,6 @@ from aleator import Free, ScipyLaw
 from aleator.errors import InputsError
 
 NONE = np.empty(0)
-
 MANY = [
     stats.weibull_min(2.5, scale=3.0), stats.weibull_max(1.5), stats.gumbel_l(2.0, 3.0),
     stats.logistic(), stats.genextreme(0.1), stats.invgauss(1.0), stats.truncnorm(-1.0, 2.0),

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from reproduction.canvas import drawn
 from reproduction.clutch.laws import EXPANSION, Judged
 from reproduction.clutch.reference import of_sample
 from reproduction.clutch.samples import accuracy, needed
@@ -27,7 +26,6 @@ from reproduction.clutch.study import GIVEN
 from reproduction.context import Context
 from reproduction.document import MARK, main
 from reproduction.figure import Verdict
-from reproduction.figures import chosen
 
 SAMPLES = np.array([16.0, 256.0, 4096.0, 65536.0])
 FACTORS = {RANDOM: 1.0, GRID: 2.0, SOBOL: 0.1}
@@ -100,12 +98,6 @@ def test_the_claims_judge_these_numbers(context: Context) -> None:
     assert "S^-0.50 and S^-0.50" in falls.ours
     assert "by 90% (0.100 to 0.010)" in less.ours
     assert best.verdict is Verdict.HOLDS
-
-
-@pytest.mark.parametrize("name", ["clutch-accuracy", "samples-needed"])
-def test_the_figures_are_drawn(name: str, context: Context) -> None:
-    (figure,) = chosen([name])
-    assert drawn(figure.make(context), figure.title).axes
 
 
 # ------------------------------------------------------------------------------ the document

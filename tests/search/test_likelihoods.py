@@ -121,7 +121,6 @@ def test_an_answer_that_is_no_maximum_names_the_wide_limits() -> None:
 
 
 pytestmark = pytest.mark.usefixtures("unreported")
-
 STUDY = """\
 [experiments]
 file = "springs.csv"

@@ -302,7 +302,7 @@ def runner(name: str, cluster: DaskProcesses) -> Iterator[Runner]:
 
 
 def refused(address: str | Path, message: str) -> None:
-    soon = ClusterSettings(connect=2.0)
+    soon = ClusterSettings(connect=0.5)
     with pytest.raises(ClusterError, match=message), dask_executor(address, settings=soon):
         pass
 

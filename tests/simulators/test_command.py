@@ -103,13 +103,6 @@ def test_a_template_is_written_into_the_private_folder(tmp_path: Path) -> None:
     }
 
 
-def test_environment(tmp_path: Path) -> None:
-    simulator = CommandSimulator(
-        [script(tmp_path, "echo $LOAD")], base=tmp_path, environment={"LOAD": "{load:.0f}"}
-    )
-    assert once(simulator, 12.0) == 12
-
-
 @pytest.mark.parametrize(
     ("feed", "read"),
     [

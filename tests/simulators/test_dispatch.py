@@ -161,12 +161,6 @@ def test_what_ends_a_batch_ends_the_study_and_is_not_asked_for_again(model: Path
         run(INDEX, X)
 
 
-def test_an_exception_of_any_kind_is_a_failure_here_too(model: Path) -> None:
-    run = Runner(named(model, "aborting"), TABLE, ["x"])
-    with pytest.raises(SimulatorError, match="Abort: out of license"):
-        run(INDEX, X)
-
-
 def test_failed_runs_are_told_by_workers_as_they_are_here(pool: ProcessPool, model: Path) -> None:
     runners = [Runner(named(model, "brittle"), TABLE, ["x"], executor=e) for e in (None, pool)]
     outcomes = [run.attempt(INDEX, X, most=1.0) for run in runners]

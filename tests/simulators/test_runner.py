@@ -77,11 +77,6 @@ def test_the_log_transform_is_applied_to_the_simulator() -> None:
         run([1], [[-1.0]])
 
 
-def test_text_conditions_reach_a_simulator_that_asks_for_them() -> None:
-    run = runner(lambda site, x: x + len(site) if site == "y" else x)
-    assert run([0, 1], [[1.0], [1.0]]).tolist() == [1.0, 2.0]
-
-
 @pytest.mark.parametrize("vectorized", [False, True])
 def test_a_run_that_raises_is_named_and_the_others_are_kept(vectorized: bool) -> None:
     def brittle(load: Any, x: Any) -> Any:
@@ -319,19 +314,6 @@ def test_rounding_beside_large_outcomes_is_no_randomness() -> None:
     assert np.isfinite(run.attempt(*runs_asked(401))).all()
 
 
-def drawing(load: float, x: float) -> float:
-    rng = np.random.default_rng()
-    return load * x * (1.0 + (rng.random() < 0.5))
-
-
-def test_it_is_found_among_workers() -> None:
-    with ThreadPoolExecutor(2) as pool:
-        run = Runner(FunctionSimulator(drawing), LOADS, ["x"], executor=pool)
-        run.repeat_some()
-        with pytest.raises(SimulatorError, match="for the same run"):
-            run.attempt(*runs_asked(100))
-
-
 def test_an_identification_refuses_it() -> None:
     rng = np.random.default_rng(1)
     load = np.linspace(1.0, 2.0, 30)
@@ -401,11 +383,6 @@ def test_a_time_that_is_none_is_refused_and_another_thread_has_no_limit() -> Non
     with ThreadPoolExecutor(1) as thread:
         run = Runner(simulator, ONE, ["x"], executor=thread)
         assert run([0], [[1.0]]).tolist() == [2.0]
-
-
-def test_the_limit_is_no_part_of_what_the_function_is() -> None:
-    plain, timed = (FunctionSimulator(hangs_at_three, timeout=t) for t in (None, 5.0))
-    assert plain.fingerprint() == timed.fingerprint()
 
 
 IDS = tuple(f"E{k // 4}" for k in range(20))

@@ -273,11 +273,3 @@ def test_a_failure_is_kept_whatever_its_text_is(tmp_path: Path, error: Exception
         (kept,) = stored_runs(store)
     assert kept.failure is not None
     assert type(error).__name__ in kept.failure
-
-
-def test_a_series_that_draws_random_numbers_is_refused() -> None:
-    rng = np.random.default_rng(0)
-    noisy = FunctionSimulator(lambda load, time, x: time + rng.normal(size=time.size), series=True)
-    with pytest.raises(SimulatorError, match="for the same run: experiment 'E0'"):
-        Runner(noisy, table(EVERY), ["x"]).require_repeatable([1.0])
-    Runner(FunctionSimulator(course, series=True), table(EVERY), ["x"]).require_repeatable([1.0])

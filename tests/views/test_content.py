@@ -1,6 +1,5 @@
 """What a report says: the numbers of its document, whole and within the width, by every writer."""
 
-import io
 import re
 from typing import Any
 
@@ -9,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from reports import experiment, printed, result
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from scipy import stats
 
 from aleator.results.answer import answer
-from aleator.results.printed import Column, Content, Sentence, fragment, laid_out, text, with_error
+from aleator.results.printed import Column, Content, Sentence, fragment, laid_out, text
 from aleator.simulators import Identity
 from aleator.simulators.records import Holding, StoredRun
 from aleator.tasks.box import FeasibleBox, Side
@@ -36,10 +35,6 @@ def words(of: str) -> str:
 # ------------------------------------------------------------------------------------ numbers
 
 
-def test_a_bias_of_nothing_has_no_sign() -> None:
-    assert with_error(-0.00001, 0.0034) == ("0.0000", "0.0034")
-
-
 def test_numbers_of_the_report_are_those_of_the_document() -> None:
     shown = words(printed(render(result(), ["out/identification.json"])))
     for number in ("262.512", "262.400 +- 0.13", "201.000", "230.500", "0.03", "118,642", "-0.950",
@@ -58,26 +53,6 @@ def test_every_writer_has_the_same_estimates_warnings_and_verdicts() -> None:
         assert all(part in words(written) for written in writers), part
 
 
-def test_the_three_experiments_explained_worst_are_named_worst_first() -> None:
-    lines = printed(render(result())).splitlines()
-    rows = [line.split()[1] for line in lines if line.startswith("experiment ")]
-    assert rows == ["5", "2", "4"]
-
-
-def test_details_are_for_who_asks() -> None:
-    rows = [{"density": "gaussian", "log_likelihood": -20.6, "mean": 0.2, "failed": 3}]
-    test = {
-        "kind": "contrast", "of": "outcomes", "column": "hot", "where": None, "z": -6.2,
-        "p": 3e-9, "corrected": 4e-8,
-    }  # fmt: skip
-    second = {"tests": [test], "reason": "", "discrepancies": [], "p": 0.2}
-    found = result(density_distances=rows, consistent=True, consistency=second)
-    short, long = (words(printed(render(found, (), d))) for d in (False, True))
-    for number in ("-20.6", "-6.2", "response surface 10,642 8.1"):
-        assert number in long
-        assert number not in short
-
-
 def test_a_model_that_is_not_consistent_is_told_with_remedies_and_outliers() -> None:
     test = {"kind": "contrast", "of": "outcomes", "column": "hot", "where": None, "z": -6.2,
             "p": 3e-9, "corrected": 4e-8}  # fmt: skip
@@ -90,21 +65,6 @@ def test_a_model_that_is_not_consistent_is_told_with_remedies_and_outliers() -> 
     assert [verdict.kind for verdict in content.verdicts] == ["good", "bad"]
     for part in ("outcomes under high `hot` are smaller (p = 4e-08)", "mend", "7 (p = 1e-05)"):
         assert part in words(text(content))
-
-
-def test_an_answer_that_is_not_sound_says_so() -> None:
-    (verdict,) = answer(result(sound=False)).verdicts
-    assert verdict.kind == "bad"
-    assert "NOT computed soundly" in printed(render(result(sound=False)))
-
-
-def test_what_was_not_done_is_not_told() -> None:
-    likelihood = {"estimated": 1.0, "verified": None, "verified_standard_error": None}
-    bare = result(log_likelihood=likelihood, surface=None, baselines={}, warnings=[], search={})
-    shown = printed(render(bare))
-    assert "not verified" in shown
-    for word in ("on the simulator itself", "scatter", "least squares", "Warning", "starts"):
-        assert word not in shown
 
 
 def test_the_least_document_can_be_rendered() -> None:
@@ -146,20 +106,6 @@ def test_a_recovery_tells_bias_and_coverage() -> None:
     assert "biased" in rows["x.sd"]
 
 
-def test_a_recovery_tells_what_its_errors_hold_where_there_is_one() -> None:
-    alpha, nothing = np.array([[0.9], [1.0], [1.1]]), np.full((3, 1, 2), np.nan)
-    errors = np.array([[[0.01, 0.06]], [[0.01, np.nan]], [[np.nan, 0.06]]])
-    found = Recovery(
-        ("x.mean",), np.array([1.0]), alpha, nothing, np.zeros(3), np.ones(3, dtype=bool), errors
-    )
-    row = found.table().loc["x.mean"]
-    assert np.isnan(row["coverage"])
-    assert (row["by_error"], row["by_sandwich"]) == pytest.approx((0.5, 1.0))
-    shown = text(uncertainty.recovery(recovery_document(found)))
-    assert "50 %" in shown
-    assert "100 %" in shown
-
-
 def ceiling(points: int = 3, p_value: float | None = 0.01) -> dict[str, Any]:
     test = {"p_value": p_value, "replicates": 99, "exceeded": 0, "failed": 0}
     return {
@@ -179,13 +125,6 @@ def test_the_gap_to_the_best_law_is_judged_by_its_p_value() -> None:
     assert "e7 (+7.0), e6 (+6.0)" in words(rare)
     assert "e7" not in chance
     assert "p =" not in open_
-
-
-def test_of_many_points_the_likeliest_are_shown_and_the_others_counted() -> None:
-    shown = text(models.ceiling(ceiling(points=20)))
-    assert "1019" in shown
-    assert "1000" not in shown
-    assert "8 more" in shown
 
 
 # ------------------------------------------------------------------------------------ beyond 95 %
@@ -334,9 +273,3 @@ def test_text_is_taken_for_no_markup() -> None:
     assert "<b>a &lt; b</b>" in html
     for part in ("<code>c</code> &amp; &lt;d&gt;", "&lt;e&gt;", "f &gt; g"):
         assert part in html
-
-
-def test_words_of_a_verdict_have_its_color_on_a_terminal() -> None:
-    file = io.StringIO()
-    Console(file=file, force_terminal=True, width=80).print(render(result(sound=False)))
-    assert "\x1b[1;31mNOT computed soundly" in file.getvalue()
