@@ -67,25 +67,6 @@ def inside(imported: str, module: str) -> bool:
     return imported == module or imported.startswith(f"{module}.")
 
 
-def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
-    module = tmp_path / "mixture.py"
-    module.write_text(
-        "import numpy as np\n"
-        "from aleator import simulators\n"
-        "from . import gaussian\n"
-        "from ...laws.marginals import Normal\n"
-        "def late():\n"
-        "    from aleator.laws import marginals\n"
-    )
-    assert list(imports("search.local.mixture", module)) == [
-        "numpy",
-        "aleator.simulators",
-        "aleator.search.local.gaussian",
-        "aleator.laws.marginals.Normal",
-        "aleator.laws.marginals",
-    ]
-
-
 def test_every_room_has_a_layer() -> None:
     rooms = {room(name) for name, _ in sources()} - {"", "__main__"}
     assert rooms == set().union(*floors())

@@ -61,8 +61,3 @@ def assert_same(here: np.ndarray, there: np.ndarray) -> None:
     """To a thousandth of a standard error."""
     error = there[:, -1:]
     assert here / error == pytest.approx(there / error, abs=1e-3)
-
-
-def test_the_numerical_tests_are_there() -> None:
-    for folder in kernels.NUMERICAL:
-        assert [*(kernels.ROOT / "tests" / folder).rglob("test_*.py")]

@@ -3,7 +3,6 @@
 import io
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from aleator import Check, Constant, Free, Identification, Inputs, Noise, Normal
 from aleator.errors import AleatorError, InputsError
 from aleator.results.documents import to_json
 from aleator.results.law import JointLaw
-from aleator.results.values import Diagnostic
 from aleator.views.identification import render
 
 LOAD = np.arange(1.0, 13.0)
@@ -123,17 +121,6 @@ def test_an_alpha_that_is_none_is_told(found: Identification, alpha: Any, named:
     with pytest.raises(InputsError) as caught:
         found.log_likelihood_at(alpha)
     assert named in caught.value.problem
-
-
-def test_it_prints_as_a_report_of_80_columns(found: Identification) -> None:
-    shown = repr(found)
-    assert str(found) == shown
-    assert max(map(len, shown.splitlines())) <= 80
-    assert "softness.sd" in shown
-    assert "Computed soundly" in shown
-    odd = replace(found, warnings=(Diagnostic("surface", "a < b & c", "narrow"),))
-    assert "a &lt; b &amp; c" in odd._repr_html_()
-    assert "a < b & c" in repr(odd)
 
 
 def test_a_file_alone_says_what_it_lacks(found: Identification, tmp_path: Path) -> None:

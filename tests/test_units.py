@@ -43,10 +43,6 @@ def found() -> Identification:
     return identified(UNITS)
 
 
-def test_no_number_depends_on_them(found: Identification) -> None:
-    assert identified().values.tolist() == found.values.tolist()
-
-
 def test_they_stand_in_the_text_the_notebook_and_the_file(
     found: Identification, tmp_path: Path
 ) -> None:

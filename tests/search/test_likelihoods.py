@@ -26,7 +26,7 @@ from aleator import (
     Inputs,
     Normal,
 )
-from aleator.errors import InputsError, StudyError
+from aleator.errors import InputsError
 from aleator.moments.likelihood import Continued
 from aleator.search import compare, wide_limits
 from aleator.study import load_study
@@ -179,24 +179,6 @@ def write(tmp_path: Path):
 )
 def test_each_method_has_its_own_keys(write, text, search) -> None:
     assert load_study(write(text)).search == search
-
-
-@pytest.mark.parametrize(
-    ("text", "names"),
-    [
-        ('method = "genetics"', ["search.method", "'genetic'"]),
-        ('method = "genetic"\nstarts = 3', ["search.starts", "population"]),
-        ("population = 3", ["search.population", "starts"]),
-        ('method = "genetic"\npopulation = 3', ["'search'", "population 3"]),
-        ('method = "cmaes"\nstep = 2.0', ["'search'", "step 2.0"]),
-        ('method = "genetic"\npolish = 1', ["search.polish"]),
-    ],
-)
-def test_what_is_wrong_is_named(write, text, names) -> None:
-    with pytest.raises(StudyError) as caught:
-        load_study(write(text))
-    for name in names:
-        assert name in str(caught.value)
 
 
 def test_starts_are_of_the_gradient_search_only(write) -> None:

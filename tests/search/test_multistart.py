@@ -449,11 +449,6 @@ def test_a_line_far_from_zero_is_found_from_any_start() -> None:
     assert all(end.log_likelihood > best - 1e-3 for end in found.ascents)
 
 
-def test_limits_of_today_are_seen_as_they_were() -> None:
-    h = [Hyperparameter("x.sd", 1e-5, 1.0, 0.1, free=True, log=True)]
-    assert Coordinates(h).to_unit(np.array([0.1]))[0] == pytest.approx(0.8)
-
-
 OBSERVED = np.array([[-0.4, 0.1], [0.9, -1.2], [0.3, 0.8], [-0.6, 0.2], [0.1, -0.3]])
 """Observations of experiments, whose mean is the maximum."""
 
@@ -508,14 +503,6 @@ def test_a_way_that_leads_elsewhere_does_no_harm(goal):
     assert found.alpha == pytest.approx(OBSERVED.mean(axis=0), abs=1e-4)
     assert found.converged
     assert np.all(np.abs(guided.asked) <= 5.0)
-
-
-@pytest.mark.parametrize("limit", [2, 5, 12])
-def test_own_steps_count_among_the_evaluations_of_a_start(limit):
-    found = GradientMultistart(4, evaluations=limit).maximize(
-        Guided(sample, OBSERVED.mean(axis=0) + 0.3), box(), seed=0
-    )
-    assert all(ascent.evaluations <= limit for ascent in found.ascents)
 
 
 def test_starts_that_join_another_are_counted_at_its_optimum_and_cost_less():

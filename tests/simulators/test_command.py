@@ -12,16 +12,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from programs import emptied, failing, gone, script
 
 from aleator.errors import SimulatorError, SurroundingsError
-from aleator.observations.experiments import Conditions
-from aleator.simulators import RunFailed, Runner
+from aleator.simulators import RunFailed
 from aleator.simulators.command import (
     CommandSimulator,
     CsvFeed,
@@ -77,11 +74,6 @@ def test_doubled_braces_are_braces_in_a_command_only() -> None:
 def test_a_command_as_one_text_is_cut_as_a_shell_does_but_no_shell_sees_it(tmp_path: Path) -> None:
     program = script(tmp_path, 'test "$1" = "1.0 * 2" && echo $#')
     assert once(CommandSimulator(f"{program} '{{load}} * 2' $HOME", base=tmp_path)) == 2
-
-
-def test_a_shell_gets_quoted_values() -> None:
-    simulator = CommandSimulator("printf %s {load} | wc -c | tr -d ' '", shell=True)
-    assert once(simulator, "a b; $(exit 3) 'c'") == len("a b; $(exit 3) 'c'")
 
 
 def test_a_template_is_written_into_the_private_folder(tmp_path: Path) -> None:
@@ -182,21 +174,6 @@ def test_a_hook_gets_the_folder_and_what_was_printed(tmp_path: Path) -> None:
         [program], HookOutput("reading.py:outcome", tmp_path), base=tmp_path
     )
     assert once(simulator) == 5
-
-
-def test_runs_through_the_runner_and_keeps_what_completed_before_a_failure(tmp_path: Path) -> None:
-    program = script(tmp_path, 'test $1 != 3.0 || { echo "no convergence" >&2; exit 7; }; echo $1')
-    simulator = CommandSimulator([program, "{x}"], base=tmp_path)
-    run = Runner(simulator, Conditions(("a", "b"), pd.DataFrame({"z": [0.0, 1.0]})), ["x"])
-    assert run([0, 1, 0], [[1.0], [1.0], [2.0]]).tolist() == [1.0, 1.0, 2.0]
-    with pytest.raises(SimulatorError) as error:
-        run([0, 0, 0], [[5.0], [3.0], [6.0]])
-    assert error.value.problem.startswith(
-        "simulator 'program' failed for experiment 'a' with x=3: it ended with exit code 7 (kept in"
-    )
-    assert error.value.problem.endswith("its log ends: no convergence")
-    assert run.completed.outcome[:3, 0].tolist() == [1.0, 2.0, 5.0]
-    assert np.isnan(run.attempt([0, 0], [[3.0], [4.0]])).tolist() == [True, False]
 
 
 def test_pickled_copies_run_at_once_without_meeting(tmp_path: Path) -> None:
@@ -528,12 +505,6 @@ def test_a_signal_in_the_instant_of_a_start_ends_the_program(
         signal.signal(signum, before)
     (pid,) = started
     assert gone(pid)
-
-
-def test_a_program_hears_the_signals_that_its_caller_holds(tmp_path: Path) -> None:
-    program = script(tmp_path, "kill -s TERM $$; sleep 60")
-    with pytest.raises(RunFailed, match="signal SIGTERM"):
-        CommandSimulator([program], base=tmp_path, keep=Keep.NONE).run_one({}, {})
 
 
 def test_a_passing_folder_is_gone_with_its_process(tmp_path: Path) -> None:

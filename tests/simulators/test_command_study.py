@@ -90,11 +90,6 @@ def test_a_program_gives_the_answer_of_the_function(folder: Path) -> None:
     assert by_command.runs == by_function.runs
 
 
-def test_the_example_is_read_and_runs() -> None:
-    run = load_study(EXAMPLE / "study.toml").runner()
-    assert run([0, 8], [[2.0], [1.6]]).tolist() == [5.0, 25.0]
-
-
 @pytest.mark.parametrize(
     ("written", "output"),
     [
@@ -147,14 +142,6 @@ def test_one_start_serves_an_experiment_of_several_responses(
         assert run.fresh == fresh
         np.testing.assert_allclose(values[0], [1, 2, 2, 2, 3, 2])
         np.testing.assert_allclose(values[1], [6, 6, 12, 6, np.nan, np.nan])
-
-
-def test_rows_one_by_one_have_several_responses_too(tmp_path: Path) -> None:
-    outputs = {"way": CsvOutput("stdout", 0), "speed": CsvOutput("stdout", 1)}
-    command = ["awk", 'BEGIN {{print {load} * {x} * {time} "," {load} * {x}}}']
-    run = Runner(CommandSimulator(command, outputs, tmp_path), table("speed", "way"), ["x"])
-    values = run.values(np.arange(5), np.full((5, 1), 2.0))
-    np.testing.assert_allclose(values, np.c_[2 * ROWS["load"], 2 * ROWS["load"] * ROWS["time"]])
 
 
 @pytest.mark.parametrize(

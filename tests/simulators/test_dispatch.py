@@ -8,8 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from dataclasses import replace
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ import pandas as pd
 import pytest
 from programs import emptied, gone
 
-from aleator.errors import InputsError, SimulatorError
+from aleator.errors import SimulatorError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner, Runs, Store
 from aleator.simulators.pool import ProcessPool
@@ -141,24 +140,6 @@ def test_whatever_a_run_raises_in_a_worker_is_its_own_failure(
     outcome = run.attempt(INDEX, X, most=1.0)
     np.testing.assert_array_equal(np.isnan(outcome), X[:, 0] > 0.9)
     assert all(words in message for message in messages(run.failures))
-
-
-class Cancelled(Executor):
-    """Returns batches without a run, which something ended."""
-
-    slots = 1
-
-    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        made = fn(*args, **kwargs)
-        future.set_result(replace(made.some(slice(0)), stopped=CancelledError()))
-        return future
-
-
-def test_what_ends_a_batch_ends_the_study_and_is_not_asked_for_again(model: Path) -> None:
-    run = Runner(named(model, "product"), TABLE, ["x"], executor=Cancelled())
-    with pytest.raises(CancelledError):
-        run(INDEX, X)
 
 
 def test_failed_runs_are_told_by_workers_as_they_are_here(pool: ProcessPool, model: Path) -> None:
@@ -288,11 +269,6 @@ def test_what_cannot_be_sent_or_run_elsewhere_is_told(pool: ProcessPool, model: 
     (model / "model.py").unlink()
     with pytest.raises(SimulatorError, match=r"file model\.py does not exist"):
         Runner(simulator, TABLE, ["x"], executor=pool)([0], [[1.0]])
-
-
-def test_a_pool_needs_a_worker() -> None:
-    with pytest.raises(InputsError, match="0 workers"):
-        ProcessPool(0)
 
 
 PARENT = """\

@@ -51,7 +51,6 @@ def test_every_version_and_kind_gives_the_closed_form(
     for k in (0.5, 1.0, 3.0, 0.5):
         assert simulator.run_one({}, {"k": k}) == pytest.approx(cooled_until(k), abs=error)
     assert simulator.notes == ()
-    simulator.close()
 
 
 def test_a_model_exchange_is_as_exact_as_its_tolerance(fmus: dict[int, Path]) -> None:
@@ -60,7 +59,6 @@ def test_a_model_exchange_is_as_exact_as_its_tolerance(fmus: dict[int, Path]) ->
         course = Course(kind="model_exchange", tolerance=tolerance)
         simulator = FMUSimulator(fmus[2], Final("T"), course=course, operation=HERE)
         errors.append(abs(simulator.run_one({}, {}) - cooled_until(1.0)))
-        simulator.close()
     assert errors[0] < 0.5
     assert errors[2] < 0.01 * errors[0]
     assert errors == sorted(errors, reverse=True)
@@ -81,7 +79,6 @@ def test_a_crossing_converges_at_the_order_of_its_interpolant(
             operation=HERE,
         )
         errors.append(abs(simulator.run_one({}, {"k": k}) - exact))
-        simulator.close()
     # The error also depends on where in its step the crossing falls, hence the wide margin.
     assert np.log2(errors[0] / errors[2]) / 2.0 == pytest.approx(order, abs=0.7)
     assert errors[2] < (1e-4 if not cubic else 1e-7)
@@ -116,7 +113,6 @@ def test_inputs_over_time_reach_the_solver_of_a_model_exchange(
             operation=HERE,
         )
         assert simulator.run_one({}, {"k": 2.0}) == pytest.approx(exact, abs=3e-5)
-        simulator.close()
 
 
 def test_a_co_simulation_holds_its_inputs_during_a_step(fmus: dict[int, Path]) -> None:
@@ -129,9 +125,7 @@ def test_a_co_simulation_holds_its_inputs_during_a_step(fmus: dict[int, Path]) -
             inputs={"ambient": signal},
             operation=HERE,
         )
-        found = simulator.run_one({}, {"k": 2.0}) - exact
-        simulator.close()
-        return found
+        return simulator.run_one({}, {"k": 2.0}) - exact
 
     late = [error(RAMP, ramped(2.0), step) for step in (0.2, 0.1)]
     assert late[0] / late[1] == pytest.approx(2.0, abs=0.15)  # first order, as documented
@@ -155,7 +149,6 @@ def test_conditions_of_every_type_arrive(fmus: dict[int, Path]) -> None:
     assert once(label="fast") == pytest.approx(cooled_until(1.0))
     assert once(trap="none") == once(trap=0) == pytest.approx(cooled_until(0.5))
     assert once(ambient=350.0) == pytest.approx(350.0 + 50.0 * np.exp(-1.0))
-    simulator.close()
 
 
 def test_a_hook_gets_the_trajectory(fmus: dict[int, Path], tmp_path: Path) -> None:
@@ -168,7 +161,6 @@ def test_a_hook_gets_the_trajectory(fmus: dict[int, Path], tmp_path: Path) -> No
     course = Course(stop_time=1.0, step=0.001)
     simulator = FMUSimulator(fmus[2], hook, course=course, operation=HERE)
     assert simulator.run_one({}, {}) == pytest.approx(100.0 * (1.0 - np.exp(-1.0)), rel=1e-6)
-    simulator.close()
 
 
 def test_extremes_and_expressions(fmus: dict[int, Path]) -> None:
@@ -181,18 +173,6 @@ def test_extremes_and_expressions(fmus: dict[int, Path]) -> None:
     ):
         simulator = FMUSimulator(fmus[2], outcome, operation=HERE)
         assert simulator.run_one({}, {}) == pytest.approx(expected)
-        simulator.close()
-
-
-def test_a_process_of_its_own_gives_the_same(fmus: dict[int, Path]) -> None:
-    isolated, here = (
-        FMUSimulator(fmus[2], Final("T"), variables=K, operation=Operation(isolated=own))
-        for own in (True, False)
-    )
-    for k in (0.5, 1.0, 0.5):
-        assert isolated.run_one({}, {"k": k}) == here.run_one({}, {"k": k})
-    isolated.close()
-    here.close()
 
 
 def run_elsewhere(job: tuple[FMUSimulator, float]) -> float:
@@ -224,7 +204,6 @@ def test_a_simulator_in_use_travels_to_worker_processes(fmus: dict[int, Path]) -
             pytest.approx(cooled_until(1.0)),
         ]
     assert simulator.run_one({}, {"k": 2.0}) == expected
-    simulator.close()
 
 
 def test_the_runner_runs_an_fmu(spring: Path) -> None:
@@ -236,7 +215,6 @@ def test_the_runner_runs_an_fmu(spring: Path) -> None:
         run([0, 1], [[5.0], [2000.0]])
     assert "the spring broke at 2000 N/mm" in str(raised.value)
     assert run.completed.outcome[:, 0].tolist() == [0.25, 0.75, 0.375, 0.2]
-    simulator.close()
 
 
 def test_the_fingerprint_sees_whatever_changes_the_outcome(
@@ -301,7 +279,6 @@ def test_a_fault_is_a_failed_run_and_the_next_run_is_sound(
         simulator.run_one({"trap": trap}, {"k": 2.0})
     assert log in raised.value.log
     assert simulator.run_one({"trap": "none"}, {"k": 1.0}) == pytest.approx(cooled(1.0))
-    simulator.close()
 
 
 @pytest.mark.parametrize("isolated", [True, False])
@@ -319,7 +296,6 @@ def test_an_instance_that_cannot_be_made_is_no_failed_run(
             with pytest.raises(error, match="cannot be instantiated"):
                 run.attempt([0, 0, 0], [[1.0], [2.0], [3.0]])
             assert [kept.failure for kept in stored_runs(store)] == [None] * int(most)
-        simulator.close()
 
 
 @pytest.mark.parametrize("kind", ["co_simulation", "model_exchange"])
@@ -344,8 +320,6 @@ def test_a_reset_that_does_not_work_is_given_up(
         assert found == recreated.run_one({}, {"k": k}) == pytest.approx(cooled(k), abs=1e-4)
     assert "every run gets a new instance" in reset.notes[0]
     assert recreated.notes == ()
-    reset.close()
-    recreated.close()
 
 
 def test_an_exception_in_a_python_fmu_is_told(spring: Path) -> None:
@@ -361,7 +335,6 @@ def test_an_exception_in_a_python_fmu_is_told(spring: Path) -> None:
     simulator = FMUSimulator(spring, Final("travel"), course=course, operation=refused)
     with pytest.raises(SurroundingsError, match="the spring gives up"):
         simulator.run_one({}, {"stiffness": 200.0})
-    simulator.close()
 
 
 def test_a_hang_is_killed_at_its_time_limit(spring: Path, temporary: Path) -> None:
@@ -378,7 +351,6 @@ def test_a_hang_is_killed_at_its_time_limit(spring: Path, temporary: Path) -> No
     assert time.monotonic() - begin < 60.0  # and not the 1200 s that it wanted to sleep
     assert list(temporary.glob("aleator_fmu_*")) == []
     assert simulator.run_one({"nap": 0.0}, {"stiffness": 8.0}) == 0.125
-    simulator.close()
 
 
 def test_no_crossing_is_a_failed_run_with_the_range(fmus: dict[int, Path]) -> None:
@@ -390,16 +362,6 @@ def test_no_crossing_is_a_failed_run_with_the_range(fmus: dict[int, Path]) -> No
         simulator = FMUSimulator(fmus[2], outcome, operation=Operation(isolated=False))
         with pytest.raises(RunFailed, match=r"does not cross .* between 313.534 and 400"):
             simulator.run_one({}, {})
-        simulator.close()
-
-
-def test_a_hook_that_raises_is_a_failed_run(fmus: dict[int, Path], tmp_path: Path) -> None:
-    (tmp_path / "post.py").write_text("def none(t):\n    return t['pressure']\n")
-    hook = Hook("post.py:none", (), str(tmp_path))
-    simulator = FMUSimulator(fmus[2], hook, operation=Operation(isolated=False))
-    with pytest.raises(RunFailed, match=r"'post.py:none' raised KeyError: 'pressure'"):
-        simulator.run_one({}, {})
-    simulator.close()
 
 
 @pytest.mark.parametrize(

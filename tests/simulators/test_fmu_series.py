@@ -1,6 +1,5 @@
 """Series of an FMU: one run serves a whole experiment; conditions give start values and times."""
 
-import pickle
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +39,6 @@ def test_a_series_is_the_closed_form_at_its_times(
         found = simulator.sample({"time": TIMES, "hot": hot}, {"k": k})
         assert found[:, 0] == pytest.approx(cooled(k, TIMES, hot), abs=error)
     assert simulator.notes == ()
-    simulator.close()
 
 
 def test_a_runner_takes_a_series_of_two_responses(ball: Path) -> None:
@@ -64,7 +62,6 @@ def test_a_runner_takes_a_series_of_two_responses(ball: Path) -> None:
     late = flown(np.array([0.5, 0.2]), 2.0, 0.0, 1.62, 0.8)
     assert values[1, :4].reshape(-1, 2) == pytest.approx(late, abs=1e-9)
     assert np.all(np.isnan(values[1, 4:]))
-    simulator.close()
 
 
 def test_times_closer_than_a_step_are_all_met(fmus: dict[int, Path]) -> None:
@@ -73,7 +70,6 @@ def test_times_closer_than_a_step_are_all_met(fmus: dict[int, Path]) -> None:
     times = np.array([1e-12, 0.5, 0.5 + 1e-13, 0.5 + 1e-7, 0.7 - 1e-12, 2.0, 2.0 - 1e-12])
     found = simulator.sample({"time": times}, {"k": 1.0})[:, 0]
     assert found == pytest.approx(cooled(1.0, times), abs=1e-8)
-    simulator.close()
 
 
 @pytest.mark.parametrize("outcome", [Final("T"), Extreme("-der(T)"), Crossing("T", 350.0)])
@@ -90,8 +86,6 @@ def test_a_row_of_a_series_is_the_run_that_ends_there(
     assert found == pytest.approx(
         [single.run_one({"time": t}, parameters) for t in times.tolist()], rel=1e-9
     )
-    series.close()
-    single.close()
 
 
 def test_an_fmu_with_steps_of_one_length_is_interpolated(tmp_path: Path) -> None:
@@ -107,7 +101,6 @@ def test_an_fmu_with_steps_of_one_length_is_interpolated(tmp_path: Path) -> None
         # Of a straight line: an eighth of the step squared, times the second derivative.
         errors.append(np.max(np.abs(found - cooled(1.0, TIMES))))
         assert errors[-1] <= step**2 / 8.0 * 100.0
-        simulator.close()
     assert errors[1] > 0.0
 
 
@@ -129,7 +122,6 @@ def test_a_solver_of_known_step_is_asked_at_the_ends_of_its_steps(
     error = np.abs(simulator.sample({"time": between}, {})[:, 0] - cooled(1.0, between))
     assert error[1] < 1e-9
     assert np.all(error <= 0.05**2 / 8.0 * 100.0)
-    simulator.close()
 
 
 RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
@@ -151,9 +143,7 @@ def test_a_series_sees_inputs_over_time(fmus: dict[int, Path], version: int) -> 
             operation=HERE,
             series=True,
         )
-        found = simulator.sample({"time": times}, {"k": k})[:, 0]
-        simulator.close()
-        return found
+        return simulator.sample({"time": times}, {"k": k})[:, 0]
 
     ramped = 300.0 + 50.0 * (times - 1.0 / k) + (100.0 + 50.0 / k) * np.exp(-k * times)
     assert sampled(RAMP) == pytest.approx(ramped, abs=2e-4)
@@ -170,23 +160,6 @@ def test_what_does_not_exist_yet_is_not_a_number(fmus: dict[int, Path]) -> None:
     assert found[1] == pytest.approx(np.log(2.0), abs=1e-5)
     with pytest.raises(RunFailed, match=r"does not cross 350 by time 0\.5 s"):
         simulator.sample({"time": np.array([0.5, 0.25])}, {})
-    simulator.close()
-
-
-def test_a_series_travels_and_its_fingerprint_tells_it(fmus: dict[int, Path]) -> None:
-    series = FMUSimulator(fmus[2], Final("T"), variables=K, series=True)
-    conditions, parameters = {"time": column_of(TIMES)}, {"k": np.ones(1)}
-    copy = pickle.loads(pickle.dumps(series))
-    assert np.array_equal(copy(conditions, parameters), series(conditions, parameters))
-    others = [
-        FMUSimulator(fmus[2], Final("T"), variables=K, course=Course(stop_time="time")),
-        FMUSimulator(fmus[2], Final("T"), variables=K, series=True, time="t"),
-        FMUSimulator(fmus[2], {"T": Final("T")}, variables=K, series=True),
-    ]
-    assert len({each.fingerprint() for each in (series, *others)}) == 4
-    assert copy.fingerprint() == series.fingerprint()
-    copy.close()
-    series.close()
 
 
 @pytest.mark.parametrize(
@@ -254,7 +227,6 @@ def test_a_state_with_an_exact_start_value_is_set(
     found = simulator(conditions, {"k": np.array([0.5, 2.0])})
     expected = [cooled(0.5, 1.234, 500.0), cooled(2.0, 0.3, 350.0)]
     assert found == pytest.approx(expected, abs=1e-9 if kind == "co_simulation" else 1e-4)
-    simulator.close()
 
 
 def test_a_ball_flies_its_parabola_from_the_height_and_speed_of_its_experiment(ball: Path) -> None:
@@ -270,7 +242,6 @@ def test_a_ball_flies_its_parabola_from_the_height_and_speed_of_its_experiment(b
     for row, (t, h, v) in enumerate(zip(*conditions.values(), strict=True)):
         expected = flown(np.array([t]), h, v, 9.81, 0.7)[0]
         assert [*found[row].values()] == pytest.approx(expected, abs=1e-9)
-    simulator.close()
 
 
 def test_a_start_time_comes_from_a_condition(fmus: dict[int, Path]) -> None:
@@ -278,7 +249,6 @@ def test_a_start_time_comes_from_a_condition(fmus: dict[int, Path]) -> None:
     simulator = FMUSimulator(fmus[2], Final("T"), course=course, operation=HERE)
     found = simulator({"begin": np.array([0.0, 1.5])}, {"surface.k": np.array([1.0, 1.0])})
     assert found == pytest.approx(cooled(1.0, np.array([2.0, 0.5])))
-    simulator.close()
 
 
 def test_a_variable_that_is_only_guessed_or_the_time_is_no_start_value(

@@ -175,13 +175,6 @@ def test_a_worker_that_holds_an_older_module_beside_it_says_so(folder: Path) -> 
     assert "start the workers again" in str(caught.value)
 
 
-def test_functions_of_a_script_travel_as_they_are() -> None:
-    made: dict[str, object] = {"__name__": "__main__"}
-    exec("def f(x): return 5 * x", made)
-    sent = cloudpickle.dumps(FunctionSimulator(made["f"]))  # type: ignore[arg-type]
-    assert pickle.loads(sent)({}, TWO).tolist() == [10.0]
-
-
 ROWS = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 3.0]}))
 SERIES = Conditions(("A",), pd.DataFrame({"load": [1.0, 2.0, 3.0]}), experiment=np.zeros(3))
 NAN = float("nan")

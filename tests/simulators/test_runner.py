@@ -165,11 +165,6 @@ def test_an_outcome_that_is_not_finite_is_told_with_the_parameter_to_narrow(bad:
     assert len(run.completed) == 27
 
 
-def test_numpy_does_not_warn_about_what_is_reported_anyway() -> None:
-    with pytest.raises(SimulatorError, match="returned nan"):
-        runner(lambda load, x: np.log(x - load), vectorized=True)([0], [[0.5]])
-
-
 def test_experiments_under_equal_conditions_share_their_runs() -> None:
     table = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 1.0], "nr": [1, 2, 3]}))
     function = Counted()

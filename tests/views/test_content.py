@@ -79,33 +79,6 @@ def test_the_least_document_can_be_rendered() -> None:
 # ------------------------------------------------------------------------------------ other answers
 
 
-def test_predictions_are_a_table_of_these_numbers() -> None:
-    columns = {
-        "id": ["new"], "mean": [1.23456], "standard_deviation": [0.0123], "q0.025": [1.0],
-        "q0.25": [1.1], "q0.5": [1.2], "q0.75": [1.3], "q0.975": [1.4], "status": ["solved"],
-    }  # fmt: skip
-    shown = text(predictions.distributions(columns, "log(time)"))
-    assert shown.splitlines()[-1].split() == [
-        "new", "1.235", "0.0123", "1.2", "1.1", "..", "1.3", "1", "..", "1.4", "solved",
-    ]  # fmt: skip
-
-
-def test_a_recovery_tells_bias_and_coverage() -> None:
-    alpha = np.array([[0.9, 0.10], [1.0, 0.12], [1.1, 0.14]])
-    found = Recovery(
-        ("x.mean", "x.sd"), np.array([1.0, 0.02]), alpha,
-        np.stack([alpha - 0.05, alpha + 0.05], axis=-1), np.zeros(3), np.array([True, True, False]),
-    )  # fmt: skip
-    document = recovery_document(found)
-    assert document["hyperparameters"]["x.mean"]["coverage"] == pytest.approx(1 / 3)
-    assert document["replicates"][2]["converged"] is False
-    (section,) = uncertainty.recovery(document).sections
-    rows = {row[0]: " ".join(row) for row in section.parts[0].rows}  # type: ignore[attr-defined]
-    assert "33 %" in rows["x.mean"]
-    assert "biased" not in rows["x.mean"]
-    assert "biased" in rows["x.sd"]
-
-
 def ceiling(points: int = 3, p_value: float | None = 0.01) -> dict[str, Any]:
     test = {"p_value": p_value, "replicates": 99, "exceeded": 0, "failed": 0}
     return {
