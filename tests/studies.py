@@ -36,10 +36,7 @@ def table(lengths: tuple[float, ...] = LENGTHS) -> str:
 
 
 def springs(
-    folder: Path,
-    study: str = SPRINGS,
-    model: str = MODEL,
-    lengths: tuple[float, ...] = LENGTHS,
+    folder: Path, study: str = SPRINGS, model: str = MODEL, lengths: tuple[float, ...] = LENGTHS
 ) -> Path:
     """The path of a study with its table and its simulator, in a folder that is made."""
     folder.mkdir(parents=True, exist_ok=True)

@@ -47,9 +47,7 @@ def identified() -> dict[str, float]:
     return {name: value["estimate"] for name, value in alpha.items()}
 
 
-def test_a_table_and_a_function_with_a_default_are_a_study_that_finds_the_law(
-    folder: Path,
-) -> None:
+def test_a_table_and_a_function_with_a_default_are_a_study_that_finds_the_law(folder: Path) -> None:
     springs(folder)
     done("new")
     found = identified()

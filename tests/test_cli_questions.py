@@ -473,9 +473,7 @@ def grown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         write(
-            model=GROWTH,
-            study=PLANTS,
-            new="plant,time,light,like\na,1,1,p3\na,3,1,p3\nb,3,0,p2\n",
+            model=GROWTH, study=PLANTS, new="plant,time,light,like\na,1,1,p3\na,3,1,p3\nb,3,0,p2\n"
         )
         done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")
     return folder

@@ -165,11 +165,7 @@ BAD = {
     "unknown law": ('"constant"', '"constnt"', ["offset.law'", "'constant'"]),
     "key of a law": ("value = ", "vlue = ", ["'parameters.offset.vlue'", "mean 'value'"]),
     "sd below zero": ("lower = 0.005", "lower = -1", ["parameters.stiffness", "sd", "-1.0"]),
-    "noise without bounds": (
-        r"lower = 0.01, upper = 2.0",
-        "",
-        ["'noise.sd'", "lower", "upper"],
-    ),
+    "noise without bounds": (r"lower = 0.01, upper = 2.0", "", ["'noise.sd'", "lower", "upper"]),
     "order": ("order = 4", "order = 99", ["'density'", "99"]),
     "transform": ('"length"\n', '"length"\ntransform = "ln"\n', ['transform\' = "ln"', "log"]),
     "method": (r"\[search\]", '[propagation]\nmethod="x"\n[search]', ["propagation.method' = \"x"]),
@@ -177,11 +173,7 @@ BAD = {
     "no file": ("springs.csv", "spring.csv", ["spring.csv", "'springs.csv'"]),
     "no module": ("model.py", "modle.py", ["'simulator.function'", "'model.py'"]),
     "no function": (":length", ":lenth", ["'simulator.function'", "'length'"]),
-    "no argument": (
-        r"parameters\.offset",
-        "parameters.ofset",
-        ["'ofset'", "'offset'"],
-    ),
+    "no argument": (r"parameters\.offset", "parameters.ofset", ["'ofset'", "'offset'"]),
     "toml": ("seed = 3", "seed = ", ["not TOML", "line 2", "'seed ='"]),
 }
 
@@ -658,9 +650,7 @@ def test_a_derived_parameter_reaches_the_function(tmp_path: Path) -> None:
     np.testing.assert_allclose(found[:, 0], [3.0, 4.5])
 
 
-def test_all_pairs_of_a_list_are_tied_but_for_those_with_a_key_of_their_own(
-    tmp_path: Path,
-) -> None:
+def test_all_pairs_of_a_list_are_tied_but_for_those_with_a_key_of_their_own(tmp_path: Path) -> None:
     third = '[parameters.d]\nlaw = "normal"\nmean = 1\nsd = 0.1\n'
     ties = '[correlation]\nall = ["k", "b", "d"]\nd.b = 0.25\n'
     text = "def length(time, k, b, d): return b + k * time + d\n"

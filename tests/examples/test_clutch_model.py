@@ -9,13 +9,7 @@ import pytest
 
 from examples.wet_clutch import reference as plain
 from examples.wet_clutch.bench import BOX, design
-from examples.wet_clutch.model import (
-    CLUTCH,
-    Clutch,
-    make_runs,
-    shifting_time,
-    synchronization_time,
-)
+from examples.wet_clutch.model import CLUTCH, Clutch, make_runs, shifting_time, synchronization_time
 from examples.wet_clutch.reference import reference_shifting_time
 
 CONDITIONS = {

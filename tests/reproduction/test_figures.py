@@ -8,10 +8,7 @@ from scipy.stats import norm
 
 from aleator.moments.quadrature import TensorGauss
 from reproduction.canvas import drawn
-from reproduction.clutch.reference import (
-    expansion_moments,
-    node_outcomes,
-)
+from reproduction.clutch.reference import expansion_moments, node_outcomes
 from reproduction.clutch.response import density, grid, masses
 from reproduction.clutch.study import GIVEN, SHOWN, ClutchStudy
 from reproduction.context import Context

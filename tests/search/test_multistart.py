@@ -110,10 +110,7 @@ def lognormal_with_outlier(theta: float) -> tuple[Problem, Array]:
     return problem, y
 
 
-@pytest.mark.parametrize(
-    ("theta", "order"),
-    [(3.0, 6), (6.0, 4)],
-)
+@pytest.mark.parametrize(("theta", "order"), [(3.0, 6), (6.0, 4)])
 def test_an_outlier_does_not_lift_the_maximum_above_the_exact_one(theta, order) -> None:
     problem, y = lognormal_with_outlier(theta)
     found = GradientMultistart(3).maximize(

@@ -97,10 +97,7 @@ def test_a_template_is_written_into_the_private_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("feed", "read"),
-    [
-        (JsonFeed(), "json.load(sys.stdin)"),
-        (CsvFeed(), "next(csv.DictReader(sys.stdin))"),
-    ],
+    [(JsonFeed(), "json.load(sys.stdin)"), (CsvFeed(), "next(csv.DictReader(sys.stdin))")],
 )
 def test_standard_input_has_every_condition(feed: JsonFeed | CsvFeed, read: str) -> None:
     code = f"import csv, json, sys; v = {read}; print(float(v['load']) / float(v['stiffness']))"

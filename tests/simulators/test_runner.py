@@ -20,14 +20,7 @@ from aleator.errors import SimulatorError
 from aleator.inference.diagnostics.experiments import failure_report
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.responses import Response
-from aleator.simulators import (
-    FunctionSimulator,
-    NoOutcome,
-    ProcessPool,
-    Runner,
-    Store,
-    working_box,
-)
+from aleator.simulators import FunctionSimulator, NoOutcome, ProcessPool, Runner, Store, working_box
 from aleator.simulators.dispatch import Batching
 
 TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "site": [*"xyz"]}))

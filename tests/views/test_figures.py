@@ -14,17 +14,7 @@ import pytest
 from matplotlib.axes import Axes
 from scipy.stats import kstwo, norm
 
-from aleator import (
-    AleatorError,
-    Check,
-    Free,
-    Identification,
-    Inputs,
-    Noise,
-    Normal,
-    identify,
-    plot,
-)
+from aleator import AleatorError, Check, Free, Identification, Inputs, Noise, Normal, identify, plot
 from aleator.views.chart import GRAY, INK, VERMILION
 from aleator.views.figures import calibration_figure, experiments_figure, save_figures
 
