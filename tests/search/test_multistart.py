@@ -502,6 +502,14 @@ def test_a_way_that_leads_elsewhere_does_no_harm(goal):
     assert np.all(np.abs(guided.asked) <= 5.0)
 
 
+@pytest.mark.parametrize("limit", [2, 5, 12])
+def test_own_steps_count_among_the_evaluations_of_a_start(limit):
+    found = GradientMultistart(4, evaluations=limit).maximize(
+        Guided(sample, OBSERVED.mean(axis=0) + 0.3), box(), seed=0
+    )
+    assert all(ascent.evaluations <= limit for ascent in found.ascents)
+
+
 def test_starts_that_join_another_are_counted_at_its_optimum_and_cost_less():
     """Along a ridge that is curved in most experiments the way is long."""
 
