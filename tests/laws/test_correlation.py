@@ -283,3 +283,12 @@ def test_misuse_is_named(correlation, named: str) -> None:
     with pytest.raises(InputsError, match=named) as caught:
         Inputs({**laws, "k": Constant(1.0)}, correlation)
     assert caught.value.remedy
+
+
+def test_independent_variables_are_tied_to_the_nodes() -> None:
+    inputs, alpha, _ = four()
+    laws, values = inputs.independent(alpha)
+    own = np.stack([law.rule(v, 2).x[[-1]] for law, v in zip(laws, values, strict=True)], axis=1)
+    at = list(inputs.correlated)
+    own[:, at], _ = inputs.tied(alpha, own[:, at])
+    np.testing.assert_allclose(own, TensorGauss(2).nodes(inputs, alpha).x[[-1]], atol=1e-13)

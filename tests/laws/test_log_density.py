@@ -21,6 +21,7 @@ from aleator import (
     Uniform,
 )
 from aleator.laws import Law
+from aleator.moments.quadrature import TensorGauss
 
 INF = math.inf
 WEIBULL = stats.weibull_min(1.8, loc=-1.0, scale=2.0)
@@ -134,3 +135,23 @@ def test_the_density_of_a_copula_is_that_of_its_image() -> None:
     np.testing.assert_allclose(inputs.log_density(alpha, x), exact, rtol=1e-9)
     outside = np.array([[-1.5, 1.0], [0.0, -1.0]])
     assert inputs.log_density(alpha, outside).tolist() == [-INF, -INF]
+
+
+def test_a_moved_and_scaled_law_of_scipy() -> None:
+    law, values = ScipyLaw(WEIBULL, 5.0, 0.1), np.array([5.0, 0.1])
+    scale = 0.1 / WEIBULL.std()
+    x = np.linspace(4.9, 5.2, 7)
+    exact = stats.weibull_min(1.8, loc=5.0 - scale * (WEIBULL.mean() + 1.0), scale=2.0 * scale)
+    np.testing.assert_allclose(law.log_density(values, x), exact.logpdf(x), rtol=1e-9)
+
+
+def test_the_mean_of_a_ratio_of_densities_is_one() -> None:
+    """E_alpha[p(x | beta)/p(x | alpha)] = 1, as importance sampling needs it."""
+    inputs = Inputs({"a": Normal(0.0, 1.0), "b": LogNormal(1.5, 0.6)}, {("a", "b"): 0.5})
+    alpha = np.array([0.0, 1.0, 1.5, 0.6, 0.5])
+    beta = np.array([0.1, 0.9, 1.4, 0.5, 0.3])
+    nodes = TensorGauss(60).nodes(inputs, alpha)
+    ratio = np.exp(inputs.log_density(beta, nodes.x) - inputs.log_density(alpha, nodes.x))
+    assert nodes.weights @ ratio == pytest.approx(1.0, abs=1e-9)
+    # the density of another law is not that of the nodes
+    assert nodes.weights @ ratio**2 > 1.01

@@ -229,3 +229,11 @@ def test_a_response_that_no_output_has_is_told(both: CommandSimulator) -> None:
     run: Any = Runner(both, table("way", "sped"), ["x"])
     with pytest.raises(AleatorError, match=r"no 'sped'.*did you mean 'speed'"):
         run.values([0], [[1.0]])
+
+
+def test_rows_one_by_one_have_several_responses_too(tmp_path: Path) -> None:
+    outputs = {"way": CsvOutput("stdout", 0), "speed": CsvOutput("stdout", 1)}
+    command = ["awk", 'BEGIN {{print {load} * {x} * {time} "," {load} * {x}}}']
+    run = Runner(CommandSimulator(command, outputs, tmp_path), table("speed", "way"), ["x"])
+    values = run.values(np.arange(5), np.full((5, 1), 2.0))
+    np.testing.assert_allclose(values, np.c_[2 * ROWS["load"], 2 * ROWS["load"] * ROWS["time"]])

@@ -8,7 +8,8 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -349,3 +350,27 @@ def test_a_pool_that_gives_up_ends_its_own_workers_only() -> None:
     finally:
         mine.kill()
         mine.join()
+
+
+class Cancelled(Executor):
+    """Returns batches without a run, which something ended."""
+
+    slots = 1
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        made = fn(*args, **kwargs)
+        future.set_result(replace(made.some(slice(0)), stopped=CancelledError()))
+        return future
+
+
+def test_what_ends_a_batch_ends_the_study_and_is_not_asked_for_again(model: Path) -> None:
+    run = Runner(named(model, "product"), TABLE, ["x"], executor=Cancelled())
+    with pytest.raises(CancelledError):
+        run(INDEX, X)
+
+
+def test_an_exception_of_any_kind_is_a_failure_here_too(model: Path) -> None:
+    run = Runner(named(model, "aborting"), TABLE, ["x"])
+    with pytest.raises(SimulatorError, match="Abort: out of license"):
+        run(INDEX, X)

@@ -296,3 +296,21 @@ def test_a_study_names_a_series_and_its_responses(fmus: dict[int, Path]) -> None
         assert simulator.series
         assert simulator.responses == responses
         assert simulator.course.conditions == ("time",)
+
+
+def test_a_time_that_is_the_same_in_all_rows_serves_them_all(fmus: dict[int, Path]) -> None:
+    simulator = FMUSimulator(fmus[2], Final("T"), variables=K, operation=HERE, series=True)
+    table = pd.DataFrame({"id": [*"aab"], "time": [1.3, 1.3, 0.2], "T0": 400.0, "y": 0.0})
+    run = Runner(simulator, Experiments.from_frame(table, outcome="y", id="id"), ["k"])
+    values = run.values([0, 1], [[1.0], [2.0]])
+    assert values[0] == pytest.approx([cooled(1.0, np.array(1.3))] * 2)
+    assert values[1, 0] == pytest.approx(cooled(2.0, np.array(0.2)))
+
+
+def test_a_condition_may_be_a_time_and_a_variable(fmus: dict[int, Path]) -> None:
+    """A time that is a parameter of the FMU, as the length of a pulse is, is set there too."""
+    simulator = FMUSimulator(
+        fmus[2], Final("level - T"), course=Course(stop_time="level", step=0.1), operation=HERE
+    )
+    found = simulator.run_one({"level": 1.7}, {"surface.k": 1.0})
+    assert found == pytest.approx(1.7 - cooled(1.0, np.array(1.7)))

@@ -469,3 +469,42 @@ def test_a_series_that_changes_its_arguments_changes_no_other_run() -> None:
     run = of_rows(careless, series=True)
     first = run.values([1], [[1.0, 0.0]])
     np.testing.assert_array_equal(run.values([1], [[2.0, 0.0]]), 2.0 * first)
+
+
+def drawing(load: float, x: float) -> float:
+    rng = np.random.default_rng()
+    return load * x * (1.0 + (rng.random() < 0.5))
+
+
+def test_it_is_found_among_workers() -> None:
+    with ThreadPoolExecutor(2) as pool:
+        run = Runner(FunctionSimulator(drawing), LOADS, ["x"], executor=pool)
+        run.repeat_some()
+        with pytest.raises(SimulatorError, match="for the same run"):
+            run.attempt(*runs_asked(100))
+
+
+def test_what_is_no_number_is_counted_and_the_first_are_told() -> None:
+    def half(load: Any, time: Any, x: Any, y: Any) -> Any:
+        return np.where(x > 1.0, np.nan, np.inf) + 0 * load * time * y
+
+    run = of_rows(half, vectorized=True)
+    values = run.straight(np.zeros(4000, int), np.tile([[0.5, 0.0], [1.5, 0.0]], (2000, 1)))
+    assert np.sum(np.isnan(values)) == 2000
+    lost, failures = run.lost
+    assert (lost, len(failures), np.unique(failures.x[:, 0]).tolist()) == (2000, 1000, [1.5])
+    assert failures.failures[0].message == "it returned nan"
+
+
+def test_few_calls_find_it_out() -> None:
+    calls = []
+
+    def counted(load: Any, time: Any, x: Any, y: Any) -> Any:
+        calls.append(1)
+        return formula(load, time, x, y)
+
+    run = of_rows(counted)
+    assert run.takes_arrays(REGION)
+    assert len(calls) == 17
+    run.straight(np.zeros(1000, int), np.ones((1000, 2)))
+    assert len(calls) == 18

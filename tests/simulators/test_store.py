@@ -493,3 +493,16 @@ def test_two_processes_may_fill_one_store_at_once(tmp_path: Path) -> None:
     # 0 to 1009 and 500 to 1509, each once
     assert len(runs) == 1510
     assert len({x for x, _ in runs}) == 1510
+
+
+def test_a_commit_waits_for_the_disk_after_a_second_of_runs(path: Path) -> None:
+    with Store(path) as store:
+
+        def waits() -> bool:
+            return bool(store.connection.execute("PRAGMA synchronous").fetchone()[0] == 2)
+
+        seen = []
+        for k, seconds in enumerate((0.4, 0.4, 0.4, 0.4, 3600.0, 0.1)):
+            store.add(MODEL, [CASE], [row(float(k), 1.0, seconds=seconds)])
+            seen.append(waits())
+    assert seen == [False, False, True, False, True, False]

@@ -377,3 +377,8 @@ def test_whatever_was_kept_travels(tmp_path: Path) -> None:
         first.sort_values(order, ignore_index=True).drop(columns="time"),
         again.sort_values(order, ignore_index=True).drop(columns="time"),
     )
+
+
+def test_a_blank_condition_is_none(tmp_path: Path) -> None:
+    head = "condition.load,condition.bench,condition.farce,parameter.x,outcome"
+    assert brought(tmp_path, f"{head}\n2,b,,1,20\n") == 1
