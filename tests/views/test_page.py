@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections import Counter
 from collections.abc import Mapping
 from html.parser import HTMLParser
@@ -14,7 +15,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator import Censoring, Check, Experiments, Free, Identification, Inputs, Noise, Normal
+from aleator import (
+    AleatorError,
+    Censoring,
+    Check,
+    Experiments,
+    Free,
+    Identification,
+    Inputs,
+    Noise,
+    Normal,
+)
+from aleator.cli.running import can_report
 from aleator.tasks.identify import identify
 from aleator.tasks.pictures import pictured
 from aleator.views.interactive import TEX, bokeh_script
@@ -208,3 +220,23 @@ def test_the_script_of_a_page_takes_no_text_for_tex_and_fetches_nothing() -> Non
     assert not TEX.search(bokeh_script())
     assert "mathjax@" in bokeh
     assert "mathjax@" not in bokeh_script()
+
+
+class WithoutBokeh:
+    """An import system in which the package is not installed."""
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:  # noqa: ARG002
+        if name.partition(".")[0] == "bokeh":
+            raise ModuleNotFoundError(f"No module named '{name}'", name="bokeh")
+
+
+def test_without_bokeh_the_message_says_what_to_install(
+    found: Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "aleator.views.interactive", raising=False)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "bokeh"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "meta_path", [WithoutBokeh(), *sys.meta_path])
+    with pytest.raises(AleatorError, match="bokeh>="):
+        found.report()
+    assert not can_report(quiet=True)
