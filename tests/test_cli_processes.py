@@ -143,6 +143,9 @@ def test_who_imports_the_command_line_keeps_its_own_answer_to_ctrl_c() -> None:
     assert told.stdout == "True\n"
 
 
+# ------------------------------------------------------------------------------ clusters
+
+
 QUICK = SPRINGS + "[verification]\nsamples = 0\n"
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 # Runs are logged, and slow enough for several batches; one of them ends a process, once.

@@ -12,6 +12,7 @@ from studies import done, read, refused, run, springs
 from aleator.simulators import Store, records
 from aleator.simulators.fmu import FMUSimulator
 
+pytestmark = pytest.mark.usefixtures("unreported")
 MODEL = """\
 def length(load, bench, softness):
     if softness > 1.45 and load > 3:
@@ -122,7 +123,8 @@ def test_what_cannot_be_done_is_told(study: Path) -> None:
     assert Path("runs.csv").read_text() == ""  # what is there already stays
 
 
-pytestmark = pytest.mark.usefixtures("unreported")
+# ------------------------------------------------------------------------------ programs and FMUs
+
 STUDY = """\
 [experiments]
 file = "springs.csv"

@@ -120,7 +120,6 @@ def test_an_answer_that_is_no_maximum_names_the_wide_limits() -> None:
     assert "b.value" in remedies[0]
 
 
-pytestmark = pytest.mark.usefixtures("unreported")
 STUDY = """\
 [experiments]
 file = "springs.csv"

@@ -304,6 +304,9 @@ def test_misuse_has_a_remedy(starts, evaluations) -> None:
     assert caught.value.remedy
 
 
+# ------------------------------------------------------------------------------ where climbs begin
+
+
 LOW, HIGH = -2.0, 6.0
 LIMITS = [
     Hyperparameter("a", LOW, HIGH, 1.0, free=True),
@@ -356,6 +359,9 @@ def test_every_start_is_finite_and_within_the_limits(width, guess, count, seed) 
     points = starting_points(Coordinates(limits), [np.array([guess])], count, seed)
     assert points.shape == (count, 1)
     assert np.all((points >= -width) & (points <= 2.0 * width))
+
+
+# ------------------------------------------------------------------------------ what a search sees of alpha
 
 
 TABLE = pd.DataFrame({"kelvin": 300.0 + np.array([-10.0, -6.0, -1.0, 2.0, 5.0, 8.0])})
@@ -444,6 +450,9 @@ def test_a_line_far_from_zero_is_found_from_any_start() -> None:
     np.testing.assert_allclose(found.alpha, [*beta, sd], rtol=1e-3)
     # each start gets there, as it would with a centered covariate
     assert all(end.log_likelihood > best - 1e-3 for end in found.ascents)
+
+
+# ------------------------------------------------------------------------------ climbs that join
 
 
 OBSERVED = np.array([[-0.4, 0.1], [0.9, -1.2], [0.3, 0.8], [-0.6, 0.2], [0.1, -0.3]])
@@ -570,6 +579,9 @@ def test_a_climb_joins_what_is_near_if_its_slope_leads_there():
 def test_scores_that_tell_no_distance_join_nothing(scores):
     flat = LogLikelihood(np.zeros(len(scores)), np.array(scores), np.zeros(len(scores), dtype=int))
     assert not reached(np.zeros(2), flat).joins(np.zeros(2), flat)
+
+
+# ------------------------------------------------------------------------------ how far a step may go
 
 
 class Near:
