@@ -304,7 +304,7 @@ def test_misuse_has_a_remedy(starts, evaluations) -> None:
     assert caught.value.remedy
 
 
-# ------------------------------------------------------------------------------ where climbs begin
+# ---------------------------------------------------------------------- where climbs begin
 
 
 LOW, HIGH = -2.0, 6.0
@@ -361,7 +361,7 @@ def test_every_start_is_finite_and_within_the_limits(width, guess, count, seed) 
     assert np.all((points >= -width) & (points <= 2.0 * width))
 
 
-# ------------------------------------------------------------------------------ what a search sees of alpha
+# ---------------------------------------------------------------------- what a search sees of alpha
 
 
 TABLE = pd.DataFrame({"kelvin": 300.0 + np.array([-10.0, -6.0, -1.0, 2.0, 5.0, 8.0])})
@@ -452,7 +452,7 @@ def test_a_line_far_from_zero_is_found_from_any_start() -> None:
     assert all(end.log_likelihood > best - 1e-3 for end in found.ascents)
 
 
-# ------------------------------------------------------------------------------ climbs that join
+# ---------------------------------------------------------------------- climbs that join
 
 
 OBSERVED = np.array([[-0.4, 0.1], [0.9, -1.2], [0.3, 0.8], [-0.6, 0.2], [0.1, -0.3]])
@@ -581,7 +581,7 @@ def test_scores_that_tell_no_distance_join_nothing(scores):
     assert not reached(np.zeros(2), flat).joins(np.zeros(2), flat)
 
 
-# ------------------------------------------------------------------------------ how far a step may go
+# ---------------------------------------------------------------------- how far a step may go
 
 
 class Near:
