@@ -21,7 +21,7 @@ from aleator.laws.inputs import Inputs
 from aleator.search import GradientMultistart, ascend
 from aleator.search.interface import LogLikelihood, Optimum, SearchResult
 from aleator.search.multistart import Reached, starting_points
-from aleator.search.newton import ASCENT, ascended
+from aleator.search.newton import ASCENT, ascended, held, outer, positive
 from aleator.search.objective import Coordinates
 
 
@@ -608,3 +608,20 @@ def test_an_ascent_arrives_by_steps_no_longer_than_they_may_be() -> None:
     end = ascended(objective, np.zeros(1), limits, np.array([0]), np.eye(1))
     np.testing.assert_allclose(end.alpha, 10.0)
     assert np.abs(np.diff(objective.asked)).max() <= np.sqrt(2.0 * ASCENT.believed) + 1e-12
+
+
+def test_what_stays_on_a_limit_is_on_it_and_would_leave() -> None:
+    point = np.array([0.0, 0.0, 0.5, 0.5, 1.0, 1.0, 0.0, 1.0])
+    score = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 0.0, 0.0])
+    stays = held(point, score, np.zeros(8), np.ones(8))
+    assert np.flatnonzero(stays).tolist() == [0, 5]
+
+
+def test_information_is_made_positive_and_is_left_where_it_is() -> None:
+    sound = np.array([[4.0, 1.0], [1.0, 9.0]])
+    np.testing.assert_allclose(positive(sound), sound, rtol=1e-14)
+    found = positive(np.array([[4.0, 12.0], [12.0, 9.0]]))  # 2 in units of its diagonal
+    units = found / np.outer([2.0, 3.0], [2.0, 3.0])
+    np.testing.assert_allclose(np.linalg.eigvalsh(units), [ASCENT.curvature, 3.0])
+    scores = np.array([[2.0, 0.5], [0.0, np.nan], [1.0, 3.0]])
+    np.testing.assert_allclose(outer(scores), [[5.0, 4.0], [4.0, 9.25]], rtol=1e-14)
