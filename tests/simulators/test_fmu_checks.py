@@ -108,6 +108,9 @@ def test_without_fmpy_the_package_is_named(fmu: Path, monkeypatch: pytest.Monkey
         ([], ["surfac.k"], {}, r"'surfac\.k'.*'surface\.k'"),
         ([], ["level"], {"k": "surface.k"}, "'k'"),
         (["T"], ["level"], {}, r"'T'.*output.*in K"),
+        (["gas"], ["level"], {}, "'gas'"),
+        (["der(T)"], ["level"], {}, r"'der\(T\)'"),
+        ([], ["cycles"], {}, "'cycles'"),
         ([], ["level"], {}, None),
         (["level"], ["level"], {}, "'level'"),
         (["T0"], ["k"], {"k": "T0"}, "given already"),
@@ -133,14 +136,19 @@ def test_names_are_checked(
     ("given", "message"),
     [
         ({"variables": {"k": "surface.q"}}, r"'surface\.q'.*'surface\.k'"),
+        ({"variables": {"temperature": "T"}}, "'T'"),
+        ({"variables": {"a": "gas"}}, "'gas'"),
         ({"variables": {"a": "T0", "b": "T0"}}, "'T0'"),
         ({"variables": {"a": "T0"}, "constants": {"T0": 1.0}}, "'T0'"),
         ({"constants": {"levl": 1.0}}, r"'levl'.*'level'"),
         ({"constants": {"T": 1.0}}, "'T'"),
+        ({"constants": {"cycles": 1.5}}, "'cycles'"),
         ({"constants": {"T0": -1.0}}, "'T0'"),
+        ({"inputs": {"T0": RAMP}}, "'T0'"),
         ({"inputs": {"ambient": RAMP}, "constants": {"ambient": 1.0}}, "'ambient'"),
         ({"course": Course(stop_time=-1.0)}, "-1"),
         ({"course": Course(step=3.0)}, "2 s"),
+        ({"course": Course(tolerance=2.0)}, "tolerance"),
     ],
 )
 def test_settings_are_checked(fmu: Path, given: dict[str, object], message: str) -> None:
@@ -169,10 +177,13 @@ def test_what_the_fmu_cannot_do_is_told(fmu: Path, tmp_path: Path) -> None:
     [
         (Final("temperature"), "'temperature'"),
         (Final("level +"), r"level \+"),
+        (Final("T @ level"), "T @ level"),
         (Final("T if below else level"), "T if below else level"),
         (Final("levle - T"), r"'levle'.*'level'"),
+        (Final("label"), "label"),
         (Hook("absent.py:f"), r"absent\.py"),
         (Hook("numpy:ptp", ("temp",)), "'temp'"),
+        (Hook("numpy:ptp", ("label",)), "label"),
     ],
 )
 def test_outcomes_are_checked(fmu: Path, outcome: Final, message: str) -> None:
