@@ -261,7 +261,9 @@ FAULTS = [
     (2, "co_simulation", "error", r"fmi2DoStep failed .*\(error\)", "the body cracked (k = 2)"),
     (3, "co_simulation", "error", r"fmi3DoStep failed .*\(error\)", "the body cracked"),
     (2, "model_exchange", "error", r"fmi2GetDerivatives failed", "the body cracked (k = 2)"),
+    (3, "model_exchange", "error", r"fmi3GetContinuousStateDerivatives", "the body cracked"),
     (2, "co_simulation", "terminate", r"stopped at time 0.6 s instead of 2 s", ""),
+    (3, "co_simulation", "terminate", r"stopped at time 0.7 s instead of 2 s", ""),
     (2, "model_exchange", "terminate", r"stopped at time 0.5\d* s instead of 2 s", ""),
     (2, "co_simulation", "discard", r"does not advance beyond time 0.6 s", ""),
     (2, "co_simulation", "not_a_number", r"the outcome is nan", ""),
@@ -452,3 +454,12 @@ def test_nothing_is_left_of_a_program_that_is_killed_while_the_fmu_hangs(
     program.wait()
     program.stdout.close()
     assert emptied(tmp_path, "aleator_fmu_*")
+
+
+def test_a_hook_that_raises_is_a_failed_run(fmus: dict[int, Path], tmp_path: Path) -> None:
+    (tmp_path / "post.py").write_text("def none(t):\n    return t['pressure']\n")
+    hook = Hook("post.py:none", (), str(tmp_path))
+    simulator = FMUSimulator(fmus[2], hook, operation=Operation(isolated=False))
+    with pytest.raises(RunFailed, match=r"'post.py:none' raised KeyError: 'pressure'"):
+        simulator.run_one({}, {})
+    simulator.close()

@@ -256,9 +256,11 @@ def test_a_damaged_store_is_told_and_not_written_to(tmp_path: Path) -> None:
 
 DAMAGE = {
     "conditions": "UPDATE cases SET conditions = '{'",
+    "conditions that are none": "UPDATE cases SET conditions = '[1]'",
     "names": "UPDATE cases SET parameters = '[]'",
     "parameters": "UPDATE runs SET x = x'00'",
     "outcome": "UPDATE runs SET outcome = x'00'",
+    "a text": "UPDATE runs SET outcome = 'abc'",
     "time": "UPDATE runs SET time = 1e300",
     "bytes that are no text": "UPDATE simulators SET name = CAST(x'ff' AS TEXT)",
 }

@@ -303,7 +303,9 @@ def test_runs_from_elsewhere_are_used_however_a_number_is_written(tmp_path: Path
     ("head", "name"),
     [
         ("condition.load,condition.bench,condition.farce,parameter.x,outcome", "'farce'"),
+        ("condition.load,condition.farce,parameter.x,outcome", "'bench'"),
         ("condition.load,condition.bench,parameter.farce,outcome", "'farce'"),
+        ("condition.load,condition.bench,parameter.x,parameter.y,outcome", "'y'"),
         ("condition.load,condition.,parameter.x,outcome", "'condition.'"),
         ("condition.load,condition.bench,condition.load,parameter.x,outcome", "twice"),
     ],
