@@ -209,6 +209,15 @@ def test_an_improvement_goes_in_front() -> None:
     assert better.optima[1:] == found.optima
 
 
+def test_an_improvement_beside_the_ends_of_starts_is_met_by_them_and_one_far_away_once() -> None:
+    problem = replace(SAMPLE, z=np.zeros(30))
+    likelihood = problem.likelihood(problem.draw(13), Gaussian())
+    found = GradientMultistart(4).maximize(likelihood, problem.hyperparameters, seed=0)
+    for away, once in ((1e-3, False), (2.0, True)):
+        alpha = found.alpha + np.array([away, 0.0])
+        assert found.improved(alpha, likelihood(alpha), np.arange(2)).once is once
+
+
 def test_an_optimum_that_moves_takes_the_starts_that_led_to_it_along() -> None:
     y = SAMPLE.draw(13)
     found = GradientMultistart(4).maximize(SAMPLE.likelihood(y), SAMPLE.hyperparameters, seed=0)
