@@ -11,15 +11,37 @@ import numpy as np
 from numpy.typing import NDArray
 from problems import from_raw
 
+from aleator.core.polynomials import hermite_recurrence
 from aleator.core.types import Array
 from aleator.laws import Beta, Gamma, Law, Normal, Uniform
 from aleator.moments.exact_moments import ExactQuadrature, Galerkin
 from aleator.moments.expansion import Basis
 
+Recurrence = tuple[Array, Array]
 WAYS = [ExactQuadrature(), Galerkin(), None]
 
 
 # ------------------------------------------------- four families, and their moments of monomials
+
+
+def legendre(count: int) -> Recurrence:
+    k = np.arange(1.0, count)
+    return np.zeros(count), np.concatenate([[1.0], k**2 / (4.0 * k**2 - 1.0)])
+
+
+def laguerre(count: int, shape: float = 1.5) -> Recurrence:
+    """Weight of the gamma law, whose moments are E[t^m] = shape (shape + 1) .. (shape + m - 1)."""
+    k = np.arange(float(count))
+    return 2.0 * k + shape, np.where(k > 0.0, k * (k + shape - 1.0), 1.0)
+
+
+def jacobi(count: int, p: float = 1.0, q: float = 2.5) -> Recurrence:
+    """Weight (1 - t)^p (1 + t)^q on [-1, 1]: (1 + t)/2 is Beta(q + 1, p + 1)."""
+    k = np.arange(float(count))
+    s = 2.0 * k + p + q
+    b = 4.0 * k * (k + p) * (k + q) * (k + p + q) / (s**2 * (s + 1.0) * (s - 1.0))
+    b[0] = 1.0
+    return (q**2 - p**2) / (s * (s + 2.0)), b
 
 
 @cache
@@ -31,13 +53,12 @@ def beta_moment(m: int) -> mpmath.mpf:
     )
 
 
-FAMILIES: dict[str, Callable[[int], mpmath.mpf]] = {
-    "hermite": lambda m: mpmath.mpf(0 if m % 2 else mpmath.fac2(m - 1)),
-    "legendre": lambda m: mpmath.mpf(1 - m % 2) / (m + 1),
-    "laguerre": lambda m: mpmath.rf(mpmath.mpf("1.5"), m),
-    "jacobi": beta_moment,
+FAMILIES: dict[str, tuple[Callable[[int], Recurrence], Callable[[int], mpmath.mpf]]] = {
+    "hermite": (hermite_recurrence, lambda m: mpmath.mpf(0 if m % 2 else mpmath.fac2(m - 1))),
+    "legendre": (legendre, lambda m: mpmath.mpf(1 - m % 2) / (m + 1)),
+    "laguerre": (laguerre, lambda m: mpmath.rf(mpmath.mpf("1.5"), m)),
+    "jacobi": (jacobi, beta_moment),
 }
-"""E[t^m] of each family's law; of a gamma law it is shape (shape + 1) .. (shape + m - 1)."""
 LAWS: dict[str, Law] = {
     "hermite": Normal(0.0, 1.0),
     "legendre": Uniform.between(-1.0, 1.0),
@@ -45,7 +66,7 @@ LAWS: dict[str, Law] = {
     "jacobi": Beta((-1.0, 1.0), 3.0 / 11.0, (28.0 / (5.5**2 * 6.5)) ** 0.5),
 }
 """Laws with these polynomials, in their own coordinates."""
-
+MIXED = ("hermite", "laguerre", "jacobi")
 TOTAL = {n: np.array([k for k in product(range(4), repeat=n) if sum(k) <= 3]) for n in (1, 2, 3)}
 # neither downward closed nor in any order, the constant not first
 SCATTERED = np.array([[0, 2], [3, 0], [0, 0], [1, 1], [4, 1], [1, 0], [2, 2]])
@@ -60,7 +81,7 @@ def basis_of(*names: str) -> Basis:
 @cache
 def exact_polynomials(name: str, degree: int) -> list[list[mpmath.mpf]]:
     """Coefficients of the orthonormal polynomials by Gram and Schmidt, from the moments alone."""
-    moment = FAMILIES[name]
+    moment = FAMILIES[name][1]
 
     def inner(u: list[mpmath.mpf], v: list[mpmath.mpf]) -> mpmath.mpf:
         return mpmath.fsum(
@@ -96,7 +117,7 @@ def exact_moments(
         for _ in range(order + 1):
             raw.append(
                 mpmath.fsum(
-                    v * mpmath.fprod(FAMILIES[f](m) for f, m in zip(names, k, strict=True))
+                    v * mpmath.fprod(FAMILIES[f][1](m) for f, m in zip(names, k, strict=True))
                     for k, v in power.items()
                 )
             )

@@ -26,9 +26,10 @@ def failing(tmp_path: Path, text: str, **choices: object) -> RunFailed:
     return failure.value
 
 
-def gone(pid: int) -> bool:
-    """Whether a process has ended, within two seconds."""
-    for _ in range(200):
+def gone(pid: int, seconds: float = 2.0) -> bool:
+    """Whether a process has ended within so many seconds."""
+    give_up = time.monotonic() + seconds
+    while time.monotonic() < give_up:
         try:
             state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
         except OSError:
@@ -37,3 +38,11 @@ def gone(pid: int) -> bool:
             return True
         time.sleep(0.01)
     return False
+
+
+def emptied(folder: Path, pattern: str = "*", seconds: float = 30.0) -> bool:
+    """Whether somebody has removed what lay in a folder, within so many seconds."""
+    give_up = time.monotonic() + seconds
+    while [*folder.glob(pattern)] and time.monotonic() < give_up:
+        time.sleep(0.01)
+    return [*folder.glob(pattern)] == []

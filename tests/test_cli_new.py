@@ -1,25 +1,21 @@
 """A first study from a table and a simulator: what is recognized, asked and written."""
 
-import json
 import shutil
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 from fmus.build import compiled
+from scipy import optimize
+from studies import done, read, refused, run
 
-from aleator import cli
 from aleator.cli import new as command
 from aleator.study import load_study
+from aleator.study.proposal import noise_limits
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 pytestmark = pytest.mark.usefixtures("unjudged_commands")
-
-
-def run(*arguments: object, typed: str = "") -> Result:
-    return CliRunner().invoke(cli.main, [str(a) for a in arguments], input=typed)
 
 
 @pytest.fixture
@@ -45,28 +41,23 @@ def springs(folder: Path, stiffness: str = "stiffness=2.0", mark: str = ",") -> 
     (folder / "model.py").write_text(model)
 
 
-def identified(study: Path) -> dict[str, float]:
-    done = run("identify", study, "--output", "out", "--no-figures", "--no-verify", "--quiet")
-    assert done.exit_code == 0, done.output
-    alpha = json.loads(Path("out/identification.json").read_text())["alpha"]
+def identified() -> dict[str, float]:
+    done("identify", "study.toml", "--output", "out", "--no-figures", "--no-verify", "--quiet")
+    alpha = read("out/identification.json")["alpha"]
     return {name: value["estimate"] for name, value in alpha.items()}
 
 
-def test_a_table_and_a_function_with_a_default_are_a_study_that_finds_the_law(
-    folder: Path,
-) -> None:
+def test_a_table_and_a_function_with_a_default_are_a_study_that_finds_the_law(folder: Path) -> None:
     springs(folder)
-    done = run("new")
-    assert done.exit_code == 0, done.output
-    found = identified(Path("study.toml"))
+    done("new")
+    found = identified()
     assert found["stiffness.mean"] == pytest.approx(2.2, abs=4 * 0.15 / np.sqrt(20))
     assert found["stiffness.sd"] == pytest.approx(0.15, abs=4 * 0.15 / np.sqrt(40))
 
 
 def test_a_table_of_a_european_spreadsheet_is_read(folder: Path) -> None:
     springs(folder, mark=";")
-    done = run("new")
-    assert done.exit_code == 0, done.output
+    done("new")
     study = load_study("study.toml")
     assert study.experiments.outcome_name == "travel"
     assert study.experiments.conditions["force"].tolist()[::5] == [10.0, 20.0, 30.0, 40.0]
@@ -84,10 +75,9 @@ def test_rows_of_one_experiment_are_seen_and_get_noise() -> None:
         "import numpy as np\n"
         "def draining(time, rate=0.3):\n    return 10.0 * np.exp(-rate * time)\n"
     )
-    done = run("new")
-    assert done.exit_code == 0, done.output
-    assert "48 rows of 12 experiments, named by the column tank" in done.output
-    found = identified(Path("study.toml"))
+    shown = done("new").output
+    assert "48 rows of 12 experiments, named by the column tank" in shown
+    found = identified()
     assert found["rate.mean"] == pytest.approx(np.mean(rate), abs=0.01)
     assert found["noise.sd"] == pytest.approx(0.05, abs=0.02)
 
@@ -109,8 +99,7 @@ def test_the_columns_and_parameters_of_the_examples_are_recognized(
 ) -> None:
     table, function, names, id = CASES[example]
     shutil.copytree(EXAMPLES / example, folder, dirs_exist_ok=True)
-    done = run("new", table, "--function", function, "--output", "new.toml")
-    assert done.exit_code == 0, done.output
+    shown = done("new", table, "--function", function, "--output", "new.toml").output
     text = Path("new.toml").read_text()
     written = tomllib.loads(text)
     own = tomllib.loads(next(iter(sorted(folder.glob("[!n]*.toml")))).read_text())
@@ -120,14 +109,13 @@ def test_the_columns_and_parameters_of_the_examples_are_recognized(
     assert ("sd" in written.get("noise", {})) == (
         bool({"id", "censored"} & {*own["experiments"]}) or "fission" in example
     )
-    refused = run("identify", "new.toml")
-    assert refused.exit_code == 2
+    said = refused("identify", "new.toml")
     for name in names:
-        assert f"parameters.{name}.box' is missing" in refused.output
-        assert f"parameters.{name}" in done.output
+        assert f"parameters.{name}.box' is missing" in said
+        assert f"parameters.{name}" in shown
     (folder / "new.toml").unlink()
     limits = [f"--parameter={name}=0.2:0.8" for name in names]
-    assert run("new", table, "--function", function, "--output", "new.toml", *limits).exit_code == 0
+    done("new", table, "--function", function, "--output", "new.toml", *limits)
     assert set(load_study("new.toml").inputs.names) == names
 
 
@@ -138,8 +126,7 @@ def test_a_program_is_found_from_its_placeholders(folder: Path) -> None:
         "print('travel', float(sys.argv[1]) / float(sys.argv[2]))\n"
     )
     line = "python3 spring.py {force} {stiffness}"
-    done = run("new", "springs.csv", "--command", line, "--parameter", "stiffness=1:3")
-    assert done.exit_code == 0, done.output
+    done("new", "springs.csv", "--command", line, "--parameter", "stiffness=1:3")
     study = load_study("study.toml")
     outcome = study.runner()([0], [[2.0]])
     assert outcome.tolist() == [5.0]
@@ -152,7 +139,7 @@ def test_the_logarithm_is_taken_of_what_spans_many_decades(decades: float, log: 
     rows = [f"{minutes},{one:.6g},2{minutes}.5" for minutes, one in enumerate(count)]
     Path("counts.csv").write_text("\n".join(["minutes,count,room", *rows, "12,<10,20.0", ""]))
     Path("kill.py").write_text("def survivors(minutes, rate=0.8):\n    return 1e6 * 10**-rate\n")
-    assert run("new", "counts.csv", "--function", "kill.py:survivors").exit_code == 0
+    done("new", "counts.csv", "--function", "kill.py:survivors")
     found = tomllib.loads(Path("study.toml").read_text())
     assert found["experiments"]["outcome"] == "count"  # it has a bound, the room has none
     assert found["experiments"].get("transform") == ("log" if log else None)
@@ -164,19 +151,19 @@ def test_noise_that_one_value_an_experiment_does_not_tell_must_be_known() -> Non
     rows = [f"{k},{length}" for k, length in enumerate(lengths, 1)]
     Path("springs.csv").write_text("\n".join(["load,length", *rows, ""]))
     Path("model.py").write_text("def length(load, softness=1.0):\n    return load * softness\n")
-    done = run("new", "springs.csv", "--function", "model.py:length", "--outcome", "length")
-    assert done.exit_code == 0, done.output
+    shown = done(
+        "new", "springs.csv", "--function", "model.py:length", "--outcome", "length"
+    ).output
     sd = tomllib.loads(Path("study.toml").read_text())["noise"]["sd"]
     assert sd == pytest.approx(0.02)  # 1 % of the scatter
-    assert "noise: 0.02 is assumed" in done.output
-    assert identified(Path("study.toml"))["noise.sd"] == sd
+    assert "noise: 0.02 is assumed" in shown
+    assert identified()["noise.sd"] == sd
 
 
 def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> None:
     shutil.copy(compiled(2, folder), folder / "cooling.fmu")
     (folder / "cups.csv").write_text("K;bench;T [K]\n1,0;1;313\n1,0;2;315\n2,0;1;321\n")
-    done = run("new", "--fmu", "cooling.fmu", "--outcome", "T")
-    assert done.exit_code == 0, done.output
+    done("new", "--fmu", "cooling.fmu", "--outcome", "T")
     written = tomllib.loads(Path("study.toml").read_text())
     assert written["simulator"]["variables"] == {"K": "surface.k"}
     assert written["experiments"]["conditions"] == ["K"]
@@ -186,7 +173,7 @@ def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> N
     assert load_study("study.toml").units["K"] == "1/s"
     (folder / "cups.csv").write_text("T0,T\n400,313\n410,314\n420,315\n")
     asked = ["--fmu", "cooling.fmu", "--outcome", "T", "--parameter", "surface.k=0.5:2"]
-    assert run("new", *asked, "--force").exit_code == 0
+    done("new", *asked, "--force")
     study = load_study("study.toml")  # names of laws are identifiers
     assert study.inputs.names == ("k",)
     assert study.units == {"T0": "K", "T": "K", "k": "1/s"}
@@ -194,29 +181,21 @@ def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> N
     study.close()
 
 
-def test_a_study_in_a_folder_that_is_made_finds_its_files(folder: Path) -> None:
-    springs(folder)
-    assert run("new", "--output", "studies/first/study.toml").exit_code == 0
-    assert load_study("studies/first/study.toml").runner()([0], [[2.0]]).tolist() == [5.0]
-
-
 @pytest.mark.usefixtures("asked")
 def test_what_is_typed_is_taken(folder: Path) -> None:
     springs(folder, "stiffness, mass=1.0")
     answers = ["springs.csv", "model.py:spring", "travel", "stiffness", "1.5 3"]
-    done = run("new", typed="\n".join([*answers, ""]))
-    assert done.exit_code == 0, done.output
+    assert run("new", typed="\n".join([*answers, ""])).exit_code == 0
     assert load_study("study.toml").inputs.box.tolist() == [[1.5, 3.0]]
 
 
 def test_a_study_that_is_there_stays_unless_the_user_says_otherwise(folder: Path) -> None:
     springs(folder)
     Path("study.toml").write_text("mine")
-    refused = run("new")
-    assert refused.exit_code == 2
-    assert "--force" in refused.output
+    said = refused("new")
+    assert "--force" in said
     assert Path("study.toml").read_text() == "mine"
-    assert run("new", "--force").exit_code == 0
+    done("new", "--force")
     assert Path("study.toml").read_text() != "mine"
 
 
@@ -243,9 +222,8 @@ def test_what_is_missing_or_wrong_is_told_with_its_option(folder: Path, case: st
     springs(folder)
     (folder / "other.py").write_text("def one(): ...\ndef two(): ...\n")
     (folder / "two.csv").write_text("force,a,b\n1,2.5,3.5\n2,3.5,4.5\n")
-    refused = run("new", *arguments)
-    assert refused.exit_code == 2, refused.output
-    assert told in refused.output
+    said = refused("new", *arguments)
+    assert told in said
     assert not Path("study.toml").exists()
 
 
@@ -273,9 +251,8 @@ def test_bounds_are_seen_and_judged_as_bounds(told: str) -> None:
         table("load,hours,failed", load, cut, 1 - over)
     else:
         table("load,hours,hours_upper", load, cut, np.where(over, "500", ""))
-    done = run("new")
-    assert done.exit_code == 0, done.output
-    assert "outcome: hours" in done.output
+    shown = done("new").output
+    assert "outcome: hours" in shown
     study = load_study("study.toml")
     seen = study.experiments.observations
     assert np.flatnonzero(seen.upper > seen.lower).tolist() == np.flatnonzero(over).tolist()
@@ -292,24 +269,13 @@ def test_what_a_law_may_follow_is_proposed_and_holds() -> None:
     each = [np.repeat(column, 3) for column in (range(20), maker, warm)]
     table("part,maker,warm,time,wear", *each, np.tile(time, 20), wear.ravel().round(4))
     Path("model.py").write_text("def worn(time, rate=1.0):\n    return rate * time\n")
-    done = run("new")
-    assert done.exit_code == 0, done.output
-    assert "outcome: wear" in done.output  # the other numbers are one for each part
+    shown = done("new").output
+    assert "outcome: wear" in shown  # the other numbers are one for each part
     text = Path("study.toml").read_text()
     assert 'mean = "1 + C(maker) + center(warm)"' in text
     Path("study.toml").write_text(text.replace("# mean =", "mean ="))
-    found = identified(Path("study.toml"))
+    found = identified()
     assert found["rate.mean[maker=B]"] == pytest.approx(0.5, abs=0.2)
-
-
-@pytest.mark.usefixtures("folder")
-def test_several_responses_are_the_columns_that_the_function_returns() -> None:
-    shutil.copytree(EXAMPLES / "repeated" / "coasting", ".", dirs_exist_ok=True)
-    done = run("new", "coasting.csv", "--parameter", "drag=0.05:1", "--force")
-    assert done.exit_code == 0, done.output
-    study = load_study("study.toml")
-    assert study.experiments.observations.names == ("speed", "way")
-    assert set(tomllib.loads(Path("study.toml").read_text())["noise"]) == {"speed", "way"}
 
 
 SERIES = {
@@ -329,13 +295,70 @@ def test_a_function_of_a_whole_series_is_seen(kind: str) -> None:
     tank, time = np.repeat(["a", "b", "c"], 3), np.tile(times, 3)
     table("tank,time,level", tank, time, 10.0 * np.exp(-0.3 * time))
     Path("model.py").write_text(SERIES[kind])
-    assert run("new").exit_code == 0
+    done("new")
     study = load_study("study.toml")
     assert study.runner().values([0], np.array([[0.3]]))[0] == pytest.approx(
         10.0 * np.exp(-0.3 * times), rel=1e-2
     )
     Path("model.py").write_text("def level(time, rate=0.3):\n    return 10.0 - rate * time\n")
-    assert run("new", "--force").exit_code == 0
+    done("new", "--force")
     assert not tomllib.loads(Path("study.toml").read_text())["simulator"].get("series")
-    assert run("new", "--force", "--series").exit_code == 0
+    done("new", "--force", "--series")
     assert tomllib.loads(Path("study.toml").read_text())["simulator"]["series"]
+
+
+def new(head: str, rows: list[str], *arguments: str) -> None:
+    Path("model.py").write_text("def life(rate):\n    return rate\n")
+    Path("table.csv").write_text("\n".join([head, *rows, ""]))
+    done("new", "table.csv", "--function", "model.py:life", "--yes", *arguments)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("failed", "runs"), [("failed", "running"), ("F", "S"), ("F", "C"), ("broken", "in service")]
+)
+def test_what_still_runs_is_a_bound(failed: str, runs: str) -> None:
+    new(
+        "km,status",
+        [f"6000,{failed}", f"7000,{runs}", f"9000,{failed}", f"9500,{runs}"],
+        "--parameter=rate=1e3:1e5",
+    )
+    seen = load_study("study.toml").experiments.observations
+    assert np.isinf(seen.upper).tolist() == [False, True, False, True]
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_column_of_standard_errors_is_the_noise() -> None:
+    """A study of studies, made up: an effect of each trial with its standard error."""
+    new(
+        "trial,log_rr,se",
+        ["1,-0.9,0.5", "2,-1.6,0.4", "3,-1.3,0.6", "4,-1.4,0.1"],
+        "--outcome=log_rr",
+        "--parameter=rate=-4:4",
+    )
+    assert tomllib.loads(Path("study.toml").read_text())["noise"] == {"sd": "se"}
+
+
+@pytest.mark.parametrize("count", [5, 12, 100])
+def test_the_noise_may_be_all_of_the_scatter_and_its_interval_more(count: int) -> None:
+    """The upper end of the profile interval of an sd lies within the limits that are proposed."""
+    spread = 3.7
+    estimate = spread * np.sqrt((count - 1) / count)
+    end = optimize.brentq(
+        lambda ratio: count * (np.log(ratio) + 0.5 / ratio**2 - 0.5) - 1.92, 1.0, 10.0
+    )
+    limits = noise_limits(spread)
+    assert limits is not None
+    assert limits[0] < 0.01 * estimate < estimate * end < limits[1]
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_first_look_refuses_what_could_not_be_identified() -> None:
+    new("y", ["1.1", "2.3", "2.9"], "--parameter=rate=0:4")
+    text = Path("study.toml").read_text().replace("box =", "# box =")
+    Path("study.toml").write_text(
+        text.replace('law = "truncated_normal"', 'value = {lower = 0, upper = 4}\nlaw = "constant"')
+    )
+    said = refused("check", "study.toml", "--quiet")
+    assert "scatters" in said
+    assert not Path("runs.sqlite").exists()

@@ -1,22 +1,17 @@
 """A little of `python -m hardening`, and that it would notice what it looks for."""
 
-import json
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from aleator.errors import AleatorError
-from aleator.study import load_study
 from hardening import judging
 from hardening.damaged import KINDS, damaged
 from hardening.failing import failing
 from hardening.formulas import READERS, WRITTEN, formulas
 from hardening.judging import DONE, TOLD, TRACEBACK
 from hardening.kills import Way, kills
-from hardening.mutation import Damage
-from hardening.sound import OPTIONS, STUDIES, Sound, as_toml, prepared, written
+from hardening.sound import STUDIES, as_toml, prepared
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +23,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_damaged_files_are_told_or_do_not_matter(sound: Path, tmp_path: Path) -> None:
-    found = [judging.one(k, 1, sound, tmp_path / "study") for k in range(5 * len(KINDS))]
+    found = [judging.one(k, 1, sound, tmp_path / "study") for k in range(2 * len(KINDS))]
     broken = [(one.number, one.words) for one in found if one.outcome in judging.BROKEN]
     assert broken == []
     assert {one.kind for one in found} == set(KINDS)
@@ -63,12 +58,6 @@ def test_a_tree_is_written_as_it_is(name: str) -> None:
     assert tomllib.loads(as_toml(STUDIES[name].study)) == STUDIES[name].study
 
 
-def test_damage_changes_something() -> None:
-    tree = STUDIES["repeated"].study
-    changed = [Damage(np.random.default_rng(k)).tree(tree, 1) for k in range(50)]
-    assert sum(json.dumps(one) != json.dumps(tree) for one in changed) > 40
-
-
 def test_hostile_formulas_are_read_or_told() -> None:
     found = formulas(range(60), 5)
     assert found.broken == ()
@@ -87,18 +76,6 @@ def test_a_formula_that_runs_raises_or_lasts_is_noticed(monkeypatch: pytest.Monk
     told = " ".join(formulas(range(30), 5).broken)
     assert WRITTEN in told
     assert TRACEBACK in told
-
-
-def test_most_varied_studies_are_valid(tmp_path: Path) -> None:
-    sound, valid = STUDIES["plain"], 0
-    for k in range(16):
-        tree = Damage(np.random.default_rng(k)).varied(sound.study, OPTIONS, 2)
-        folder = written(Sound(tree, sound.table, sound.new), tmp_path / str(k))
-        try:
-            valid += bool(load_study(folder / "study.toml"))
-        except AleatorError:
-            continue
-    assert valid > 8
 
 
 @pytest.mark.slow

@@ -1,19 +1,26 @@
-"""The rules of the house that no other tool checks. pyproject.toml has the one list of layers."""
+"""The rules of the house: what is imported where, what is public, what the wheel has."""
 
 import ast
-import inspect
+import builtins
+import pkgutil
 import re
+import subprocess
 import sys
 import tomllib
+import zipfile
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
+import click
+import pytest
+
 import aleator
+from aleator.cli.program import COMMANDS, main
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "aleator"
 BESIDE = (ROOT / "reproduction", ROOT / "benchmarks", ROOT / "hardening")
-
 LONGEST_FILE = 700
 EMPTY_NAMES = {"utils", "util", "helpers", "helper", "manager", "process", "data", "common", "misc"}
 
@@ -71,25 +78,6 @@ def inside(imported: str, module: str) -> bool:
     return imported == module or imported.startswith(f"{module}.")
 
 
-def test_the_checker_sees_every_form_of_import(tmp_path: Path) -> None:
-    module = tmp_path / "mixture.py"
-    module.write_text(
-        "import numpy as np\n"
-        "from aleator import simulators\n"
-        "from . import gaussian\n"
-        "from ...laws.marginals import Normal\n"
-        "def late():\n"
-        "    from aleator.laws import marginals\n"
-    )
-    assert list(imports("search.local.mixture", module)) == [
-        "numpy",
-        "aleator.simulators",
-        "aleator.search.local.gaussian",
-        "aleator.laws.marginals.Normal",
-        "aleator.laws.marginals",
-    ]
-
-
 def test_every_room_has_a_layer() -> None:
     rooms = {room(name) for name, _ in sources()} - {"", "__main__"}
     assert rooms == set().union(*floors())
@@ -142,13 +130,97 @@ def test_nothing_is_left_to_do() -> None:
     assert left == []
 
 
-def test_public_names_exist_and_are_documented_with_an_example() -> None:
-    wanting = []
-    for name in getattr(aleator, "__all__", []):
-        thing = getattr(aleator, name)
-        own = inspect.isclass(thing) or inspect.isfunction(thing)
-        if own and not (thing.__doc__ or "").strip():
-            wanting.append(f"{name}: no docstring")
-        elif inspect.isfunction(thing) and ">>>" not in (thing.__doc__ or ""):
-            wanting.append(f"{name}: no doctest")
-    assert wanting == []
+HEAVY = {"numpy", "scipy", "pandas", "pydantic", "rich", "matplotlib", "fmpy", "dask", "sklearn"}
+
+
+def imported_by(*command: str) -> set[str]:
+    """The packages that a fresh Python has imported after a command."""
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", *command], capture_output=True, text=True, check=True
+    )
+    lines = [line for line in done.stderr.splitlines() if line.startswith("import time:")]
+    return {line.rpartition("|")[2].strip().partition(".")[0] for line in lines}
+
+
+@pytest.mark.parametrize("command", [["-c", "import aleator"], ["-m", "aleator", "--help"]])
+def test_nothing_heavy_is_imported_before_it_is_used(command: list[str]) -> None:
+    found = imported_by(*command)
+    assert "aleator" in found
+    assert found & HEAVY == set()
+
+
+def test_what_editors_and_type_checkers_see_is_what_there_is() -> None:
+    tree = ast.parse(Path(aleator.__file__).read_text(encoding="utf-8"))
+    seen = {
+        (node.module, name.name, name.asname)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("aleator")
+        for name in node.names
+    }
+    homes = aleator._HOMES.items()
+    assert seen == {(f"aleator.{home}", name, name) for home, names in homes for name in names}
+
+
+def test_every_public_name_is_there_once() -> None:
+    assert len(set(aleator.__all__)) == len(aleator.__all__)
+    for name in aleator.__all__:
+        assert getattr(aleator, name).__name__ == name
+    assert set(aleator.__all__) <= set(dir(aleator))
+    with pytest.raises(AttributeError, match="no attribute 'identfy'"):
+        _ = aleator.identfy  # type: ignore[attr-defined]
+
+
+def test_no_public_name_hides_a_module_or_a_builtin() -> None:
+    modules = {module.name for module in pkgutil.iter_modules(aleator.__path__)}
+    assert "laws" in modules
+    assert modules & set(aleator.__all__) == set()
+    assert set(dir(builtins)) & set(aleator.__all__) == set()
+
+
+def test_no_class_of_the_package_has_the_name_of_a_builtin() -> None:
+    classes = {
+        node.name: path.name
+        for path in Path(aleator.__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    }
+    assert "Identification" in classes
+    assert set(dir(builtins)) & set(classes) == set()
+
+
+def test_every_public_name_has_an_example() -> None:
+    documented = [name for name in aleator.__all__ if name != "FMUSimulator"]  # it needs a file
+    lacking = [name for name in documented if ">>>" not in (getattr(aleator, name).__doc__ or "")]
+    assert lacking == []
+
+
+def test_the_help_lists_each_command_with_its_own_first_sentence() -> None:
+    context = click.Context(main)
+    for name, told in COMMANDS.items():
+        command = main.get_command(context, name)
+        assert command is not None
+        assert " ".join((command.help or "").split("\n\n")[0].split()) == told
+
+
+def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
+    made = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(made, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        about = f"aleator-{version('aleator')}.dist-info"
+        entries = archive.read(f"{about}/entry_points.txt")
+        licence = archive.read(f"{about}/licenses/LICENSE")
+        metadata = archive.read(f"{about}/METADATA").decode()
+    source = ROOT / "src"
+    package = {
+        str(path.relative_to(source).as_posix())
+        for path in (source / "aleator").rglob("*")
+        if path.suffix in {".py", ".css", ".js", ".typed"}
+    }
+    assert {name for name in names if ".dist-info/" not in name} == package
+    assert len(package) > 100
+    assert "aleator/py.typed" in package  # type checkers of users read the annotations
+    assert b"aleator = aleator.cli:main" in entries
+    assert licence == (ROOT / "LICENSE").read_bytes()
+    assert "\nLicense-Expression: BSD-3-Clause\n" in metadata

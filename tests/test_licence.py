@@ -14,7 +14,6 @@ NAME = "BSD-3-Clause"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DATA = {".csv", ".tsv", ".dat", ".txt", ".json", ".xlsx", ".parquet", ".npy", ".npz"}
 FOLDERS = ("examples", "tests", "docs", "benchmarks", "hardening", "reproduction", "website", "src")
-
 PERMISSIVE = re.compile(
     r"\b(MIT|0?BSD|Apache|ISC|PSF|Python Software Foundation)\b"
     r"|Permission is hereby granted, free\s+of\s+charge"  # the MIT licence itself

@@ -14,9 +14,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 import aleator
+from aleator.cli import main
 from aleator.study.kinds import LAWS, Kinds, Section
 from aleator.study.sections import (
     DENSITIES,
@@ -29,6 +31,7 @@ from aleator.study.sections import (
     VerificationSection,
 )
 from aleator.study.simulators import SIMULATORS
+from website import settings
 
 ROOT = Path(__file__).parents[1]
 EVERY = [
@@ -91,9 +94,13 @@ def test_a_study_whose_worker_is_killed_gives_the_same_answer(copy: Path) -> Non
     assert any(text.endswith("the same\n") for text in printed)
 
 
-LONG = {"repeated", "runs", "censored"}
 OTHERS = [
-    pytest.param(page, marks=[pytest.mark.long] if page.stem in LONG else [])
+    pytest.param(
+        page,
+        marks=[pytest.mark.long]
+        if page.stem in {"repeated", "runs", "posterior", "censored", "bootstrap"}
+        else [],
+    )
     for page in PAGES
     if page.stem not in {"three_ways", "clusters"}
 ]
@@ -237,3 +244,102 @@ def resolved(name: str) -> Any:
                 return None
             return found
     return None
+
+
+TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+EXAMPLE = ROOT / "examples" / "braking"
+
+
+def printed() -> list[str]:
+    """The lines that the page says a command prints: indented, without what was left out."""
+    text = TUTORIAL[TUTORIAL.index("## 4.") :]
+    lines = re.findall(r"^    (\S.*|  +\S.*)$", text, re.MULTILINE)
+    return [line.strip() for line in lines if line.strip() != "..."]
+
+
+def test_the_page_quotes_the_files_of_its_example() -> None:
+    assert blocks(TUTORIAL, "python") == [(EXAMPLE / "model.py").read_text(encoding="utf-8")]
+    assert blocks(TUTORIAL, "toml") == [(EXAMPLE / "study.toml").read_text(encoding="utf-8")]
+    rows = (EXAMPLE / "stops.csv").read_text(encoding="utf-8").splitlines()
+    quoted = re.findall(r"^    (id,speed.*|S\d\d,.*)$", TUTORIAL, re.MULTILINE)
+    assert quoted == [*rows[:3], rows[-1]]
+    for file in re.findall(r"examples/braking/[\w.]+", "".join(blocks(TUTORIAL, "shell"))):
+        assert (ROOT / file).exists(), file
+
+
+@pytest.mark.long
+def test_the_commands_of_the_page_print_what_it_says(tmp_path: Path) -> None:
+    copy = tmp_path / "examples" / "braking"
+    shutil.copytree(EXAMPLE, copy, ignore=shutil.ignore_patterns("runs.sqlite*", "__pycache__"))
+    environment = {
+        **os.environ,
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": str(Path(aleator.__file__).parents[1]),
+        "COLUMNS": "80",
+    }
+    seen = ""
+    for block in blocks(TUTORIAL, "shell"):
+        done = subprocess.run(
+            block, shell=True, cwd=tmp_path, env=environment, text=True, capture_output=True
+        )
+        assert done.returncode == 0, done.stderr
+        seen += done.stdout
+    words = " ".join(seen.split())
+    line = (EXAMPLE / "road.toml").read_text(encoding="utf-8")
+    assert [
+        told for told in printed() if " ".join(told.split()) not in words and told not in line
+    ] == []
+    assert (tmp_path / "out" / "road" / "report.html").exists()
+
+
+DOCS = ROOT / "docs"
+
+
+def contents(page: Path) -> set[Path]:
+    """The pages that the contents of a page lead to, and their contents."""
+    found: set[Path] = set()
+    for block in re.findall(r"^```\{toctree\}\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S):
+        lines = [line for line in block.splitlines() if line and not line.startswith(":")]
+        names = [re.sub(r".*<(.*)>", r"\1", line) for line in lines]
+        pages = {path.resolve() for name in names for path in page.parent.glob(f"{name}.md")}
+        pages |= {(page.parent / f"{name}.md").resolve() for name in names if name != "*"}
+        for inner in pages - {page.resolve()}:
+            found |= {inner} | contents(inner)
+    return found
+
+
+def test_every_page_is_in_the_contents_of_the_site_and_every_entry_is_there() -> None:
+    written = {path.resolve() for path in DOCS.rglob("*.md")}
+    written |= {path.resolve() for path in ROOT.glob("*.md")}
+    written |= {path.resolve() for path in ROOT.glob("examples/*/README.md")}
+    assert contents(DOCS / "index.md") == written - {(DOCS / "index.md").resolve()}
+
+
+def test_every_public_name_is_in_the_reference_once() -> None:
+    pages = "".join(path.read_text("utf-8") for path in (DOCS / "api").glob("*.md"))
+    told = re.findall(r"^\.\. auto(?:class|function|exception):: aleator\.(\w+)$", pages, re.M)
+    told += re.findall(r"^\.\. autoexception:: aleator\.errors\.(AleatorError)$", pages, re.M)
+    assert sorted(told) == sorted(aleator.__all__)
+
+
+def test_every_command_on_a_page_exists_with_its_options() -> None:
+    context = click.Context(main)
+    wrong = []
+    for page in (*DOCS.rglob("*.md"), *ROOT.glob("*.md"), *ROOT.glob("examples/*/README.md")):
+        text = page.read_text("utf-8").replace("\\\n", " ")
+        for line in re.findall(r"(?:^    |^|`)aleator ([a-z][^\n`#]*)", text, re.MULTILINE):
+            name, *words = line.split()
+            command = main.get_command(context, name)
+            if isinstance(command, click.Group) and words:
+                command = command.get_command(context, words[0])
+            if command is None:
+                wrong.append((page.name, line))
+                continue
+            known = {o for p in command.get_params(context) for o in (*p.opts, *p.secondary_opts)}
+            given = {word.strip("[],.;:)").split("=")[0] for word in words if "--" in word}
+            wrong += [(page.name, line, option) for option in given - known]
+    assert wrong == []
+
+
+def test_the_page_of_settings_is_that_of_the_package() -> None:
+    assert settings.PAGE.read_text(encoding="utf-8") == settings.page()

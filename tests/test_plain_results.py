@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from identifications import unjudged
 
 import aleator
 from aleator import (
@@ -21,8 +22,6 @@ from aleator import (
     By,
     Censoring,
     Check,
-    Collocation,
-    Constant,
     Experiments,
     Free,
     Identification,
@@ -61,30 +60,25 @@ def brittle(load: float, k: float) -> float:
     return math.nan if 1e4 * k % 1.0 < 0.06 else load * k
 
 
-def exact() -> Identification:
-    return identify(product, TABLE, LAW, outcome="y", verification=Check(100))
-
-
 def vectorized() -> Identification:
     return identify(product, TABLE, LAW, outcome="y", vectorized=True, units={"y": "mm"})
 
 
 def by_moments() -> Identification:
     return identify(
-        product, TABLE, LAW, outcome="y", density=MaximumEntropy(4), verification=UNCHECKED
+        product,
+        TABLE,
+        LAW,
+        outcome="y",
+        density=MaximumEntropy(4),
+        verification=UNCHECKED,
+        best_law=False,
     )
-
-
-def collocated() -> Identification:
-    return identify(
-        product, TABLE.head(6), LAW, outcome="y", propagation=Collocation(),
-        verification=UNCHECKED, best_law=False,
-    )  # fmt: skip
 
 
 def noisy() -> Identification:
     prior = Inputs({"k": Normal(Free(0.5, 2.0, prior=Normal(1.1, 0.2)), Free(0.01, 0.8))})
-    return identify(product, TABLE, prior, outcome="y", noise=Noise(0.05))
+    return unjudged(product, TABLE, prior, outcome="y", noise=Noise(0.05))
 
 
 def with_pictures() -> Identification:
@@ -97,7 +91,7 @@ def of_a_mixture() -> Identification:
     part = Normal(Free(0.5, 2.5), Free(0.01, 0.6))
     return identify(
         product, frame, Inputs({"k": Mixture((part, part))}), outcome="y", vectorized=True,
-        noise=Noise(0.02), best_law=False,
+        noise=Noise(0.02), best_law=False, consistency=False,
     )  # fmt: skip
 
 
@@ -121,28 +115,22 @@ def of_lines() -> Identification:
         vectorized=True,
         noise=Noise(Free(0.01, 1.0)),
         best_law=False,
+        consistency=False,
     )
 
 
 def of_a_column() -> Identification:
     law = Inputs({"k": Normal(By("1 + load", -5.0, 5.0), Free(0.01, 0.8))})
-    return identify(product, TABLE, law, outcome="y", vectorized=True, noise=Noise(0.05))
+    return unjudged(product, TABLE, law, outcome="y", vectorized=True, noise=Noise(0.05))
 
 
 def of_logarithms() -> Identification:
     table = Experiments.from_frame(TABLE, outcome="y", transform="log")
-    return identify(product, table, LAW, vectorized=True, verification=UNCHECKED)
-
-
-def of_constants() -> Identification:
-    return identify(
-        product, TABLE, Inputs({"k": Constant(Free(0.5, 2.0))}), outcome="y",
-        noise=Noise(Free(0.01, 1.0)),
-    )  # fmt: skip
+    return identify(product, table, LAW, vectorized=True, verification=UNCHECKED, best_law=False)
 
 
 def with_failures() -> Identification:
-    return identify(brittle, TABLE, LAW, outcome="y", noise=Noise(0.05), best_law=False)
+    return unjudged(brittle, TABLE, LAW, outcome="y", noise=Noise(0.05))
 
 
 def out_of_runs() -> Identification:
@@ -153,8 +141,8 @@ def out_of_runs() -> Identification:
 
 
 KINDS: list[Callable[[], Identification]] = [
-    exact, vectorized, by_moments, collocated, noisy, with_pictures, of_a_mixture, of_lines,
-    of_a_column, of_logarithms, of_constants, with_failures, out_of_runs,
+    vectorized, by_moments, noisy, with_pictures, of_a_mixture, of_lines,
+    of_a_column, of_logarithms, with_failures, out_of_runs,
 ]  # fmt: skip
 
 

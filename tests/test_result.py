@@ -3,7 +3,6 @@
 import io
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +17,9 @@ from aleator import Check, Constant, Free, Identification, Inputs, Noise, Normal
 from aleator.errors import AleatorError, InputsError
 from aleator.results.documents import to_json
 from aleator.results.law import JointLaw
-from aleator.results.values import Diagnostic, Estimate
 from aleator.views.identification import render
 
 LOAD = np.arange(1.0, 13.0)
-CONSTANT = Estimate(2.0, None, None, None, None, fixed=True)
 MEASURED = LOAD * np.array([1.1, 0.9, 1.2, 0.95, 1.0, 1.05, 0.8, 1.15, 0.92, 1.3, 1.02, 0.98])
 TABLE = pd.DataFrame({"load": LOAD, "length": MEASURED})
 INPUTS = Inputs({"softness": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
@@ -126,46 +123,6 @@ def test_an_alpha_that_is_none_is_told(found: Identification, alpha: Any, named:
     assert named in caught.value.problem
 
 
-def test_it_prints_as_a_report_of_80_columns(found: Identification) -> None:
-    shown = repr(found)
-    assert str(found) == shown
-    assert max(map(len, shown.splitlines())) <= 80
-    assert "softness.sd" in shown
-    assert "Computed soundly" in shown
-    odd = replace(found, warnings=(Diagnostic("surface", "a < b & c", "narrow"),))
-    assert "a &lt; b &amp; c" in odd._repr_html_()
-    assert "a < b & c" in repr(odd)
-
-
-def test_all_values_survive_the_file(found: Identification, tmp_path: Path) -> None:
-    path = tmp_path / "new" / "found.json"
-    found.save(path)
-    again = aleator.load(path)
-    assert again == found
-    assert to_json(again.to_dict()) == to_json(found.to_dict())
-    assert again.covariance.equals(found.covariance)
-
-
-def test_numbers_that_json_does_not_know_survive_too(found: Identification, tmp_path: Path) -> None:
-    outside = replace(
-        found.experiments[0], log_density=-math.inf, status="outside_support", pit=math.nan
-    )
-    odd = replace(
-        found,
-        experiments=(outside, *found.experiments[1:]),
-        log_likelihood=replace(found.log_likelihood, estimated=-math.inf, verified=None),
-        alpha={**found.alpha, "b": CONSTANT},
-    )
-    odd.save(tmp_path / "odd.json")
-    again = aleator.load(tmp_path / "odd.json")
-    assert again.log_likelihood == odd.log_likelihood
-    assert again.experiments[0].log_density == -math.inf
-    assert math.isnan(again.experiments[0].pit)
-    assert again.experiments[1:] == odd.experiments[1:]
-    assert again.alpha == odd.alpha
-    assert again.errors.isna().tolist() == [False, False, True]
-
-
 def test_a_file_alone_says_what_it_lacks(found: Identification, tmp_path: Path) -> None:
     path = tmp_path / "found.json"
     found.save(path)
@@ -256,20 +213,6 @@ def _entries(part: Any, above: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return places
 
 
-def test_a_logarithm_is_remembered(tmp_path: Path) -> None:
-    table = aleator.Experiments.from_frame(
-        TABLE.assign(length=np.exp(MEASURED / LOAD)), outcome="length", transform="log"
-    )
-    found = aleator.identify(
-        lambda load, softness: np.exp(softness) + 0.0 * load, table, INPUTS,
-        verification=Check(0),
-    )  # fmt: skip
-    assert (found.outcome, found.transform) == ("length", "log")
-    assert found.predict(pd.DataFrame({"load": [1.0]}))["mean"][0] == pytest.approx(MEAN, rel=1e-3)
-    found.save(tmp_path / "found.json")
-    assert aleator.load(tmp_path / "found.json").transform == "log"
-
-
 # ------------------------------------------------------------------------------- the joint law
 
 
@@ -336,9 +279,3 @@ def test_a_constant_takes_one_value() -> None:
     assert [law.cdf({**at, "b": b}) for b in (2.9, 3.0, 3.1)] == pytest.approx([0.0, 0.25, 0.25])
     assert law.marginals["b"].cdf([2.9, 3.0]).tolist() == [0.0, 1.0]
     assert (law.marginals["b"].mean, law.marginals["b"].sd) == (3.0, 0.0)
-
-
-@pytest.mark.parametrize("at", [{"a": 1.0}, {"a": 1.0, "c": 0.0, "d": 1.0}])
-def test_a_point_that_is_none_is_told(at: dict[str, float]) -> None:
-    with pytest.raises(InputsError):
-        pair(0.5).pdf(at)

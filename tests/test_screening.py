@@ -5,21 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
 
 from aleator.errors import InputsError, SimulatorError
-from aleator.laws import Constant, Free, Normal, TruncatedNormal, Uniform
+from aleator.laws import Constant, Free, Normal, TruncatedNormal
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions
 from aleator.results.printed import THRESHOLDS
 from aleator.simulators import FunctionSimulator, Runner
 from aleator.tasks.screen import screen
-from examples.wet_clutch.bench import design
-from examples.wet_clutch.model import shifting_time
 
 Z = np.array([0.5, 1.0, 2.0, 4.0])
-
-
 TABLE = pd.DataFrame({"z": Z})  # not looked at where there is a runner, which has its own
 
 
@@ -136,48 +131,6 @@ def test_a_subset_of_the_experiments_and_a_seed() -> None:
     assert len(part.table()) == 2 * 4
     other = screen(runner, TABLE, LINEAR, runs=80, seed=4)
     assert not np.array_equal(other.expansion.coefficients, whole.expansion.coefficients)
-
-
-def test_ten_parameters_on_ten_laws() -> None:
-    laws = {f"x{i}": Uniform.between(-1.0, 1.0) if i % 2 else Normal(0.0, 0.5) for i in range(10)}
-    inputs = Inputs(laws)
-    slopes = 1.0 / np.arange(1, 11)
-
-    def outcome(z, **x):
-        return np.exp(0.3 * sum(s * x[f"x{i}"] for i, s in enumerate(slopes))) + 0.0 * z
-
-    found = screen(runner_of(outcome, inputs, np.ones(1)), TABLE, inputs)
-    # Y = prod exp(g_i) of independent g: V_i / V = (r_i - 1)/(prod r - 1), r = E e^2g / (E e^g)^2
-    k = 0.3 * slopes
-    ratio = np.where(
-        np.arange(10) % 2,
-        np.sinh(2 * k) / (2 * k) / (np.sinh(k) / k) ** 2,
-        np.exp(0.25 * k**2),
-    )
-    truth = (ratio - 1) / (np.prod(ratio) - 1)
-    assert found.runs == 100  # linear terms miss less than a hundredth of the variance
-    assert 1e-4 < found.expansion.unexplained[0] < 1e-2
-    np.testing.assert_allclose(found.sobol.first[0], truth, atol=5e-3)
-    finer = screen(runner_of(outcome, inputs, np.ones(1)), TABLE, inputs, runs=572)
-    np.testing.assert_allclose(finer.sobol.first[0], truth, atol=3e-4)
-
-
-def test_the_clutch_agrees_with_monte_carlo() -> None:
-    names = ["c2_scale", "alpha_scale", "j2_scale"]
-    inputs = Inputs({"zp_scale": Constant(1.0)} | {n: Constant(Free(0.8, 1.2)) for n in names})
-    conditions = design().iloc[[93]]
-    table = Conditions(("94",), conditions.drop(columns="id").reset_index(drop=True))
-    runner = Runner(FunctionSimulator(shifting_time, vectorized=True), table, inputs.names)
-    found = screen(runner, TABLE, inputs)
-    fixed = conditions.drop(columns="id").iloc[0].to_dict()
-    peer = stats.sobol_indices(
-        func=lambda x: shifting_time(**fixed, zp_scale=1.0, **dict(zip(names, x, strict=True))),
-        n=2**10,
-        dists=[stats.uniform(0.8, 0.4)] * 3,
-        rng=np.random.default_rng(0),
-    )
-    np.testing.assert_allclose(found.sobol.first[0], peer.first_order, atol=0.02)
-    np.testing.assert_allclose(found.sobol.total[0], peer.total_order, atol=0.02)
 
 
 def test_misuse_is_told() -> None:

@@ -1,20 +1,18 @@
 """Units are shown beside names wherever numbers are, and change no number."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from studies import done, read
 
 import aleator
-from aleator import Check, Free, Identification, Inputs, Noise, Normal, cli, plot
+from aleator import Check, Free, Identification, Inputs, Noise, Normal, plot
 from aleator.errors import AleatorError
 from aleator.results.units import label, seen_label
 from aleator.study import load_study
 from aleator.views.figures import experiments_figure, parameters_figure
-from aleator.views.figures import experiments_figure as series_figure
 from aleator.views.page import page
 
 UNITS = {"travel": "mm", "force": "N", "softness": "mm/N"}
@@ -43,10 +41,6 @@ def found() -> Identification:
     return identified(UNITS)
 
 
-def test_no_number_depends_on_them(found: Identification) -> None:
-    assert identified().values.tolist() == found.values.tolist()
-
-
 def test_they_stand_in_the_text_the_notebook_and_the_file(
     found: Identification, tmp_path: Path
 ) -> None:
@@ -63,7 +57,7 @@ def test_they_stand_on_every_axis_of_the_figures(found: Identification) -> None:
     document = found.to_dict()
     labels = {
         text
-        for figure in (series_figure(document), parameters_figure(document))
+        for figure in (experiments_figure(document), parameters_figure(document))
         for axes in figure.axes
         for text in (axes.get_xlabel(), axes.get_ylabel(), axes.get_title(loc="left"))
     }
@@ -137,14 +131,12 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("study.toml")
 
 
-def test_a_study_states_them_and_the_first_runs_show_them(study: Path) -> None:
+def test_a_study_states_them_and_commands_show_them(study: Path) -> None:
     assert load_study(study).units == {"travel": "mm", "force": "N", "stiffness": "N/mm"}
-    done = CliRunner().invoke(cli.main, ["check", "study.toml", "--output", "out"])
-    assert "stiffness [N/mm]" in done.output
-    assert json.loads(Path("out/check.json").read_text())["study"]["outcome"] == "travel [mm]"
-
-
-def test_a_unit_of_no_column_is_told_with_its_key(study: Path) -> None:
+    for command in ("check", "box"):
+        assert "stiffness [N/mm]" in done(command, study, "--output", "out").output
+    assert read("out/check.json")["study"]["outcome"] == "travel [mm]"
+    assert read("out/box.json")["units"]["force"] == "N"
     study.write_text(STUDY.replace("force =", "forse ="))
     with pytest.raises(AleatorError, match=r"experiments\.units.*forse.*did you mean 'force'"):
         load_study(study)
@@ -160,18 +152,3 @@ def test_units_in_the_heads_of_a_table_are_no_part_of_the_names(study: Path) -> 
     study.write_text(STUDY.replace(', force = "N"', ""))  # what the study says comes first
     assert load_study(study).units["travel"] == "mm"
     assert load_study(study).units["force"] == "kN"
-
-
-def test_the_next_experiment_and_the_box_show_them(study: Path) -> None:
-    study.write_text(STUDY.replace("box = [1.0, 3.0]", "box = [1.0, 3.0]\nmean = 2.0"))
-    study.write_text(study.read_text() + "[noise]\nsd = 0.1\n")
-    Path("new.csv").write_text("id,force\nA,10\nB,50\n")
-    for command, shown in {
-        "next --candidates new.csv --count 1": ["stiffness.sd [N/mm]", "force [N]"],
-        "box": ["stiffness [N/mm]"],
-    }.items():
-        name, *options = command.split()
-        done = CliRunner().invoke(cli.main, [name, "study.toml", *options, "--output", "out"])
-        assert done.exit_code == 0, done.output
-        assert [head for head in shown if head not in done.output] == []
-        assert json.loads(Path(f"out/{name}.json").read_text())["units"]["force"] == "N"

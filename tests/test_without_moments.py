@@ -21,8 +21,8 @@ REMOVED = """
     from aleator import Free, Inputs, Noise, Normal, ResponseSurface, identify, load, predict
 
     rng = np.random.default_rng(1)
-    load_ = np.linspace(0.5, 2.0, 12)
-    a, b, c = (1.0 + 0.2 * rng.standard_normal(12) for _ in range(3))
+    load_ = np.linspace(0.5, 2.0, 6)
+    a, b, c = (1.0 + 0.2 * rng.standard_normal(6) for _ in range(3))
     table = pd.DataFrame({"load": load_, "y": load_ * a + b + c / load_})
     of = {name: Normal(Free(0.0, 2.0), Free(0.02, 1.0)) for name in ("a", "b", "c")}
 """

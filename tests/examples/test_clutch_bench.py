@@ -7,16 +7,11 @@ import pandas as pd
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from examples.wet_clutch.bench import design, measure, oil_temperature
+from examples.wet_clutch.bench import design, measure
 from examples.wet_clutch.course import trajectories
-from examples.wet_clutch.model import CLUTCH, make_runs, shifting_time, synchronization_time
+from examples.wet_clutch.model import CLUTCH, shifting_time
 
 CONDITIONS = ["pulse_duration", "hold_current", "pulse_current", "motor_speed", "brake_torque"]
-
-
-def times_of(table: pd.DataFrame, c2_scale: float, zp_scale: float) -> np.ndarray:
-    conditions = {name: table[name].to_numpy() for name in CONDITIONS}
-    return shifting_time(**conditions, c2_scale=c2_scale, zp_scale=zp_scale)
 
 
 @pytest.mark.parametrize(
@@ -63,51 +58,6 @@ def test_the_benches_do_not_change_unnoticed() -> None:
     assert model.mean() == pytest.approx(0.736202, abs=3e-6)
 
 
-def test_the_oil_warms_up_and_then_wanders_about_80_degrees() -> None:
-    rng = np.random.default_rng(0)
-    temperature = np.array([oil_temperature(rng, 108) for _ in range(400)])
-    assert temperature[:, 0].mean() == pytest.approx(72, abs=0.4)
-    late = temperature[:, 80:]
-    assert late.mean() == pytest.approx(80, abs=0.3)
-    assert late.std() == pytest.approx(2.0, abs=0.15)
-    assert np.corrcoef(late[:, 0], late[:, 1])[0, 1] == pytest.approx(0.9, abs=0.04)
-
-
-@pytest.mark.parametrize(
-    ("change", "low", "high"),
-    [
-        ({"delay": 0.004}, 0.003, 0.005),
-        ({"frequency_factor": 1.05}, -0.05, -0.001),
-        ({"drag_factor": 0.8}, 0.001, 0.05),
-        ({"friction_factor": 0.9}, 0.005, 0.2),
-        ({"fade": 0.10}, 0.0005, 0.05),
-    ],
-)
-def test_every_deviation_of_the_bench_has_its_effect(
-    change: dict[str, float], low: float, high: float
-) -> None:
-    conditions = design().set_index("id").loc[40].to_dict()
-    given = {**conditions, "c2_scale": 0.91, "zp_scale": 0.55}
-    (later,) = synchronization_time(make_runs(**given, **change)) - shifting_time(**given)
-    assert low < later < high
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {"kind": "realistc"},
-        {"kind": "model", "noise_sd": -0.1},
-        {"kind": "model", "noise_sd": float("nan")},
-        {"kind": "realistic", "noise_sd": 0.1},
-        {"kind": "model", "alpha": (0.9, 0.5, 0.1)},
-        {"kind": "model", "alpha": (0.9, 0.5, 0.1, 0.0)},
-    ],
-)
-def test_misuse_of_the_bench_is_named(arguments: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match=r"kind|noise_sd|alpha"):
-        measure(0, **arguments)
-
-
 @pytest.fixture(scope="module")
 def course() -> pd.DataFrame:
     conditions = design().set_index("id").loc[16].to_dict()
@@ -143,35 +93,6 @@ def test_both_shafts_obey_the_balance_of_angular_momentum(course: pd.DataFrame) 
             gained = cumulative_simpson(torque.to_numpy(), x=time, initial=0)
             assert inertia * (speed - speed[0]) == pytest.approx(gained, abs=5e-3)
             assert np.abs(gained).max() > 5
-
-
-def test_the_clutch_only_loses_energy(course: pd.DataFrame) -> None:
-    shafts = CLUTCH.shafts
-    phase = course[~course["synchronous"]]
-    w_1, w_2 = phase["input_speed"], phase["output_speed"]
-    heat = phase["clutch_torque"] * (w_1 - shafts.ratio * w_2)
-    assert (heat >= 0).all()
-    energy = 0.5 * shafts.inertia_1 * w_1**2 + 0.5 * shafts.inertia_2 * w_2**2
-    brake = (80.0 + shafts.viscous * w_2) * w_2
-    power = (phase["input_torque"] * w_1 - heat - brake).to_numpy()
-    gained = cumulative_simpson(power, x=phase["time"].to_numpy(), initial=0)
-    assert (energy - energy.iloc[0]).to_numpy() == pytest.approx(gained, abs=1.0)  # J of 2 kJ
-
-
-def test_a_course_that_never_synchronizes_has_no_synchronous_phase() -> None:
-    conditions = {**design().set_index("id").loc[1].to_dict(), "brake_torque": 1500.0}
-    course = trajectories(**conditions, until=1.0)
-    assert not course["synchronous"].any()
-    assert (course["output_speed"] == 0).all()
-
-
-@pytest.mark.parametrize(
-    "change", [{"until": 0.0}, {"until": 6.0}, {"c2_scale": [1.0, 1.1]}, {"motor_speed": -1.0}]
-)
-def test_misuse_of_trajectories_is_named(change: dict[str, object]) -> None:
-    conditions = design().set_index("id").loc[1].to_dict()
-    with pytest.raises(ValueError, match=r"until|single|motor_speed"):
-        trajectories(**{**conditions, **change})
 
 
 @pytest.mark.parametrize("kind", ["realistic", "model"])

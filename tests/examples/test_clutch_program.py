@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from aleator.study import load_study
-from examples.wet_clutch.model import CLUTCH, shifting_time
+from examples.wet_clutch.model import shifting_time
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "wet_clutch"
 PROGRAM = EXAMPLE / "command" / "clutch.py"
@@ -41,7 +41,7 @@ def corners_and_points(count: int) -> dict[str, np.ndarray]:
 
 
 def test_the_program_has_the_shifting_times_of_the_function(program: ModuleType) -> None:
-    columns = corners_and_points(150)
+    columns = corners_and_points(60)
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     found = [program.Engagement(**row).shifting_time() for row in rows]
     # Either side is known to some 4e-7 s.
@@ -71,25 +71,6 @@ def test_a_clutch_that_never_closes_is_a_failed_run(program: ModuleType) -> None
     assert ended.returncode == 1
     assert "synchronize" in ended.stderr
     assert np.isnan(shifting_time(**given, c2_scale=1.0, zp_scale=1.0))
-
-
-def test_the_numbers_are_those_of_the_package(program: ModuleType) -> None:
-    current, hydraulics, plates = CLUTCH.current, CLUTCH.hydraulics, CLUTCH.plates
-    assert [
-        *(program.FLANK, program.HOLD_END, program.PULSE, program.FALL, program.RISE),
-        *(program.IDLE, program.HIGH, program.FALL_FRACTION, program.END),
-    ] == [
-        *(current.flank, current.hold_end, current.pulse, current.fall, current.rise),
-        *(current.idle, current.high, current.fall_fraction, current.end),
-    ]
-    assert [
-        *(program.OMEGA, program.DAMPING, program.GAIN, program.ZERO_TIME, program.DEAD_CURRENT),
-        *(program.A3, program.A4, program.A5, program.C2),
-        *(program.Z_MAX, program.Z_CONTACT, program.ALPHA, program.GAMMA),
-        *(program.INERTIA_1, program.INERTIA_2, program.RATIO, program.VISCOUS),
-    ] == [*vars(hydraulics).values(), *vars(plates).values(), *vars(CLUTCH.shafts).values()]
-    assert CLUTCH.converter.torque_ratio == program.TORQUE_RATIO
-    assert CLUTCH.converter.k_factor == program.K_FACTOR
 
 
 def test_both_studies_of_the_program_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:

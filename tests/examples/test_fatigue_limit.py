@@ -1,4 +1,4 @@
-"""The random fatigue limit on simulated specimens, against the exact likelihood and the truth."""
+"""The random fatigue limit on specimens, with run-outs and without, against exact integrals."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from identifications import estimates, maximum, of_study
+from identifications import assert_maximum, errors_of, estimates, maximum, of_study
 from scipy import stats
 
 from aleator import Check, Identification
@@ -77,11 +77,12 @@ def test_few_nodes_integrate_the_simulator_itself(found: Identification) -> None
     assert abs(found.quadrature["gap"]) < 0.005
 
 
-def test_the_script_makes_the_shipped_specimens_of_the_told_truth() -> None:
-    script = STUDY / "make_specimens.py"
+@pytest.mark.parametrize("folder", [STUDY, STUDY.with_name("run_outs")], ids=lambda f: f.name)
+def test_the_script_makes_the_shipped_specimens_of_the_told_truth(folder: Path) -> None:
+    script = folder / "make_specimens.py"
     made = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
-    assert made.stdout == (STUDY / "experiments.csv").read_text(encoding="utf-8")
-    readme = (STUDY / "README.md").read_text(encoding="utf-8")
+    assert made.stdout == (folder / "experiments.csv").read_text(encoding="utf-8")
+    readme = (folder / "README.md").read_text(encoding="utf-8")
     for name, value in TRUTH.items():
         assert f"| `{name}` | {value} |" in readme
 
@@ -93,3 +94,48 @@ def test_every_run_has_an_outcome() -> None:
     for l in range(0, 75, 15):
         outcomes = study.runner()(np.full(len(corners), l), corners)
         assert np.all(np.isfinite(outcomes))
+
+
+RUN_OUTS = Path(__file__).parents[2] / "examples" / "run_outs"
+ENDED = pd.read_csv(RUN_OUTS / "experiments.csv")
+"""What the specimens were made with, as the README tells."""
+GAUSS_400 = np.polynomial.legendre.leggauss(400)
+
+
+def exact_of_run_outs(alpha: Array) -> float:
+    """log L(alpha): below the limit of a specimen its life is finite, above it is a run-out."""
+    mean, sd, b0, b1, noise = alpha
+    ratio, y = ENDED["ratio"].to_numpy()[:, None], np.log(ENDED["kilocycles"].to_numpy())[:, None]
+    ended = (ENDED["ended"] == "run-out").to_numpy()
+    top = np.clip(np.log(ratio), mean - 8.9 * sd, mean + 9.0 * sd)
+    half = 0.5 * (top - (mean - 9.0 * sd))
+    v = top - half + half * GAUSS_400[0]
+    eta = b0 + b1 * np.log(np.maximum(ratio - np.exp(v), 1e-300))
+    seen = np.where(ended[:, None], stats.norm.sf(y, eta, noise), stats.norm.pdf(y, eta, noise))
+    each = np.sum(half * GAUSS_400[1] * seen * stats.norm.pdf(v, mean, sd), axis=1)
+    each += ended * stats.norm.sf(np.log(ratio[:, 0]), mean, sd)
+    return float(np.log(each).sum())
+
+
+@pytest.fixture(scope="module")
+def found_run_outs() -> Identification:
+    return of_study(RUN_OUTS / "study.toml", Check(0))
+
+
+@pytest.mark.slow
+def test_run_outs_have_the_exact_maximum_of_the_likelihood(found_run_outs: Identification) -> None:
+    alpha = estimates(found_run_outs)
+    assert found_run_outs.sound
+    assert found_run_outs.log_likelihood.estimated == pytest.approx(
+        exact_of_run_outs(alpha), abs=0.01
+    )
+    assert_maximum(exact_of_run_outs, alpha, errors_of(found_run_outs))
+
+
+@pytest.mark.slow
+def test_the_truth_of_run_outs_lies_within_two_standard_errors(
+    found_run_outs: Identification,
+) -> None:
+    distance = np.abs(estimates(found_run_outs) - list(TRUTH.values())) / errors_of(found_run_outs)
+    assert list(found_run_outs.alpha) == list(TRUTH)
+    assert np.all(distance < 2.0)

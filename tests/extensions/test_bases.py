@@ -11,8 +11,6 @@ import pytest
 from scipy import stats
 
 from aleator import Free
-from aleator.core.status import DEGENERATE_VALUE, Status
-from aleator.errors import InputsError
 from aleator.moments.moments import Moments
 
 PLUGINS = Path(__file__).parent / "plugins"
@@ -80,11 +78,6 @@ def test_the_law_about_a_center_has_this_mean_and_sd_within_its_limits() -> None
     assert (own.mean, own.sd) == pytest.approx((exact.mean(), exact.std()))
 
 
-def test_a_law_is_checked_where_it_is_made() -> None:
-    with pytest.raises(InputsError, match="scale"):
-        weibull(2.0, Free(0.5))
-
-
 def logistic(mean: np.ndarray, sd: np.ndarray) -> Any:
     moments = Moments(mean, sd, np.tile([1.0, 0.0, 1.0, 0.0, 3.0], (mean.size, 1)))
     return importlib.import_module("logistic").Logistic().fit(moments, -np.inf, np.inf)
@@ -111,11 +104,3 @@ def test_its_derivatives_are_those_of_differences() -> None:
     assert found.d_mean == pytest.approx(differences(value, at, 0), rel=1e-6)
     assert found.d_sd == pytest.approx(differences(value, at, 1), rel=1e-6)
     assert not found.d_standardized.any()
-
-
-def test_without_scatter_it_is_a_point_mass() -> None:
-    fitted = logistic(np.array([1.0, 0.0]), np.array([0.0, 1.0]))
-    assert fitted.status.tolist() == [Status.DEGENERATE, Status.SOLVED]
-    assert fitted.sensitivity([1.0, 0.0]).value[0] == DEGENERATE_VALUE
-    assert fitted.log_pdf([1.0, 0.0])[0] == -np.inf
-    assert fitted.quantile([0.1, 0.9])[0].tolist() == [1.0, 1.0]

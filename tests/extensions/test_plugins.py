@@ -22,11 +22,9 @@ from aleator.errors import SimulatorError, StudyError
 from aleator.study import load_study
 
 pytestmark = pytest.mark.usefixtures("unreported")
-
 UNCHECKED = Check(0)
 Install = Callable[[str, str, str], None]
 Write = Callable[..., Path]
-
 NORMAL = """
 [parameters.x]
 law = "normal"
@@ -179,15 +177,6 @@ def test_a_key_of_a_plugin_is_told_as_one_of_the_house(install: Install, study: 
     assert "did you mean 'weibull'" in told
     assert "aleator.laws" in told
     assert all(name in told for name in ("truncated_normal", "scipy"))
-
-
-def test_an_observation_model_that_is_none_is_told_by_its_key(
-    install: Install, study: Write
-) -> None:
-    install("aleator.observations", "hollow", "builtins:object")
-    text = FUNCTION + NORMAL + '[noise]\nkind = "hollow"\nsd = 0.1\n'
-    with pytest.raises(StudyError, match=r"'noise\.kind'.*cdf"):
-        load_study(study([1.0, 2.0], text, ITSELF))
 
 
 @pytest.mark.parametrize(

@@ -168,15 +168,6 @@ def test_perfect_correlation_is_no_accident(rho: float) -> None:
     np.testing.assert_allclose(x[:, 1], rho * 0.4 * (x[:, 0] - 1.0), atol=1e-14)
 
 
-def test_independent_variables_are_tied_to_the_nodes() -> None:
-    inputs, alpha, _ = four()
-    laws, values = inputs.independent(alpha)
-    own = np.stack([law.rule(v, 2).x[[-1]] for law, v in zip(laws, values, strict=True)], axis=1)
-    at = list(inputs.correlated)
-    own[:, at], _ = inputs.tied(alpha, own[:, at])
-    np.testing.assert_allclose(own, TensorGauss(2).nodes(inputs, alpha).x[[-1]], atol=1e-13)
-
-
 # ------------------------------------------------------------------------------ copulas
 
 
@@ -292,3 +283,24 @@ def test_misuse_is_named(correlation, named: str) -> None:
     with pytest.raises(InputsError, match=named) as caught:
         Inputs({**laws, "k": Constant(1.0)}, correlation)
     assert caught.value.remedy
+
+
+def test_independent_variables_are_tied_to_the_nodes() -> None:
+    inputs, alpha, _ = four()
+    laws, values = inputs.independent(alpha)
+    own = np.stack([law.rule(v, 2).x[[-1]] for law, v in zip(laws, values, strict=True)], axis=1)
+    at = list(inputs.correlated)
+    own[:, at], _ = inputs.tied(alpha, own[:, at])
+    np.testing.assert_allclose(own, TensorGauss(2).nodes(inputs, alpha).x[[-1]], atol=1e-13)
+
+
+def test_scores_by_every_correlation_are_those_of_differences() -> None:
+    inputs, alpha, _ = four()
+    rng = np.random.default_rng(3)
+    xi, weight = rng.standard_normal((2, 3, 4)), rng.standard_normal((2, 3, 5))
+    score = inputs.individual(alpha, xi, slice(0, 2)).score(weight, np.ones((2, 3)))
+    for k in range(alpha.size):
+        h = 1e-6 * np.eye(alpha.size)[k]
+        ends = [inputs.individual(alpha + sign * h, xi, slice(0, 2)).x for sign in (1.0, -1.0)]
+        slope = np.sum(weight * (ends[0] - ends[1]) / 2e-6, axis=(1, 2))
+        np.testing.assert_allclose(score[:, k], slope, rtol=1e-6, atol=1e-7)

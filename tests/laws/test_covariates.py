@@ -85,14 +85,7 @@ def test_a_value_is_held_within_its_limits_and_no_longer_moves() -> None:
     individual = inputs.individual(alpha, np.zeros((6, 1, 1)), ALL)
     assert individual.x.ravel().tolist() == [5.0, 7.0, 9.0, 10.0, 10.0, 10.0]
     score = individual.score(np.ones((6, 1, 1)), np.ones((6, 1)))
-    assert score[:, 1].tolist() == [
-        0.0,
-        1.0,
-        2.0,
-        0.0,
-        0.0,
-        0.0,
-    ]
+    assert score[:, 1].tolist() == [0.0, 1.0, 2.0, 0.0, 0.0, 0.0]
     assert inputs.covariate_model is not None
     assert inputs.covariate_model.on_limits(alpha)["k.mean"].tolist() == [3, 4, 5]
 

@@ -145,11 +145,7 @@ def test_the_image_of_a_normal_variate_is_the_quantile_of_its_probability() -> N
 
 @pytest.mark.parametrize(
     ("laws", "named"),
-    [
-        ({}, "no parameter"),
-        ({"a b": Normal(0.0, 1.0)}, "a b"),
-        ({"2x": Normal(0.0, 1.0)}, "2x"),
-    ],
+    [({}, "no parameter"), ({"a b": Normal(0.0, 1.0)}, "a b"), ({"2x": Normal(0.0, 1.0)}, "2x")],
 )
 def test_misuse_is_named(laws, named) -> None:
     with pytest.raises(InputsError, match=named) as caught:

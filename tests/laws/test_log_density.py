@@ -82,14 +82,6 @@ def test_the_normal_score_is_the_inverse_of_the_isoprobabilistic_transform(name)
         assert law.normal_score(values, np.array([upper + 0.1]))[0] == INF
 
 
-def test_a_moved_and_scaled_law_of_scipy() -> None:
-    law, values = ScipyLaw(WEIBULL, 5.0, 0.1), np.array([5.0, 0.1])
-    scale = 0.1 / WEIBULL.std()
-    x = np.linspace(4.9, 5.2, 7)
-    exact = stats.weibull_min(1.8, loc=5.0 - scale * (WEIBULL.mean() + 1.0), scale=2.0 * scale)
-    np.testing.assert_allclose(law.log_density(values, x), exact.logpdf(x), rtol=1e-9)
-
-
 @pytest.mark.parametrize(("mean", "sd"), [(-20.0, 1.0), (0.5, 100.0), (30.0, 1.0)])
 def test_a_box_far_in_a_tail_keeps_the_digits(mean, sd) -> None:
     """The truncated density by the ratio to its own mass, integrated by 400 Gauss points."""
@@ -143,6 +135,14 @@ def test_the_density_of_a_copula_is_that_of_its_image() -> None:
     np.testing.assert_allclose(inputs.log_density(alpha, x), exact, rtol=1e-9)
     outside = np.array([[-1.5, 1.0], [0.0, -1.0]])
     assert inputs.log_density(alpha, outside).tolist() == [-INF, -INF]
+
+
+def test_a_moved_and_scaled_law_of_scipy() -> None:
+    law, values = ScipyLaw(WEIBULL, 5.0, 0.1), np.array([5.0, 0.1])
+    scale = 0.1 / WEIBULL.std()
+    x = np.linspace(4.9, 5.2, 7)
+    exact = stats.weibull_min(1.8, loc=5.0 - scale * (WEIBULL.mean() + 1.0), scale=2.0 * scale)
+    np.testing.assert_allclose(law.log_density(values, x), exact.logpdf(x), rtol=1e-9)
 
 
 def test_the_mean_of_a_ratio_of_densities_is_one() -> None:

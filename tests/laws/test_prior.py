@@ -64,12 +64,6 @@ def test_slopes_at_the_end_where_a_density_stops_are_those_beside_it() -> None:
     assert Prior.of(Uniform.between(0.5, 1.5), "x.mean", 0.5, 1.5).slope(0.5) == 0.0
 
 
-def test_a_flat_prior_bends_nothing() -> None:
-    prior = Prior.of(Uniform.between(0.0, 4.0), "x.mean", 1.0, 3.0)
-    assert prior.slope(2.0) == pytest.approx(0.0, abs=1e-9)
-    assert prior.curvature(2.0) == pytest.approx(0.0, abs=1e-6)
-
-
 def test_priors_add_up_over_the_hyperparameters_that_have_one() -> None:
     law = Normal(Free(0.0, 2.0, prior=Normal(1.0, 0.1)), Free(0.1, 1.0))
     alpha = np.array([1.2, 0.5])
@@ -78,12 +72,6 @@ def test_priors_add_up_over_the_hyperparameters_that_have_one() -> None:
     assert score is not None
     np.testing.assert_allclose(score, [-20.0, 0.0], rtol=1e-9)
     np.testing.assert_allclose(curvatures(law.hyperparameters, alpha), [100.0, 0.0], rtol=1e-6)
-
-
-def test_without_a_prior_there_is_no_score() -> None:
-    law = Normal(Free(0.0, 2.0), 0.5)
-    assert prior_score(law.hyperparameters, np.array([1.0, 0.5])) is None
-    assert log_prior(law.hyperparameters, np.array([1.0, 0.5])) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -101,3 +89,15 @@ def test_a_prior_that_cannot_be_used_is_told(prior: Law, says: str) -> None:
         resolve("x.mean", Free(-10.0, 10.0, prior=prior), (None, None))
     assert told.value.remedy
     assert "x.mean" in told.value.problem
+
+
+def test_a_flat_prior_bends_nothing() -> None:
+    prior = Prior.of(Uniform.between(0.0, 4.0), "x.mean", 1.0, 3.0)
+    assert prior.slope(2.0) == pytest.approx(0.0, abs=1e-9)
+    assert prior.curvature(2.0) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_without_a_prior_there_is_no_score() -> None:
+    law = Normal(Free(0.0, 2.0), 0.5)
+    assert prior_score(law.hyperparameters, np.array([1.0, 0.5])) is None
+    assert log_prior(law.hyperparameters, np.array([1.0, 0.5])) == 0.0

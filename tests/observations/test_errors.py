@@ -1,6 +1,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import mpmath
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,7 +12,7 @@ from aleator.errors import ExperimentsError, InputsError
 from aleator.laws import Free
 from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments
-from aleator.observations.model import NormalError, Observed, StudentError
+from aleator.observations.model import NUMERICS, NormalError, Observed, StudentError
 from aleator.observations.responses import Observations, Response
 
 ENDS = [
@@ -280,3 +281,25 @@ def test_a_known_sd_that_is_none_is_told_with_its_row(cell: str) -> None:
         MeasurementErrors.of(Noise("sd"), read)
     with pytest.raises(ExperimentsError, match=r"'ds'(.|\n)*sd"):
         MeasurementErrors.of(Noise("ds"), read)
+
+
+@pytest.mark.parametrize("df", [1e5, 1e7])
+def test_an_interval_so_far_out_that_its_probability_underflows(df: float) -> None:
+    """By the integral of the density over its value at the nearer end."""
+    errors = MeasurementErrors.of(Noise(1.0, StudentError(df)), table([(45.0, 60.0)]))
+    found = errors.terms(
+        np.array([h.start for h in errors.hyperparameters]), np.zeros((1, 1)), slice(0, 1)
+    ).value[0, 0]
+    law = stats.t(df)
+    share = integrate.quad(lambda y: np.exp(law.logpdf(y) - law.logpdf(45.0)), 45.0, 46.0)[0]
+    assert found == pytest.approx(law.logpdf(45.0) + np.log(share), abs=2e-3)
+
+
+def test_a_narrow_interval_is_exact_to_the_fourth_power_of_its_width() -> None:
+    width = 0.45 * NUMERICS.narrow  # beside 2, where narrow is half as much
+    errors = MeasurementErrors.of(Noise(1.0), table([(2.0, 2.0 + width)]))
+    found = errors.terms(np.array([1.0]), np.zeros((1, 1)), slice(0, 1)).value[0, 0]
+    with mpmath.workdps(40):
+        truth = mpmath.log(mpmath.ncdf(2.0 + width) - mpmath.ncdf(2.0))
+    # the second power contributes width^2 (m^2 - 1)/24
+    assert found == pytest.approx(float(truth), abs=0.1 * width**2 / 8.0)

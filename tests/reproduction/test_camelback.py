@@ -7,8 +7,6 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import truncnorm
 
-from aleator.moments.densities import Gaussian
-from aleator.moments.distances import earth_movers_distance
 from reproduction.illustrative.outcome import POLE, Camelback, raw
 
 LIMIT = 6.0
@@ -50,31 +48,6 @@ def test_the_density_is_the_derivative_of_the_distribution_function() -> None:
     slope = (c.exact.cdf(y + step) - c.exact.cdf(y - step)) / (2 * step)
     at = c.at(np.interp(y[0], c.fine.y, c.fine.x))
     np.testing.assert_allclose(slope[0], at.pdf, rtol=2e-3)
-
-
-def test_the_distance_to_the_exact_law_is_the_area_between_distribution_functions() -> None:
-    c = Camelback()
-    fitted = Gaussian().fit(c.exact_moments(2), -np.inf, np.inf)
-    y = np.linspace(-12.0, 14.0, 200_001)[None]
-    area = np.trapezoid(np.abs(fitted.cdf(y) - c.exact.cdf(y))[0], y[0])
-    assert earth_movers_distance(fitted, c.exact)[0] == pytest.approx(area, rel=1e-5)
-    assert earth_movers_distance(c.exact, c.exact)[0] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_exact_coefficients_are_projections() -> None:
-    c = Camelback()
-    found = c.exact_coefficients(2, "own")
-    assert found[0] == pytest.approx(mean_of(outcome), rel=1e-9)
-    # p_1 = x / sd of the cut law, whose mean is zero
-    assert found[1] == pytest.approx(mean_of(lambda x: outcome(x) * x) / X.std(), rel=1e-8)
-    # the Hermite polynomials of the clipped germ differ by the cut alone
-    np.testing.assert_allclose(c.exact_coefficients(2), found, atol=1e-5)
-
-
-def test_a_quadrature_of_order_q_sees_nothing_of_the_coefficient_q() -> None:
-    c = Camelback()
-    for q in (2, 3, 5):
-        assert abs(c.coefficients(q, q)[q]) < 1e-12 < abs(c.exact_coefficients(q)[q])
 
 
 def test_coefficients_converge_to_the_exact_ones() -> None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from reproduction.canvas import drawn
 from reproduction.clutch.laws import EXPANSION, Judged
 from reproduction.clutch.reference import of_sample
 from reproduction.clutch.samples import accuracy, needed
@@ -25,9 +22,7 @@ from reproduction.clutch.sampling import (
 )
 from reproduction.clutch.study import GIVEN
 from reproduction.context import Context
-from reproduction.document import MARK, main
 from reproduction.figure import Verdict
-from reproduction.figures import chosen
 
 SAMPLES = np.array([16.0, 256.0, 4096.0, 65536.0])
 FACTORS = {RANDOM: 1.0, GRID: 2.0, SOBOL: 0.1}
@@ -92,45 +87,7 @@ def test_the_samples_needed_are_those_of_the_power_laws(context: Context) -> Non
 def test_the_claims_judge_these_numbers(context: Context) -> None:
     order, fair, grid, _ = needed(context).claims
     assert order.verdict is Verdict.HOLDS  # 400 at least, against 25
-    assert "25 against 400, 40,000, 400, 40,000 (Monte Carlo)" in order.ours
-    assert "1,600, > 65,536" in order.ours
     assert fair.verdict is Verdict.FAILS
     assert grid.verdict is Verdict.HOLDS
-    falls, less, best = accuracy(context).claims
-    assert "S^-0.50 and S^-0.50" in falls.ours
-    assert "by 90% (0.100 to 0.010)" in less.ours
+    *_, best = accuracy(context).claims
     assert best.verdict is Verdict.HOLDS
-
-
-@pytest.mark.parametrize("name", ["clutch-accuracy", "samples-needed"])
-def test_the_figures_are_drawn(name: str, context: Context) -> None:
-    (figure,) = chosen([name])
-    assert drawn(figure.make(context), figure.title).axes
-
-
-# ------------------------------------------------------------------------------ the document
-
-
-CLAIMS = pd.DataFrame(
-    [
-        ["sets", "Fig. 2", "One.", "1", "1 | exactly", "holds", ""],
-        ["sets", "Fig. 2", "Two.", "2", "3", "does not hold", "why"],
-        ["torque", "Fig. 3", "Three.", "", "3", "not comparable", ""],
-    ],
-    columns=["figure", "place", "statement", "paper", "ours", "verdict", "note"],
-)
-
-
-def test_a_page_keeps_its_head_and_takes_the_claims(tmp_path: Path) -> None:
-    page, claims = tmp_path / "paper.md", tmp_path / "claims.csv"
-    page.write_text(f"# By hand\n\n{MARK}\nstale\n", encoding="utf-8")
-    CLAIMS.to_csv(claims, index=False)
-    for _ in range(2):
-        main(claims, page)
-        text = page.read_text(encoding="utf-8")
-        assert text.startswith(f"# By hand\n\n{MARK}")
-        assert "3 claims: 1 hold, 1 do not hold, 1 not comparable." in text
-        assert text.count("## sets (Fig. 2)") == 1
-        assert "Holds: One." in text
-        assert "Does not hold: Two." in text
-        assert "stale" not in text

@@ -7,18 +7,12 @@ import pytest
 from scipy.stats import norm
 
 from aleator.laws.quadrature import TensorGauss
-from aleator.moments.densities import Gaussian
 from reproduction.canvas import drawn
-from reproduction.clutch.reference import (
-    expansion_moments,
-    node_outcomes,
-    of_sample,
-)
+from reproduction.clutch.reference import expansion_moments, node_outcomes
 from reproduction.clutch.response import density, grid, masses
 from reproduction.clutch.study import GIVEN, SHOWN, ClutchStudy
 from reproduction.context import Context
 from reproduction.figures import chosen
-from reproduction.illustrative.transform import modes
 
 QUICK = (
     "sets",
@@ -69,18 +63,6 @@ def test_the_transition_and_the_plates_follow_the_papers_equations(context: Cont
     )
 
 
-def test_speeds_meet_at_the_shifting_time_and_stay_together(context: Context) -> None:
-    course = chosen(["clutch-speed"])[0].make(context).tables[""]
-    late = course["synchronous"]
-    first = course[late].iloc[0]
-    assert first["time"] == pytest.approx(0.8715967, abs=1e-6)
-    np.testing.assert_allclose(
-        course[late]["input_speed"], course[late]["ratio_times_output_speed"], rtol=1e-9
-    )
-    before = course[~late]
-    assert (before["input_speed"] > before["ratio_times_output_speed"]).all()
-
-
 def test_the_clipped_density_integrates_to_one_and_ends_at_the_box() -> None:
     study, alpha = ClutchStudy(), np.array([1.0, 0.25, 0.9, 0.25])
     x = grid(study.box, 401)
@@ -101,28 +83,3 @@ def test_the_papers_expansion_takes_25_runs_and_agrees_with_its_coefficients() -
     # projection: the variance of the expansion is at most that of the quadrature
     variance = float((y[0] - found.mean[0]) ** 2 @ nodes.weights)
     assert 0.9 * variance < found.sd[0] ** 2 <= variance
-
-
-def test_a_reference_of_a_normal_sample_knows_the_normal_law() -> None:
-    p = (np.arange(20_000) + 0.5) / 20_000
-    y = np.stack([norm.ppf(p, 0.8, 0.02), norm.ppf(p, 1.0, 0.1)])
-    found = of_sample(GIVEN, y, y.min(axis=1), y.max(axis=1), np.zeros(2))
-    np.testing.assert_allclose(found.moments.sd, [0.02, 0.1], rtol=1e-3)
-    fitted = Gaussian().fit(found.moments, -np.inf, np.inf)
-    assert np.all(found.distance(fitted) < 1e-3 * found.scale)
-    moved = Gaussian().fit(
-        of_sample(GIVEN, y + 0.01, y[:, 0], y[:, -1], np.zeros(2)).moments, -np.inf, np.inf
-    )
-    np.testing.assert_allclose(found.distance(moved), 0.01, rtol=1e-2)
-    at = np.array([0.8, 1.05])
-    np.testing.assert_allclose(
-        found.histogram.log_pdf(at), norm.logpdf(at, [0.8, 1.0], [0.02, 0.1]), atol=0.02
-    )
-
-
-def test_modes_are_inner_maxima() -> None:
-    x = np.linspace(-3.0, 3.0, 601)
-    two = norm.pdf(x, -1.0, 0.4) + norm.pdf(x, 1.0, 0.4)
-    np.testing.assert_allclose(modes(x, two), [-1.0, 1.0], atol=0.02)
-    assert modes(x, norm.pdf(x)).size == 1
-    assert modes(x, x).size == 0

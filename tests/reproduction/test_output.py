@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from aleator.errors import AleatorError
 from reproduction.__main__ import main
 from reproduction.context import Context
 from reproduction.figure import Claim, Figure, Reproduction, Verdict
@@ -47,13 +46,6 @@ def test_each_figure_has_its_tables_its_drawings_and_its_claims(tmp_path: Path) 
     ]  # fmt: skip
 
 
-def test_the_same_figure_has_the_same_bytes(tmp_path: Path) -> None:
-    for folder in ("a", "b"):
-        reproduce([LINE], Context(), tmp_path / folder)
-    for path in (tmp_path / "a").iterdir():
-        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
-
-
 def test_what_is_done_is_kept_when_ctrl_c_comes(tmp_path: Path) -> None:
     figures = [LINE, Figure("stopped", "Stopped", "Fig. 1", stopped)]
     with pytest.raises(KeyboardInterrupt):
@@ -72,19 +64,6 @@ def test_without_matplotlib_there_are_tables_and_claims(
     reproduce([LINE], Context(), tmp_path)
     assert (tmp_path / "line.csv").exists()
     assert not (tmp_path / "line.png").exists()
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(AleatorError, match="the folder cannot be made"):
-        reproduce([LINE], Context(), tmp_path / "file" / "out")
-
-
-def test_an_unknown_figure_is_told_with_the_nearest_name() -> None:
-    done = CliRunner().invoke(main, ["clutch-presure"])
-    assert done.exit_code == 2
-    assert "no figure 'clutch-presure'" in done.stderr
-    assert "did you mean 'clutch-pressure'?" in done.stderr
 
 
 def test_the_command_writes_and_prints_the_claims(tmp_path: Path) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from fractions import Fraction
-from itertools import combinations_with_replacement, pairwise
+from itertools import pairwise
 from math import comb, factorial, prod
 
 import numpy as np
@@ -67,41 +65,6 @@ def test_stacks_are_the_generator_s_rows_in_its_order(m, p) -> None:
 # ------------------------------------------------------------------------------ I*_(m,p)
 
 
-def integral(name: str, degrees: tuple[int, ...]) -> Fraction:
-    """E[q_(d_1) .. q_(d_m)] of monic polynomials q, in exact fractions."""
-    recurrence: dict[str, Callable[[int], tuple[Fraction, Fraction]]] = {
-        "hermite": lambda k: (Fraction(0), Fraction(k)),
-        "legendre": lambda k: (Fraction(0), Fraction(k * k, 4 * k * k - 1)),
-        "laguerre": lambda k: (Fraction(2 * k + 1), Fraction(k * k)),
-    }
-    moment: dict[str, Callable[[int], Fraction]] = {
-        "hermite": lambda m: Fraction(0 if m % 2 else prod(range(1, m, 2))),
-        "legendre": lambda m: Fraction(1 - m % 2, m + 1),
-        "laguerre": lambda m: Fraction(factorial(m)),
-    }
-    product = [Fraction(1)]
-    for degree in degrees:
-        previous, current = [Fraction(0)], [Fraction(1)]
-        for k in range(degree):
-            a, b = recurrence[name](k)
-            following = [Fraction(0), *current]
-            for j, value in enumerate(current):
-                following[j] -= a * value
-            for j, value in enumerate(previous):
-                following[j] -= b * value
-            previous, current = current, following
-        longer = [Fraction(0)] * (len(product) + degree)
-        for i, u in enumerate(product):
-            for j, v in enumerate(current):
-                longer[i + j] += u * v
-        product = longer
-    return sum((v * moment[name](m) for m, v in enumerate(product)), Fraction(0))
-
-
-def norm(name: str, degree: int) -> float:
-    return float(integral(name, (degree, degree))) ** 0.5
-
-
 LAWS: dict[str, Law] = {
     "hermite": Normal(0.0, 1.0),
     "legendre": Uniform.between(-1.0, 1.0),
@@ -112,26 +75,6 @@ LAWS: dict[str, Law] = {
 def basis_of(name: str, n: int) -> Basis:
     values = np.array([h.start for h in LAWS[name].hyperparameters])
     return Basis((LAWS[name],) * n, (values,) * n)
-
-
-@pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize(("n", "d", "m"), [(1, 4, 5), (2, 2, 5), (2, 3, 5), (3, 2, 3)])
-def test_the_nonzero_set_is_that_of_exact_fractions(name, n, d, m) -> None:
-    _, indices = hermite(n, d)
-    found = nonzero_set(basis_of(name, n), indices, m)
-    known: dict[tuple[int, ...], Fraction] = {}
-    for degrees in combinations_with_replacement(range(d + 1), m):
-        known[degrees] = integral(name, degrees)
-    expected = {}
-    for row in push_and_fork(m, len(indices)):
-        factors = np.repeat(np.arange(len(indices)), row)
-        inner = prod(known[tuple(sorted(indices[factors, k].tolist()))] for k in range(n))
-        if inner:
-            scale = prod(norm(name, degree) for degree in indices[factors].ravel().tolist())
-            several = factorial(m) / prod(factorial(i) for i in row)
-            expected[row] = several * float(inner) / scale
-    assert [tuple(row) for row in found.exponents.tolist()] == list(expected)
-    np.testing.assert_allclose(found.coefficients, list(expected.values()), rtol=1e-12)
 
 
 def test_the_counts_are_the_paper_s() -> None:

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from problems import BINDING, GROWTH, PRODUCT, REGRESSION, SAMPLE, Exact, Problem
 from scipy import integrate, stats
 
-from aleator.core.status import Status
 from aleator.core.types import Array
 from aleator.laws.quadrature import (
     Cubature,
@@ -20,7 +19,6 @@ from aleator.laws.quadrature import (
     SobolPoints,
     TensorGauss,
 )
-from aleator.moments.densities import Gaussian
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.moments import NodeOutcomes
 from reproduction.sampling.histogram import HistogramSpline
@@ -102,17 +100,6 @@ def test_the_grid_converges_with_the_square_of_its_side_where_the_law_is_bounded
 # ------------------------------------------------------------------------------ densities
 
 
-@pytest.mark.parametrize("problem", [REGRESSION, GROWTH, PRODUCT])
-def test_a_histogram_of_many_samples_is_the_exact_density(problem: Problem) -> None:
-    y = middle_outcomes(problem)
-    exact = problem.log_density(problem.alpha, problem.z, y)
-    found = log_likelihood(
-        sampling(problem, SobolPoints(2**15)), law_of(problem), HistogramSpline(), y, replicates=4
-    )
-    assert not found.missed.any()
-    np.testing.assert_allclose(found.each.mean(axis=0), exact, atol=0.03)
-
-
 def test_the_histogram_of_random_samples_converges_with_their_cube_root() -> None:
     y = middle_outcomes(REGRESSION)
     exact = REGRESSION.log_density(REGRESSION.alpha, REGRESSION.z, y)
@@ -122,20 +109,6 @@ def test_the_histogram_of_random_samples_converges_with_their_cube_root() -> Non
         found = log_likelihood(way, REGRESSION.alpha, HistogramSpline(), y, replicates=24)
         errors.append(float(found.error(exact).floored.mean()))
     assert order(sizes, errors) == pytest.approx(-1.0 / 3.0, abs=0.06)
-
-
-def test_a_density_of_sampled_moments_converges_faster_than_a_histogram() -> None:
-    """A normal outcome, whose shape the Gaussian has: only the moments' error is left."""
-    y = middle_outcomes(REGRESSION)
-    exact = REGRESSION.log_density(REGRESSION.alpha, REGRESSION.z, y)
-    sizes, errors = [64, 512, 4096], []
-    for s in sizes:
-        way = sampling(REGRESSION, MonteCarloPoints(s))
-        found = log_likelihood(way, REGRESSION.alpha, Gaussian(), y, replicates=48)
-        errors.append(float(found.error(exact).floored.mean()))
-        gap = np.abs(found.each.mean(axis=0) - exact)
-        assert np.all(gap < 4.0 * found.each.std(axis=0, ddof=1) / np.sqrt(48) + 2.0 / s)
-    assert order(sizes, errors) == pytest.approx(-0.5, abs=0.08)
 
 
 def test_gauss_nodes_give_what_the_likelihood_gives() -> None:
@@ -213,33 +186,3 @@ def test_bins_keep_their_mass_and_the_density_integrates_to_one() -> None:
     ]
     np.testing.assert_allclose(masses, counts, atol=1e-9)
     np.testing.assert_allclose(np.diff(fitted.cdf(edges[None, :])[0]), counts, atol=1e-12)
-
-
-def test_the_error_falls_with_the_sample() -> None:
-    law, y = stats.norm(), np.linspace(-2.0, 2.0, 41)[None, :]
-    errors = [
-        np.abs(HistogramSpline().fit_sample(sampled(law, size)).pdf(y) - law.pdf(y)).max()
-        for size in (100, 1_000, 10_000, 200_000)
-    ]
-    assert errors[-1] < 2e-3
-    # the histogram's own order is S^(-1/3) or better: over three decades, a factor of ten
-    assert errors[-1] < errors[0] / 10.0
-
-
-def test_quantiles_invert_the_cdf() -> None:
-    fitted = HistogramSpline(30).fit_sample(sampled(stats.beta(2.0, 5.0), 2_000, count=3))
-    p = np.array([0.0, 0.01, 0.5, 0.99, 1.0])
-    np.testing.assert_allclose(fitted.cdf(fitted.quantile(p)), np.tile(p, (3, 1)), atol=1e-9)
-
-
-def test_outside_the_sample_there_is_no_density() -> None:
-    fitted = HistogramSpline(8).fit_sample(sampled(stats.uniform(), 100))
-    assert fitted.pdf([[-0.1, 1.1]]).tolist() == [[0.0, 0.0]]
-    assert fitted.log_pdf([[2.0]])[0, 0] == -np.inf
-    assert fitted.cdf([[-0.1, 1.1]]).tolist() == [[0.0, 1.0]]
-
-
-def test_equal_samples_are_a_status() -> None:
-    fitted = HistogramSpline(8).fit_sample(NodeOutcomes(np.ones((1, 50)), np.full(50, 0.02)))
-    assert fitted.status.tolist() == [Status.DEGENERATE]
-    assert fitted.log_pdf([1.0])[0] == -np.inf

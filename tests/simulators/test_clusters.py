@@ -1,6 +1,5 @@
 """Calls for workers that come, go, die and lie: of a stage, and of a Dask cluster of processes."""
 
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
@@ -268,11 +267,6 @@ def test_closing_waits_for_what_is_open_and_refuses_what_comes_later() -> None:
     executor.shutdown()
 
 
-def test_what_cannot_be_pickled_is_told_where_it_is_submitted() -> None:
-    with opened(Stage("a")) as (executor, _), pytest.raises(TypeError, match="pickle"):
-        executor.submit(threading.Lock().acquire)
-
-
 MODEL = """\
 import os, pathlib, time
 
@@ -294,17 +288,9 @@ def patient(load, softness):
 def wise(load, softness):
     import a_solver_that_is_not_here
 """
-
-
 LOADS = np.array([1.0, 2.0, 3.0, 4.0])
-
-
 EXPERIMENTS = Conditions(("A", "B", "C", "D"), pd.DataFrame({"load": LOADS}))
-
-
 INDEX = np.tile(np.arange(4), 5)
-
-
 SOFTNESS = np.linspace(0.5, 1.5, 20)[:, None]
 
 
@@ -316,7 +302,7 @@ def runner(name: str, cluster: DaskProcesses) -> Iterator[Runner]:
 
 
 def refused(address: str | Path, message: str) -> None:
-    soon = ClusterSettings(connect=2.0)
+    soon = ClusterSettings(connect=0.5)
     with pytest.raises(ClusterError, match=message), dask_executor(address, settings=soon):
         pass
 
@@ -352,22 +338,9 @@ def test_what_workers_lack_is_told(cluster: DaskProcesses, monkeypatch: pytest.M
     refused(cluster.file, r"tcp://.* has Aleator .*, and this is 9\.9")
 
 
-def test_versions_that_do_not_suit_are_told() -> None:
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    own = tested.version("aleator")
-    assert tested._fault({"python": f"{python}.77.final.0", "aleator": own}) == ""
-    assert "has no Aleator" in tested._fault({"python": f"{python}.1", "aleator": None})
-    old = tested._fault({"python": "3.9.1.final.0", "aleator": own})
-    assert old.startswith("has Python 3.9.1, and this is 3.")
-
-
-@pytest.mark.parametrize("address", ["nobody", "http://127.0.0.1:8786", "", "tcp://127.0.0.1:x"])
+@pytest.mark.parametrize("address", ["nobody", "", "tcp://127.0.0.1:1"])
 def test_an_address_that_is_none_is_told(address: str) -> None:
     refused(address, f"no Dask scheduler answers at {address}")
-
-
-def test_a_scheduler_that_does_not_answer_is_told() -> None:
-    refused("tcp://127.0.0.1:1", r"answers at tcp://127.0.0.1:1 \(")
 
 
 def test_a_scheduler_file_that_is_none_is_told(tmp_path: Path) -> None:

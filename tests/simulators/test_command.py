@@ -7,20 +7,18 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from programs import failing, gone, script
+from programs import emptied, failing, gone, script
 
 from aleator.errors import SimulatorError, SurroundingsError
-from aleator.observations.experiments import Conditions
-from aleator.simulators import RunFailed, Runner
+from aleator.simulators import RunFailed
 from aleator.simulators.command import (
     CommandSimulator,
     CsvFeed,
@@ -73,21 +71,9 @@ def test_doubled_braces_are_braces_in_a_command_only() -> None:
     assert Text.parse("}}{x}}}").fill({"x": 1.0}) == "}}1.0}}"
 
 
-def test_a_format_that_no_number_has() -> None:
-    with pytest.raises(SimulatorError, match=r"\{x:q\} has a format that no number has"):
-        Text.parse("{x:q}")
-    with pytest.raises(SimulatorError, match="cannot mark a placeholder"):
-        Delimiters("", "}")
-
-
 def test_a_command_as_one_text_is_cut_as_a_shell_does_but_no_shell_sees_it(tmp_path: Path) -> None:
     program = script(tmp_path, 'test "$1" = "1.0 * 2" && echo $#')
     assert once(CommandSimulator(f"{program} '{{load}} * 2' $HOME", base=tmp_path)) == 2
-
-
-def test_a_shell_gets_quoted_values() -> None:
-    simulator = CommandSimulator("printf %s {load} | wc -c | tr -d ' '", shell=True)
-    assert once(simulator, "a b; $(exit 3) 'c'") == len("a b; $(exit 3) 'c'")
 
 
 def test_a_template_is_written_into_the_private_folder(tmp_path: Path) -> None:
@@ -109,19 +95,9 @@ def test_a_template_is_written_into_the_private_folder(tmp_path: Path) -> None:
     }
 
 
-def test_environment(tmp_path: Path) -> None:
-    simulator = CommandSimulator(
-        [script(tmp_path, "echo $LOAD")], base=tmp_path, environment={"LOAD": "{load:.0f}"}
-    )
-    assert once(simulator, 12.0) == 12
-
-
 @pytest.mark.parametrize(
     ("feed", "read"),
-    [
-        (JsonFeed(), "json.load(sys.stdin)"),
-        (CsvFeed(), "next(csv.DictReader(sys.stdin))"),
-    ],
+    [(JsonFeed(), "json.load(sys.stdin)"), (CsvFeed(), "next(csv.DictReader(sys.stdin))")],
 )
 def test_standard_input_has_every_condition(feed: JsonFeed | CsvFeed, read: str) -> None:
     code = f"import csv, json, sys; v = {read}; print(float(v['load']) / float(v['stiffness']))"
@@ -167,11 +143,6 @@ def test_an_input_replaces_a_file_of_the_case_but_not_the_study(tmp_path: Path, 
     assert (tmp_path / "case/load").read_text() == "as it was"
 
 
-def test_the_study_folder_has_a_placeholder(tmp_path: Path) -> None:
-    (tmp_path / "model.awk").write_text("BEGIN {print 6}")
-    assert once(CommandSimulator(["awk", "-f", "{study}/model.awk"], base=tmp_path)) == 6
-
-
 @pytest.mark.parametrize(
     ("output", "text", "outcome"),
     [
@@ -200,27 +171,6 @@ def test_a_hook_gets_the_folder_and_what_was_printed(tmp_path: Path) -> None:
         [program], HookOutput("reading.py:outcome", tmp_path), base=tmp_path
     )
     assert once(simulator) == 5
-
-
-@given(load=st.floats(1e-300, 1e300), stiffness=st.floats(1e-3, 1e3))
-@settings(max_examples=20, deadline=None)
-def test_a_program_gives_what_the_function_gives(load: float, stiffness: float) -> None:
-    assert once(CommandSimulator(DIVIDE), load, stiffness) == load / stiffness
-
-
-def test_runs_through_the_runner_and_keeps_what_completed_before_a_failure(tmp_path: Path) -> None:
-    program = script(tmp_path, 'test $1 != 3.0 || { echo "no convergence" >&2; exit 7; }; echo $1')
-    simulator = CommandSimulator([program, "{x}"], base=tmp_path)
-    run = Runner(simulator, Conditions(("a", "b"), pd.DataFrame({"z": [0.0, 1.0]})), ["x"])
-    assert run([0, 1, 0], [[1.0], [1.0], [2.0]]).tolist() == [1.0, 1.0, 2.0]
-    with pytest.raises(SimulatorError) as error:
-        run([0, 0, 0], [[5.0], [3.0], [6.0]])
-    assert error.value.problem.startswith(
-        "simulator 'program' failed for experiment 'a' with x=3: it ended with exit code 7 (kept in"
-    )
-    assert error.value.problem.endswith("its log ends: no convergence")
-    assert run.completed.outcome[:3, 0].tolist() == [1.0, 2.0, 5.0]
-    assert np.isnan(run.attempt([0, 0], [[3.0], [4.0]])).tolist() == [True, False]
 
 
 def test_pickled_copies_run_at_once_without_meeting(tmp_path: Path) -> None:
@@ -293,85 +243,65 @@ def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
-        (["./progam"], r"program './progam' does not exist.*'program'"),
-        (["./model.py"], r'may not be executed\n.*\["python3", "\{study\}/model.py"'),
-        (["./text"], r"may not be executed\n.*chmod \+x ./text"),
-        (["./folder"], r"program './folder' is a folder"),
-        (["program"], r"is not on the PATH\n.*write './program'"),
-        (["no_such_program_anywhere"], r"is not on the PATH\n.*install it"),
-        (["./{x}"], r"program './\{x\}' changes from run to run"),
-        ([], "the command is empty"),
-        ("./program 'open", "cannot be cut into arguments"),
-    ],
-)
-def test_a_command_that_cannot_be_run(tmp_path: Path, command: list[str], message: str) -> None:
+def template(folder: Path, text: str = "{x}") -> Template:
+    (folder / "in.tpl").write_text(text)
+    return Template(folder / "in.tpl")
+
+
+def made(command: object = ("true",), **choices: object) -> Callable[[Path], object]:
+    return lambda folder: CommandSimulator(command, base=folder, **choices)  # type: ignore[arg-type]
+
+
+# What is made, and what the refusal names: the cause, the nearest name, or what to write instead.
+WRONG: dict[str, tuple[Callable[[Path], object], list[str]]] = {
+    "no such program": (made(["./progam"]), ["'./progam'", "'program'"]),
+    "no program": (made(["./model.py"]), ['["python3", "{study}/model.py"']),
+    "not executable": (made(["./text"]), ["chmod +x ./text"]),
+    "a folder": (made(["./folder"]), ["'./folder'"]),
+    "beside the PATH": (made(["program"]), ["PATH", "'./program'"]),
+    "nowhere": (made(["no_such_program_anywhere"]), ["PATH", "install"]),
+    "another in each run": (made(["./{x}"]), ["'./{x}'"]),
+    "empty": (made([]), ["empty"]),
+    "an open quote": (made("./program 'open"), ["cut into arguments"]),
+    "a list for a shell": (made(["echo", "1"], shell=True), ["one text"]),
+    "no such file": (made(files=("txt",)), ["'txt'", "'text'"]),
+    "two of one name": (made(files=("text", "folder/text")), ["'text'"]),
+    "no time": (made(timeout=0.0), ["timeout = 0"]),
+    "no end": (made(timeout=float("inf")), ["timeout = inf"]),
+    "no success": (made(success_codes=()), ["every run would fail"]),
+    "no such template": (lambda folder: Template(folder / "tex"), ["'text'"]),
+    "an input above": (lambda f: InputFile("../in.dat", template(f)), ["folder of a run"]),
+    "an input elsewhere": (lambda f: InputFile("/in.dat", template(f)), ["folder of a run"]),
+    "an input that is a file": (
+        lambda f: made(files=("text",), inputs=(InputFile("text", template(f)),))(f),
+        ["file of the run already"],
+    ),
+    "a format": (lambda _: Text.parse("{x:q}"), ["{x:q}"]),
+    "delimiters": (lambda _: Delimiters("", "}"), ["cannot mark a placeholder"]),
+    "a regex": (lambda _: RegexOutput("stdout", "time = ("), ["'time = ('"]),
+    "no group": (lambda _: RegexOutput("stdout", "time"), ["0 groups"]),
+    "two groups": (lambda _: RegexOutput("stdout", "(a)(b)"), ["2 groups"]),
+    "a delimiter": (lambda _: CsvOutput("stdout", 0, delimiter=", "), ["one character"]),
+    "an output elsewhere": (lambda _: OutputFile("/tmp/result.txt"), ["folder of a run"]),
+    "no such hook": (lambda _: HookOutput("nowhere.py:outcome"), ["nowhere.py"]),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_cannot_be_run_is_refused_with_its_remedy(tmp_path: Path, case: str) -> None:
     script(tmp_path, "echo 1")
     (tmp_path / "folder").mkdir()
-    for name in ("model.py", "text"):
+    for name in ("model.py", "text", "folder/text"):
         (tmp_path / name).write_text("")
-    with pytest.raises(SimulatorError, match=message):
-        CommandSimulator(command, base=tmp_path)
-
-
-def test_a_list_is_not_for_a_shell() -> None:
-    with pytest.raises(SimulatorError, match="write the command as one text"):
-        CommandSimulator(["echo", "1"], shell=True)
-
-
-@pytest.mark.parametrize(
-    ("choices", "message"),
-    [
-        ({"files": ("mesh.dta",)}, r"'mesh.dta' does not exist.*'mesh.dat'"),
-        ({"files": ("mesh.dat", "more/mesh.dat")}, "two of the files are named 'mesh.dat'"),
-        ({"timeout": 0.0}, "timeout = 0"),
-        ({"timeout": float("inf")}, "timeout = inf"),
-        ({"success_codes": ()}, "every run would fail"),
-    ],
-)
-def test_choices_that_cannot_be(tmp_path: Path, choices: dict[str, object], message: str) -> None:
-    (tmp_path / "more").mkdir()
-    for name in ("mesh.dat", "more/mesh.dat"):
-        (tmp_path / name).write_text("1")
-    with pytest.raises(SimulatorError, match=message):
-        CommandSimulator(["true"], base=tmp_path, **choices)  # type: ignore[arg-type]
-
-
-def test_inputs_that_cannot_be(tmp_path: Path) -> None:
-    (tmp_path / "in.tpl").write_text("{x}")
-    with pytest.raises(SimulatorError, match=r"'in.tpl'"):
-        Template(tmp_path / "inn.tpl")
-    template = Template(tmp_path / "in.tpl")
-    for name in ("../in.dat", "/in.dat", ""):
-        with pytest.raises(SimulatorError, match="not a file in the folder of a run"):
-            InputFile(name, template)
-    with pytest.raises(SimulatorError, match="is a file of the run already"):
-        CommandSimulator(
-            ["true"], base=tmp_path, files=("in.tpl",), inputs=(InputFile("in.tpl", template),)
-        )
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: RegexOutput("stdout", "time = ("), "the regex 'time = .' is wrong"),
-        (lambda: RegexOutput("stdout", "time"), "has 0 groups"),
-        (lambda: RegexOutput("stdout", "(a)(b)"), "has 2 groups"),
-        (lambda: CsvOutput("stdout", 0, delimiter=", "), "one character"),
-        (lambda: OutputFile("/tmp/result.txt"), "not a file in the folder of a run"),
-        (lambda: HookOutput("nowhere.py:outcome"), "nowhere.py does not exist"),
-    ],
-)
-def test_outputs_that_cannot_be(make: object, message: str) -> None:
-    with pytest.raises(SimulatorError, match=message):
-        make()  # type: ignore[operator]
+    make, names = WRONG[case]
+    with pytest.raises(SimulatorError) as refused:
+        make(tmp_path)
+    assert refused.value.remedy
+    assert [name for name in names if name not in str(refused.value)] == []
 
 
 def test_placeholders_and_parameters_must_meet(tmp_path: Path) -> None:
-    (tmp_path / "in.tpl").write_text("{stifness}")
-    inputs = (InputFile("in.dat", Template(tmp_path / "in.tpl")),)
+    inputs = (InputFile("in.dat", template(tmp_path, "{stifness}")),)
     told = CommandSimulator(["echo", "{load}"])
     with pytest.raises(SimulatorError, match=r"never told the parameter 'stiffness'"):
         told.asks(["load"], ["stiffness"])
@@ -414,20 +344,11 @@ def test_other_exit_codes_may_be_a_success(tmp_path: Path) -> None:
     assert CommandSimulator([program], base=tmp_path, success_codes=(0, 3)).run_one({}, {}) == 5
 
 
-def test_nothing_is_kept_if_nothing_is_wanted(tmp_path: Path) -> None:
-    assert failing(tmp_path, "exit 1", keep=Keep.NONE).message == "it ended with exit code 1"
-    assert not (tmp_path / "failed_runs").exists()
-
-
 def test_failed_runs_do_not_fill_the_disk(tmp_path: Path) -> None:
     for k in range(100):
         (tmp_path / f"failed_runs/{k}").mkdir(parents=True)
     assert "holds 100 runs" in failing(tmp_path, "exit 1").message
     assert len(list((tmp_path / "failed_runs").iterdir())) == 100
-
-
-def test_a_signal_has_a_name(tmp_path: Path) -> None:
-    assert failing(tmp_path, "kill -SEGV $$").message.startswith("it ended with signal SIGSEGV")
 
 
 @pytest.mark.parametrize(
@@ -531,11 +452,7 @@ def test_nothing_is_left_of_a_run_whose_caller_is_killed(tmp_path: Path) -> None
     caller.kill()
     caller.wait()
     assert all(gone(int(pid)) for pid in pids.read_text().split())
-    for _ in range(200):
-        if not [*(tmp_path / "folders").iterdir()]:
-            break
-        time.sleep(0.01)
-    assert [*(tmp_path / "folders").iterdir()] == []
+    assert emptied(tmp_path / "folders")
 
 
 @pytest.mark.slow
@@ -587,12 +504,6 @@ def test_a_signal_in_the_instant_of_a_start_ends_the_program(
     assert gone(pid)
 
 
-def test_a_program_hears_the_signals_that_its_caller_holds(tmp_path: Path) -> None:
-    program = script(tmp_path, "kill -s TERM $$; sleep 60")
-    with pytest.raises(RunFailed, match="signal SIGTERM"):
-        CommandSimulator([program], base=tmp_path, keep=Keep.NONE).run_one({}, {})
-
-
 def test_a_passing_folder_is_gone_with_its_process(tmp_path: Path) -> None:
     code = (
         "import time\n"
@@ -611,11 +522,7 @@ def test_a_passing_folder_is_gone_with_its_process(tmp_path: Path) -> None:
         folder = Path(caller.stdout.readline().decode().strip())
         assert (folder / "large").exists()
         caller.kill()
-    for _ in range(200):
-        if not [*tmp_path.iterdir()]:
-            break
-        time.sleep(0.01)
-    assert [*tmp_path.iterdir()] == []
+    assert emptied(tmp_path)
 
 
 HERE_DOCUMENT = """cat <<END
@@ -624,7 +531,7 @@ END
 echo 1"""
 
 
-@pytest.mark.parametrize("value", ["$(touch X)", "`touch X`", "';touch X;'", '";touch X;"', "A B"])
+@pytest.mark.parametrize("value", ["$(touch X)", "';touch X;'", "A B"])
 @pytest.mark.parametrize(
     "command",
     [

@@ -31,8 +31,6 @@ from aleator.study import load_study
 from aleator.study.simulators import SIMULATORS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "command_springs"
-
-
 STUDY = """\
 [experiments]
 file = "springs.csv"
@@ -45,8 +43,6 @@ outcome = "travel"
 law = "truncated_normal"
 box = [1.0, 3.0]
 """
-
-
 COMMAND = """\
 command = ["./spring.sh", "{input}"]
 template = "spring.tpl"
@@ -94,11 +90,6 @@ def test_a_program_gives_the_answer_of_the_function(folder: Path) -> None:
     assert by_command.runs == by_function.runs
 
 
-def test_the_example_is_read_and_runs() -> None:
-    run = load_study(EXAMPLE / "study.toml").runner()
-    assert run([0, 8], [[2.0], [1.6]]).tolist() == [5.0, 25.0]
-
-
 @pytest.mark.parametrize(
     ("written", "output"),
     [
@@ -106,34 +97,23 @@ def test_the_example_is_read_and_runs() -> None:
         ("output = {regex = '(.*)', match = 0}", RegexOutput("stdout", "(.*)", 0)),
         ("output = {column = 2}", CsvOutput("stdout", 2)),
         ('output = {file = "r.json", path = "a.0"}', JsonOutput("r.json", "a.0")),
+        ('output = {hook = "model.py:outcome"}', None),
     ],
 )
-def test_outputs(folder: Path, written: str, output: OutputFile) -> None:
-    path = study(folder, f'command = "./spring.sh {{stiffness}}"\n{written}')
-    assert load_study(path).simulator.output == output
-
-
-def test_standard_input_and_hook(folder: Path) -> None:
-    command = 'command = "awk {{print}}"\nstdin = "json"\noutput = {hook = "model.py:outcome"}'
-    simulator = load_study(study(folder, command)).simulator
-    assert (simulator.stdin, simulator.output) == (
-        JsonFeed(),
-        HookOutput("model.py:outcome", folder),
-    )
-    simulator = load_study(study(folder, command.replace('"json"', '"csv"'))).simulator
-    assert simulator.stdin == CsvFeed()
+def test_outputs_and_what_is_fed(folder: Path, written: str, output: OutputFile | None) -> None:
+    for word, feed in (("json", JsonFeed()), ("csv", CsvFeed())):
+        text = f'command = "./spring.sh {{stiffness}}"\nstdin = "{word}"\n{written}'
+        simulator = load_study(study(folder, text)).simulator
+        assert simulator.stdin == feed
+        assert simulator.output == (output or HookOutput("model.py:outcome", folder))
 
 
 LOAD, TIME = [2.0, 2.0, 2.0, 3.0, 3.0], [0.5, 1.0, 1.5, 1.0, 2.0]
-
-
 ROWS = pd.DataFrame({"load": LOAD, "time": TIME})
 
 
 # Reads rows.csv; writes way = load x time and speed = load x, row by row.
 AWK = 'NR == 1 {{print "way,speed"}} NR > 1 {{print {load} * {x} * $1 "," {load} * {x}}}'
-
-
 BY_ROWS = ["sh", "-c", f"awk '{AWK}' rows.csv > out.csv"]
 
 
@@ -162,14 +142,6 @@ def test_one_start_serves_an_experiment_of_several_responses(
         assert run.fresh == fresh
         np.testing.assert_allclose(values[0], [1, 2, 2, 2, 3, 2])
         np.testing.assert_allclose(values[1], [6, 6, 12, 6, np.nan, np.nan])
-
-
-def test_rows_one_by_one_have_several_responses_too(tmp_path: Path) -> None:
-    outputs = {"way": CsvOutput("stdout", 0), "speed": CsvOutput("stdout", 1)}
-    command = ["awk", 'BEGIN {{print {load} * {x} * {time} "," {load} * {x}}}']
-    run = Runner(CommandSimulator(command, outputs, tmp_path), table("speed", "way"), ["x"])
-    values = run.values(np.arange(5), np.full((5, 1), 2.0))
-    np.testing.assert_allclose(values, np.c_[2 * ROWS["load"], 2 * ROWS["load"] * ROWS["time"]])
 
 
 @pytest.mark.parametrize(
@@ -257,3 +229,11 @@ def test_a_response_that_no_output_has_is_told(both: CommandSimulator) -> None:
     run: Any = Runner(both, table("way", "sped"), ["x"])
     with pytest.raises(AleatorError, match=r"no 'sped'.*did you mean 'speed'"):
         run.values([0], [[1.0]])
+
+
+def test_rows_one_by_one_have_several_responses_too(tmp_path: Path) -> None:
+    outputs = {"way": CsvOutput("stdout", 0), "speed": CsvOutput("stdout", 1)}
+    command = ["awk", 'BEGIN {{print {load} * {x} * {time} "," {load} * {x}}}']
+    run = Runner(CommandSimulator(command, outputs, tmp_path), table("speed", "way"), ["x"])
+    values = run.values(np.arange(5), np.full((5, 1), 2.0))
+    np.testing.assert_allclose(values, np.c_[2 * ROWS["load"], 2 * ROWS["load"] * ROWS["time"]])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +16,6 @@ from aleator.core.types import Array
 from aleator.errors import AleatorError, SimulatorError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Simulator
-from aleator.simulators.command import CommandSimulator
 from aleator.simulators.protocol import Columns
 
 TABLE = Conditions(("1", "2"), pd.DataFrame({"load": [6.0, 8.0], "h": [3.0, 2.0]}))
@@ -45,20 +43,6 @@ def test_an_expression_may_name_one_before_it_and_functions() -> None:
     np.testing.assert_allclose(found, 6.0 / (2.0 * np.sqrt(np.exp(1.0) + 0.5)), rtol=1e-14)
 
 
-def test_what_an_expression_names_reaches_a_simulator_that_takes_it() -> None:
-    simulator = derived(lambda load, e, b: load / e + b, E)
-    np.testing.assert_allclose(Runner(simulator, TABLE, ["a", "b"])([0, 1], X), TRUTH + X[:, 1])
-
-
-def test_a_program_gets_what_the_expressions_make(tmp_path: Path) -> None:
-    (tmp_path / "stretch.py").write_text("import sys\nprint(float(sys.argv[1])/float(sys.argv[2]))")
-    program = CommandSimulator(
-        [sys.executable, str(tmp_path / "stretch.py"), "{load}", "{e}"], base=tmp_path
-    )
-    run = Runner(derived(program, E), TABLE, ["a", "b"])
-    np.testing.assert_allclose(run([0, 1], X), TRUTH, rtol=1e-12)
-
-
 class Lever:
     """A simulator of its own kind."""
 
@@ -83,12 +67,6 @@ def test_any_simulator_gets_them_and_goes_to_another_process() -> None:
     assert there.name == "lever"
     found = Runner(there, TABLE, ["a", "b"])([0, 1], X)
     np.testing.assert_allclose(found, TRUTH + X[:, 1])
-
-
-def test_a_function_goes_to_another_process() -> None:
-    there = pickle.loads(pickle.dumps(derived(stretch, E)))
-    np.testing.assert_allclose(Runner(there, TABLE, ["a", "b"])([0, 1], X), TRUTH)
-    assert there.fingerprint() == derived(stretch, E).fingerprint()
 
 
 def test_other_expressions_are_another_simulator() -> None:

@@ -16,12 +16,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from identifications import unjudged
+from programs import emptied, gone
 
-from aleator.errors import InputsError, SimulatorError
-from aleator.inference.check import Check
-from aleator.laws import Free, Normal
-from aleator.laws.inputs import Inputs
+from aleator.errors import SimulatorError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner, Runs, Store
 from aleator.simulators.pool import ProcessPool
@@ -29,11 +26,7 @@ from aleator.simulators.protocol import WorkerLost
 from aleator.simulators.records import stored_runs
 
 TABLE = Conditions(("A", "B"), pd.DataFrame({"load": [1.0, 2.0]}))
-
-
 INDEX, X = np.repeat([0, 1], 20), np.tile(np.linspace(0.0, 1.0, 20), 2)[:, None]
-
-
 MODEL = """
 import os, pathlib, signal, time
 import numpy as np
@@ -70,16 +63,6 @@ def interrupting(load, x):
 def many_interrupting(load, x):
     if np.any(x > 0.9):
         raise KeyboardInterrupt
-    return load * x
-
-def closing(load, x):
-    if x > 0.9:
-        raise GeneratorExit
-    return load * x
-
-def many_closing(load, x):
-    if np.any(x > 0.9):
-        raise GeneratorExit
     return load * x
 
 def leaving(load, x):
@@ -147,8 +130,6 @@ def test_a_function_that_no_file_holds_is_sent_whole(pool: ProcessPool) -> None:
     [
         ("aborting", "Abort: out of license"),
         ("leaving", "SystemExit: 3"),
-        ("closing", "GeneratorExit"),
-        ("many_closing", "GeneratorExit"),
         ("interrupting", "it raised KeyboardInterrupt"),
         ("many_interrupting", "it raised KeyboardInterrupt"),
     ],
@@ -160,30 +141,6 @@ def test_whatever_a_run_raises_in_a_worker_is_its_own_failure(
     outcome = run.attempt(INDEX, X, most=1.0)
     np.testing.assert_array_equal(np.isnan(outcome), X[:, 0] > 0.9)
     assert all(words in message for message in messages(run.failures))
-
-
-class Cancelled(Executor):
-    """Returns batches without a run, which something ended."""
-
-    slots = 1
-
-    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        made = fn(*args, **kwargs)
-        future.set_result(replace(made.some(slice(0)), stopped=CancelledError()))
-        return future
-
-
-def test_what_ends_a_batch_ends_the_study_and_is_not_asked_for_again(model: Path) -> None:
-    run = Runner(named(model, "product"), TABLE, ["x"], executor=Cancelled())
-    with pytest.raises(CancelledError):
-        run(INDEX, X)
-
-
-def test_an_exception_of_any_kind_is_a_failure_here_too(model: Path) -> None:
-    run = Runner(named(model, "aborting"), TABLE, ["x"])
-    with pytest.raises(SimulatorError, match="Abort: out of license"):
-        run(INDEX, X)
 
 
 def test_failed_runs_are_told_by_workers_as_they_are_here(pool: ProcessPool, model: Path) -> None:
@@ -315,26 +272,6 @@ def test_what_cannot_be_sent_or_run_elsewhere_is_told(pool: ProcessPool, model: 
         Runner(simulator, TABLE, ["x"], executor=pool)([0], [[1.0]])
 
 
-def test_a_pool_needs_a_worker() -> None:
-    with pytest.raises(InputsError, match="0 workers"):
-        ProcessPool(0)
-
-
-def test_an_identification_by_workers_is_the_same(pool: ProcessPool) -> None:
-    table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
-    law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
-    results = [
-        unjudged(
-            lambda load, x: load * x, table, law, outcome="y", verification=Check(50),
-            executor=executor,
-        ).to_dict()
-        for executor in (None, pool)
-    ]  # fmt: skip
-    for result in results:
-        del result["seconds"]
-    assert results[0] == results[1]
-
-
 PARENT = """\
 import sys, time
 from pathlib import Path
@@ -368,20 +305,6 @@ if __name__ == "__main__":
 """
 
 
-def gone(pid: int, seconds: float) -> bool:
-    """Whether a process has ended within so many seconds."""
-    give_up = time.monotonic() + seconds
-    while time.monotonic() < give_up:
-        try:
-            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-        except OSError:
-            return True
-        if state == "Z":  # whoever adopted it has not asked after it
-            return True
-        time.sleep(0.01)
-    return False
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="there is no /proc")
 @pytest.mark.parametrize("other", ["idle", "stubborn"])
@@ -403,10 +326,7 @@ def test_workers_and_their_programs_end_with_a_parent_that_is_killed(
         os.kill(parent.pid, signal.SIGKILL)
     assert all(gone(worker, 10.0) for worker in workers)
     assert gone(int((tmp_path / "program").read_text()), 1.0)
-    give_up = time.monotonic() + 5.0
-    while [*(tmp_path / "folders").iterdir()]:  # somebody else removes them
-        assert time.monotonic() < give_up
-        time.sleep(0.01)
+    assert emptied(tmp_path / "folders")
 
 
 def test_a_pool_that_gives_up_ends_its_own_workers_only() -> None:
@@ -430,3 +350,27 @@ def test_a_pool_that_gives_up_ends_its_own_workers_only() -> None:
     finally:
         mine.kill()
         mine.join()
+
+
+class Cancelled(Executor):
+    """Returns batches without a run, which something ended."""
+
+    slots = 1
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        made = fn(*args, **kwargs)
+        future.set_result(replace(made.some(slice(0)), stopped=CancelledError()))
+        return future
+
+
+def test_what_ends_a_batch_ends_the_study_and_is_not_asked_for_again(model: Path) -> None:
+    run = Runner(named(model, "product"), TABLE, ["x"], executor=Cancelled())
+    with pytest.raises(CancelledError):
+        run(INDEX, X)
+
+
+def test_an_exception_of_any_kind_is_a_failure_here_too(model: Path) -> None:
+    run = Runner(named(model, "aborting"), TABLE, ["x"])
+    with pytest.raises(SimulatorError, match="Abort: out of license"):
+        run(INDEX, X)

@@ -10,20 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from fmus.build import compiled, python_fmu, rewritten
-from identifications import unjudged
 
-from aleator import (
-    Check,
-    Experiments,
-    Free,
-    GradientMultistart,
-    Identification,
-    Inputs,
-    ResponseSurface,
-    TruncatedNormal,
-)
 from aleator.errors import SimulatorError
-from aleator.simulators import FunctionSimulator, RunFailed, Simulator
+from aleator.simulators import RunFailed
 from aleator.simulators.derived import parse
 from aleator.simulators.fmu import (
     Course,
@@ -42,8 +31,6 @@ from aleator.study.simulators import signals
 from examples.wet_clutch.model import shifting_time
 
 K = {"k": "surface.k"}
-
-
 RAMP = Signal(np.array([0.0, 2.0]), np.array([300.0, 400.0]))
 
 
@@ -339,42 +326,3 @@ def test_the_fmu_has_the_shifting_times_of_the_function(
     assert np.max(np.abs(found - expected)) < 1e-5
     assert np.median(np.abs(found - expected)) < 1e-7
     assert clutch_simulator.notes == ()
-
-
-def test_the_fmu_leads_to_the_same_law(
-    clutch_simulator: FMUSimulator, clutch_table: pd.DataFrame
-) -> None:
-    chosen = clutch_table.iloc[[1, 20, 40, 61, 82, 103]]
-    experiments = Experiments.from_frame(chosen, outcome="shifting_time", id="id")
-    # One mean and one scatter free, over coarse surfaces: few runs are enough.
-    inputs = Inputs(
-        {
-            "c2_scale": TruncatedNormal(box=(0.5, 1.4), sd=Free(0.01, 0.4)),
-            "zp_scale": TruncatedNormal(box=(0.6, 0.85), mean=0.74, sd=0.01),
-        }
-    )
-
-    def found(model: Simulator) -> Identification:
-        return unjudged(
-            model,
-            experiments,
-            inputs,
-            propagation=ResponseSurface(tolerance=0.1, surfaces="own"),
-            search=GradientMultistart(starts=2),
-            verification=Check(0),
-            seed=0,
-        )
-
-    by_fmu, by_function = (
-        found(clutch_simulator),
-        found(FunctionSimulator(shifting_time, vectorized=True)),
-    )
-    assert by_fmu.runs_by_stage == by_function.runs_by_stage
-    scatter = by_function.alpha["c2_scale.sd"]
-    assert scatter.standard_error is not None  # it is not on a limit, where all would agree
-    for name, value in by_function.alpha.items():
-        assert by_fmu.alpha[name].estimate == pytest.approx(value.estimate, abs=1e-4), name
-    # Six outcomes that differ by up to 1e-5 s.
-    assert by_fmu.log_likelihood.estimated == pytest.approx(
-        by_function.log_likelihood.estimated, abs=0.012
-    )

@@ -63,13 +63,6 @@ def test_arguments_need_names() -> None:
         FunctionSimulator(3)  # type: ignore[arg-type]
 
 
-def test_extra_positional_arguments_are_ignored() -> None:
-    def loose(load: float, *rest: float) -> float:
-        return load + len(rest)
-
-    assert FunctionSimulator(loose).asks(["load"], []) == ("load",)
-
-
 def test_what_completed_before_an_exception_is_handed_over() -> None:
     def brittle(x: float) -> float:
         if x > 1.5:
@@ -123,14 +116,6 @@ def test_what_cannot_be_loaded_is_told(tmp_path: Path, reference: str, words: st
     (tmp_path / "syntax.py").write_text("def run(x) return x\n")
     with pytest.raises(SimulatorError, match=words):
         load_function(reference, tmp_path)
-
-
-def test_a_file_that_cannot_be_imported_leaves_no_module(tmp_path: Path) -> None:
-    (tmp_path / "broken.py").write_text("1 / 0\n")
-    before = set(sys.modules)
-    with pytest.raises(SimulatorError):
-        load_function("broken.py:run", tmp_path)
-    assert set(sys.modules) == before
 
 
 def test_the_fingerprint_changes_with_the_source(tmp_path: Path) -> None:
@@ -190,29 +175,9 @@ def test_a_worker_that_holds_an_older_module_beside_it_says_so(folder: Path) -> 
     assert "start the workers again" in str(caught.value)
 
 
-def test_modules_that_a_worker_has_not_loaded_yet_are_no_matter(folder: Path) -> None:
-    sent = parcel(folder)
-    (folder / "model.py").with_name("other.py").write_text("")
-    sys.modules.pop("rates_of_this_test")
-    assert pickle.loads(sent)({}, TWO).tolist() == [6.0]
-
-
-def test_functions_of_a_script_travel_as_they_are() -> None:
-    made: dict[str, object] = {"__name__": "__main__"}
-    exec("def f(x): return 5 * x", made)
-    sent = cloudpickle.dumps(FunctionSimulator(made["f"]))  # type: ignore[arg-type]
-    assert pickle.loads(sent)({}, TWO).tolist() == [10.0]
-
-
 ROWS = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 3.0]}))
-
-
 SERIES = Conditions(("A",), pd.DataFrame({"load": [1.0, 2.0, 3.0]}), experiment=np.zeros(3))
-
-
 NAN = float("nan")
-
-
 GIVEN: dict[str, tuple[Callable[[Any], Any], list[float]]] = {
     "masked": (lambda v: np.ma.masked_greater(v, 2.5), [1.0, 2.0, NAN]),
     "masked whole numbers": (lambda v: np.ma.masked_equal(v.astype(int), 2), [1.0, NAN, 3.0]),
@@ -224,8 +189,6 @@ GIVEN: dict[str, tuple[Callable[[Any], Any], list[float]]] = {
         [1.0, NAN, 3.0],
     ),
 }
-
-
 REFUSED: dict[str, Callable[[Any], Any]] = {
     "texts": lambda v: v.astype(str),
     "a list of texts": lambda v: [str(a) for a in v],

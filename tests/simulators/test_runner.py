@@ -1,7 +1,7 @@
 """The only way to a simulator: runs are checked, counted, made once, and repeated on purpose."""
 
 # Arguments that a test's simulator does not use still say what it is given.
-# ruff: noqa: ARG001, ARG002, ARG005
+# ruff: noqa: ARG001, ARG005
 import math
 import time
 from collections.abc import Callable
@@ -15,23 +15,13 @@ import pandas as pd
 import pytest
 from identifications import unjudged
 
-from aleator import Check, Free, Inputs, Noise, Normal
+from aleator import Check, Free, Inputs, Normal
 from aleator.errors import SimulatorError
 from aleator.inference.diagnostics import failure_report
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.responses import Response
-from aleator.simulators import (
-    FunctionSimulator,
-    NoOutcome,
-    ProcessPool,
-    Runner,
-    Store,
-    as_simulator,
-    working_box,
-)
-from aleator.simulators.derived import derived
+from aleator.simulators import FunctionSimulator, NoOutcome, ProcessPool, Runner, Store, working_box
 from aleator.simulators.dispatch import Batching
-from aleator.surrogates import ResponseSurface
 
 TABLE = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 4.0], "site": [*"xyz"]}))
 
@@ -78,11 +68,6 @@ def test_the_log_transform_is_applied_to_the_simulator() -> None:
     assert run.completed.outcome[:, 0].tolist() == [1.0, 6.0]
     with pytest.raises(SimulatorError, match="returned -2: the logarithm of -2 does not exist"):
         run([1], [[-1.0]])
-
-
-def test_text_conditions_reach_a_simulator_that_asks_for_them() -> None:
-    run = runner(lambda site, x: x + len(site) if site == "y" else x)
-    assert run([0, 1], [[1.0], [1.0]]).tolist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize("vectorized", [False, True])
@@ -173,11 +158,6 @@ def test_an_outcome_that_is_not_finite_is_told_with_the_parameter_to_narrow(bad:
     assert len(run.completed) == 27
 
 
-def test_numpy_does_not_warn_about_what_is_reported_anyway() -> None:
-    with pytest.raises(SimulatorError, match="returned nan"):
-        runner(lambda load, x: np.log(x - load), vectorized=True)([0], [[0.5]])
-
-
 def test_experiments_under_equal_conditions_share_their_runs() -> None:
     table = Conditions(("A", "B", "C"), pd.DataFrame({"load": [1.0, 2.0, 1.0], "nr": [1, 2, 3]}))
     function = Counted()
@@ -209,49 +189,6 @@ def test_a_run_is_counted_and_made_once_however_often_it_is_asked_for(
             assert np.isnan(run.attempt([1, 2, 1], [[3.0], [3.0], [2.0]])).tolist() == [1, 1, 0]
         assert (function.runs, run.fresh, run.runs) == (2, 2, 4)
         assert (len(run.completed), len(run.failures)) == (2, 2)
-
-
-def test_an_identification_counts_the_different_runs_it_needed(tmp_path: Path) -> None:
-    asked = set[tuple[float, float]]()
-
-    def model(load: np.ndarray, x: np.ndarray) -> np.ndarray:
-        asked.update(zip(load.tolist(), x.tolist(), strict=True))
-        return load * x
-
-    frame = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
-    table = Experiments.from_frame(frame, outcome="y")
-    law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
-    simulator = FunctionSimulator(model, vectorized=True)
-    counts = []
-    for path in (None, tmp_path / "runs.sqlite", tmp_path / "runs.sqlite"):
-        with Store(path) if path else nullcontext() as store:
-            run = Runner(simulator, table, law.names, store=store)
-            found = unjudged(
-                run, table, law, verification=Check(50),
-                propagation=ResponseSurface(surfaces="own"),
-            )  # fmt: skip
-        counts.append((found.runs, run.runs, len(asked)))
-    assert counts == [(len(asked),) * 3] * 3
-    assert run.fresh == 0
-
-
-def test_any_class_that_fills_the_protocol_is_a_simulator() -> None:
-    class Doubling:
-        name = "doubling"
-        block = 10
-
-        def asks(self, conditions: Any, parameters: Any) -> tuple[str, ...]:
-            return ("load",)
-
-        def __call__(self, conditions: Any, parameters: Any) -> Any:
-            return 2 * conditions["load"] * parameters["x"]
-
-        def fingerprint(self) -> str:
-            return "doubling 1"
-
-    simulator = Doubling()
-    assert as_simulator(simulator) is simulator
-    assert Runner(simulator, TABLE, ["x"])([1], [[1.0]]).tolist() == [4.0]
 
 
 @pytest.mark.parametrize("seconds", [0.0, np.inf])
@@ -303,7 +240,7 @@ def runs_asked(size: int) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(size) % 4, np.linspace(0.5, 1.5, size)[:, None]
 
 
-@pytest.mark.parametrize("way", ["attempt", "values", "straight", "__call__"])
+@pytest.mark.parametrize("way", ["attempt", "values", "straight"])
 def test_what_is_random_in_one_of_ten_runs_is_refused(way: str) -> None:
     """Of 600 runs 24 are made again: 0.81^24, so that one of 157 passes."""
     found = 0
@@ -365,32 +302,16 @@ def test_rounding_beside_large_outcomes_is_no_randomness() -> None:
     assert np.isfinite(run.attempt(*runs_asked(401))).all()
 
 
-def drawing(load: float, x: float) -> float:
-    rng = np.random.default_rng()
-    return load * x * (1.0 + (rng.random() < 0.5))
-
-
-def test_it_is_found_among_workers() -> None:
-    with ThreadPoolExecutor(2) as pool:
-        run = Runner(FunctionSimulator(drawing), LOADS, ["x"], executor=pool)
-        run.repeat_some()
-        with pytest.raises(SimulatorError, match="for the same run"):
-            run.attempt(*runs_asked(100))
-
-
-@pytest.mark.parametrize("noise", [None, Noise(Free(0.01, 0.5))])
-def test_an_identification_refuses_it(noise: Noise | None) -> None:
+def test_an_identification_refuses_it() -> None:
     rng = np.random.default_rng(1)
     load = np.linspace(1.0, 2.0, 30)
     table = pd.DataFrame({"load": load, "y": load * rng.normal(1.0, 0.1, 30)})
     inputs = Inputs({"x": Normal(Free(0.5, 1.5), Free(0.01, 0.5))})
     with pytest.raises(SimulatorError, match="for the same run"):
-        unjudged(Sometimes(), table, inputs, outcome="y", noise=noise, verification=Check(0))
+        unjudged(Sometimes(), table, inputs, outcome="y", verification=Check(0))
 
 
 ONE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
-
-
 X = np.array([[1.0], [2.0], [3.0], [4.0]])
 
 
@@ -430,12 +351,6 @@ def test_a_hanging_run_fails_and_the_others_do_not(function, vectorized: bool) -
     assert failure.message == "it was stopped after its 0.1 s"
 
 
-def test_so_it_does_with_derived_parameters() -> None:
-    simulator = derived(FunctionSimulator(hangs_at_three, timeout=0.1), {"x": "2.0 * z"})
-    run = Runner(simulator, ONE, ["z"], max_failed=1.0)
-    np.testing.assert_array_equal(run.attempt([0] * 2, [[1.0], [1.5]]), [4.0, np.nan])
-
-
 @pytest.mark.slow
 def test_compiled_code_that_hangs_ends_its_worker_alone() -> None:
     began = time.perf_counter()
@@ -458,19 +373,10 @@ def test_a_time_that_is_none_is_refused_and_another_thread_has_no_limit() -> Non
         assert run([0], [[1.0]]).tolist() == [2.0]
 
 
-def test_the_limit_is_no_part_of_what_the_function_is() -> None:
-    plain, timed = (FunctionSimulator(hangs_at_three, timeout=t) for t in (None, 5.0))
-    assert plain.fingerprint() == timed.fingerprint()
-
-
 IDS = tuple(f"E{k // 4}" for k in range(20))
-
-
 ROWS = pd.DataFrame(
     {"load": 1.0 + np.arange(20) // 4, "time": 0.1 * np.arange(20), "site": [*"ab"] * 10}
 )
-
-
 REGION = np.array([[0.5, 2.0], [-1.0, 1.0]])
 
 
@@ -555,6 +461,29 @@ def test_a_run_that_raises_does_not_spoil_the_others() -> None:
     assert report.region == {"x": (7.0, 7.0), "y": (1.0, 1.0)}
 
 
+def test_a_series_that_changes_its_arguments_changes_no_other_run() -> None:
+    def careless(load: float, time: Any, x: float, y: float) -> Any:
+        time -= time[0]
+        return time * load * x + y
+
+    run = of_rows(careless, series=True)
+    first = run.values([1], [[1.0, 0.0]])
+    np.testing.assert_array_equal(run.values([1], [[2.0, 0.0]]), 2.0 * first)
+
+
+def drawing(load: float, x: float) -> float:
+    rng = np.random.default_rng()
+    return load * x * (1.0 + (rng.random() < 0.5))
+
+
+def test_it_is_found_among_workers() -> None:
+    with ThreadPoolExecutor(2) as pool:
+        run = Runner(FunctionSimulator(drawing), LOADS, ["x"], executor=pool)
+        run.repeat_some()
+        with pytest.raises(SimulatorError, match="for the same run"):
+            run.attempt(*runs_asked(100))
+
+
 def test_what_is_no_number_is_counted_and_the_first_are_told() -> None:
     def half(load: Any, time: Any, x: Any, y: Any) -> Any:
         return np.where(x > 1.0, np.nan, np.inf) + 0 * load * time * y
@@ -579,13 +508,3 @@ def test_few_calls_find_it_out() -> None:
     assert len(calls) == 17
     run.straight(np.zeros(1000, int), np.ones((1000, 2)))
     assert len(calls) == 18
-
-
-def test_a_series_that_changes_its_arguments_changes_no_other_run() -> None:
-    def careless(load: float, time: Any, x: float, y: float) -> Any:
-        time -= time[0]
-        return time * load * x + y
-
-    run = of_rows(careless, series=True)
-    first = run.values([1], [[1.0, 0.0]])
-    np.testing.assert_array_equal(run.values([1], [[2.0, 0.0]]), 2.0 * first)

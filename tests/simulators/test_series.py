@@ -217,11 +217,6 @@ def test_equal_experiments_are_one_case_unless_they_differ_in_length() -> None:
     assert run.runs == 2
 
 
-def test_a_series_is_not_vectorized_too() -> None:
-    with pytest.raises(SimulatorError, match="series"):
-        FunctionSimulator(course, vectorized=True, series=True)
-
-
 def test_straight_runs_are_the_same_but_not_remembered() -> None:
     for kind in ({"vectorized": True}, {}, {"series": True}):
         asked = np.arange(2 if "series" in kind else 5)
@@ -264,13 +259,7 @@ class Gone(Exception):
         raise GeneratorExit
 
 
-TEXTS = [
-    Mute(),
-    Gone(),
-    ValueError("a file \udcff"),
-    SyntaxError("a file \udcff"),
-    SyntaxError("odd", (3, 1, 2, b"x")),
-]
+TEXTS = [Mute(), Gone(), ValueError("a file \udcff"), SyntaxError("odd", (3, 1, 2, b"x"))]
 
 
 @pytest.mark.parametrize("error", TEXTS, ids=lambda error: type(error).__name__)
@@ -284,11 +273,3 @@ def test_a_failure_is_kept_whatever_its_text_is(tmp_path: Path, error: Exception
         (kept,) = stored_runs(store)
     assert kept.failure is not None
     assert type(error).__name__ in kept.failure
-
-
-def test_a_series_that_draws_random_numbers_is_refused() -> None:
-    rng = np.random.default_rng(0)
-    noisy = FunctionSimulator(lambda load, time, x: time + rng.normal(size=time.size), series=True)
-    with pytest.raises(SimulatorError, match="for the same run: experiment 'E0'"):
-        Runner(noisy, table(EVERY), ["x"]).require_repeatable([1.0])
-    Runner(FunctionSimulator(course, series=True), table(EVERY), ["x"]).require_repeatable([1.0])

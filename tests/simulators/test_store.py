@@ -10,7 +10,7 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -30,8 +30,6 @@ from aleator.simulators.runs import REPEATABILITY
 from aleator.simulators.store import Case, Identity, StoreSettings
 
 MODEL = Identity("f" * 64, "spring", "model:spring")
-
-
 CASE = Case.of({"load": 2.0}, ["k"])
 
 
@@ -151,19 +149,6 @@ def test_runs_are_counted_with_those_of_other_fingerprints(path: Path) -> None:
     assert counts.seconds == pytest.approx(2e-3)
 
 
-def test_a_commit_waits_for_the_disk_after_a_second_of_runs(path: Path) -> None:
-    with Store(path) as store:
-
-        def waits() -> bool:
-            return bool(store.connection.execute("PRAGMA synchronous").fetchone()[0] == 2)
-
-        seen = []
-        for k, seconds in enumerate((0.4, 0.4, 0.4, 0.4, 3600.0, 0.1)):
-            store.add(MODEL, [CASE], [row(float(k), 1.0, seconds=seconds)])
-            seen.append(waits())
-    assert seen == [False, False, True, False, True, False]
-
-
 def test_another_process_gets_a_connection_of_its_own(path: Path) -> None:
     with Store(path) as store:
         store.add(MODEL, [CASE], [row(4.0, 0.5)])
@@ -221,34 +206,38 @@ def read_only(folder: Path) -> None:
     folder.chmod(0o555)
 
 
-def test_a_text_is_no_store_and_is_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "runs.sqlite"
-    text = "load,x,outcome\n" * 100
-    path.write_text(text)
-    with pytest.raises(StoreError, match="not a store of runs, or it is damaged"):
-        Store(path)
-    assert path.read_text() == text
+def other_text(path: Path) -> None:
+    path.write_text("load,x,outcome\n" * 100)
 
 
-def test_a_foreign_database_is_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "other.sqlite"
+def other_database(path: Path) -> None:
     with closing(sqlite3.connect(path)) as other, other:
         other.execute("CREATE TABLE runs (a)")
-    before = path.read_bytes()
-    with pytest.raises(StoreError, match="not a store of runs"):
-        Store(path)
-    assert path.read_bytes() == before
 
 
-def test_a_store_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "runs.sqlite"
+def newer_store(path: Path) -> None:
     with Store(path) as store:
         runner(store)([0], [[1.0]])
         store.connection.execute("PRAGMA user_version = 2")
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (other_text, ["not a store of runs"]),
+        (other_database, ["not a store of runs"]),
+        (newer_store, ["newer Aleator", "install"]),
+    ],
+)
+def test_what_is_no_store_of_this_version_is_told_and_left_alone(
+    tmp_path: Path, make: Callable[[Path], None], words: list[str]
+) -> None:
+    path = tmp_path / "runs.sqlite"
+    make(path)
     before = path.read_bytes()
-    with pytest.raises(StoreError, match="newer Aleator: its format is 2") as told:
+    with pytest.raises(StoreError) as told:
         Store(path)
-    assert "install" in told.value.remedy
+    assert [word for word in words if word not in str(told.value)] == []
     assert path.read_bytes() == before
 
 
@@ -387,8 +376,6 @@ starts = 1
 [verification]
 samples = 50
 """
-
-
 SLOW_MODEL = """\
 import os, time
 log = os.open({log!r}, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
@@ -397,11 +384,7 @@ def length(load, softness):
     os.write(log, f"{{load!r}} {{softness!r}}\\n".encode())
     return load * softness ** 1.1
 """
-
-
 PART = 16  # cheap runs are committed by as many
-
-
 COMMAND = [sys.executable, "-c", "from aleator.cli import main; main()"]
 
 
@@ -512,3 +495,16 @@ def test_two_processes_may_fill_one_store_at_once(tmp_path: Path) -> None:
     # 0 to 1009 and 500 to 1509, each once
     assert len(runs) == 1510
     assert len({x for x, _ in runs}) == 1510
+
+
+def test_a_commit_waits_for_the_disk_after_a_second_of_runs(path: Path) -> None:
+    with Store(path) as store:
+
+        def waits() -> bool:
+            return bool(store.connection.execute("PRAGMA synchronous").fetchone()[0] == 2)
+
+        seen = []
+        for k, seconds in enumerate((0.4, 0.4, 0.4, 0.4, 3600.0, 0.1)):
+            store.add(MODEL, [CASE], [row(float(k), 1.0, seconds=seconds)])
+            seen.append(waits())
+    assert seen == [False, False, True, False, True, False]

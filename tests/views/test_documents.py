@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reports import result
 
 from aleator.errors import AleatorError
 from aleator.results import documents
@@ -16,29 +15,10 @@ def test_what_is_not_finite_is_null_and_arrays_are_lists() -> None:
     assert documents.plain(np.True_) is True
 
 
-def test_what_has_no_place_is_refused() -> None:
-    with pytest.raises(TypeError, match="object has no place"):
-        documents.plain({"a": object()})
-
-
 def test_floats_read_back_exactly() -> None:
     values = np.random.default_rng(0).normal(size=100) * 10.0 ** np.arange(-50, 50)
     text = documents.to_json({"values": values})
     assert json.loads(text)["values"] == values.tolist()
-
-
-def test_the_order_of_keys_does_not_depend_on_how_they_came() -> None:
-    one = documents.to_json({"seconds": {}, "alpha": {}, "own": 1, "title": ""})
-    assert list(json.loads(one)) == ["title", "alpha", "seconds", "own"]
-    assert one == documents.to_json({"title": "", "alpha": {}, "seconds": {}, "own": 1})
-
-
-def test_a_document_survives_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "identification.json"
-    written = result(correlation={"names": [], "matrix": []})
-    documents.write_json(written, path)
-    assert read_answer(path) == written
-    assert [file.name for file in path.parent.iterdir()] == ["identification.json"]
 
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:

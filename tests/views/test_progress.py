@@ -1,7 +1,6 @@
 import io
 import re
 
-import pytest
 from rich.console import Console
 
 from aleator.views.progress import Bars, Lines, shown_on
@@ -48,16 +47,3 @@ def test_on_a_terminal_there_are_bars() -> None:
     assert "response surface" in shown
     assert "40 of 108 surfaces converged" in shown
     assert "search" in shown
-
-
-def test_an_exception_leaves_the_terminal_in_order() -> None:
-    out, file = console(terminal=True)
-
-    def stopped() -> None:
-        with shown_on(out) as progress:
-            progress.stage("search")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        stopped()
-    assert file.getvalue().endswith("\x1b[?25h")  # the cursor is shown again

@@ -63,7 +63,7 @@ class SampledSearch:
     """Of more than `many` experiments a search is made on a sample of `size`, its ends on all.
 
     An optimum of the sample lies within its standard errors of one of all, and a climb from there
-    takes few evaluations. `best` are climbed from. Measured by `pytest tests/tasks/test_many.py`.
+    takes few evaluations. `best` are climbed from. Measured by `pytest tests/fit/test_search.py`.
     """
 
     many: int = 1000

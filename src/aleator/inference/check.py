@@ -59,7 +59,7 @@ class Check:
     `few` where surfaces expect hardly an error: less than `exact` of the noise, or of the scatter
     without noise. `nodes` is how many points an experiment has for them to be chosen from, of more
     than two parameters, and an exact outcome has an error of `smooth` times its scatter. Measured
-    by `pytest tests/inference/test_check.py tests/tasks/test_near_outcomes.py`. Raises InputsError
+    by `pytest tests/inference/test_check.py tests/tasks/test_folds.py`. Raises InputsError
     for a negative number, and for a single run.
 
     >>> Check().wanted, Check(samples=0).wanted

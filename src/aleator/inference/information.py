@@ -56,7 +56,7 @@ class Differences:
 
     A step h is right where the drop I h^2/2 is `drop`, within a factor of `within` either way: a
     hundredth of a standard error, between 0.003 and 0.03. The information of a standard deviation
-    of two units is then within 1e-3 of its closed form (`tests/tasks/test_maxima.py`). No step is
+    of two units is then within 1e-3 of its closed form (`tests/tasks/test_mixtures.py`). No step is
     longer than `share` of the width of the limits: a direction without a bend has no width of its
     own. At most `tries` steps are tried. One step differs from the last by a factor of `farthest`
     at most, by judgement: far away the drop tells little.

@@ -151,7 +151,7 @@ DROP = 0.5 * TARGET**2
 class EndSettings:
     """How exactly the end of an interval is computed; by judgement.
 
-    `tests/inference/test_profile_ends.py` and `test_profile_cost.py` hold the ends and the cost.
+    `tests/inference/test_profile.py` holds the ends and the cost.
 
     close: standard errors to which an end is found: 0.02 in log-likelihood. climbed: what a
     conditional maximum is found to in log-likelihood, as far as its curvature is known.

@@ -1,8 +1,9 @@
-"""All searches on likelihoods of the library: one maximum, known by another route."""
+"""Searches on likelihoods of the library, and as a study names them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -25,8 +26,10 @@ from aleator import (
     Inputs,
     Normal,
 )
+from aleator.errors import InputsError
 from aleator.moments.likelihood import Continued
 from aleator.search import wide_limits
+from aleator.study import load_study
 from reproduction.trials import compare
 
 
@@ -79,17 +82,6 @@ def test_values_are_the_totals_of_the_calls() -> None:
     np.testing.assert_allclose(Continued(likelihood).values(alphas), totals, rtol=1e-7)
 
 
-def test_a_plain_genetic_search_stays_below_the_maximum_by_less_than_a_tenth() -> None:
-    problem = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 30))
-    likelihood = problem.likelihood(problem.draw(2), Gaussian(), nodes=6)
-    plain, best = compare(
-        [GeneticAlgorithm(50, 30, 30, polish=False), GradientMultistart(4)],
-        likelihood, problem.hyperparameters, seed=0,
-    )  # fmt: skip
-    assert 0.0 < best.log_likelihood - plain.log_likelihood < 0.1
-    assert plain.scored == 0
-
-
 def test_wide_limits_are_those_of_many_orders() -> None:
     inputs = Inputs(
         {
@@ -127,3 +119,72 @@ def test_an_answer_that_is_no_maximum_names_the_wide_limits() -> None:
     remedies = [w.remedy for w in found.warnings if w.about == "search"]
     assert len(remedies) == 1
     assert "b.value" in remedies[0]
+
+
+STUDY = """\
+[experiments]
+file = "springs.csv"
+outcome = "length"
+[simulator]
+function = "model.py:length"
+vectorized = true
+[parameters.stiffness]
+law = "truncated_normal"
+box = [0.5, 1.5]
+[density]
+kind = "gaussian"
+[propagation]
+method = "collocation"
+nodes = 5
+"""
+
+
+@pytest.fixture
+def write(tmp_path: Path):
+    (tmp_path / "springs.csv").write_text(
+        "load,length\n1,1.1\n2,1.8\n3,3.5\n4,4.3\n5,4.6\n6,6.9\n7,6.6\n8,8.9\n"
+    )
+    (tmp_path / "model.py").write_text("def length(load, stiffness): return load * stiffness\n")
+
+    def written(search: str) -> Path:
+        (tmp_path / "study.toml").write_text(f"{STUDY}[search]\n{search}\n")
+        return tmp_path / "study.toml"
+
+    return written
+
+
+@pytest.mark.parametrize(
+    ("text", "search"),
+    [
+        ("", GradientMultistart()),
+        ("starts = 3\nevaluations = 20", GradientMultistart(3, 20)),
+        ('method = "gradient"\nstarts = 3', GradientMultistart(3)),
+        ('method = "genetic"', GeneticAlgorithm()),
+        (
+            'method = "genetic"\npopulation = 20\ngenerations = 9\npatience = 4\npolish = false',
+            GeneticAlgorithm(20, 9, 4, polish=False),
+        ),
+        ('method = "differential_evolution"', DifferentialEvolution()),
+        (
+            'method = "differential_evolution"\npopulation = 20\ngenerations = 9\npolish = false',
+            DifferentialEvolution(20, 9, polish=False),
+        ),
+        ('method = "cmaes"', CMAES()),
+        (
+            'method = "cmaes"\nruns = 2\nevaluations = 90\npopulation = 9\nstep = 0.3\n'
+            "polish = false",
+            CMAES(2, 90, 9, 0.3, polish=False),
+        ),
+    ],
+)
+def test_each_method_has_its_own_keys(write, text, search) -> None:
+    assert load_study(write(text)).search == search
+
+
+def test_starts_are_of_the_gradient_search_only(write) -> None:
+    assert load_study(write("")).overridden(starts=4).search == GradientMultistart(4)
+    study = load_study(write('method = "genetic"'))
+    assert study.overridden(seed=4).search == GeneticAlgorithm()
+    with pytest.raises(InputsError, match="genetic") as caught:
+        study.overridden(starts=4)
+    assert 'method = "gradient"' in caught.value.remedy
