@@ -27,7 +27,7 @@ from aleator import (
     Normal,
 )
 from aleator.cli.running import can_report
-from aleator.inference.pictures import pictured
+from aleator.tasks.identification import pictured
 from aleator.tasks.identify import identify
 from aleator.views.interactive import TEX, bokeh_script
 from aleator.views.page import report_of
