@@ -18,19 +18,22 @@ from aleator.laws.law import difference
 
 @dataclass(frozen=True)
 class ErrorNumerics:
-    """How exactly errors are computed; chosen by tests/observations/test_errors.py.
-
-    narrow: width of an interval, in scales (of a normal error relative to its distance, too), up to
-    which its probability is that of its middle. df: limits of the degrees of freedom where none are
-    given, from Cauchy's law to what nobody tells from a normal (by judgement). step: relative, of a
-    difference in the degrees of freedom. farthest: an eta beyond which nothing changes, and whose
-    square exists.
-    """
+    """How exactly errors are computed; chosen by tests/observations/test_errors.py."""
 
     narrow: float = 1e-3
+    """Width of an interval, in scales (of a normal error relative to its distance, too), up to
+    which its probability is its width times the density in its middle."""
     df: tuple[float, float] = (1.0, 100.0)
+    """Limits of the degrees of freedom where none are given, from Cauchy's law to what nobody tells
+    from a normal law (by judgement)."""
     step: float = 2e-3
+    """Relative step of a difference in the degrees of freedom."""
+    eta_step: float = 1e-4
+    """Step, in scales, of the difference that gives a curvature; its error is about 1e-8."""
     farthest: float = 1e140
+    """The largest simulated value that is told from infinity; its square is a finite number."""
+    together: int = 32768
+    """Numbers of one array operation: intermediate ones stay in the cache (`make bench`)."""
 
 
 NUMERICS = ErrorNumerics()
