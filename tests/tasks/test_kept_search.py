@@ -18,7 +18,7 @@ from aleator.observations.experiments import Experiments
 from aleator.search import GradientMultistart, SearchResult
 from aleator.simulators import Runner
 from aleator.simulators.function import FunctionSimulator
-from aleator.simulators.records import forget, holdings
+from aleator.simulators.records import forget, runs_by_simulator
 from aleator.simulators.store import keep, kept
 
 LAW = Inputs({"a": Normal(Free(0.0, 2.0), Free(0.01, 1.0))})
@@ -123,7 +123,7 @@ def test_a_damaged_result_is_no_result(store: Store) -> None:
 
 def test_searches_are_forgotten_with_their_simulator(store: Store) -> None:
     answer(store, None)
-    forget(store, [one.simulator.fingerprint for one in holdings(store)])
+    forget(store, [one.simulator.fingerprint for one in runs_by_simulator(store)])
     assert store.connection.execute("SELECT count(*) FROM searches").fetchone() == (0,)
 
 

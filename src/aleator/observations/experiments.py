@@ -110,8 +110,9 @@ def _rows_of(
         if names is not None or name not in beside
     }
     whole = {n: conditions[n] if n in conditions else _any(table, n) for n in remaining}
-    frames = (pd.DataFrame(columns, index=range(len(table))) for columns in (conditions, whole))
-    return _Rows(ids, *frames, experiment, table.rows), table
+    index = range(len(table))
+    frame, every = pd.DataFrame(conditions, index=index), pd.DataFrame(whole, index=index)
+    return _Rows(ids, frame, every, experiment, table.rows), table
 
 
 def _ids(table: Table, column: str | None) -> tuple[tuple[str, ...], Indices]:

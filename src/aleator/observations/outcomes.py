@@ -138,26 +138,26 @@ class Censoring:
     ) -> Flags:
         """Which rows have a value. Raises ExperimentsError for ends that cannot be."""
         lacking, half = np.isnan(lower), np.isnan(lower) != np.isnan(upper)
-        for fault, column, problem, remedy in (
+        for fault, problem, remedy in (
             (
-                bound & (lacking | half), outcome,
-                lambda _: "the value is censored and has no bound", "write the bound there",
+                bound & (lacking | half),
+                "the value is censored and has no bound", "write the bound there",
             ),
             (
-                half, outcome,
-                lambda _: f"there is an upper end in '{self.upper}', and no lower end",
+                half, f"there is an upper end in '{self.upper}', and no lower end",
                 "write the lower end there, or mark the value as left-censored by a word",
-            ),
-            (
-                lower > upper, str(self.upper),
-                lambda k: f"the upper end {upper[k]:g} is below the lower end {lower[k]:g} in "
-                f"'{outcome}'", "swap the two ends",
             ),
         ):  # fmt: skip
             if np.any(fault):
-                k = int(np.argmax(fault))
-                where = table.where(int(rows[k]), column)
-                raise ExperimentsError(f"{where}: {problem(k)}", remedy)
+                where = table.where(int(rows[np.argmax(fault)]), outcome)
+                raise ExperimentsError(f"{where}: {problem}", remedy)
+        if np.any(lower > upper):
+            k = int(np.argmax(lower > upper))
+            raise ExperimentsError(
+                f"{table.where(int(rows[k]), str(self.upper))}: the upper end {upper[k]:g} is "
+                f"below the lower end {lower[k]:g} in '{outcome}'",
+                "swap the two ends",
+            )
         return ~lacking
 
 

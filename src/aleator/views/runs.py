@@ -19,7 +19,7 @@ from aleator.results.printed import (
     heads,
     number,
 )
-from aleator.simulators.records import Holding, StoredRun
+from aleator.simulators.records import SimulatorRuns, StoredRun
 from aleator.views.terminal import terminal
 
 
@@ -40,7 +40,7 @@ HOLDINGS = heads("simulator", "fingerprint", ">runs", ">failed", ">seconds", "la
 RUNS = heads(">run", "when", ">outcome", "~of")
 
 
-def holdings(found: Sequence[Holding], current: str | None, store: str) -> RenderableType:
+def holdings(found: Sequence[SimulatorRuns], current: str | None, store: str) -> RenderableType:
     """A row for each simulator; the one with the fingerprint `current` is the study's."""
     if not found:
         return terminal(Content(f"{store} holds no runs."))
