@@ -68,7 +68,7 @@ def on_surfaces(
         short = diagnostics.shortfalls(problem)
         lost = np.flatnonzero(short)
         most = REACH.most(len(moving_parameters(region)))
-        if not lost.size or runner.account.given(most) < most:
+        if not lost.size or runner.account.granted(most) < most:
             return problem
         farthest = int(lost[np.argmax(np.abs(short[lost]))])
         condition, side = int(problem.condition[farthest]), float(np.sign(short[farthest]))

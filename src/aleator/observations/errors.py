@@ -1,4 +1,4 @@
-"""The measurement errors of all observations: what the likelihood asks at its nodes."""
+"""Measurement errors of all observations: log p at simulated values, with derivatives."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Noise:
     relative: Specification | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
+        """Check all arguments at once."""
         if self.sd is None and self.relative is None:
             raise InputsError("noise: neither sd nor relative is given", "give one of them")
         for name, value in (("sd", self.sd), ("relative", self.relative)):
@@ -73,7 +73,7 @@ class Noise:
 
     @property
     def simple(self) -> bool:
-        """Whether one scale, known or free, is all that there is to the noise."""
+        """Whether one scale, known or free, describes the whole noise."""
         plain = self.sd is not None and not isinstance(self.sd, str)
         return plain and self.relative is None and not self.shapes
 

@@ -478,7 +478,7 @@ class Experiments(_Rows):
 
 
 def unmeasured(conditions: Conditions) -> Experiments:
-    """The experiments of these conditions, of which nothing is measured: every value is NaN."""
+    """Experiments under these conditions, with NaN for every value because none is measured."""
     return conditions.with_observations(conditions.observations)
 
 

@@ -1,4 +1,4 @@
-"""What a measured value, or a bound of it, says of the simulated one: normal and Student's t."""
+"""Laws of the measurement error of one response: normal and Student's t, for bounds as well."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Shaped(ObservationModel, Protocol):
         """
 
 
-# A look at one name: checks of a whole protocol cost more than what is asked in a hot path.
+# One attribute is looked up: isinstance with a protocol would cost more than the computation.
 def is_bounded(model: ObservationModel) -> TypeGuard[Bounded]:
     """Whether a model computes probabilities of bounds itself."""
     return hasattr(model, "log_probability")
@@ -192,7 +192,7 @@ def from_ends(value: Array, at_a: Array, at_b: Array, a: Array, b: Array, scale:
 
 
 def outward(a: Array, b: Array) -> tuple[Array, Array, Flags]:
-    """Ends of the same probability under a symmetric law with b >= |a|, and which were turned."""
+    """Ends mirrored so that b >= |a|, which have equal probability by symmetry; which were."""
     turned = a + b < 0.0
     return np.where(turned, -b, a), np.where(turned, -a, b), turned
 
@@ -217,7 +217,7 @@ class NormalError:
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
         """-u^2/2 - log scale - log(2 pi)/2 with u = (y - eta)/scale."""
-        # In place, because what this costs is memory: it is called for millions of values.
+        # In place, because memory traffic is the cost: it is called for millions of values.
         u = (y - eta) / scale
         square = u * u
         value = -0.5 * square
@@ -316,7 +316,7 @@ class StudentError:
     df: Specification
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
+        """Check the degrees of freedom at once."""
         _ = self._shape
 
     @cached_property

@@ -27,19 +27,19 @@ class ColumnValues(NamedTuple):
 
 @dataclass(frozen=True)
 class Censoring:
-    """How a table tells that a value is not known exactly, but only bounds of it.
+    """How a table marks the values of which only bounds are known.
 
-    The `column` holds words. Where the word is one of `right`, the value is above the outcome
-    (no failure up to so many cycles); where it is one of `left`, it is below (under the limit of
-    detection). Every other word says that the outcome was measured. If there are two such words
-    or more, they are listed in `measured`, so that no slip of the pen makes a bound a measurement;
-    a blank cell needs no word.
+    The `column` holds words. If the word is one of `right`, the value is above the outcome (no
+    failure up to so many cycles); if it is one of `left`, the value is below (under the limit of
+    detection). Every other word says that the outcome was measured. Two or more such words must be
+    listed in `measured`, so that a misspelt word does not turn a bound into a measurement. A blank
+    cell says that the outcome was measured, too.
 
-    The column `upper` makes intervals: the outcome is then the lower end. Where it is blank, or
+    The column `upper` makes intervals, of which the outcome is the lower end. Where it is blank, or
     equal to the outcome, the outcome was measured.
 
-    With `signs` the cells of the outcome tell it themselves: "> 20" is above 20, "<0.5" below 0.5,
-    and a number was measured.
+    With `signs` the cells of the outcome have the bounds: "> 20" is above 20, "<0.5" below 0.5, and
+    a number was measured.
 
     Raises ExperimentsError for words without a column, a word in two lists, and signs beside words.
 
@@ -175,7 +175,7 @@ def _quoted(words: Sequence[str]) -> str:
 
 
 Censored = Censoring | Mapping[str, Censoring] | None
-"""How values are censored: all, or those of each response, or none."""
+"""The censoring of all values, or that of each response, or none."""
 
 
 @dataclass(frozen=True)

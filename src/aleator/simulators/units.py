@@ -1,4 +1,4 @@
-"""What one run of a simulator serves, which conditions it has, and what it is to return."""
+"""What one run of a simulator serves, under which conditions, and which values it returns."""
 
 from __future__ import annotations
 
@@ -181,10 +181,11 @@ RunValue = float | Array | Mapping[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """The values (R, W) that R runs are to return: of each row one of each of the `responses`.
+    """Which W values each of R runs returns: row by row, and of each row one of each response.
 
-    `rows` (R,) says how many rows a run serves, `experiments` (R,) names them; None where every run
-    is one row. `observed` (R, W) are the values that must be finite; None is all of them.
+    `rows` (R,) is how many rows a run serves, `experiments` (R,) the ids of the experiments; both
+    are None if every run is one row. `observed` (R, W) are the values that an experiment measured,
+    which must be finite; None is all of them.
     """
 
     responses: tuple[str, ...] = ("",)
@@ -195,7 +196,7 @@ class Form:
 
     @classmethod
     def of(cls, units: Units, cases: Cases, ids: Sequence[str]) -> Form:
-        """The form of one run of each case, in their order."""
+        """The form of the runs of all cases."""
         observed = np.zeros((len(cases), units.width), dtype=np.bool_)
         observed[cases.condition[units.unit], units.column] = True
         experiments = np.array(ids, dtype=object)[units.experiment[cases.first]]
@@ -219,12 +220,12 @@ class Form:
         )
 
     def missing(self, values: Array) -> Flags:
-        """(R, W) which values are wanted and not finite."""
+        """(R, W) which values are observed by an experiment and not finite."""
         wrong = ~np.isfinite(values)
         return wrong if self.observed is None else wrong & self.observed
 
     def fault(self, run: int, column: int, value: float) -> str:
-        """What is said of a value that is not finite.
+        """The message about a value that is not finite.
 
         >>> Form(("speed", "time"), 4, np.array([2])).fault(0, 3, np.nan)
         'it returned nan for time in row 2 of 2'
@@ -239,8 +240,8 @@ class Form:
         """Values (count, W) of the first `count` runs, NaN where a run has fewer.
 
         `returned` is an array (count,) of numbers, a mapping from responses to such arrays, or a
-        list of answers. Raises SimulatorError for a wrong shape or type, a response that is not
-        there, and a series of the wrong length.
+        list with what each run returned. Raises SimulatorError for a wrong shape or type, a missing
+        response, and a series of the wrong length.
         """
         if not count:
             return np.empty((0, self.width))
@@ -337,9 +338,6 @@ def _real(simulator: Simulator, part: object) -> Array:
         ) from None
 
 
-ONE = Form()
-
-
 @dataclass(frozen=True, eq=False)
 class Bound:
     """A simulator with the cases of a table, and with names for the n columns of x.
@@ -356,7 +354,7 @@ class Bound:
     simulator: Simulator
     cases: Cases
     parameters: tuple[str, ...]
-    form: Form = ONE
+    form: Form = Form()
 
     def columns(self, case: Indices, x: Array) -> tuple[Columns, Columns]:
         """Conditions and parameters of runs of `case` (R,) at x (R, n), by name."""

@@ -1,4 +1,4 @@
-"""Where a program's outcome is found in what it wrote."""
+"""Outputs of a program: where its outcome stands in the files that it wrote."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def finite(text: str, where: str) -> float:
 
 
 def number(text: str, where: str) -> float:
-    """A number, finite or not: one of a series may be missing where nobody measured.
+    """A number, finite or not: a series may lack values that no experiment measured.
 
     >>> number("NaN", "result.txt")
     nan
@@ -58,7 +58,7 @@ class Output(Protocol):
 
     @property
     def file(self) -> str | None:
-        """The file that it reads, in the folder of the run; None where it is not known."""
+        """The file that it reads, in the folder of the run; None if it may be any."""
 
     def read(self, folder: Path) -> float:
         """The outcome; raises RunFailed where there is none."""
@@ -74,9 +74,8 @@ class Output(Protocol):
 class OutputFile:
     """A file in the folder of a run, or what was printed: "stdout" or "stderr".
 
-    As it is: the file holds nothing but the number, or for a series numbers between white space.
-    Raises SimulatorError for a name that leads
-    out of the folder.
+    The file holds nothing but the number, or for a series numbers between white space. Raises
+    SimulatorError for a name that leads out of the folder.
     """
 
     file: str = "stdout"
@@ -85,7 +84,7 @@ class OutputFile:
         within(self.file, "the output file")
 
     def text(self, folder: Path) -> str:
-        """What the file holds; raises RunFailed if there is no such file."""
+        """The text of the file; raises RunFailed if there is no such file."""
         path = folder / _STREAMS.get(self.file, self.file)
         try:
             return read_text(path)
@@ -108,7 +107,7 @@ class OutputFile:
         return [number(text, self.file) for text in self.text(folder).split()]
 
     def fingerprint(self) -> str:
-        """Every choice by name."""
+        """All settings by name."""
         return repr(self)
 
 
@@ -116,7 +115,7 @@ class OutputFile:
 class RegexOutput(OutputFile):
     """The one group of a regular expression; `match` counts from 0, and -1 is the last.
 
-    `^` and `$` match at every line. Of a series every match is a number.
+    `^` and `$` match at every line. In a series every match is a number.
 
     Raises SimulatorError for an expression that is wrong or does not have exactly one group.
     """
@@ -159,11 +158,11 @@ class RegexOutput(OutputFile):
 
 @dataclass(frozen=True)
 class HookOutput:
-    """A Python function "module.py:name": its folder and what it printed to the outcome.
+    """A Python function "module.py:name" that finds the outcome of a run.
 
     It is called as `function(folder: Path, stdout: str) -> float`; for a series it returns an array
-    of a number for each row, or a number. `base` is the folder that the
-    reference is relative to. Raises SimulatorError if there is no such function.
+    of a number for each row, or a number. `base` is the folder that the reference is relative to.
+    Raises SimulatorError if there is no such function.
     """
 
     reference: str
@@ -175,10 +174,10 @@ class HookOutput:
 
     @property
     def file(self) -> None:
-        """Not known: the function opens what it needs."""
+        """None: the function may read any file."""
 
     def read(self, folder: Path) -> float:
-        """What the function returns."""
+        """The number that the function returns."""
         found = self._called(folder)
         if isinstance(found, (bool, str, bytes)):
             raise self._wrong(found, "a number")
@@ -189,7 +188,7 @@ class HookOutput:
         return finite(repr(value), f"the output hook {self.reference}")
 
     def series(self, folder: Path) -> Series:
-        """What the function returns."""
+        """The numbers that the function returns."""
         found = self._called(folder)
         try:
             values = np.asarray(found, dtype=np.float64)
@@ -207,8 +206,8 @@ class HookOutput:
         except Exception as error:
             raise RunFailed(f"the output hook {self.reference} raised {describe(error)}") from error
 
-    def _wrong(self, found: object, wanted: str) -> RunFailed:
-        return RunFailed(f"the output hook {self.reference} returned {found!r:.60}, not {wanted}")
+    def _wrong(self, found: object, kind: str) -> RunFailed:
+        return RunFailed(f"the output hook {self.reference} returned {found!r:.60}, not {kind}")
 
     def fingerprint(self) -> str:
         """The hash of the function's source and of the modules beside it."""
@@ -217,11 +216,11 @@ class HookOutput:
 
 @dataclass(frozen=True)
 class CsvOutput(OutputFile):
-    """A cell of a table; of a series a whole column. A column by name has its header in the first
-    line after `skip` lines.
+    """A cell of a table, or for a series a whole column.
 
-    A column by number counts from 0, and the table then has no header. Rows count from 0 after the
-    header, and -1 is the last; empty lines do not count. `delimiter = " "` is any white space.
+    A column that is named stands in the header, the first line after `skip` lines. Columns that are
+    numbers count from 0, and the table then has no header. Rows count from 0 after the header, and
+    -1 is the last; empty lines do not count. `delimiter = " "` is any white space.
 
     Raises SimulatorError for a delimiter of more than one character.
     """
@@ -286,9 +285,9 @@ class CsvOutput(OutputFile):
 
 @dataclass(frozen=True)
 class JsonOutput(OutputFile):
-    """A place in a JSON document: keys and positions from 0, with points between them.
+    """A place in a JSON document: keys and positions (from 0), separated by points.
 
-    A series has a list there, with null where there is no number.
+    For a series a list stands there, with null for a missing number.
     """
 
     path: str = ""
@@ -331,5 +330,5 @@ class JsonOutput(OutputFile):
 
 
 def _is_number(value: Any) -> bool:
-    """Whether it may be a number; as a text too, which `number` looks at."""
+    """Whether a value is a number, or a text that `number` may read."""
     return isinstance(value, (int, float, str)) and not isinstance(value, bool)
