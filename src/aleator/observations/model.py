@@ -244,7 +244,7 @@ class NormalError:
             for which, between in (
                 (narrow, _narrow),
                 (~narrow & (a >= 0.0), _beyond),
-                (~narrow & ~(a >= 0.0), _around),
+                (~narrow & ~(a >= 0.0), _across),
             ):
                 if np.any(which):
                     found = between(a[which], b[which])
@@ -290,7 +290,7 @@ def _beyond(a: Array, b: Array) -> _Found:
     return special.log_ndtr(-a) + np.log(left), at_a - at_b, moved
 
 
-def _around(a: Array, b: Array) -> _Found:
+def _across(a: Array, b: Array) -> _Found:
     """a < 0 < b: P is a sum of two positive numbers."""
     probability = 0.5 * (special.erf(b / ROOT_2) + special.erf(-a / ROOT_2))
     at_a, at_b = (np.exp(-0.5 * u**2 - HALF_LOG_2_PI) / probability for u in (a, b))
@@ -344,7 +344,7 @@ class StudentError:
         return "student_t" if isinstance(self.df, Free) else f"student_t({self.df:g})"
 
     @property
-    def _known(self) -> float:
+    def _df(self) -> float:
         if isinstance(self.df, Free):
             raise InputsError(
                 "the degrees of freedom are to be identified and have no value",
@@ -354,7 +354,7 @@ class StudentError:
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
         """log c - (df + 1)/2 log(1 + u^2/df) - log scale, with derivatives."""
-        df, u = self._known, (y - eta) / scale
+        df, u = self._df, (y - eta) / scale
         square = u * u
         pull = (df + 1.0) * u / (df + square)
         value = _log_density(df, square) - np.log(scale)
@@ -365,7 +365,7 @@ class StudentError:
 
         An interval narrower than 1e-3 scales is its width times the density in its middle.
         """
-        df = self._known
+        df = self._df
         with np.errstate(all="ignore"):
             a, b = np.broadcast_arrays((lower - eta) / scale, (upper - eta) / scale)
             ends = (_log_density(df, a * a), _log_density(df, b * b))
@@ -373,7 +373,7 @@ class StudentError:
 
     def curvature(self, y: Array, eta: Array, scale: Array) -> Array:
         """(df + 1)(df - u^2)/(df + u^2)^2/scale^2, negative where |u| > sqrt(df)."""
-        df, square = self._known, ((y - eta) / scale) ** 2
+        df, square = self._df, ((y - eta) / scale) ** 2
         return (df + 1.0) * (df - square) / ((df + square) * scale) ** 2
 
     def by_shapes(
@@ -398,18 +398,18 @@ class StudentError:
 
     def cdf(self, y: Array, eta: Array, scale: Array) -> Array:
         """F((y - eta)/scale)."""
-        return np.asarray(special.stdtr(self._known, (y - eta) / scale))
+        return np.asarray(special.stdtr(self._df, (y - eta) / scale))
 
     def quantile(self, probability: Array, eta: Array, scale: Array) -> Array:
         """Eta + scale F^-1(probability)."""
-        return np.asarray(eta + scale * special.stdtrit(self._known, probability))
+        return np.asarray(eta + scale * special.stdtrit(self._df, probability))
 
     def moments(self, order: int) -> Array:
         """Those of order below df exist: E[t^m] = df^(m/2) G((m+1)/2) G((df-m)/2)/(G(1/2) G(df/2)).
 
         G is the gamma function; odd moments are zero.
         """
-        df, m = self._known, np.arange(order + 1)
+        df, m = self._df, np.arange(order + 1)
         with np.errstate(all="ignore"):
             log = (
                 0.5 * m * np.log(df)

@@ -303,13 +303,13 @@ class _DaskCluster:
     def __init__(self, address: str | Path | Client, settings: ClusterSettings) -> None:
         self._settings = settings
         self._client: Any
-        self._own = isinstance(address, (str, Path))
-        self._client = _connected(str(address), settings) if self._own else address
+        self._connected_here = isinstance(address, (str, Path))
+        self._client = _connected(str(address), settings) if self._connected_here else address
         self._at = str(getattr(self._client.scheduler, "address", address))
         self._loop = self._client.loop.asyncio_loop
         self._call = _caller()
         self._senders: dict[str, Any] = {}
-        self._asked: dict[str, Future[dict[str, Any]]] = {}
+        self._version_answers: dict[str, Future[dict[str, Any]]] = {}
 
     def alive(self) -> bool:
         return bool(self._client.status == "running")
@@ -321,12 +321,12 @@ class _DaskCluster:
         """Why these workers cannot be used, "" for one that can, nothing for one that is silent."""
         found = {}
         for worker in workers:
-            answer = self._asked.get(worker)
+            answer = self._version_answers.get(worker)
             if answer is None:
                 asking = self._versions(worker)
-                self._asked[worker] = run_coroutine_threadsafe(asking, self._loop)
+                self._version_answers[worker] = run_coroutine_threadsafe(asking, self._loop)
             elif answer.done():
-                del self._asked[worker]
+                del self._version_answers[worker]
                 if answer.exception() is None:
                     found[worker] = _fault(answer.result())
         return found
@@ -359,9 +359,9 @@ class _DaskCluster:
         )
 
     def close(self) -> None:
-        for answer in self._asked.values():
+        for answer in self._version_answers.values():
             answer.cancel()
-        if self._own:
+        if self._connected_here:
             with suppress(TimeoutError, OSError):  # of a scheduler that does not answer
                 self._client.close(timeout=self._settings.leave)
 

@@ -192,12 +192,12 @@ class Derivation:
         """The variables of all expressions."""
         return frozenset(name for _, expression in self.expressions for name in expression.names)
 
-    def made(self, given: Mapping[str, Any]) -> dict[str, Any]:
+    def made(self, inputs: Mapping[str, Any]) -> dict[str, Any]:
         """The computed parameters by name, from columns or from the values of one run.
 
         Raises SimulatorError for a condition that is a text, or a series in a simulator of one row.
         """
-        values, made = dict(given), {}
+        values, made = dict(inputs), {}
         for name, expression in self.expressions:
             for used in expression.names:
                 if np.asarray(values[used]).dtype.kind not in "fiub":
@@ -211,8 +211,8 @@ class Derivation:
 
 
 @lru_cache
-def _derivation(texts: tuple[tuple[str, str], ...], known: tuple[str, ...]) -> Derivation:
-    return Derivation.of(dict(texts), known)
+def _derivation(texts: tuple[tuple[str, str], ...], variables: tuple[str, ...]) -> Derivation:
+    return Derivation.of(dict(texts), variables)
 
 
 class _Calculated:
@@ -261,7 +261,7 @@ class Derived:
 
     def __init__(self, inner: Simulator, expressions: Mapping[str, str]) -> None:
         self.inner, self.expressions = inner, dict(expressions)
-        self._known: dict[tuple[tuple[str, ...], ...], tuple[str, ...]] = {}
+        self._passed_names: dict[tuple[tuple[str, ...], ...], tuple[str, ...]] = {}
 
     def __getattr__(self, name: str) -> Any:
         """A member of the simulator itself."""
@@ -292,10 +292,12 @@ class Derived:
     def passed(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The parameters that the simulator itself is given: all that it accepts."""
         names = tuple(conditions), tuple(parameters)
-        if names not in self._known:
+        if names not in self._passed_names:
             used = self._of(conditions, parameters).used
-            self._known[names] = _passed(self.inner, names[0], (*names[1], *self.expressions), used)
-        return self._known[names]
+            self._passed_names[names] = _passed(
+                self.inner, names[0], (*names[1], *self.expressions), used
+            )
+        return self._passed_names[names]
 
     def _of(self, conditions: Sequence[str], parameters: Sequence[str]) -> Derivation:
         return _derivation(tuple(self.expressions.items()), (*conditions, *parameters))

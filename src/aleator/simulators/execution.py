@@ -30,13 +30,13 @@ from aleator.simulators.units import Bound, Units
 class RunProgress:
     """Reports to `progress` how many of `total` new runs are done, from `patience` s on.
 
-    >>> RunProgress.text(30, 100, known=10, failed=2, retried=0, rate=4.0)
+    >>> RunProgress.text(30, 100, reused=10, failed=2, retried=0, rate=4.0)
     '30 of 100 runs, 10 of them known, 2 failed, 4 runs/s, about 18 s left'
     """
 
-    def __init__(self, progress: Progress, total: int, known: int, patience: float = 1.0) -> None:
+    def __init__(self, progress: Progress, total: int, reused: int, patience: float = 1.0) -> None:
         self._patience = patience
-        self._progress, self._total, self._known = progress, total + known, known
+        self._progress, self._total, self._reused = progress, total + reused, reused
         self._done = self._failed = self._retried = 0
         self._began = time.monotonic()
 
@@ -44,12 +44,12 @@ class RunProgress:
         """Count runs that were just done, `failed` of them without an outcome."""
         self._done, self._failed = self._done + done, self._failed + failed
         seconds = time.monotonic() - self._began
-        if seconds > self._patience and self._done + self._known < self._total:
+        if seconds > self._patience and self._done + self._reused < self._total:
             text = self.text(
-                self._done + self._known, self._total, self._known, self._failed, self._retried,
+                self._done + self._reused, self._total, self._reused, self._failed, self._retried,
                 self._done / seconds,
             )  # fmt: skip
-            self._progress.update(text, self._done + self._known, self._total)
+            self._progress.update(text, self._done + self._reused, self._total)
 
     def retry(self, number: int) -> None:
         """Count that so many failed runs are tried again."""
@@ -64,10 +64,10 @@ class RunProgress:
         )
 
     @staticmethod
-    def text(done: int, total: int, known: int, failed: int, retried: int, rate: float) -> str:
+    def text(done: int, total: int, reused: int, failed: int, retried: int, rate: float) -> str:
         """The line of progress."""
         parts = [f"{done:,} of {total:,} runs"]
-        parts += [f"{known:,} of them known"] if known else []
+        parts += [f"{reused:,} of them known"] if reused else []
         parts += [f"{failed:,} failed"] if failed else []
         parts += [f"{retried:,} tried again"] if retried else []
         parts.append(f"{rate:.3g} runs/s")
@@ -177,7 +177,7 @@ class RunCache:
         """A case as it is stored."""
         if (named, case) not in self._cases:
             self._cases[named, case] = Case.of(
-                self._bound.cases.values(case),
+                self._bound.cases.at(case),
                 self._bound.parameters,
                 int(self._rows[case]) if self._series else None,
                 self._responses if named else (),

@@ -37,19 +37,19 @@ class Messages:
             ("failed", "simulator") if failure.kind == "RunFailed" else ("raised", "function")
         )
         return self._no_outcome(
-            f" {what} for {self._run(tried, row)}: {_told(failure)}",
+            f" {what} for {self._run(tried, row)}: {_with_log(failure)}",
             f"mend the {who} for the conditions {self._conditions(tried, row)}",
             tried,
             np.arange(len(tried)) == row,
         )
 
-    def too_many(self, tried: Runs, failed: int, asked: int) -> SimulatorError:
+    def too_many(self, tried: Runs, failed: int, total: int) -> SimulatorError:
         """The error where too large a share of all runs failed."""
         row = min(tried.failures)
-        hint = "mend the simulator: no run of it worked" if failed == asked else ""
+        hint = "mend the simulator: no run of it worked" if failed == total else ""
         return self._no_outcome(
-            f": {failed:,} of {asked:,} runs failed, too many to go on; the first for "
-            f"{self._run(tried, row)}: {_told(tried.failures[row])}",
+            f": {failed:,} of {total:,} runs failed, too many to go on; the first for "
+            f"{self._run(tried, row)}: {_with_log(tried.failures[row])}",
             f"{hint or self._narrower(tried, row)}; or check the conditions of the experiment: "
             f"{self._conditions(tried, row)}",
             tried,
@@ -104,7 +104,7 @@ class Messages:
 
     def _conditions(self, runs: Runs, row: int) -> str:
         return ", ".join(
-            f"{name}={_shown(v)}" for name, v in self.cases.values(int(runs.case[row])).items()
+            f"{name}={_shown(v)}" for name, v in self.cases.at(int(runs.case[row])).items()
         )
 
     def _narrower(self, tried: Runs, row: int) -> str:
@@ -124,7 +124,7 @@ def _failed(runs: Runs) -> Flags:
     return np.isin(np.arange(len(runs)), list(runs.failures))
 
 
-def _told(failure: Failure) -> str:
+def _with_log(failure: Failure) -> str:
     return with_log(failure.message, failure.log or "")
 
 

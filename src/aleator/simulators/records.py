@@ -369,7 +369,7 @@ def read(store: Store, path: Path, simulator: Simulator | None = None) -> Import
         of_case = of_simulator.setdefault(run.simulator, {})
         case = Case.of(run.conditions, run.parameters, run.rows, run.responses)
         if simulator is not None and run.simulator == own and case not in of_case:
-            _require_asked(f"{path}: line {line}", simulator, run)
+            _require_usable(f"{path}: line {line}", simulator, run)
         of_case.setdefault(case, []).append(run)
     total = added = different = 0
     for identity, of_case in of_simulator.items():
@@ -390,7 +390,7 @@ def _x(case: Case, run: StoredRun) -> bytes:
     return np.array([run.parameters[name] for name in case.parameters], dtype="<f8").tobytes()
 
 
-def _require_asked(where: str, simulator: Simulator, run: StoredRun) -> None:
+def _require_usable(where: str, simulator: Simulator, run: StoredRun) -> None:
     """Raise StoreError for a run with names that the simulator is never called with."""
     remedy = "correct the names of the columns; nothing was imported"
     try:

@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,9 +31,6 @@ from aleator.simulators.units import Bound, Cases, Form, Units
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
     from aleator.observations.responses import Transform
-
-
-HOUR = timedelta(hours=1).total_seconds()
 
 
 @dataclass(frozen=True)
@@ -63,27 +60,13 @@ class Budget:
         return " and ".join(runs + hours)
 
 
-class RunCounter(Protocol):
-    """Counts runs: the number that was `tried`, and the seconds of the clock `waited` for them."""
-
-    tried: int
-    waited: float
-
-
 class Account:
-    """What is left of a budget, from now on: the runs that `by` counts are taken from it.
+    """What is left of a budget, from now on: the runs that `by` makes are taken from it.
 
-    `refused` tells whether any request was cut.
-
-    >>> from types import SimpleNamespace
-    >>> made = SimpleNamespace(tried=0, waited=0.0)
-    >>> account = Account(Budget(runs=500), made)
-    >>> made.tried = 300
-    >>> account.granted(250, reserve=10), account.refused
-    (190, True)
+    `refused` says whether any request was cut.
     """
 
-    def __init__(self, budget: Budget, by: RunCounter) -> None:
+    def __init__(self, budget: Budget, by: Execution) -> None:
         self.budget, self.refused = budget, False
         self._by, self._before = by, by.tried
         self._began = time.monotonic()
@@ -104,7 +87,8 @@ class Account:
         left = math.inf if self.budget.runs is None else self.budget.runs - self.made
         if self.budget.hours is None or not self._by.waited:
             return left
-        seconds = self.budget.hours * HOUR - (time.monotonic() - self._began)
+        hours = timedelta(hours=self.budget.hours)
+        seconds = hours.total_seconds() - (time.monotonic() - self._began)
         return min(left, seconds * self._by.tried / self._by.waited)
 
 
@@ -143,8 +127,8 @@ class Runner:
     after the transforms. A run is a case (see `cases`: units under equal conditions are one) and an
     x, every bit of it; the runner remembers it, and makes none twice. With a `store` it takes runs
     from there, and commits every new one as soon as it is known, one that failed with its message.
-    `asked` are the conditions that the simulator takes; `varying` names those that a series gets as
-    arrays even if they are constant in the table.
+    `used_conditions` are those that the simulator takes; a series gets those of `varying` as arrays
+    even if they are constant in the table.
 
     Runs are made in this process, one batch after the other, or by the workers of an `executor`
     (any concurrent.futures.Executor); outcomes do not depend on it. A run that fails is tried again
@@ -196,9 +180,9 @@ class Runner:
         self.executor, self.retries = executor, retries
         self.max_failed, self.min_failed, self._batching = max_failed, min_failed, batching
         table = experiments.conditions
-        self.asked = self.simulator.asks([*map(str, table.columns)], self.parameters)
+        self.used_conditions = self.simulator.asks([*map(str, table.columns)], self.parameters)
         self._served = served = Units.of(experiments, getattr(self.simulator, "series", False))
-        columns = served.columns(table, self.asked, varying)
+        columns = served.columns(table, self.used_conditions, varying)
         self.cases = Cases.of(columns, len(served), served.rows if served.series else None)
         form = Form.of(served, self.cases, self.ids)
         self._bound = bound = Bound(self.simulator, self.cases, self.parameters, form)
@@ -444,9 +428,11 @@ class Runner:
         keys = Runs.planned(case, np.asarray(x, dtype=np.float64)).keys()
         return keys, [*dict.fromkeys(keys)]
 
-    def _making(self, missing: Sequence[bytes], asked: int) -> closing[Generator[Runs, None, None]]:
+    def _making(
+        self, missing: Sequence[bytes], requested: int
+    ) -> closing[Generator[Runs, None, None]]:
         """The missing ones of so many requested runs, as they are made."""
-        progress = RunProgress(self.progress, len(missing), asked - len(missing))
+        progress = RunProgress(self.progress, len(missing), requested - len(missing))
         return closing(self._execution.make(missing, progress))
 
     def _too_many(self, before: int, most: float, whole: int) -> bool:

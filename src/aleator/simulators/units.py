@@ -61,12 +61,8 @@ class Cases:
         distinct = {name: column[first] for name, column in columns.items()}
         return cls(distinct, first.astype(np.intp), condition.astype(np.intp))
 
-    def at(self, case: Indices) -> dict[str, NDArray[Any]]:
-        """The conditions of some runs, by name, whose cases are `case` (R,)."""
-        return {name: column[case] for name, column in self.columns.items()}
-
-    def values(self, case: int) -> dict[str, Any]:
-        """The conditions of one case by name."""
+    def at(self, case: Indices | int) -> dict[str, Any]:
+        """The conditions by name of one case, or of runs whose cases are `case` (R,)."""
         return {name: column[case] for name, column in self.columns.items()}
 
 

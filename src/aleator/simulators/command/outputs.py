@@ -49,10 +49,6 @@ def number(text: str, where: str) -> float:
 _STREAMS = {"stdout": STDOUT, "stderr": STDERR}
 
 
-Series = float | list[float]
-"""The outcome of a series: a number for each row, or one for all of them."""
-
-
 class Output(Protocol):
     """Finds the outcome of a run that ended well."""
 
@@ -60,11 +56,11 @@ class Output(Protocol):
     def file(self) -> str | None:
         """The file that it reads, in the folder of the run; None if it may be any."""
 
-    def read(self, folder: Path) -> float:
-        """The outcome; raises RunFailed where there is none."""
+    def read(self, folder: Path, series: bool) -> float | list[float]:
+        """The outcome, a finite number; of a series a number for each row, or one for all of them.
 
-    def series(self, folder: Path) -> Series:
-        """The outcome of a whole experiment; raises RunFailed where there is none."""
+        Raises RunFailed if there is none.
+        """
 
     def fingerprint(self) -> str:
         """A text that changes when another number may be found."""
@@ -98,13 +94,20 @@ class OutputFile:
                 f"{', '.join(sorted(wrote)[:8]) or 'nothing'}"
             ) from None
 
-    def read(self, folder: Path) -> float:
-        """The number that the file holds."""
-        return finite(self.text(folder).strip(), self.file)
+    def read(self, folder: Path, series: bool) -> float | list[float]:
+        """The number in the file, or all numbers of a series."""
+        text = self.text(folder)
+        if series:
+            return [number(one, self.file) for one in self.every(text)]
+        return finite(self.one(text), self.file)
 
-    def series(self, folder: Path) -> Series:
-        """The numbers that the file holds."""
-        return [number(text, self.file) for text in self.text(folder).split()]
+    def one(self, text: str) -> str:
+        """The part of the file's text that is the outcome."""
+        return text.strip()
+
+    def every(self, text: str) -> list[str]:
+        """The parts of the file's text that are the values of a series."""
+        return text.split()
 
     def fingerprint(self) -> str:
         """All settings by name."""
@@ -138,22 +141,21 @@ class RegexOutput(OutputFile):
                 "put the number in parentheses, and write (?:...) for other groups",
             )
 
-    def read(self, folder: Path) -> float:
-        """The number in the group."""
-        found = re.findall(self.regex, self.text(folder), re.MULTILINE)
+    def one(self, text: str) -> str:
+        """The group of the match."""
+        found = self.every(text)
         if not -len(found) <= self.match < len(found):
             raise RunFailed(
                 f"the regex {self.regex!r} matches {len(found)} times in '{self.file}', "
-                f"match {self.match} is wanted"
+                f"match {self.match} is needed"
                 if found
                 else f"the regex {self.regex!r} matches nothing in '{self.file}'"
             )
-        return finite(found[self.match], self.file)
+        return found[self.match]
 
-    def series(self, folder: Path) -> Series:
-        """The numbers in the group of every match."""
-        found = re.findall(self.regex, self.text(folder), re.MULTILINE)
-        return [number(text, self.file) for text in found]
+    def every(self, text: str) -> list[str]:
+        """The group of every match."""
+        return re.findall(self.regex, text, re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -176,35 +178,25 @@ class HookOutput:
     def file(self) -> None:
         """None: the function may read any file."""
 
-    def read(self, folder: Path) -> float:
-        """The number that the function returns."""
-        found = self._called(folder)
-        if isinstance(found, (bool, str, bytes)):
-            raise self._wrong(found, "a number")
-        try:
-            value = float(found)
-        except (TypeError, ValueError, OverflowError):
-            raise self._wrong(found, "a number") from None
-        return finite(repr(value), f"the output hook {self.reference}")
-
-    def series(self, folder: Path) -> Series:
-        """The numbers that the function returns."""
-        found = self._called(folder)
-        try:
-            values = np.asarray(found, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise self._wrong(found, "an array of numbers") from None
-        if values.ndim > 1:
-            raise self._wrong(found, "a number for each row")
-        listed: Series = values.tolist()
-        return listed
-
-    def _called(self, folder: Path) -> Any:
+    def read(self, folder: Path, series: bool) -> float | list[float]:
+        """The number that the function returns, or the numbers of a series."""
         function = load_function(self.reference, self.base)
         try:
-            return function(folder, read_text(folder / STDOUT))
+            found = function(folder, read_text(folder / STDOUT))
         except Exception as error:
             raise RunFailed(f"the output hook {self.reference} raised {describe(error)}") from error
+        if not series and isinstance(found, (bool, str, bytes)):
+            raise self._wrong(found, "a number")
+        try:
+            values = np.asarray(found, dtype=np.float64) if series else np.float64(float(found))
+        except (TypeError, ValueError, OverflowError):
+            raise self._wrong(found, "an array of numbers" if series else "a number") from None
+        if values.ndim > 1:
+            raise self._wrong(found, "a number for each row")
+        if not series:
+            return finite(repr(float(values)), f"the output hook {self.reference}")
+        listed: float | list[float] = values.tolist()
+        return listed
 
     def _wrong(self, found: object, kind: str) -> RunFailed:
         return RunFailed(f"the output hook {self.reference} returned {found!r:.60}, not {kind}")
@@ -238,21 +230,33 @@ class CsvOutput(OutputFile):
                 'write one character, such as "," or ";" or "\\t", and skip = 0 or more lines',
             )
 
-    def read(self, folder: Path) -> float:
-        """The number in the cell."""
-        rows, column = self._body(folder)
+    def one(self, text: str) -> str:
+        """The cell."""
+        rows, column = self._body(text)
         if not -len(rows) <= self.row < len(rows):
-            raise RunFailed(f"'{self.file}' has {len(rows)} rows, row {self.row} is wanted")
-        return finite(self._cell(rows, self.row, column), self.file)
+            raise RunFailed(f"'{self.file}' has {len(rows)} rows, row {self.row} is needed")
+        return self._cell(rows, self.row, column)
 
-    def series(self, folder: Path) -> Series:
-        """The numbers in the column, row by row."""
-        rows, column = self._body(folder)
-        return [number(self._cell(rows, k, column), self.file) for k in range(len(rows))]
+    def every(self, text: str) -> list[str]:
+        """The column, row by row."""
+        rows, column = self._body(text)
+        return [self._cell(rows, k, column) for k in range(len(rows))]
 
-    def _body(self, folder: Path) -> tuple[list[list[str]], int]:
-        """The rows after the header, and which column it is."""
-        rows, column = self._rows(folder), self.column
+    def _body(self, text: str) -> tuple[list[list[str]], int]:
+        """The rows after the header, and the position of the column."""
+        lines, column = text.splitlines()[self.skip :], self.column
+        try:
+            rows = [
+                row
+                for row in (
+                    map(str.split, lines)
+                    if self.delimiter == " "
+                    else csv.reader(lines, delimiter=self.delimiter, skipinitialspace=True)
+                )
+                if row
+            ]
+        except csv.Error as error:
+            raise RunFailed(f"'{self.file}' is not a table: {error}") from None
         if not isinstance(column, str):
             return rows, column
         header = [cell.strip() for cell in rows[0]] if rows else []
@@ -268,19 +272,9 @@ class CsvOutput(OutputFile):
         if not -len(cells) <= column < len(cells):
             raise RunFailed(
                 f"row {row} of '{self.file}' has {len(cells)} columns, column "
-                f"{self.column!r} is wanted"
+                f"{self.column!r} is needed"
             )
         return cells[column].strip()
-
-    def _rows(self, folder: Path) -> list[list[str]]:
-        lines = self.text(folder).splitlines()[self.skip :]
-        if self.delimiter == " ":
-            return [line.split() for line in lines if line.strip()]
-        try:
-            rows = list(csv.reader(lines, delimiter=self.delimiter, skipinitialspace=True))
-        except csv.Error as error:
-            raise RunFailed(f"'{self.file}' is not a table: {error}") from None
-        return [row for row in rows if row]
 
 
 @dataclass(frozen=True)
@@ -292,25 +286,19 @@ class JsonOutput(OutputFile):
 
     path: str = ""
 
-    def read(self, folder: Path) -> float:
-        """The number at that place."""
-        at = self._at(folder)
-        if not _is_number(at):
-            raise RunFailed(f"'{self.path}' in '{self.file}' is {at!r:.60}, not a number")
-        return finite(str(at), self.file)
-
-    def series(self, folder: Path) -> Series:
-        """The list of numbers at that place, or one number."""
-        at = self._at(folder)
+    def read(self, folder: Path, series: bool) -> float | list[float]:
+        """The number at that place, or the list of numbers of a series."""
+        at = self._at(self.text(folder))
         if _is_number(at):
-            return number(str(at), self.file)
-        if not isinstance(at, list) or not all(one is None or _is_number(one) for one in at):
-            raise RunFailed(f"'{self.path}' in '{self.file}' is {at!r:.60}, not a list of numbers")
-        return [number("nan" if one is None else str(one), self.file) for one in at]
+            return (number if series else finite)(str(at), self.file)
+        if series and isinstance(at, list) and all(one is None or _is_number(one) for one in at):
+            return [number("nan" if one is None else str(one), self.file) for one in at]
+        kind = "a list of numbers" if series else "a number"
+        raise RunFailed(f"'{self.path}' in '{self.file}' is {at!r:.60}, not {kind}")
 
-    def _at(self, folder: Path) -> Any:
+    def _at(self, text: str) -> Any:
         try:
-            at: Any = json.loads(self.text(folder))
+            at: Any = json.loads(text)
         except ValueError as error:
             raise RunFailed(f"'{self.file}' is not JSON: {error}") from None
         for k, part in enumerate(parts := self.path.split(".")):

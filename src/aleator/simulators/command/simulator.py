@@ -273,20 +273,20 @@ class CommandSimulator:
         for a parameter without one.
         """
         known = (*conditions, *parameters)
-        own = self._own()
+        special = self._special()
         used = self._used()
         everything = any(feed.names is None for feed in self._feeds())
         for name, where in used.items():
-            if name in own and name in known:
+            if name in special and name in known:
                 raise SimulatorError(
-                    f"{where}: '{name}' stands for the {own[name]}, and is also the name of a "
+                    f"{where}: '{name}' stands for the {special[name]}, and is also the name of a "
                     "condition or a parameter",
                     "rename the column or the parameter",
                 )
-            if name not in own and name not in known:
+            if name not in special and name not in known:
                 raise SimulatorError(
                     f"{where}: '{name}' is neither a condition nor a parameter"
-                    f"{nearest(name, [*known, *own])}",
+                    f"{nearest(name, [*known, *special])}",
                     f"{name_lists(conditions, parameters)}; where no placeholder is meant, double "
                     "the braces in a command, or choose other delimiters for a file",
                 )
@@ -315,7 +315,7 @@ class CommandSimulator:
         stale = {one.file for one in self._outputs().values() if one.file}
         try:
             with self.folder.made(plain, sorted(stale.difference(written))) as folder:
-                found = self._made(folder, plain, {**constant, **self._own_values()}, varying)
+                found = self._made(folder, plain, {**constant, **self._special_values()}, varying)
         except OSError as error:
             raise prevented(error, "the folder of a run could not be made") from error
         return found if isinstance(self.output, Mapping) else found[""]
@@ -375,9 +375,9 @@ class CommandSimulator:
         return self.output if isinstance(self.output, Mapping) else {"": self.output}
 
     def _read(self, output: Output, folder: Path, varying: Mapping[str, list[Value]]) -> Any:
+        found = output.read(folder, self.series)
         if not self.series:
-            return output.read(folder)
-        found = output.series(folder)
+            return found
         rows = len(next(iter(varying.values()))) if varying else 1
         if isinstance(found, list) and varying and len(found) != rows:
             raise RunFailed(
@@ -405,13 +405,13 @@ class CommandSimulator:
             found += [(name, feed.where) for name in feed.names or ()]
         return dict(reversed(found))
 
-    def _own(self) -> dict[str, str]:
+    def _special(self) -> dict[str, str]:
         """Placeholders that are neither conditions nor parameters, and their meanings."""
         one = {INPUT: "input file"} if len(self.inputs) == 1 else {}
         rows = {ROWS: "table of the rows"} if self.series else {}
         return {STUDY: "folder of the study"} | one | rows
 
-    def _own_values(self) -> dict[str, str]:
+    def _special_values(self) -> dict[str, str]:
         values = {STUDY: str(self.base.absolute())}
         one = {INPUT: self.inputs[0].name} if len(self.inputs) == 1 else {}
         return values | one | ({ROWS: self.rows} if self.series else {})
