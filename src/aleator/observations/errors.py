@@ -144,7 +144,7 @@ def _sds_of_column(
 
 
 def _number(cell: object) -> float:
-    """A cell of a column that is not all numbers; NaN for a text."""
+    """The number in a cell of a column with texts; NaN for a text."""
     try:
         return float(str(cell))
     except ValueError:
@@ -254,7 +254,7 @@ class ResponseErrors:
 
     @cached_property
     def _scales(self) -> int:
-        """How many of the values are of the scale; the rest are shapes."""
+        """Number of the values that belong to the scale; the others are shapes."""
         return len(self.noise.hyperparameters) - len(self.noise.shapes)
 
     def _sd(self, values: Sequence[float], which: slice) -> Array:
@@ -330,7 +330,7 @@ class MeasurementErrors:
         return len(self.parts) == 1 and self.parts[0].noise.simple
 
     def of_others(self, seen: Observations) -> MeasurementErrors:
-        """The errors of other values at the same places."""
+        """The errors of other measured values of the same observations."""
         ends = seen.lower[:, None], seen.upper[:, None]
         return replace(
             self,
@@ -412,13 +412,13 @@ class MeasurementErrors:
         return found[0], found[1], found[2], found[3]
 
     def _at_once(self, eta: Array) -> bool:
-        """Whether one call does, which saves most of the time of a small one."""
+        """Whether one array operation suffices, which saves most of the time of small arrays."""
         return len(self.parts) == 1 and eta.size <= NUMERICS.together
 
     def _parts(
         self, values: Array, rows: slice
     ) -> Iterator[tuple[ResponseErrors, int, Indices, list[float]]]:
-        """Each response: its first observation in the rows, where they stand, its values."""
+        """For each response: its first observation in `rows`, all positions there, its values."""
         start = 0
         for part in self.parts:
             count = len(part.noise.hyperparameters)
@@ -430,7 +430,7 @@ class MeasurementErrors:
     def _models(
         self, values: Array, eta: Array, rows: slice
     ) -> Iterator[tuple[Indices, ObservationModel, Array]]:
-        """Each response: where its observations stand in the rows, their model and its scale."""
+        """For each response: positions of its observations in `rows`, their model and scale."""
         for part, first, at, mine in self._parts(values, rows):
             scale = part.scale(mine, eta[at], slice(first, first + len(at))).value
             yield at, part.model(mine), scale
@@ -439,7 +439,7 @@ class MeasurementErrors:
 def noise_hyperparameters(
     noise: Noise | Mapping[str, Noise] | None, names: tuple[str, ...]
 ) -> tuple[Hyperparameter, ...]:
-    """Those of the noise of responses of these names; none without noise.
+    """The hyperparameters of the noise of responses with these names; none without noise.
 
     >>> from aleator.laws import Free
     >>> [h.name for h in noise_hyperparameters({"a": Noise(1), "b": Noise(Free(1, 2))}, ("a", "b"))]
@@ -457,7 +457,7 @@ def _named(noises: Mapping[str, Noise]) -> tuple[Hyperparameter, ...]:
 
 
 def _blocks(at: Indices, nodes: int) -> Iterator[tuple[slice, slice | Indices]]:
-    """Parts of the positions `at`: each as a slice of them, and where it is among all."""
+    """Blocks of the positions `at`: slices of `at`, and the same positions in the whole array."""
     adjoin = len(at) > 0 and at[-1] - at[0] + 1 == len(at)
     for some in blocks(len(at), nodes, NUMERICS.together):
         yield some, slice(at[0] + some.start, at[0] + some.stop) if adjoin else at[some]

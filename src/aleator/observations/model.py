@@ -122,7 +122,7 @@ def is_bounded(model: ObservationModel) -> TypeGuard[Bounded]:
 
 
 def is_curved(model: ObservationModel) -> TypeGuard[CurvedModel]:
-    """Whether a model knows its second derivative."""
+    """Whether a model has a closed form of the second derivative."""
     return hasattr(model, "curvature")
 
 
@@ -274,14 +274,14 @@ _Found = tuple[Array, Array, Array]
 
 
 def _narrow(a: Array, b: Array) -> _Found:
-    """The integral of phi about the middle m, to the third power of the width d."""
+    """Case of a narrow interval: the integral of phi about its middle, to third order."""
     m, d = 0.5 * (a + b), b - a
     value = -0.5 * m**2 - HALF_LOG_2_PI + np.log(d) + np.log1p(d**2 * (m**2 - 1.0) / 24.0)
     return value, m - d**2 * m / 12.0, m**2 - 1.0 - d**2 * (2.0 * m**2 - 1.0) / 12.0
 
 
 def _beyond(a: Array, b: Array) -> _Found:
-    """0 <= a: P = Q(a)(1 - Q(b)/Q(a)) with the upper tails Q, whose ratios keep their digits."""
+    """Case 0 <= a: P = Q(a)(1 - Q(b)/Q(a)), since ratios of upper tails Q keep their digits."""
     tail, drop = special.erfcx(a / ROOT_2), 0.5 * (b - a) * (b + a)
     left = -np.expm1(np.log(special.erfcx(b / ROOT_2) / tail) - drop)
     at_a = np.sqrt(2.0 / np.pi) / (tail * left)
@@ -291,7 +291,7 @@ def _beyond(a: Array, b: Array) -> _Found:
 
 
 def _across(a: Array, b: Array) -> _Found:
-    """a < 0 < b: P is a sum of two positive numbers."""
+    """Case a < 0 < b: P is a sum of two positive numbers."""
     probability = 0.5 * (special.erf(b / ROOT_2) + special.erf(-a / ROOT_2))
     at_a, at_b = (np.exp(-0.5 * u**2 - HALF_LOG_2_PI) / probability for u in (a, b))
     moved = np.where(np.isinf(a), 0.0, a * at_a) - np.where(np.isinf(b), 0.0, b * at_b)
@@ -405,7 +405,7 @@ class StudentError:
         return np.asarray(eta + scale * special.stdtrit(self._df, probability))
 
     def moments(self, order: int) -> Array:
-        """Those of order below df exist: E[t^m] = df^(m/2) G((m+1)/2) G((df-m)/2)/(G(1/2) G(df/2)).
+        """Moments of order below df: E[t^m] = df^(m/2) G((m+1)/2) G((df-m)/2)/(G(1/2) G(df/2)).
 
         G is the gamma function; odd moments are zero.
         """
@@ -420,7 +420,7 @@ class StudentError:
 
 
 def _log_density(df: float, square: Array) -> Array:
-    """Of the standard law, by u^2."""
+    """Log-density of Student's standard law by u^2."""
     log_c = special.gammaln(0.5 * (df + 1.0)) - special.gammaln(0.5 * df) - 0.5 * np.log(df * np.pi)
     return np.asarray(log_c - 0.5 * (df + 1.0) * np.log1p(square / df))
 

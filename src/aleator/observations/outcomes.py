@@ -80,7 +80,7 @@ class Censoring:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns that say what is censored."""
+        """The columns that mark what is censored."""
         return tuple(name for name in (self.column, self.upper) if name is not None)
 
     @property
@@ -218,7 +218,7 @@ class OutcomeColumns:
 
     @property
     def taken(self) -> tuple[str, ...]:
-        """The columns that hold what was measured, and are no conditions."""
+        """All columns with measured values or their marks, which are no conditions."""
         censored = self.censored if isinstance(self.censored, Mapping) else {"": self.censored}
         said = [name for one in censored.values() if one is not None for name in one.columns]
         return (*self.columns, *([] if self.response is None else [self.response]), *said)
@@ -271,7 +271,7 @@ class OutcomeColumns:
         return {name: np.flatnonzero(of == name) for name in dict.fromkeys(words)}
 
     def _values(self, table: Table, response: Response, rows: Indices) -> ColumnValues:
-        """The values of a response as the likelihood sees them; ExperimentsError if it cannot."""
+        """The transformed values of a response; raises ExperimentsError if one has no logarithm."""
         column = response.name if self.response is None else self.columns[0]
         censored = self.censored
         censoring = censored.get(response.name) if isinstance(censored, Mapping) else censored

@@ -35,7 +35,7 @@ class Transform(StrEnum):
         return cls(text)
 
     def __call__(self, outcome: ArrayLike) -> Array:
-        """Outcomes in the original unit as the likelihood sees them; not finite where it cannot."""
+        """Transformed outcomes from those in the original unit; not finite without a logarithm."""
         values = np.asarray(outcome, dtype=np.float64)
         if self is Transform.NONE:
             return values
@@ -47,7 +47,7 @@ class Transform(StrEnum):
         return transformed if self is Transform.NONE else np.exp(transformed)
 
     def fault(self, outcome: float) -> str:
-        """Why a finite outcome cannot be transformed, "" if it can."""
+        """The reason why a finite outcome cannot be transformed, "" if it can."""
         if self is Transform.NONE or outcome > 0.0:
             return ""
         return f"the logarithm of {outcome:g} does not exist"
@@ -87,13 +87,13 @@ def responses_of(
 
 
 def common_transform(responses: Sequence[Response]) -> Transform:
-    """The transform that all responses have; none where they differ."""
+    """The common transform of all responses; Transform.NONE if they differ."""
     found = {response.transform for response in responses}
     return found.pop() if len(found) == 1 else Transform.NONE
 
 
 def require_responses(keys: Mapping[str, object], names: Sequence[str], what: str) -> None:
-    """Raise ExperimentsError where a key names no response; `what` says what the keys are of."""
+    """Raise ExperimentsError if a key names no response; `what` names the mapping in messages."""
     for key in keys:
         if key not in names:
             raise ExperimentsError(
@@ -187,20 +187,21 @@ class Observations:
 
     @cached_property
     def measured(self) -> Flags:
-        """Which values are known exactly, bool (M,)."""
+        """Whether each value is known exactly, bool (M,)."""
         return np.asarray(self.lower == self.upper)
 
     @cached_property
     def censored(self) -> Flags:
-        """Of which values only bounds are known, bool (M,)."""
+        """Whether only bounds of each value are known, bool (M,)."""
         return ~self.measured & ~np.isnan(self.lower)
 
 
 def limits_of_test(seen: Observations) -> list[tuple[float, float]] | None:
-    """Lower and upper limit of each response, infinite without one; values beyond are censored.
+    """Lower and upper limit of the test for each response, infinite without one.
 
-    A response whose right-censored values all have one bound has that as its upper limit. None
-    where bounds differ, and where values lie between two bounds: these are no limits of a test.
+    If all right-censored values of a response have the same bound, it is the upper limit; values
+    beyond it are censored. The result is None if bounds differ, or if values lie between two
+    bounds: these are no limits of a test.
 
     >>> seen = Observations.exact([1.0, 2.0, 2.0])
     >>> limits_of_test(replace(seen, upper=[1.0, np.inf, np.inf]))

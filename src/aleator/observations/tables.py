@@ -118,7 +118,7 @@ def _remedy(cell: object) -> str:
 
 
 def _outcome_remedy(cell: object) -> str:
-    """The same for a measured value; leaving out values beyond a bound would bias the law."""
+    """What to write in place of a measured value; deleting a bound would bias the law."""
     if _BOUND.fullmatch(_text(cell)):
         return (
             "say that cells with such a sign are bounds: censored = {signs = true}; without the "
@@ -279,7 +279,7 @@ def from_frame(frame: pd.DataFrame) -> Table:
 
 
 def _cells(column: pd.Series) -> list[object] | NDArray[Any]:
-    """An array of numbers as it is, which is fast; else the cells."""
+    """The cells of a column; of numbers as an array, which is fast."""
     plain = isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiu"
     return column.to_numpy() if plain else column.tolist()
 
@@ -360,7 +360,7 @@ def stated_units(path: str | Path, delimiter: str = ",") -> dict[str, str]:
 
 
 def _without_units(header: Sequence[str]) -> tuple[list[str], dict[str, str]]:
-    """Heads without their units, and these; heads that differ by their units only keep them.
+    """Heads without their units, and the units; heads that differ in the unit only keep it.
 
     >>> _without_units(["travel [mm]", "force [N]", "force [kN]", "id"])
     (['travel', 'force [N]', 'force [kN]', 'id'], {'travel': 'mm'})

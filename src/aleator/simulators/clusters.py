@@ -73,7 +73,7 @@ class _Call:
 
 
 class DaskExecutor(Executor):
-    """Calls for the workers of a cluster, which may come and go; `dask_executor` makes one.
+    """Executor on the workers of a Dask cluster, which may come and go; made by `dask_executor`.
 
     Each worker process has one call at a time, so that a simulator runs in one thread only, and the
     call of a lost worker is known. That call goes to another worker, before all that wait; if
@@ -131,7 +131,7 @@ class DaskExecutor(Executor):
         return call.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster; without `wait` calls that run are given up, their outcomes lost."""
+        """Leave the cluster; without `wait` running calls are given up and their outcomes lost."""
         with self._lock:
             self._end = self._end or RuntimeError("the executor was shut down")
             pending = [*self._open]
@@ -318,7 +318,7 @@ class _DaskCluster:
         return frozenset(self._client.nthreads(callback_timeout=self._settings.answer))
 
     def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
-        """Why these workers cannot be used, "" for one that can, nothing for one that is silent."""
+        """The reason why each worker cannot be used, "" if it can; none of a silent worker."""
         found = {}
         for worker in workers:
             answer = self._version_answers.get(worker)
@@ -409,7 +409,7 @@ def _connected(address: str, settings: ClusterSettings) -> Any:
 
 
 def _knock(address: str, settings: ClusterSettings) -> None:
-    """Raises an OSError or a ValueError where nobody listens."""
+    """Raise an OSError or a ValueError if nobody listens at this address."""
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
     place = parts.hostname or "", parts.port or settings.port
     with socket.create_connection(place, settings.connect):
@@ -417,7 +417,7 @@ def _knock(address: str, settings: ClusterSettings) -> None:
 
 
 def _fault(packages: Mapping[str, Any]) -> str:
-    """Why a worker with these versions cannot be used, as the end of a sentence."""
+    """The reason why a worker with these versions cannot be used, as the end of a sentence."""
     here = {"python": sys.version.split()[0], "aleator": version("aleator")}
     python = str(packages["python"]).split(".")
     if python[:2] != here["python"].split(".")[:2]:
@@ -450,7 +450,7 @@ _START = "mpiexec -n N python -m mpi4py.futures -m aleator ... --mpi (or a scrip
 
 @contextmanager
 def mpi_executor() -> Iterator[Executor]:
-    """The processes of this MPI job but the first, which runs the study, as an executor.
+    """Executor on all processes of this MPI job but the first, which runs the study.
 
     The job is to be started by `mpiexec -n N python -m mpi4py.futures SCRIPT`. Where one of its
     processes dies MPI ends all of them: the runs that a store holds are kept.

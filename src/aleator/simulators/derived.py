@@ -216,7 +216,7 @@ def _derivation(texts: tuple[tuple[str, str], ...], variables: tuple[str, ...]) 
 
 
 class _Calculated:
-    """A function with derived parameters, called as it is: with numbers or arrays by name."""
+    """A function that computes derived parameters and then calls the user's function."""
 
     def __init__(self, inner: FunctionSimulator, texts: Mapping[str, str]) -> None:
         self._inner, self._texts = inner, tuple(texts.items())
@@ -237,7 +237,7 @@ class DerivedFunction(FunctionSimulator):
         self.description = inner.description
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The function, as it reaches other processes, and the expressions."""
+        """Pickle the function in its own way, and the expressions."""
         return DerivedFunction, (self.inner, self.expressions)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
@@ -290,7 +290,7 @@ class Derived:
         return _fingerprint(self.inner, self.expressions)
 
     def passed(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The parameters that the simulator itself is given: all that it accepts."""
+        """The parameters that are passed to the simulator itself: all that it accepts."""
         names = tuple(conditions), tuple(parameters)
         if names not in self._passed_names:
             used = self._of(conditions, parameters).used

@@ -126,7 +126,7 @@ def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings 
 
 
 def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
-    """A column of cases as one of all their rows."""
+    """A column with an entry for each case, as one with an entry for each row of all cases."""
     if column.dtype == object and len(column) and isinstance(column[0], np.ndarray):
         return np.concatenate([*column])
     return np.repeat(column, rows)

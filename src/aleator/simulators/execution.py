@@ -124,7 +124,7 @@ class RunCache:
         return replace(runs, outcome=outcome, failures=worked)
 
     def _read(self, value: float | bytes | None, width: int) -> Array:
-        """The values of a run as the store has them, NaN behind the last; raises StoreError."""
+        """The stored values of a run, filled up with NaN; raises StoreError for a damaged run."""
         values = np.full(width, np.nan)
         try:
             found = np.frombuffer(value, "<f8") if isinstance(value, bytes) else np.array([value])

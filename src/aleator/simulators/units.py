@@ -77,7 +77,7 @@ def _numbered(column: NDArray[Any]) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """U units: the rows of a table, or its experiments where the simulator makes whole `series`.
+    """U units, each served by one run: rows of a table, or experiments if there are `series`.
 
     A run of a unit returns W values: its rows one after the other, and of each row the responses.
     `experiment` (U,) is the experiment of each unit, `rows` (U,) how many rows of it a run serves.
@@ -99,7 +99,7 @@ class Units:
 
     @classmethod
     def of(cls, table: Experiments | Conditions, series: bool = False) -> Units:
-        """The units of a table, whose `series` come by one run each or row by row.
+        """The units of a table: experiments if one run makes a whole series, else rows.
 
         >>> import pandas as pd
         >>> from aleator.observations.experiments import Conditions
@@ -271,7 +271,7 @@ class Form:
         return values
 
     def _of(self, simulator: Simulator, answer: Mapping[str, Any]) -> list[Any]:
-        """The parts of an answer in the order of the responses."""
+        """The values that one run returned, in the order of the responses."""
         for name in self.responses:
             if name not in answer:
                 raise SimulatorError(

@@ -44,7 +44,7 @@ class Delimiters:
 
     @property
     def pattern(self) -> str:
-        """A regular expression with the groups `name` and `spec`; it ends within the line."""
+        """A regular expression with the groups `name` and `spec` that matches within a line."""
         opening, closing = re.escape(self.opening), re.escape(self.closing)
         inside = rf"(?!{opening}|{closing})"
         name, spec = rf"(?:{inside}[^:\n])+", rf"(?:{inside}[^\n])*"
@@ -116,7 +116,7 @@ class Text:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the placeholders, each once, as they come first."""
+        """The names of the placeholders in the order of their first appearance."""
         named = (piece.name for piece in self.pieces if isinstance(piece, Placeholder))
         return tuple(dict.fromkeys(named))
 
@@ -237,7 +237,7 @@ class Feed(Protocol):
 
 @dataclass(frozen=True)
 class Template:
-    """A file with placeholders, read when it is named here; UTF-8, kept byte for byte elsewhere.
+    """A file with placeholders, which is read at once; bytes that are not UTF-8 are kept.
 
     `marks` are the delimiters of the placeholders in the file.
 
@@ -267,7 +267,7 @@ class Template:
 
     @property
     def where(self) -> str:
-        """The template by name."""
+        """The template with its file's name."""
         return self.text.where
 
     def write(self, values: Columns) -> str:

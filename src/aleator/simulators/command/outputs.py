@@ -21,7 +21,7 @@ from aleator.simulators.protocol import RunFailed, describe
 
 
 def finite(text: str, where: str) -> float:
-    """A finite number as programs write it; Fortran's 1.0D+3 too. Raises RunFailed.
+    """A finite number in a text, also as Fortran writes it (1.0D+3). Raises RunFailed.
 
     >>> finite("1.5D+03", "result.txt")
     1500.0
@@ -63,7 +63,7 @@ class Output(Protocol):
         """
 
     def fingerprint(self) -> str:
-        """A text that changes when another number may be found."""
+        """A text that changes with every setting that may change the outcome."""
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,7 @@ class Program:
 
     @property
     def name(self) -> str:
-        """What messages call the program: "solver", or with its script "python3 model.py"."""
+        """The name in messages: "solver", or with its script "python3 model.py"."""
         text = self.texts[0].fill(_Shown())
         own = Path(text.split()[0] if self.shell else text).name
         named = [] if self.shell else [path.name for path in self.files()[1:] if path.name != own]
@@ -371,7 +371,7 @@ class CommandSimulator:
         return digest.hexdigest()
 
     def _outputs(self) -> Mapping[str, Output]:
-        """The outputs by response; one alone has no name."""
+        """The outputs by response; a single one has the name ""."""
         return self.output if isinstance(self.output, Mapping) else {"": self.output}
 
     def _read(self, output: Output, folder: Path, varying: Mapping[str, list[Value]]) -> Any:
@@ -398,7 +398,7 @@ class CommandSimulator:
         return [*(file.feed for file in self.inputs), *([self.stdin] if self.stdin else [])]
 
     def _used(self) -> dict[str, str]:
-        """Every placeholder's name, and where it stands first."""
+        """The place where each placeholder stands first, by name."""
         texts: list[Text] = [*self.program.texts, *self.program.variables]
         found = [(name, text.where) for text in texts for name in text.names]
         for feed in self._feeds():
