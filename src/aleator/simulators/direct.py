@@ -209,21 +209,17 @@ class DirectRuns:
         """Remember why runs have no outcome."""
         form = self._form.some(case)
         gone = np.isnan(values) if form.observed is None else np.isnan(values) & form.observed
-        if not np.any(gone):
-            return
-        runs = np.unique(np.nonzero(gone)[0])
+        runs = np.flatnonzero(gone.any(axis=1))
         self.lost += len(runs)
         first = runs[: self._settings.remembered - len(self.failures)]
-        if len(first):
-            columns = np.argmax(gone[first], axis=1)
-            noted = {
-                k: failures.get(run) or Failure(form.fault(run, column, np.nan), kind=NOT_FINITE)
-                for k, (run, column) in enumerate(
-                    zip(first.tolist(), columns.tolist(), strict=True)
-                )
-            }
-            asked = replace(Runs.planned(case[first], x[first]), failures=noted)
-            self.failures = Runs.joined([self.failures, asked])
+        if not len(first):
+            return
+        noted = {}
+        for k, run in enumerate(first.tolist()):
+            fault = form.fault(run, int(np.argmax(gone[run])), np.nan)
+            noted[k] = failures.get(run) or Failure(fault, kind=NOT_FINITE)
+        lost = replace(Runs.planned(case[first], x[first]), failures=noted)
+        self.failures = Runs.joined([self.failures, lost])
 
     def _block(self, case: Indices, x: Array) -> tuple[Array, Failures]:
         try:
