@@ -13,10 +13,10 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.table import Table
 
-from hardening.damaged import KINDS, mutations
+from hardening.damaged import KINDS
 from hardening.failing import failing
 from hardening.formulas import READERS, formulas
-from hardening.judging import DONE, TOLD, Verdict
+from hardening.judging import DONE, REFUSED, Verdict, mutations
 from hardening.kills import kills
 
 CONSOLE = Console()
@@ -32,7 +32,7 @@ def tried_mutations(count: int, first: int, seed: int, workers: int) -> bool:
     found = mutations(range(first, first + count), seed, workers, say)
     table = Table("damaged", "worked all the same", "told in a message", "broken")
     for kind in KINDS:
-        done, told = found.counts[kind, DONE], found.counts[kind, TOLD]
+        done, told = found.counts[kind, DONE], found.counts[kind, REFUSED]
         whole = sum(number for (of, _), number in found.counts.items() if of == kind)
         table.add_row(kind, f"{done:,}", f"{told:,}", f"{whole - done - told:,}")
     CONSOLE.print(table)
@@ -74,7 +74,7 @@ def tried_formulas(count: int, first: int, seed: int, _workers: int) -> bool:
     found = formulas(range(first, first + count), seed)
     table = Table("hostile texts", "read all the same", "told in a message", "broken")
     for name in READERS:
-        done, told = found.counts[name, DONE], found.counts[name, TOLD]
+        done, told = found.counts[name, DONE], found.counts[name, REFUSED]
         table.add_row(name, f"{done:,}", f"{told:,}", f"{count - done - told:,}")
     CONSOLE.print(table)
     print(f"slowest: {found.slowest:.2f} s of a processor")

@@ -5,18 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 import sqlite3
-import tempfile
-from collections import Counter
-from collections.abc import Callable
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from hardening.judging import BROKEN, Verdict, judged
 from hardening.mutation import Damage
-from hardening.sound import OPTIONS, REPLICATED, RESULTS, STORE, STUDIES, as_toml, prepared
+from hardening.sound import OPTIONS, REPLICATED, RESULTS, STORE, STUDIES, as_toml
 
 COLUMNS = {
     "runs": ("x", "outcome", "failure", "log", "seconds", "host", "time", "attempt", '"case"'),
@@ -182,29 +177,3 @@ def _change(file: Path, damage: Damage, chance: np.random.Generator) -> None:
 
 def _write(file: Path, text: str) -> None:
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
-
-
-@dataclass(frozen=True)
-class Mutations:
-    """How often what came of which kind of damage, and the verdicts that break the promise."""
-
-    counts: Counter[tuple[str, str]]
-    slowest: float
-    broken: tuple[Verdict, ...]
-
-
-def mutations(
-    numbers: range, seed: int, workers: int, say: Callable[[Verdict], None] = lambda _: None
-) -> Mutations:
-    """Try so many of them; `say` is told each verdict as it comes."""
-    counts, slowest, broken = Counter[tuple[str, str]](), 0.0, list[Verdict]()
-    with tempfile.TemporaryDirectory(prefix="hardening-") as folder:
-        sound = Path(folder) / "sound"
-        prepared(sound)
-        for verdict in judged(numbers, seed, sound, workers):
-            say(verdict)
-            counts[KINDS[verdict.number % len(KINDS)], verdict.outcome] += 1
-            slowest = max(slowest, verdict.seconds)
-            if verdict.outcome in BROKEN:
-                broken.append(verdict)
-    return Mutations(counts, slowest, tuple(broken))

@@ -18,7 +18,7 @@ import pandas as pd
 from aleator.errors import AleatorError
 from aleator.laws.covariates import DesignMatrix
 from aleator.simulators.derived import parse
-from hardening.judging import DONE, SLOW, TOLD, TRACEBACK
+from hardening.judging import DONE, REFUSED, SLOW, TRACEBACK
 from hardening.mutation import Damage
 
 LIMIT = 0.5
@@ -151,7 +151,7 @@ def _read(read: Callable[[str], None], text: str) -> tuple[str, float, str]:
     try:
         read(text)
     except AleatorError:
-        outcome = TOLD
+        outcome = REFUSED
     except Exception:
         outcome, words = TRACEBACK, traceback.format_exc()
     took = time.process_time() - began
@@ -160,4 +160,4 @@ def _read(read: Callable[[str], None], text: str) -> tuple[str, float, str]:
         for made in Path().iterdir():
             made.unlink()
         Path(BYSTANDER).touch()
-    return (SLOW if took > LIMIT and outcome in (DONE, TOLD) else outcome), took, words
+    return (SLOW if took > LIMIT and outcome in (DONE, REFUSED) else outcome), took, words

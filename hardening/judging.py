@@ -8,17 +8,20 @@ import shutil
 import tempfile
 import time
 import traceback
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+
+from hardening.damaged import KINDS, damaged
+from hardening.sound import prepared
 
 LIMIT = 20.0
 """Seconds of a processor that no command may take."""
 PATIENCE = 600.0
 """Seconds of the clock after which a worker that does nothing is ended."""
-DONE, TOLD, TRACEBACK, SLOW, ENDED = "done", "told", "traceback", "slow", "ended"
+DONE, REFUSED, TRACEBACK, SLOW, ENDED = "done", "refused", "traceback", "slow", "ended"
 BROKEN = (TRACEBACK, SLOW, ENDED)
 """What is promised not to be."""
 MOST_MEMORY = 6 * 2**30
@@ -27,7 +30,7 @@ MOST_MEMORY = 6 * 2**30
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of one command: done, told (a message, exit code 2), or one of BROKEN."""
+    """What came of one command: done, refused (a message, exit code 2), or one of BROKEN."""
 
     number: int
     kind: str
@@ -79,7 +82,7 @@ class _Worker:
         self.answers.send(number)
 
     def late(self) -> bool:
-        """Whether it is still at it, twice the time after which it should not be."""
+        """Whether its command has taken twice the time that it may take."""
         waited = time.monotonic() - self._began
         return waited > PATIENCE or _used(self._process.pid) - self._used > 2.0 * LIMIT
 
@@ -124,7 +127,6 @@ def one(number: int, seed: int, sound: Path, folder: Path) -> Verdict:
     from click.testing import CliRunner
 
     from aleator.cli import main
-    from hardening.damaged import damaged
 
     kind, command = damaged(number, seed, sound, folder)
     here = Path.cwd()
@@ -154,7 +156,7 @@ def _outcome(code: int, seconds: float) -> str:
         return TRACEBACK
     if seconds > LIMIT:
         return SLOW
-    return TOLD if code else DONE
+    return REFUSED if code else DONE
 
 
 def _words(done: object) -> str:
@@ -162,3 +164,29 @@ def _words(done: object) -> str:
     if info and not isinstance(info[1], SystemExit):
         return "".join(traceback.format_exception(*info))
     return str(getattr(done, "output", ""))[-400:]
+
+
+@dataclass(frozen=True)
+class Mutations:
+    """How often what came of which kind of damage, and the verdicts that break the promise."""
+
+    counts: Counter[tuple[str, str]]
+    slowest: float
+    broken: tuple[Verdict, ...]
+
+
+def mutations(
+    numbers: range, seed: int, workers: int, say: Callable[[Verdict], None] = lambda _: None
+) -> Mutations:
+    """Try the damaged files of these numbers; `say` is called with each verdict as it comes."""
+    counts, slowest, broken = Counter[tuple[str, str]](), 0.0, list[Verdict]()
+    with tempfile.TemporaryDirectory(prefix="hardening-") as folder:
+        sound = Path(folder) / "sound"
+        prepared(sound)
+        for verdict in judged(numbers, seed, sound, workers):
+            say(verdict)
+            counts[KINDS[verdict.number % len(KINDS)], verdict.outcome] += 1
+            slowest = max(slowest, verdict.seconds)
+            if verdict.outcome in BROKEN:
+                broken.append(verdict)
+    return Mutations(counts, slowest, tuple(broken))

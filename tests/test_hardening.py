@@ -9,7 +9,7 @@ from hardening import judging
 from hardening.damaged import KINDS, damaged
 from hardening.failing import failing
 from hardening.formulas import READERS, WRITTEN, formulas
-from hardening.judging import DONE, TOLD, TRACEBACK
+from hardening.judging import DONE, REFUSED, TRACEBACK
 from hardening.kills import Way, kills
 from hardening.sound import STUDIES, as_toml, prepared
 
@@ -27,7 +27,7 @@ def test_damaged_files_are_told_or_do_not_matter(sound: Path, tmp_path: Path) ->
     broken = [(one.number, one.words) for one in found if one.outcome in judging.BROKEN]
     assert broken == []
     assert {one.kind for one in found} == set(KINDS)
-    assert {one.outcome for one in found} == {judging.DONE, judging.TOLD}
+    assert {one.outcome for one in found} == {judging.DONE, judging.REFUSED}
 
 
 def test_the_same_number_is_the_same_damage(sound: Path, tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_hostile_formulas_are_read_or_told() -> None:
     found = formulas(range(60), 5)
     assert found.broken == ()
     assert sum(found.counts[name, DONE] for name in READERS) > 5
-    assert sum(found.counts[name, TOLD] for name in READERS) > 50
+    assert sum(found.counts[name, REFUSED] for name in READERS) > 50
 
 
 def test_a_formula_that_runs_raises_or_lasts_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:

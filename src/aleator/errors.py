@@ -14,7 +14,7 @@ from typing import Any
 
 
 class AleatorError(Exception):
-    """Something the user can mend: the message names the place, the cause and the remedy.
+    """A mistake that the user can mend: the message names the place, the cause and the remedy.
 
     The command line prints the message and exits with code 2.
 
@@ -57,7 +57,7 @@ class InputsError(AleatorError):
 
 
 def installing(extra: str) -> str:
-    """What installs the packages of an extra beside an Aleator that is there, from anywhere.
+    """The command that installs the packages of an extra of Aleator.
 
     >>> installing("report")
     "pip install 'bokeh>=...'"
@@ -71,20 +71,20 @@ def installing(extra: str) -> str:
     )
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return `` (did you mean 'x'?)`` for the known name nearest to `name`, or an empty string.
+def nearest(name: str, candidates: Iterable[str]) -> str:
+    """Return `` (did you mean 'x'?)`` for the candidate most like `name`, or an empty string.
 
     >>> nearest("outcom", ["outcome", "id"])
     " (did you mean 'outcome'?)"
     >>> nearest("zzz", ["outcome", "id"])
     ''
     """
-    close = difflib.get_close_matches(name, list(known), n=1)
+    close = difflib.get_close_matches(name, list(candidates), n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""
 
 
 def key_path(location: Sequence[str | int], document: Mapping[str, Any], missing: bool) -> str:
-    """The path of a key in a file; what pydantic adds to tell alternatives apart is left out.
+    """The path of a key in a file, without the parts that pydantic adds for alternatives.
 
     >>> key_path(("box", "list", 1), {"box": [0.5, "a"]}, missing=False)
     'box[1]'
@@ -103,7 +103,7 @@ def key_path(location: Sequence[str | int], document: Mapping[str, Any], missing
 
 
 def short(path: Path) -> str:
-    """A path as messages write it: relative to the current folder where it lies there.
+    """A path as messages write it: relative to the current folder if it lies in it.
 
     >>> short(Path.cwd() / "out" / "runs.sqlite"), short(Path("/elsewhere/runs.sqlite"))
     ('out/runs.sqlite', '/elsewhere/runs.sqlite')

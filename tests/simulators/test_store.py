@@ -25,7 +25,7 @@ from aleator import cli
 from aleator.errors import StoreError
 from aleator.observations.experiments import Conditions
 from aleator.simulators import FunctionSimulator, Runner, Store, notified, records
-from aleator.simulators.records import holdings, stored_runs
+from aleator.simulators.records import runs_by_simulator, stored_runs
 from aleator.simulators.runs import REPEATABILITY
 from aleator.simulators.store import Case, Identity, StoreSettings
 
@@ -280,7 +280,7 @@ def test_what_the_file_does_not_notice_is_told_too(tmp_path: Path, statement: st
                 runner(store)([0], [[1.0]])
         if "time" in statement or "name =" in statement:
             with pytest.raises(StoreError, match=r"runs\.sqlite"):
-                holdings(store)
+                runs_by_simulator(store)
     assert not (tmp_path / "runs.csv").exists()
 
 

@@ -118,11 +118,11 @@ def test_a_budget_is_positive(wrong: dict[str, float]) -> None:
 def test_hours_are_runs_at_the_seconds_that_they_took() -> None:
     made = SimpleNamespace(tried=0, waited=0.0)
     account = Account(Budget(hours=1.0), made)
-    assert account.given(10**6) == 10**6  # nobody knows yet what a run takes
+    assert account.granted(10**6) == 10**6  # nobody knows yet what a run takes
     made.tried, made.waited = 10, 36.0
-    assert account.given(10**6) == pytest.approx(1000, abs=1)
-    assert account.given(500, reserve=200) == 500
-    assert account.given(900, reserve=200) == pytest.approx(800, abs=1)
+    assert account.granted(10**6) == pytest.approx(1000, abs=1)
+    assert account.granted(500, reserve=200) == 500
+    assert account.granted(900, reserve=200) == pytest.approx(800, abs=1)
     assert account.refused
 
 

@@ -14,7 +14,7 @@ from scipy import stats
 from aleator.results.answer import answer
 from aleator.results.printed import Column, Content, Sentence, fragment, laid_out, text
 from aleator.simulators import Identity
-from aleator.simulators.records import Holding, StoredRun
+from aleator.simulators.records import SimulatorRuns, StoredRun
 from aleator.tasks.box import FeasibleBox, Side
 from aleator.tasks.documents import box_document, recovery_document
 from aleator.tasks.recover import Recovery
@@ -197,7 +197,9 @@ TABLES = {
     "recover": recovered(),
     "box": boxed(),
     "ceiling": terminal(models.ceiling(ceiling())),
-    "runs list": runs.holdings([Holding(SIMULATOR, 123456, 12, 9.9, 1.7e9, 1.7e9)], "", "a.sqlite"),
+    "runs list": runs.holdings(
+        [SimulatorRuns(SIMULATOR, 123456, 12, 9.9, 1.7e9, 1.7e9)], "", "a.sqlite"
+    ),
     "runs show": runs.runs([RUN], 12),
     "one run": runs.one(RUN),
 }

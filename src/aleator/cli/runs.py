@@ -70,7 +70,7 @@ def runs() -> None:
 def list_(target: Path) -> None:
     """Tell for every simulator how many runs there are, failures, seconds and the last date."""
     with opened(target) as at:
-        found = records.holdings(at.store)
+        found = records.runs_by_simulator(at.store)
         Console().print(report.holdings(found, at.fingerprint, short(at.store.path)))
 
 
@@ -92,7 +92,7 @@ def show(target: Path, number: int | None, failures: bool) -> None:
             return
         every = [
             held
-            for held in records.holdings(at.store)
+            for held in records.runs_by_simulator(at.store)
             if at.fingerprint in (None, held.simulator.fingerprint)
         ]
         total = sum(held.failures if failures else held.runs for held in every)
@@ -161,7 +161,7 @@ def forget(target: Path, old: bool, everything: bool, fingerprint: str | None, y
             )
         chosen = [
             held
-            for held in records.holdings(at.store)
+            for held in records.runs_by_simulator(at.store)
             if everything
             or (old and held.simulator.fingerprint != at.fingerprint)
             or (fingerprint and held.simulator.fingerprint.startswith(fingerprint))

@@ -1,8 +1,8 @@
-"""Arithmetic that a user writes as a text: its syntax tree is read before anything is computed.
+"""Arithmetic in a text of the user: its syntax tree is checked before anything is computed.
 
-It has numbers, + - * / **, parentheses and the functions of `FUNCTIONS`. What else may stand in it
-(names, calls) is decided by who reads it: the expressions of `[derived]` and of FMUs, and the
-formulas of covariates.
+It has numbers, + - * / **, parentheses and the functions of `FUNCTIONS`. The caller decides which
+names and calls are allowed as well: expressions of `[derived]` and of FMUs, and formulas of
+covariates.
 """
 
 from __future__ import annotations
@@ -39,17 +39,15 @@ _PAIRS = ("min", "max")
 
 @dataclass(frozen=True)
 class Bounds:
-    """How large a text of arithmetic may be; chosen by `python -m hardening formulas`.
-
-    depth: operations within operations. A sum is one within the sum before it, so this is the
-    number of its terms as well. Python's own limit is 1,000 calls within calls.
-    """
+    """How large a text of arithmetic may be; chosen by `python -m hardening formulas`."""
 
     depth: int = 250
+    """Nested operations, at most. A sum is nested in the sum before it, so this limits its terms as
+    well. Python's own limit is 1,000 nested calls."""
 
 
 class NoArithmeticError(AleatorError):
-    """What is wrong with a text of arithmetic, and the node of its tree where that is known."""
+    """An error in a text of arithmetic, with the node of its tree if that is known."""
 
     def __init__(self, problem: str, remedy: str = "", node: ast.expr | None = None) -> None:
         super().__init__(problem, remedy)
@@ -92,10 +90,10 @@ def tree(text: str, bounds: Bounds = Bounds()) -> ast.expr:
 
 
 def require_arithmetic(node: ast.expr, is_leaf: Callable[[ast.expr], bool]) -> float | None:
-    """The value of a tree that names nothing, else None: numbers, operators, functions, leaves.
+    """Check a tree of numbers, operators, functions and variables; its value if it has no variable.
 
-    `is_leaf` says whether a node is one of those that its reader admits. Numbers are floats, and a
-    part that names nothing must have a finite value (9**9**9 has none). Raises NoArithmeticError.
+    `is_leaf` says whether the caller allows a node as a variable. Numbers are floats, and a part
+    without variables must have a finite value (9**9**9 has none). Raises NoArithmeticError.
 
     >>> require_arithmetic(tree("2*3"), lambda node: False)
     6.0

@@ -1,4 +1,4 @@
-"""Work in blocks that fit the memory, or a core's cache."""
+"""Rows of large arrays in blocks that fit the memory, or a core's cache."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a long computation says where it is, without knowing who listens."""
+"""Interface by which a long computation reports its progress."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Listens to a computation: one `stage` after the other, any number of `update` in each.
+    """Receives the progress of a computation: one `stage` after the other, each with `update`s.
 
-    Both return at once, raise nothing of their own and change nothing in the result. They may raise
-    KeyboardInterrupt, as any line of Python may.
+    Both methods return at once and do not change the result. They raise nothing but, like any line
+    of Python, KeyboardInterrupt.
     """
 
     def stage(self, name: str) -> None:
         """Begin the stage `name`, such as "search"; the one before is over."""
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
-        """Say `text` about the stage; `done` of `total` is its share where that is known."""
+        """Report `text` about the stage, of which `done` of `total` is complete, if known."""
 
 
 class Silent:
-    """A Progress that says nothing: the default of every function that takes one.
+    """A Progress that ignores everything: the default of every function with that argument.
 
     >>> Silent().stage("search")
     >>> Silent().update("start 3 of 10", done=3, total=10)

@@ -1,15 +1,15 @@
-"""How the density of one experiment came out, and what a search sees where there is none."""
+"""Status of the density of one experiment, and the value for a search if there is no density."""
 
 from __future__ import annotations
 
 import enum
 
 DEGENERATE_VALUE = -1e8
-"""What a search sees where there is no density at all; finite, and far under any honest value."""
+"""Log-density for a search where there is no density; finite, and far below any honest value."""
 
 
 class Status(enum.IntEnum):
-    """How the density of one experiment came out; anything but SOLVED carries a remedy.
+    """Status of the density of one experiment; every one but SOLVED has a remedy.
 
     >>> Status.SOLVED.explanation
     'the density has the moments asked for'

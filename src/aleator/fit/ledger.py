@@ -79,7 +79,7 @@ def affordable(runner: Runner, runs: int) -> int | None:
 
     None at all, 0, where they are fewer than the least check takes.
     """
-    given = runner.account.given(runs * runner.units)
+    given = runner.account.granted(runs * runner.units)
     if given == runs * runner.units:
         return None
     each = given // runner.units

@@ -74,7 +74,7 @@ def on_surfaces(
         short = surface_diagnostics.shortfalls(problem)
         lost = np.flatnonzero(short)
         most = OUTCOME_SEARCH.most(len(moving_parameters(region)))
-        if not lost.size or runner.account.given(most) < most:
+        if not lost.size or runner.account.granted(most) < most:
             return problem
         farthest = int(lost[np.argmax(np.abs(short[lost]))])
         condition, side = int(problem.condition[farthest]), float(np.sign(short[farthest]))

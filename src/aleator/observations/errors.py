@@ -1,4 +1,4 @@
-"""The measurement errors of all observations: what the likelihood asks at its nodes."""
+"""Measurement errors of all observations: log p at simulated values, with derivatives."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Noise:
     relative: Specification | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
+        """Check all arguments at once."""
         if self.sd is None and self.relative is None:
             raise InputsError("noise: neither sd nor relative is given", "give one of them")
         for name, value in (("sd", self.sd), ("relative", self.relative)):
@@ -73,7 +73,7 @@ class Noise:
 
     @property
     def simple(self) -> bool:
-        """Whether one scale, known or free, is all that there is to the noise."""
+        """Whether one scale, known or free, describes the whole noise."""
         plain = self.sd is not None and not isinstance(self.sd, str)
         return plain and self.relative is None and not self.shapes
 
@@ -112,7 +112,7 @@ class Noise:
         return tuple(h.named("noise") for h in (*found, *self.shapes))
 
 
-def sds_of_column(
+def _sds_of_column(
     noise: Noise, response: str, experiments: Experiments | Conditions, rows: Indices
 ) -> Array | None:
     """The sds (m, 1) of the observations in these rows (m,); None where the noise has no column.
@@ -144,7 +144,7 @@ def sds_of_column(
 
 
 def _number(cell: object) -> float:
-    """A cell of a column that is not all numbers; NaN for a text."""
+    """The number in a cell of a column with texts; NaN for a text."""
     try:
         return float(str(cell))
     except ValueError:
@@ -168,8 +168,8 @@ class ResponseErrors:
     """The m observations of one response, and their noise.
 
     `rows` (m,) are their positions among all observations, in order; `lower` and `upper` (m, 1)
-    their ends; `sds` (m, 1) those of a column. `values` are those of `noise.hyperparameters`
-    everywhere here, and `own` a slice of the m observations whose simulated values eta are (k, J).
+    their ends; `sds` (m, 1) the standard deviations of a column. In all methods `values` are those
+    of `noise.hyperparameters`, and `which` are k of the m observations, simulated as eta (k, J).
     """
 
     noise: Noise
@@ -178,9 +178,9 @@ class ResponseErrors:
     upper: Array
     sds: Array | None = None
 
-    def scale(self, values: Sequence[float], eta: Array, own: slice) -> ErrorScale:
+    def scale(self, values: Sequence[float], eta: Array, which: slice) -> ErrorScale:
         """The scale of the errors, () or (k, 1) or (k, J)."""
-        sd = self._sd(values, own)
+        sd = self._sd(values, which)
         if self.noise.relative is None:
             return ErrorScale(sd)
         relative = values[self._scales - 1]
@@ -193,13 +193,13 @@ class ResponseErrors:
         kind = self.noise.kind
         return kind.at(values[self._scales :]) if is_shaped(kind) else kind
 
-    def terms(self, values: Sequence[float], eta: Array, own: slice) -> list[Array]:
+    def terms(self, values: Sequence[float], eta: Array, which: slice) -> list[Array]:
         """log p (k, J), its derivative by eta, then that by each of the values.
 
         Where p is zero or eta is no number, log p is minus infinity and derivatives are zero.
         """
         with np.errstate(all="ignore"):
-            scale, seen = self._seen(values, eta, own)
+            scale, seen = self._seen(values, eta, which)
             by_scale = seen.d_scale
             found = [seen.value, seen.d_eta]
             if self._free_sd:
@@ -208,11 +208,11 @@ class ResponseErrors:
                 found.append(by_scale * scale.d_relative)
             kind = self.noise.kind
             if is_shaped(kind):
-                shapes, ends = values[self._scales :], (self.lower[own], self.upper[own])
+                shapes, ends = values[self._scales :], (self.lower[which], self.upper[which])
                 found += kind.by_shapes(shapes, *ends, eta, scale.value)
             return _finite(found)
 
-    def curvature(self, values: Sequence[float], eta: Array, own: slice) -> Array:
+    def curvature(self, values: Sequence[float], eta: Array, which: slice) -> Array:
         """-d2 log p/d eta2 (k, J), floored at zero.
 
         In closed form where the scale does not depend on eta, for exact values and for normal
@@ -220,22 +220,24 @@ class ResponseErrors:
         (d log p/d eta)^2 - (d log p/d scale)/scale, for bounds too. Else a difference.
         """
         with np.errstate(all="ignore"):
-            scale, model = self.scale(values, eta, own), self.model(values)
-            if is_curved(model) and scale.d_eta is None and np.all(self._exact[own]):
+            scale, model = self.scale(values, eta, which), self.model(values)
+            if is_curved(model) and scale.d_eta is None and np.all(self._exact[which]):
                 # The floor takes the place of what is no number, too.
-                return np.fmax(model.curvature(self.upper[own], eta, scale.value), 0.0)
+                return np.fmax(model.curvature(self.upper[which], eta, scale.value), 0.0)
             if self.noise.normal and scale.d_eta is None:
-                seen = self._seen(values, eta, own)[1]
+                seen = self._seen(values, eta, which)[1]
                 return np.fmax(seen.d_eta**2 - seen.d_scale / scale.value, 0.0)
-            step = BLOCKS.step * scale.value
-            above, below = (self._seen(values, eta + h, own)[1].d_eta for h in (step, -step))
+            step = NUMERICS.eta_step * scale.value
+            above, below = (self._seen(values, eta + h, which)[1].d_eta for h in (step, -step))
             bent = (below - above) / (2.0 * step)
             return np.where(np.isfinite(bent), np.maximum(bent, 0.0), 0.0)
 
-    def _seen(self, values: Sequence[float], eta: Array, own: slice) -> tuple[ErrorScale, Observed]:
+    def _seen(
+        self, values: Sequence[float], eta: Array, which: slice
+    ) -> tuple[ErrorScale, Observed]:
         """The scale, and log p with the whole derivative by eta and that by the scale."""
-        scale, lower, upper = self.scale(values, eta, own), self.lower[own], self.upper[own]
-        seen = observed(self.model(values), lower, upper, eta, scale.value, self._exact[own])
+        scale, lower, upper = self.scale(values, eta, which), self.lower[which], self.upper[which]
+        seen = observed(self.model(values), lower, upper, eta, scale.value, self._exact[which])
         if scale.d_eta is not None:
             seen = seen._replace(d_eta=seen.d_eta + seen.d_scale * scale.d_eta)
         return scale, seen
@@ -252,12 +254,12 @@ class ResponseErrors:
 
     @cached_property
     def _scales(self) -> int:
-        """How many of the values are of the scale; the rest are shapes."""
+        """Number of the values that belong to the scale; the others are shapes."""
         return len(self.noise.hyperparameters) - len(self.noise.shapes)
 
-    def _sd(self, values: Sequence[float], own: slice) -> Array:
+    def _sd(self, values: Sequence[float], which: slice) -> Array:
         if self.sds is not None:
-            return self.sds[own]
+            return self.sds[which]
         return np.asarray(values[0] if self._free_sd else 0.0)
 
 
@@ -268,20 +270,6 @@ def _finite(found: list[Array]) -> list[Array]:
         return found
     fine = np.logical_and.reduce([np.isfinite(part) for part in found])
     return [np.where(fine, part, 0.0 if k else -np.inf) for k, part in enumerate(found)]
-
-
-@dataclass(frozen=True)
-class ErrorBlocks:
-    """numbers: of one operation: what is between them stays in the cache (`make bench`).
-
-    step: in scales, of the difference that gives a curvature; its error is about 1e-8.
-    """
-
-    numbers: int = 32768
-    step: float = 1e-4
-
-
-BLOCKS = ErrorBlocks()
 
 
 class Terms(NamedTuple):
@@ -327,7 +315,7 @@ class MeasurementErrors:
         for k, name in enumerate(seen.names):
             rows = np.flatnonzero(seen.response == k)
             lower, upper = seen.lower[rows, None], seen.upper[rows, None]
-            known = sds_of_column(noises[name], name, experiments, seen.row[rows])
+            known = _sds_of_column(noises[name], name, experiments, seen.row[rows])
             parts.append(ResponseErrors(noises[name], rows, lower, upper, known))
         return cls(tuple(parts), seen.names)
 
@@ -342,7 +330,7 @@ class MeasurementErrors:
         return len(self.parts) == 1 and self.parts[0].noise.simple
 
     def of_others(self, seen: Observations) -> MeasurementErrors:
-        """The errors of other values at the same places."""
+        """The errors of other measured values of the same observations."""
         ends = seen.lower[:, None], seen.upper[:, None]
         return replace(
             self,
@@ -364,13 +352,13 @@ class MeasurementErrors:
             return Terms(found[0], found[1], tuple((every, by) for by in found[2:]))
         value, d_eta = np.empty(eta.shape), np.empty(eta.shape)
         by_values: list[tuple[Indices, Array]] = []
-        for part, own, at, mine in self._within(values, rows):
+        for part, first, at, mine in self._parts(values, rows):
             grads = [np.empty((len(at), eta.shape[1])) for _ in mine]
             for some, where in _blocks(at, eta.shape[1]):
-                found = part.terms(mine, eta[where], slice(own + some.start, own + some.stop))
-                value[where], d_eta[where] = found[:2]
-                for grad, by in zip(grads, found[2:], strict=True):
-                    grad[some] = by
+                which = slice(first + some.start, first + some.stop)
+                value[where], d_eta[where], *by = part.terms(mine, eta[where], which)
+                for grad, one in zip(grads, by, strict=True):
+                    grad[some] = one
             by_values += [(at, grad) for grad in grads]
         return Terms(value, d_eta, tuple(by_values))
 
@@ -379,29 +367,35 @@ class MeasurementErrors:
         if self._at_once(eta):
             return self.parts[0].curvature(np.asarray(values).tolist(), eta, rows)
         found = np.empty(eta.shape)
-        for part, own, at, mine in self._within(values, rows):
+        for part, first, at, mine in self._parts(values, rows):
             for some, where in _blocks(at, eta.shape[1]):
-                which = slice(own + some.start, own + some.stop)
+                which = slice(first + some.start, first + some.stop)
                 found[where] = part.curvature(mine, eta[where], which)
         return found
 
     def scale(self, values: Array, eta: Array, rows: slice) -> Array:
         """The scale of the errors of the observations `rows` at eta (m, J): (m, J)."""
         found = np.empty(eta.shape)
-        for part, own, at, mine in self._within(values, rows):
-            found[at] = part.scale(mine, eta[at], slice(own, own + len(at))).value
+        for at, _, scale in self._models(values, eta, rows):
+            found[at] = scale
         return found
 
     def cdf(self, values: Array, y: Array, eta: Array, rows: slice) -> Array:
         """Probability of measured values not above y, for the observations `rows`: (m, J)."""
-        return self._by_model("cdf", values, y, eta, rows)
+        found, y = np.empty(eta.shape), np.broadcast_to(y, eta.shape)
+        for at, model, scale in self._models(values, eta, rows):
+            found[at] = model.cdf(y[at], eta[at], scale)
+        return found
 
     def quantile(self, values: Array, probability: Array, eta: Array, rows: slice) -> Array:
         """The measured values of these probabilities, for the observations `rows`: (m, J).
 
         Uniform probabilities make random values.
         """
-        return self._by_model("quantile", values, probability, eta, rows)
+        found, probability = np.empty(eta.shape), np.broadcast_to(probability, eta.shape)
+        for at, model, scale in self._models(values, eta, rows):
+            found[at] = model.quantile(probability[at], eta[at], scale)
+        return found
 
     def moments(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array, Array, Array]:
         """Mean and central moments 2 to 4 (m, J) of the values of the observations `rows`.
@@ -409,34 +403,22 @@ class MeasurementErrors:
         NaN where there is none.
         """
         found = np.empty((4, *eta.shape))
-        for part, own, at, mine in self._within(values, rows):
-            scale = part.scale(mine, eta[at], slice(own, own + len(at))).value
-            _, m1, m2, m3, m4 = part.model(mine).moments(4)
-            central = (
-                m2 - m1**2,
-                m3 - 3.0 * m1 * m2 + 2.0 * m1**3,
-                m4 - 4.0 * m1 * m3 + 6.0 * m1**2 * m2 - 3.0 * m1**4,
-            )
+        for at, model, scale in self._models(values, eta, rows):
+            _, m1, m2, m3, m4 = model.moments(4)
             found[0, at] = eta[at] + m1 * scale
-            for k, moment in enumerate(central):
-                found[k + 1, at] = moment * scale ** (k + 2)
+            found[1, at] = (m2 - m1**2) * scale**2
+            found[2, at] = (m3 - 3.0 * m1 * m2 + 2.0 * m1**3) * scale**3
+            found[3, at] = (m4 - 4.0 * m1 * m3 + 6.0 * m1**2 * m2 - 3.0 * m1**4) * scale**4
         return found[0], found[1], found[2], found[3]
 
-    def _by_model(self, what: str, values: Array, at_what: Array, eta: Array, rows: slice) -> Array:
-        found, at_what = np.empty(eta.shape), np.broadcast_to(at_what, eta.shape)
-        for part, own, at, mine in self._within(values, rows):
-            scale = part.scale(mine, eta[at], slice(own, own + len(at))).value
-            found[at] = getattr(part.model(mine), what)(at_what[at], eta[at], scale)
-        return found
-
     def _at_once(self, eta: Array) -> bool:
-        """Whether one call does, which saves most of the time of a small one."""
-        return len(self.parts) == 1 and eta.size <= BLOCKS.numbers
+        """Whether one array operation suffices, which saves most of the time of small arrays."""
+        return len(self.parts) == 1 and eta.size <= NUMERICS.together
 
-    def _within(
+    def _parts(
         self, values: Array, rows: slice
     ) -> Iterator[tuple[ResponseErrors, int, Indices, list[float]]]:
-        """Each response: its first observation in the rows, where they stand, its values."""
+        """For each response: its first observation in `rows`, all positions there, its values."""
         start = 0
         for part in self.parts:
             count = len(part.noise.hyperparameters)
@@ -445,11 +427,19 @@ class MeasurementErrors:
             yield part, int(first), at, np.asarray(values[start : start + count]).tolist()
             start += count
 
+    def _models(
+        self, values: Array, eta: Array, rows: slice
+    ) -> Iterator[tuple[Indices, ObservationModel, Array]]:
+        """For each response: positions of its observations in `rows`, their model and scale."""
+        for part, first, at, mine in self._parts(values, rows):
+            scale = part.scale(mine, eta[at], slice(first, first + len(at))).value
+            yield at, part.model(mine), scale
+
 
 def noise_hyperparameters(
     noise: Noise | Mapping[str, Noise] | None, names: tuple[str, ...]
 ) -> tuple[Hyperparameter, ...]:
-    """Those of the noise of responses of these names; none without noise.
+    """The hyperparameters of the noise of responses with these names; none without noise.
 
     >>> from aleator.laws import Free
     >>> [h.name for h in noise_hyperparameters({"a": Noise(1), "b": Noise(Free(1, 2))}, ("a", "b"))]
@@ -467,9 +457,9 @@ def _named(noises: Mapping[str, Noise]) -> tuple[Hyperparameter, ...]:
 
 
 def _blocks(at: Indices, nodes: int) -> Iterator[tuple[slice, slice | Indices]]:
-    """Parts of the positions `at`: each as a slice of them, and where it is among all."""
+    """Blocks of the positions `at`: slices of `at`, and the same positions in the whole array."""
     adjoin = len(at) > 0 and at[-1] - at[0] + 1 == len(at)
-    for some in blocks(len(at), nodes, BLOCKS.numbers):
+    for some in blocks(len(at), nodes, NUMERICS.together):
         yield some, slice(at[0] + some.start, at[0] + some.stop) if adjoin else at[some]
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError, nearest
@@ -24,32 +24,71 @@ if TYPE_CHECKING:
 DEFAULT_ID = "id"
 
 
-class TableRows(NamedTuple):
-    """R rows of a table: the ids (N,) of the experiments, and what stands in each row.
-
-    `experiment` (R,) is the experiment of each row; `conditions` and `table` have R rows. `source`
-    is the table that all of this is from; it knows the experiments now.
-    """
+@dataclass(frozen=True, eq=False, init=False)
+class _Rows:
+    """R rows of a table, each of one of N experiments: what experiments and conditions share."""
 
     ids: tuple[str, ...]
-    experiment: Indices
     conditions: pd.DataFrame
     table: pd.DataFrame
-    source: Table
+    experiment: Indices
+    places: Sequence[str]
+
+    def __init__(
+        self,
+        ids: tuple[str, ...],
+        conditions: pd.DataFrame,
+        table: pd.DataFrame | None,
+        experiment: Indices | None,
+        places: Sequence[str] | None,
+    ) -> None:
+        """Without `experiment` each row is one. Raises ExperimentsError for sizes that differ."""
+        experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
+        if len(experiment) != len(conditions):
+            raise ExperimentsError(
+                f"{len(experiment)} ids for {len(conditions)} rows of conditions",
+                "give one id a row",
+            )
+        if len(set(ids)) != len(ids):
+            twice = next(name for k, name in enumerate(ids) if name in ids[:k])
+            raise ExperimentsError(
+                f"the id '{twice}' appears twice", "give each experiment its own id"
+            )
+        if not np.array_equal(np.unique(experiment), np.arange(len(ids))):
+            raise ExperimentsError(
+                f"rows belong to {len(np.unique(experiment))} experiments, and there are "
+                f"{len(ids)} ids",
+                "number the experiment of each row from zero, and give each a row",
+            )
+        for name, value in {
+            "ids": ids,
+            "conditions": conditions,
+            "table": conditions if table is None else table,
+            "experiment": experiment,
+            "places": [f"experiment '{ids[k]}'" for k in experiment] if places is None else places,
+        }.items():
+            object.__setattr__(self, name, value)
+
+    def with_observations(self, seen: Observations) -> Experiments:
+        """The experiments of these rows, with these observations."""
+        return Experiments(
+            self.ids, self.conditions, seen,
+            table=self.table, experiment=self.experiment, places=self.places,
+        )  # fmt: skip
 
 
-def rows_of(
+def _rows_of(
     table: Table,
     id: str | None,
     names: Sequence[str] | None,
-    taken: Sequence[str] = (),
+    outcomes: Sequence[str] = (),
     beside: Collection[str] = (),
     numbers: Collection[str] = (),
-) -> TableRows:
-    """The rows of a table; rows with the same id are one experiment, in order of appearance.
+) -> tuple[_Rows, Table]:
+    """The rows of a table, and the table with their ids; rows with the same id are one experiment.
 
-    `taken` are columns of outcomes, which are not part of the table that is kept. Conditions are
-    `names`, or every other column but those `beside`. Those in `numbers` must be numbers.
+    The columns of `outcomes` are not part of the table that is kept. Conditions are `names`, or
+    every other column but those `beside`. Those in `numbers` must be numbers.
 
     Raises ExperimentsError for a column that is not there, a blank id, and a slip in a number.
     """
@@ -57,27 +96,23 @@ def rows_of(
 
     if id is not None:
         table.require(id, "the id")
-    elif DEFAULT_ID in table.columns and DEFAULT_ID not in taken:
+    elif DEFAULT_ID in table.columns and DEFAULT_ID not in outcomes:
         id = DEFAULT_ID
     ids, experiment = _ids(table, id)
     if id is not None:
-        table = replace(table, owners=[ids[k] for k in experiment])
-    chosen = names is not None
-    kept = [name for name in table.columns if name != id and name not in taken]
-    if names is None:
-        names = [name for name in kept if name not in beside]
-    for name in names:
+        table = replace(table, ids=[ids[k] for k in experiment])
+    remaining = [name for name in table.columns if name != id and name not in outcomes]
+    for name in names or ():
         table.require(name, "the condition")
-    index = range(len(table))
     conditions = {
-        name: table.numbers(name) if name in numbers else _condition(table, name, chosen)
-        for name in names
+        name: table.numbers(name) if name in numbers else _condition(table, name, names is not None)
+        for name in (names if names is not None else remaining)
+        if names is not None or name not in beside
     }
-    whole = {name: conditions[name] if name in conditions else _any(table, name) for name in kept}
-    return TableRows(
-        ids, experiment, pd.DataFrame(conditions, index=index),
-        pd.DataFrame(whole, index=index), table,
-    )  # fmt: skip
+    whole = {n: conditions[n] if n in conditions else _any(table, n) for n in remaining}
+    index = range(len(table))
+    frame, every = pd.DataFrame(conditions, index=index), pd.DataFrame(whole, index=index)
+    return _Rows(ids, frame, every, experiment, table.rows), table
 
 
 def _ids(table: Table, column: str | None) -> tuple[tuple[str, ...], Indices]:
@@ -98,7 +133,7 @@ def _ids(table: Table, column: str | None) -> tuple[tuple[str, ...], Indices]:
     return tuple(number), experiment
 
 
-def _condition(table: Table, name: str, chosen: bool) -> NDArray[np.float64] | pd.Series:
+def _condition(table: Table, name: str, chosen: bool) -> Array | pd.Series:
     """A column of numbers, or one of objects if it is plainly not meant as numbers.
 
     A text in a column of numbers is a slip that must not turn the column into text: it is an error
@@ -107,18 +142,18 @@ def _condition(table: Table, name: str, chosen: bool) -> NDArray[np.float64] | p
     import pandas as pd
 
     numbers = table.is_number(name)
-    if np.any(numbers) and (chosen or 2 * int(np.sum(numbers)) >= len(numbers)):
-        try:
-            return table.numbers(name)
-        except ExperimentsError as error:
-            if chosen:
-                raise
-            remedy = f"{error.remedy}; or, if '{name}' is no condition, name those that are"
-            raise ExperimentsError(error.problem, f"{remedy}: conditions = [...]") from None
-    return pd.Series(table.columns[name], dtype=object)
+    if not np.any(numbers) or not (chosen or 2 * int(np.sum(numbers)) >= len(numbers)):
+        return pd.Series(table.columns[name], dtype=object)
+    try:
+        return table.numbers(name)
+    except ExperimentsError as error:
+        if chosen:
+            raise
+        remedy = f"{error.remedy}; or, if '{name}' is no condition, name those that are"
+        raise ExperimentsError(error.problem, f"{remedy}: conditions = [...]") from None
 
 
-def _any(table: Table, name: str) -> NDArray[np.float64] | pd.Series:
+def _any(table: Table, name: str) -> Array | pd.Series:
     """A column that is no condition: numbers, NaN where blank, if it has nothing else."""
     import pandas as pd
 
@@ -128,47 +163,15 @@ def _any(table: Table, name: str) -> NDArray[np.float64] | pd.Series:
         return pd.Series(table.columns[name], dtype=object)
 
 
-OUTCOME = "outcome"
-
-
 @dataclass(frozen=True, eq=False, init=False)
-class _OfExperiments:
-    """What experiments and new conditions share: rows of a table, each of an experiment."""
-
-    ids: tuple[str, ...]
-    conditions: pd.DataFrame
-    table: pd.DataFrame
-    experiment: Indices
-    places: Sequence[str]
-
-    def _set(
-        self,
-        ids: tuple[str, ...],
-        conditions: pd.DataFrame,
-        table: pd.DataFrame | None,
-        experiment: Indices | None,
-        places: Sequence[str] | None,
-    ) -> None:
-        """Set what is shared; without `experiment` each row is one. Raises ExperimentsError."""
-        experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
-        _check_sizes(ids, conditions, experiment)
-        if places is None:
-            places = [f"experiment '{ids[k]}'" for k in experiment]
-        table = conditions if table is None else table
-        values = {"ids": ids, "conditions": conditions, "table": table, "experiment": experiment}
-        for name, value in {**values, "places": places}.items():
-            object.__setattr__(self, name, value)
-
-
-@dataclass(frozen=True, eq=False, init=False)
-class Conditions(_OfExperiments):
+class Conditions(_Rows):
     """N experiments without outcomes: R rows of conditions.
 
     `ids` (N,) are distinct texts; `conditions` has R rows and a named column for each condition:
     float64 where every cell is a number, else objects. `table` has R rows and every column but the
-    ids; `experiment` (R,) is the experiment of each row, arange(N) where each row is one,
-    and `places` (R,) say where each stands.
-    `responses` are those of the identification; `transform` is short for one response that has it.
+    ids; `experiment` (R,) is the experiment of each row, arange(N) where each row is one, and
+    `places` (R,) say where each stands. `responses` are those of the identification; `transform`
+    is short for one response that has it.
 
     Raises ExperimentsError if the sizes differ or an id appears twice.
 
@@ -190,9 +193,9 @@ class Conditions(_OfExperiments):
         experiment: Indices | None = None,
         places: Sequence[str] | None = None,
     ) -> None:
-        self._set(ids, conditions, table, experiment, places)
-        own = tuple(responses) or (Response(OUTCOME, Transform.named(transform)),)
-        object.__setattr__(self, "responses", own)
+        super().__init__(ids, conditions, table, experiment, places)
+        one = (Response("outcome", Transform.named(transform)),)
+        object.__setattr__(self, "responses", tuple(responses) or one)
 
     @property
     def transform(self) -> Transform:
@@ -201,13 +204,13 @@ class Conditions(_OfExperiments):
 
     @property
     def simple(self) -> bool:
-        """Whether each experiment is one row of which one value is asked for."""
+        """Whether each experiment is one row of one response."""
         alone = np.array_equal(self.experiment, np.arange(len(self.ids)))
         return len(self.responses) == 1 and alone
 
     @property
     def observations(self) -> Observations:
-        """What is asked for: every response at every row. The values are NaN."""
+        """Every response at every row, as observations whose values are NaN."""
         order = np.argsort(self.experiment, kind="stable")
         row = np.repeat(order, len(self.responses))
         response = np.tile(np.arange(len(self.responses)), len(order))
@@ -232,8 +235,7 @@ class Conditions(_OfExperiments):
         >>> Conditions.from_frame(pd.DataFrame({"ratio": [0.9, 0.8]})).ids
         ('1', '2')
         """
-        rows = rows_of(tables.from_frame(frame), id, conditions)
-        return cls._of(rows, Transform.named(transform), responses)
+        return cls._of(_rows_of(tables.from_frame(frame), id, conditions)[0], transform, responses)
 
     @classmethod
     def from_csv(
@@ -253,34 +255,15 @@ class Conditions(_OfExperiments):
         Those named in `numbers` must be numbers; the others may be text.
         Raises ExperimentsError as Experiments.from_csv does.
         """
-        rows = rows_of(tables.read(path, delimiter, decimal), id, conditions, numbers=numbers)
-        return cls._of(rows, Transform.named(transform), responses)
+        table = tables.read(path, delimiter, decimal)
+        return cls._of(_rows_of(table, id, conditions, numbers=numbers)[0], transform, responses)
 
     @classmethod
-    def _of(
-        cls, rows: TableRows, transform: Transform, responses: Sequence[Response]
-    ) -> Conditions:
+    def _of(cls, rows: _Rows, transform: str, responses: Sequence[Response]) -> Conditions:
         return cls(
             rows.ids, rows.conditions, transform, responses=responses,
-            table=rows.table, experiment=rows.experiment, places=rows.source.rows,
+            table=rows.table, experiment=rows.experiment, places=rows.places,
         )  # fmt: skip
-
-
-def _check_sizes(ids: tuple[str, ...], conditions: pd.DataFrame, experiment: Indices) -> None:
-    """Raise ExperimentsError unless there is an experiment a row, and each id is there once."""
-    if len(experiment) != len(conditions):
-        raise ExperimentsError(
-            f"{len(experiment)} ids for {len(conditions)} rows of conditions", "give one id a row"
-        )
-    if len(set(ids)) != len(ids):
-        twice = next(name for k, name in enumerate(ids) if name in ids[:k])
-        raise ExperimentsError(f"the id '{twice}' appears twice", "give each experiment its own id")
-    if not np.array_equal(np.unique(experiment), np.arange(len(ids))):
-        raise ExperimentsError(
-            f"rows belong to {len(np.unique(experiment))} experiments, and there are "
-            f"{len(ids)} ids",
-            "number the experiment of each row from zero, and give each a row",
-        )
 
 
 def covariates(experiments: Experiments | Conditions, names: Sequence[str]) -> pd.DataFrame:
@@ -329,7 +312,7 @@ def covariates(experiments: Experiments | Conditions, names: Sequence[str]) -> p
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Experiments(_OfExperiments):
+class Experiments(_Rows):
     """N experiments: R rows of conditions, and M observations.
 
     `ids` (N,) are distinct texts. `conditions` has R rows and a named column for each condition:
@@ -368,7 +351,7 @@ class Experiments(_OfExperiments):
         experiment: Indices | None = None,
         places: Sequence[str] | None = None,
     ) -> None:
-        self._set(ids, conditions, table, experiment, places)
+        super().__init__(ids, conditions, table, experiment, places)
         if not isinstance(outcomes, Observations):
             outcomes = _simple(outcomes, len(ids), outcome_name, Transform.named(transform))
         object.__setattr__(self, "observations", outcomes)
@@ -379,13 +362,6 @@ class Experiments(_OfExperiments):
     def only(self, which: Flags) -> Experiments:
         """The same experiments with some of the observations (M,)."""
         return self.with_observations(self.observations.only(which))
-
-    def with_observations(self, seen: Observations) -> Experiments:
-        """The same experiments where something else was observed."""
-        return Experiments(
-            self.ids, self.conditions, seen,
-            table=self.table, experiment=self.experiment, places=self.places,
-        )  # fmt: skip
 
     @property
     def simple(self) -> bool:
@@ -497,19 +473,13 @@ class Experiments(_OfExperiments):
         beside: Collection[str],
     ) -> Experiments:
         outcomes.require(table, names)
-        rows: TableRows = rows_of(table, id, names, outcomes.taken, beside)
-        return cls(
-            rows.ids, rows.conditions, outcomes.read(rows.source, rows.experiment),
-            table=rows.table, experiment=rows.experiment, places=rows.source.rows,
-        )  # fmt: skip
+        rows, table = _rows_of(table, id, names, outcomes.taken, beside)
+        return rows.with_observations(outcomes.read(table, rows.experiment))
 
 
 def unmeasured(conditions: Conditions) -> Experiments:
-    """The experiments of these conditions, of which nothing is measured: every value is NaN."""
-    return Experiments(
-        conditions.ids, conditions.conditions, conditions.observations,
-        table=conditions.table, experiment=conditions.experiment, places=conditions.places,
-    )  # fmt: skip
+    """Experiments under these conditions, with NaN for every value because none is measured."""
+    return conditions.with_observations(conditions.observations)
 
 
 def _names(outcome: str | Sequence[str]) -> tuple[str, ...]:

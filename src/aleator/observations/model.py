@@ -1,4 +1,4 @@
-"""What a measured value, or a bound of it, says of the simulated one: normal and Student's t."""
+"""Laws of the measurement error of one response: normal and Student's t, for bounds as well."""
 
 from __future__ import annotations
 
@@ -18,19 +18,22 @@ from aleator.laws.law import difference
 
 @dataclass(frozen=True)
 class ErrorNumerics:
-    """How exactly errors are computed; chosen by tests/observations/test_errors.py.
-
-    narrow: width of an interval, in scales (of a normal error relative to its distance, too), up to
-    which its probability is that of its middle. df: limits of the degrees of freedom where none are
-    given, from Cauchy's law to what nobody tells from a normal (by judgement). step: relative, of a
-    difference in the degrees of freedom. farthest: an eta beyond which nothing changes, and whose
-    square exists.
-    """
+    """How exactly errors are computed; chosen by tests/observations/test_errors.py."""
 
     narrow: float = 1e-3
+    """Width of an interval, in scales (of a normal error relative to its distance, too), up to
+    which its probability is its width times the density in its middle."""
     df: tuple[float, float] = (1.0, 100.0)
+    """Limits of the degrees of freedom where none are given, from Cauchy's law to what nobody tells
+    from a normal law (by judgement)."""
     step: float = 2e-3
+    """Relative step of a difference in the degrees of freedom."""
+    eta_step: float = 1e-4
+    """Step, in scales, of the difference that gives a curvature; its error is about 1e-8."""
     farthest: float = 1e140
+    """The largest simulated value that is told from infinity; its square is a finite number."""
+    together: int = 32768
+    """Numbers of one array operation: intermediate ones stay in the cache (`make bench`)."""
 
 
 NUMERICS = ErrorNumerics()
@@ -112,14 +115,14 @@ class Shaped(ObservationModel, Protocol):
         """
 
 
-# A look at one name: checks of a whole protocol cost more than what is asked in a hot path.
+# One attribute is looked up: isinstance with a protocol would cost more than the computation.
 def is_bounded(model: ObservationModel) -> TypeGuard[Bounded]:
     """Whether a model computes probabilities of bounds itself."""
     return hasattr(model, "log_probability")
 
 
 def is_curved(model: ObservationModel) -> TypeGuard[CurvedModel]:
-    """Whether a model knows its second derivative."""
+    """Whether a model has a closed form of the second derivative."""
     return hasattr(model, "curvature")
 
 
@@ -189,7 +192,7 @@ def from_ends(value: Array, at_a: Array, at_b: Array, a: Array, b: Array, scale:
 
 
 def outward(a: Array, b: Array) -> tuple[Array, Array, Flags]:
-    """Ends of the same probability under a symmetric law with b >= |a|, and which were turned."""
+    """Ends mirrored so that b >= |a|, which have equal probability by symmetry; which were."""
     turned = a + b < 0.0
     return np.where(turned, -b, a), np.where(turned, -a, b), turned
 
@@ -214,7 +217,7 @@ class NormalError:
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
         """-u^2/2 - log scale - log(2 pi)/2 with u = (y - eta)/scale."""
-        # In place, because what this costs is memory: it is called for millions of values.
+        # In place, because memory traffic is the cost: it is called for millions of values.
         u = (y - eta) / scale
         square = u * u
         value = -0.5 * square
@@ -241,7 +244,7 @@ class NormalError:
             for which, between in (
                 (narrow, _narrow),
                 (~narrow & (a >= 0.0), _beyond),
-                (~narrow & ~(a >= 0.0), _around),
+                (~narrow & ~(a >= 0.0), _across),
             ):
                 if np.any(which):
                     found = between(a[which], b[which])
@@ -271,14 +274,14 @@ _Found = tuple[Array, Array, Array]
 
 
 def _narrow(a: Array, b: Array) -> _Found:
-    """The integral of phi about the middle m, to the third power of the width d."""
+    """Case of a narrow interval: the integral of phi about its middle, to third order."""
     m, d = 0.5 * (a + b), b - a
     value = -0.5 * m**2 - HALF_LOG_2_PI + np.log(d) + np.log1p(d**2 * (m**2 - 1.0) / 24.0)
     return value, m - d**2 * m / 12.0, m**2 - 1.0 - d**2 * (2.0 * m**2 - 1.0) / 12.0
 
 
 def _beyond(a: Array, b: Array) -> _Found:
-    """0 <= a: P = Q(a)(1 - Q(b)/Q(a)) with the upper tails Q, whose ratios keep their digits."""
+    """Case 0 <= a: P = Q(a)(1 - Q(b)/Q(a)), since ratios of upper tails Q keep their digits."""
     tail, drop = special.erfcx(a / ROOT_2), 0.5 * (b - a) * (b + a)
     left = -np.expm1(np.log(special.erfcx(b / ROOT_2) / tail) - drop)
     at_a = np.sqrt(2.0 / np.pi) / (tail * left)
@@ -287,8 +290,8 @@ def _beyond(a: Array, b: Array) -> _Found:
     return special.log_ndtr(-a) + np.log(left), at_a - at_b, moved
 
 
-def _around(a: Array, b: Array) -> _Found:
-    """a < 0 < b: P is a sum of two positive numbers."""
+def _across(a: Array, b: Array) -> _Found:
+    """Case a < 0 < b: P is a sum of two positive numbers."""
     probability = 0.5 * (special.erf(b / ROOT_2) + special.erf(-a / ROOT_2))
     at_a, at_b = (np.exp(-0.5 * u**2 - HALF_LOG_2_PI) / probability for u in (a, b))
     moved = np.where(np.isinf(a), 0.0, a * at_a) - np.where(np.isinf(b), 0.0, b * at_b)
@@ -313,7 +316,7 @@ class StudentError:
     df: Specification
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
+        """Check the degrees of freedom at once."""
         _ = self._shape
 
     @cached_property
@@ -341,7 +344,7 @@ class StudentError:
         return "student_t" if isinstance(self.df, Free) else f"student_t({self.df:g})"
 
     @property
-    def _known(self) -> float:
+    def _df(self) -> float:
         if isinstance(self.df, Free):
             raise InputsError(
                 "the degrees of freedom are to be identified and have no value",
@@ -351,7 +354,7 @@ class StudentError:
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
         """log c - (df + 1)/2 log(1 + u^2/df) - log scale, with derivatives."""
-        df, u = self._known, (y - eta) / scale
+        df, u = self._df, (y - eta) / scale
         square = u * u
         pull = (df + 1.0) * u / (df + square)
         value = _log_density(df, square) - np.log(scale)
@@ -362,7 +365,7 @@ class StudentError:
 
         An interval narrower than 1e-3 scales is its width times the density in its middle.
         """
-        df = self._known
+        df = self._df
         with np.errstate(all="ignore"):
             a, b = np.broadcast_arrays((lower - eta) / scale, (upper - eta) / scale)
             ends = (_log_density(df, a * a), _log_density(df, b * b))
@@ -370,7 +373,7 @@ class StudentError:
 
     def curvature(self, y: Array, eta: Array, scale: Array) -> Array:
         """(df + 1)(df - u^2)/(df + u^2)^2/scale^2, negative where |u| > sqrt(df)."""
-        df, square = self._known, ((y - eta) / scale) ** 2
+        df, square = self._df, ((y - eta) / scale) ** 2
         return (df + 1.0) * (df - square) / ((df + square) * scale) ** 2
 
     def by_shapes(
@@ -395,18 +398,18 @@ class StudentError:
 
     def cdf(self, y: Array, eta: Array, scale: Array) -> Array:
         """F((y - eta)/scale)."""
-        return np.asarray(special.stdtr(self._known, (y - eta) / scale))
+        return np.asarray(special.stdtr(self._df, (y - eta) / scale))
 
     def quantile(self, probability: Array, eta: Array, scale: Array) -> Array:
         """Eta + scale F^-1(probability)."""
-        return np.asarray(eta + scale * special.stdtrit(self._known, probability))
+        return np.asarray(eta + scale * special.stdtrit(self._df, probability))
 
     def moments(self, order: int) -> Array:
-        """Those of order below df exist: E[t^m] = df^(m/2) G((m+1)/2) G((df-m)/2)/(G(1/2) G(df/2)).
+        """Moments of order below df: E[t^m] = df^(m/2) G((m+1)/2) G((df-m)/2)/(G(1/2) G(df/2)).
 
         G is the gamma function; odd moments are zero.
         """
-        df, m = self._known, np.arange(order + 1)
+        df, m = self._df, np.arange(order + 1)
         with np.errstate(all="ignore"):
             log = (
                 0.5 * m * np.log(df)
@@ -417,7 +420,7 @@ class StudentError:
 
 
 def _log_density(df: float, square: Array) -> Array:
-    """Of the standard law, by u^2."""
+    """Log-density of Student's standard law by u^2."""
     log_c = special.gammaln(0.5 * (df + 1.0)) - special.gammaln(0.5 * df) - 0.5 * np.log(df * np.pi)
     return np.asarray(log_c - 0.5 * (df + 1.0) * np.log1p(square / df))
 

@@ -27,19 +27,19 @@ class ColumnValues(NamedTuple):
 
 @dataclass(frozen=True)
 class Censoring:
-    """How a table tells that a value is not known exactly, but only bounds of it.
+    """How a table marks the values of which only bounds are known.
 
-    The `column` holds words. Where the word is one of `right`, the value is above the outcome
-    (no failure up to so many cycles); where it is one of `left`, it is below (under the limit of
-    detection). Every other word says that the outcome was measured. If there are two such words
-    or more, they are listed in `measured`, so that no slip of the pen makes a bound a measurement;
-    a blank cell needs no word.
+    The `column` holds words. If the word is one of `right`, the value is above the outcome (no
+    failure up to so many cycles); if it is one of `left`, the value is below (under the limit of
+    detection). Every other word says that the outcome was measured. Two or more such words must be
+    listed in `measured`, so that a misspelt word does not turn a bound into a measurement. A blank
+    cell says that the outcome was measured, too.
 
-    The column `upper` makes intervals: the outcome is then the lower end. Where it is blank, or
+    The column `upper` makes intervals, of which the outcome is the lower end. Where it is blank, or
     equal to the outcome, the outcome was measured.
 
-    With `signs` the cells of the outcome tell it themselves: "> 20" is above 20, "<0.5" below 0.5,
-    and a number was measured.
+    With `signs` the cells of the outcome have the bounds: "> 20" is above 20, "<0.5" below 0.5, and
+    a number was measured.
 
     Raises ExperimentsError for words without a column, a word in two lists, and signs beside words.
 
@@ -80,7 +80,7 @@ class Censoring:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns that say what is censored."""
+        """The columns that mark what is censored."""
         return tuple(name for name in (self.column, self.upper) if name is not None)
 
     @property
@@ -96,74 +96,69 @@ class Censoring:
         for name in self.columns:
             table.require(name, "censored:")
         if self.signs:
-            return _signed(table, outcome, rows)
-        right, left = self._censored_sides(table, rows)
-        value = table.numbers_or_blank(outcome)[rows]
-        above = value if self.upper is None else table.numbers_or_blank(self.upper)[rows]
-        above = np.where(np.isnan(above), value, above)
-        upper = np.where(right, np.inf, above)
-        lower = np.where(left, -np.inf, value)
-        self._check(table, outcome, rows, lower, upper, right | left)
-        given = ~np.isnan(lower)
-        return ColumnValues(rows[given], lower[given], upper[given])
+            value, sign = (of[rows] for of in table.bounds(outcome))
+            above, left, right = value, sign < 0, sign > 0
+        else:
+            left, right = self._sides(table, rows)
+            value = table.numbers_or_blank(outcome)[rows]
+            above = value if self.upper is None else table.numbers_or_blank(self.upper)[rows]
+            above = np.where(np.isnan(above), value, above)
+        lower, upper = np.where(left, -np.inf, value), np.where(right, np.inf, above)
+        present = self._checked(table, outcome, rows, lower, upper, left | right)
+        return ColumnValues(rows[present], lower[present], upper[present])
 
-    def _censored_sides(self, table: Table, rows: Indices) -> tuple[Flags, Flags]:
-        """Which of the rows are right-censored, and which left-censored."""
+    def _sides(self, table: Table, rows: Indices) -> tuple[Flags, Flags]:
+        """Which of the rows are left-censored, and which right-censored, by the words."""
         if self.column is None:
             return np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
         texts = table.texts(self.column)
-        words = np.array([_word(texts[row]) for row in rows], dtype=object)
-        there, listed = [*dict.fromkeys(words.tolist())], self._all_words
-        place = f"{table.source}: column '{self.column}'"
+        words = [_word(texts[row]) for row in rows]
+        there, listed = [*dict.fromkeys(words)], self._all_words
         for word in listed:
             if word not in there:
                 raise ExperimentsError(
-                    f"{place}: the word '{word}' never occurs{nearest(word, there)}",
+                    f"{table.source}: column '{self.column}': the word '{word}' never occurs"
+                    f"{nearest(word, there)}",
                     f"correct or leave it out; the words there are {_quoted(there)}",
                 )
         others = [word for word in there if word and word not in listed]
         if len(others) > 1 or (others and _words(self.measured)):
-            row = rows[[*words].index(others[-1])]
+            row = rows[words.index(others[-1])]
             raise ExperimentsError(
                 f"{table.where(row, self.column)}: '{others[-1]}' is not among the words of "
                 f"censored{nearest(others[-1], listed)}",
                 "list it in right or left; or list all words of measured values: "
                 f"measured = [{_quoted(others)}]",
             )
-        right, left = (np.isin(words, _words(w)) for w in (self.right, self.left))
-        return right, left
+        cells = np.array(words, dtype=object)
+        return np.isin(cells, _words(self.left)), np.isin(cells, _words(self.right))
 
-    def _check(
-        self, table: Table, outcome: str, rows: Indices, lower: Array, upper: Array, told: Flags
-    ) -> None:
-        without = np.isnan(lower) | np.isnan(upper)
-        half = np.isnan(lower) != np.isnan(upper)
+    def _checked(
+        self, table: Table, outcome: str, rows: Indices, lower: Array, upper: Array, bound: Flags
+    ) -> Flags:
+        """Which rows have a value. Raises ExperimentsError for ends that cannot be."""
+        lacking, half = np.isnan(lower), np.isnan(lower) != np.isnan(upper)
         for fault, problem, remedy in (
-            (told & without, "the value is censored and has no bound", "write the bound there"),
+            (
+                bound & (lacking | half),
+                "the value is censored and has no bound", "write the bound there",
+            ),
             (
                 half, f"there is an upper end in '{self.upper}', and no lower end",
                 "write the lower end there, or mark the value as left-censored by a word",
             ),
         ):  # fmt: skip
             if np.any(fault):
-                row = int(rows[np.flatnonzero(fault)[0]])
-                raise ExperimentsError(f"{table.where(row, outcome)}: {problem}", remedy)
-        crossed = np.flatnonzero(lower > upper)
-        if crossed.size:
-            k = int(crossed[0])
+                where = table.where(int(rows[np.argmax(fault)]), outcome)
+                raise ExperimentsError(f"{where}: {problem}", remedy)
+        if np.any(lower > upper):
+            k = int(np.argmax(lower > upper))
             raise ExperimentsError(
                 f"{table.where(int(rows[k]), str(self.upper))}: the upper end {upper[k]:g} is "
                 f"below the lower end {lower[k]:g} in '{outcome}'",
                 "swap the two ends",
             )
-
-
-def _signed(table: Table, outcome: str, rows: Indices) -> ColumnValues:
-    """Bounds whose cells say so by a sign."""
-    value, sign = (of[rows] for of in table.bounds(outcome))
-    lower, upper = np.where(sign < 0, -np.inf, value), np.where(sign > 0, np.inf, value)
-    given = ~np.isnan(value)
-    return ColumnValues(rows[given], lower[given], upper[given])
+        return ~lacking
 
 
 def _words(words: Words) -> list[str]:
@@ -180,7 +175,7 @@ def _quoted(words: Sequence[str]) -> str:
 
 
 Censored = Censoring | Mapping[str, Censoring] | None
-"""How values are censored: all, or those of each response, or none."""
+"""The censoring of all values, or that of each response, or none."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +218,7 @@ class OutcomeColumns:
 
     @property
     def taken(self) -> tuple[str, ...]:
-        """The columns that hold what was measured, and are no conditions."""
+        """All columns with measured values or their marks, which are no conditions."""
         censored = self.censored if isinstance(self.censored, Mapping) else {"": self.censored}
         said = [name for one in censored.values() if one is not None for name in one.columns]
         return (*self.columns, *([] if self.response is None else [self.response]), *said)
@@ -243,26 +238,29 @@ class OutcomeColumns:
 
     def read(self, table: Table, experiment: Indices) -> Observations:
         """The observations of a table whose rows are of the experiments (R,)."""
-        rows = self._long(table) if self.response else dict.fromkeys(self.columns, None)
+        rows = self._rows(table)
         responses = responses_of([*rows], self.transform)
         if isinstance(self.censored, Mapping):
             require_responses(self.censored, [*rows], "censored")
-        every = np.arange(len(table))
-        found = [self._values(table, r, every if of is None else of) for r, of in rows.items()]
-        self._require_values(table, found)
-        seen = [
-            _transformed(table, values, self._columns(response.name), response)
-            for values, response in zip(found, responses, strict=True)
-        ]
-        row, lower, upper = (np.concatenate([part[k] for part in seen]) for k in range(3))
-        which = np.repeat(np.arange(len(seen)), [len(part.row) for part in seen])
+        parts = [self._values(table, of, rows[of.name]) for of in responses]
+        row, lower, upper = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        blank = np.flatnonzero(~np.isin(np.arange(len(table)), row))
+        if blank.size:
+            raise ExperimentsError(
+                f"{table.where(int(blank[0]), self.columns[0])}: the cell is blank, a number is "
+                "needed"
+                + (f" there or in {', '.join(self.columns[1:])}" if len(self.columns) > 1 else ""),
+                UNMEASURED,
+            )
+        which = np.repeat(np.arange(len(parts)), [len(part.row) for part in parts])
         order = np.lexsort((which, row, experiment[row]))
         row, which = row[order], which[order]
         return Observations(experiment[row], row, which, lower[order], upper[order], responses)
 
-    def _long(self, table: Table) -> dict[str, Indices]:
-        """The rows of each word of the column of responses, in order of appearance."""
-        assert self.response is not None
+    def _rows(self, table: Table) -> dict[str, Indices]:
+        """The rows of each response, in order of appearance in a long table."""
+        if self.response is None:
+            return dict.fromkeys(self.columns, np.arange(len(table)))
         words = table.texts(self.response)
         if "" in words:
             raise ExperimentsError(
@@ -272,50 +270,26 @@ class OutcomeColumns:
         of = np.array(words)
         return {name: np.flatnonzero(of == name) for name in dict.fromkeys(words)}
 
-    def _values(self, table: Table, response: str, rows: Indices) -> ColumnValues:
-        column, censoring = self._columns(response)[0], self._censoring(response)
-        if censoring is not None:
-            return censoring.read(table, column, rows)
-        values = table.numbers_or_blank(column)[rows]
-        given = ~np.isnan(values)
-        return ColumnValues(rows[given], values[given], values[given])
-
-    def _require_values(self, table: Table, found: Sequence[ColumnValues]) -> None:
-        """Raise ExperimentsError for a row without any value."""
-        given = np.zeros(len(table), dtype=bool)
-        for values in found:
-            given[values.row] = True
-        if not np.all(given):
-            row = int(np.flatnonzero(~given)[0])
-            raise ExperimentsError(
-                f"{table.where(row, self.columns[0])}: the cell is blank, a number is needed"
-                + (f" there or in {', '.join(self.columns[1:])}" if len(self.columns) > 1 else ""),
-                UNMEASURED,
-            )
-
-    def _censoring(self, response: str) -> Censoring | None:
+    def _values(self, table: Table, response: Response, rows: Indices) -> ColumnValues:
+        """The transformed values of a response; raises ExperimentsError if one has no logarithm."""
+        column = response.name if self.response is None else self.columns[0]
         censored = self.censored
-        return censored.get(response) if isinstance(censored, Mapping) else censored
-
-    def _columns(self, response: str) -> tuple[str, str]:
-        """The columns of the lower and of the upper ends of a response."""
-        column = response if self.response is None else self.columns[0]
-        censoring = self._censoring(response)
-        return column, (censoring.upper if censoring else None) or column
-
-
-def _transformed(
-    table: Table, values: ColumnValues, columns: tuple[str, str], response: Response
-) -> ColumnValues:
-    """The values as the likelihood sees them; raises ExperimentsError where it cannot."""
-    ends: list[Array] = []
-    for raw, column in zip((values.lower, values.upper), columns, strict=True):
-        ends.append(np.where(np.isinf(raw), raw, response.transform(raw)))
-        lost = np.flatnonzero(np.isfinite(raw) & ~np.isfinite(ends[-1]))
-        if lost.size:
-            k = int(lost[0])
-            raise ExperimentsError(
-                f"{table.where(int(values.row[k]), column)}: {response.transform.fault(raw[k])}",
-                f'correct the outcome, or leave out transform = "{response.transform}"',
-            )
-    return ColumnValues(values.row, ends[0], ends[1])
+        censoring = censored.get(response.name) if isinstance(censored, Mapping) else censored
+        if censoring is None:
+            values = table.numbers_or_blank(column)[rows]
+            present = ~np.isnan(values)
+            found = ColumnValues(rows[present], values[present], values[present])
+        else:
+            found = censoring.read(table, column, rows)
+        upper = (censoring.upper if censoring else None) or column
+        ends: list[Array] = []
+        for raw, name in ((found.lower, column), (found.upper, upper)):
+            ends.append(np.where(np.isinf(raw), raw, response.transform(raw)))
+            lost = np.flatnonzero(np.isfinite(raw) & ~np.isfinite(ends[-1]))
+            if lost.size:
+                k = int(lost[0])
+                raise ExperimentsError(
+                    f"{table.where(int(found.row[k]), name)}: {response.transform.fault(raw[k])}",
+                    f'correct the outcome, or leave out transform = "{response.transform}"',
+                )
+        return ColumnValues(found.row, *ends)

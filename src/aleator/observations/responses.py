@@ -35,7 +35,7 @@ class Transform(StrEnum):
         return cls(text)
 
     def __call__(self, outcome: ArrayLike) -> Array:
-        """Outcomes in the original unit as the likelihood sees them; not finite where it cannot."""
+        """Transformed outcomes from those in the original unit; not finite without a logarithm."""
         values = np.asarray(outcome, dtype=np.float64)
         if self is Transform.NONE:
             return values
@@ -47,7 +47,7 @@ class Transform(StrEnum):
         return transformed if self is Transform.NONE else np.exp(transformed)
 
     def fault(self, outcome: float) -> str:
-        """Why a finite outcome cannot be transformed, "" if it can."""
+        """The reason why a finite outcome cannot be transformed, "" if it can."""
         if self is Transform.NONE or outcome > 0.0:
             return ""
         return f"the logarithm of {outcome:g} does not exist"
@@ -87,13 +87,13 @@ def responses_of(
 
 
 def common_transform(responses: Sequence[Response]) -> Transform:
-    """The transform that all responses have; none where they differ."""
+    """The common transform of all responses; Transform.NONE if they differ."""
     found = {response.transform for response in responses}
     return found.pop() if len(found) == 1 else Transform.NONE
 
 
 def require_responses(keys: Mapping[str, object], names: Sequence[str], what: str) -> None:
-    """Raise ExperimentsError where a key names no response; `what` says what the keys are of."""
+    """Raise ExperimentsError if a key names no response; `what` names the mapping in messages."""
     for key in keys:
         if key not in names:
             raise ExperimentsError(
@@ -110,7 +110,7 @@ class Observations:
     `responses`. `lower` and `upper` (M,) are on the scale of the likelihood, after the transform of
     the response. Where they are equal the value was measured exactly. A lower of minus infinity is
     left-censored at the upper, an upper of infinity is right-censored at the lower, and else the
-    value lies between them. NaN in both is a value that is asked for and was not measured.
+    value lies between them. NaN in both is a value that was not measured.
 
     Raises ExperimentsError for sizes that differ, for experiments in disorder, and for a lower
     above its upper.
@@ -128,18 +128,17 @@ class Observations:
     responses: tuple[Response, ...]
 
     def __post_init__(self) -> None:
-        for name in ("experiment", "row", "response"):
-            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.intp))
-        for name in ("lower", "upper"):
-            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
-        arrays = (self.experiment, self.row, self.response, self.lower, self.upper)
-        if any(array.shape != (len(self),) for array in arrays):
-            shapes = ", ".join(str(array.shape) for array in arrays)
-            raise ExperimentsError(
-                f"observations: the arrays have the shapes {shapes}", "give one entry a value"
-            )
-        for array in arrays:
+        kinds = {"experiment": np.intp, "row": np.intp, "response": np.intp}
+        for name in (*kinds, "lower", "upper"):
+            array = np.array(getattr(self, name), dtype=kinds.get(name, np.float64))
             array.setflags(write=False)
+            object.__setattr__(self, name, array)
+            if array.shape != np.shape(self.experiment):
+                raise ExperimentsError(
+                    f"observations: {name} has the shape {array.shape}, and the experiments have "
+                    f"{self.experiment.shape}",
+                    "give one entry a value",
+                )
         if np.any(np.diff(self.experiment) < 0):
             raise ExperimentsError(
                 "observations: experiments are in disorder", "sort the values by experiment"
@@ -188,51 +187,51 @@ class Observations:
 
     @cached_property
     def measured(self) -> Flags:
-        """Which values are known exactly, bool (M,)."""
+        """Whether each value is known exactly, bool (M,)."""
         return np.asarray(self.lower == self.upper)
 
     @cached_property
     def censored(self) -> Flags:
-        """Of which values only bounds are known, bool (M,)."""
+        """Whether only bounds of each value are known, bool (M,)."""
         return ~self.measured & ~np.isnan(self.lower)
 
 
 def limits_of_test(seen: Observations) -> list[tuple[float, float]] | None:
-    """Lower and upper limit of each response, infinite without one; values beyond are censored.
+    """Lower and upper limit of the test for each response, infinite without one.
 
-    A response whose right-censored values all have one bound has that as its upper limit. None
-    where bounds differ, and where values lie between two bounds: these are no limits of a test.
+    If all right-censored values of a response have the same bound, it is the upper limit; values
+    beyond it are censored. The result is None if bounds differ, or if values lie between two
+    bounds: these are no limits of a test.
 
     >>> seen = Observations.exact([1.0, 2.0, 2.0])
     >>> limits_of_test(replace(seen, upper=[1.0, np.inf, np.inf]))
     [(-inf, 2.0)]
     """
-    found = []
+    limits = []
     for k in range(len(seen.responses)):
-        own = (seen.response == k) & seen.censored
-        above = np.unique(seen.lower[own & np.isposinf(seen.upper)])
-        below = np.unique(seen.upper[own & np.isneginf(seen.lower)])
-        between = own & np.isfinite(seen.lower) & np.isfinite(seen.upper)
+        bound = (seen.response == k) & seen.censored
+        above = np.unique(seen.lower[bound & np.isposinf(seen.upper)])
+        below = np.unique(seen.upper[bound & np.isneginf(seen.lower)])
+        between = bound & np.isfinite(seen.lower) & np.isfinite(seen.upper)
         if above.size > 1 or below.size > 1 or np.any(between):
             return None
-        found.append((float(below[0]) if below.size else -np.inf,
-                      float(above[0]) if above.size else np.inf))  # fmt: skip
-    return found
+        limits.append((float([-np.inf, *below][-1]), float([np.inf, *above][-1])))
+    return limits
 
 
-def with_limits_of_test(asked: Observations, seen: Observations) -> Observations:
-    """Observations that were not made (M,), with the limits of the test of those that were seen.
+def with_limits_of_test(new: Observations, seen: Observations) -> Observations:
+    """New observations (M,) without values, with the limits of the test of those that were seen.
 
-    As long as nothing is known of a new value, it is one beyond a limit.
+    A new value counts as one beyond a limit until it is measured.
     """
-    lower, upper = asked.lower.copy(), asked.upper.copy()
+    lower, upper = new.lower.copy(), new.upper.copy()
     for k, (low, high) in enumerate(limits_of_test(seen) or []):
-        new = asked.response == k
+        of = new.response == k
         if np.isfinite(high):
-            lower[new], upper[new] = high, np.inf
+            lower[of], upper[of] = high, np.inf
         elif np.isfinite(low):
-            lower[new], upper[new] = -np.inf, low
-    return replace(asked, lower=lower, upper=upper)
+            lower[of], upper[of] = -np.inf, low
+    return replace(new, lower=lower, upper=upper)
 
 
 def ends_of(seen: Observations, limits: list[tuple[float, float]]) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aleator.core.types import Array
+from aleator.core.types import Array, Flags
 from aleator.errors import ExperimentsError, nearest
 
 if TYPE_CHECKING:
@@ -23,19 +23,17 @@ if TYPE_CHECKING:
 
 
 _MISSING_TYPES = ("NoneType", "NAType", "NaTType")
-"""None, and what pandas puts where there is nothing."""
+"""The types of None, and of what pandas puts where there is nothing."""
 
 
 def real_numbers(values: Any) -> Array:
     """The same numbers as float64, of the same shape; NaN where one is masked or missing.
 
-    Objects that are numbers (of Decimal, Fraction, a data frame) are taken. Raises TypeError for
-    texts, truth values, complex numbers and dates: none of them is an outcome.
+    Objects that are numbers (Decimal, Fraction, columns of a data frame) are accepted. Raises
+    TypeError for texts, truth values, complex numbers and dates: none of them is an outcome.
 
     >>> real_numbers(np.ma.masked_array([1, 2], mask=[True, False])).tolist()
     [nan, 2.0]
-    >>> real_numbers(np.array([1.5, None], dtype=object)).tolist()
-    [1.5, nan]
     >>> real_numbers(["1.5"])
     Traceback (most recent call last):
         ...
@@ -58,9 +56,8 @@ def _real(value: Any) -> float:
     kind = type(value)
     if kind.__name__ in _MISSING_TYPES or value is np.ma.masked:
         return np.nan
-    if isinstance(value, (bool, np.bool_, complex, np.complexfloating)) or not hasattr(
-        kind, "__float__"
-    ):
+    no_number = isinstance(value, (bool, np.bool_, complex, np.complexfloating))
+    if no_number or not hasattr(kind, "__float__"):
         raise TypeError(f"values of type {kind.__name__}")
     try:
         return float(value)
@@ -69,93 +66,75 @@ def _real(value: Any) -> float:
 
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_ABOVE = (">", "≥")
 _BOUND = re.compile(r"(?P<side>[<>≤≥])\s*=?\s*(?P<number>[+-]?\.?\d.*)")
 UNMEASURED = (
     "write a finite number there; where only a bound is known, write that and say so by the key "
     "censored; delete the row only if nothing was measured"
 )
-"""What to do about an outcome that is none."""
+"""What to do with a cell of the outcome that holds no number."""
 
 
-def number_of(cell: object, decimal: str) -> tuple[float, str]:
+def _number(cell: object, decimal: str) -> tuple[float, str]:
     """The number in a cell and "", or NaN and what is wrong with the cell."""
     if isinstance(cell, Real) and not isinstance(cell, (bool, np.bool_)):
         number = float(cell)
     else:
-        text = text_of(cell)
+        text = _text(cell)
         if not text:
             return math.nan, "the cell is blank, a number is needed"
         try:
             # float() also takes 1_000, which is a slip of the pen in a table.
             number = float(text.replace("_", "?").replace(decimal, "."))
         except ValueError:
-            return math.nan, f"'{short(text)}' is not a number"
+            return math.nan, f"'{_short(text)}' is not a number"
     if not math.isfinite(number):
-        return math.nan, f"'{short(str(cell))}' is not a finite number"
+        return math.nan, f"'{_short(str(cell))}' is not a finite number"
     return number, ""
 
 
-def bound_of(cell: object, decimal: str) -> tuple[float, int, str]:
-    """The number in a cell, its sign, and what is wrong: "> 20" is 20 with the sign 1.
-
-    The sign is -1 for what lies below the number, 0 for the number itself.
-
-    >>> bound_of("> 20", "."), bound_of("<=0,5", ","), bound_of("3", ".")
-    ((20.0, 1, ''), (0.5, -1, ''), (3.0, 0, ''))
-    """
-    found = _BOUND.fullmatch(text_of(cell))
-    sign = 0 if found is None else 1 if found["side"] in _ABOVE else -1
-    number, fault = number_of(cell if found is None else found["number"], decimal)
-    return number, sign, fault
-
-
-def is_blank(cell: object) -> bool:
-    """Whether a cell holds nothing; a NaN that is a number, as pandas writes it, is nothing."""
-    return (isinstance(cell, Real) and cell != cell) or not text_of(cell)
-
-
-def text_of(cell: object) -> str:
+def _text(cell: object) -> str:
     """A cell as stripped text; whatever pandas calls missing is blank."""
     return "" if type(cell).__name__ in _MISSING_TYPES else str(cell).strip()
 
 
-def short(text: str) -> str:
-    """A text cut to forty characters."""
+def _blank(cell: object) -> bool:
+    """Whether a cell holds nothing; pandas writes a NaN there."""
+    return (isinstance(cell, Real) and cell != cell) or not _text(cell)
+
+
+def _short(text: str) -> str:
     return text if len(text) <= 40 else text[:37] + "..."
 
 
-def has_decimal_comma(cell: object) -> bool:
-    """Whether it is a number with a comma where a point was expected."""
-    return _DECIMAL_COMMA.fullmatch(text_of(cell)) is not None
+def _has_decimal_comma(cell: object) -> bool:
+    return _DECIMAL_COMMA.fullmatch(_text(cell)) is not None
 
 
-def remedy(cell: object) -> str:
-    """What to write in place of a cell that is no number."""
-    if has_decimal_comma(cell):
+def _remedy(cell: object) -> str:
+    """What to write in place of a cell of a condition that is no number."""
+    if _has_decimal_comma(cell):
         return 'write a decimal point, or say so with the key decimal = ","'
     return "write a finite number there, or delete the row of an experiment that has none"
 
 
-def outcome_remedy(cell: object) -> str:
-    """What to write for a measured value: to leave out those beyond a bound would bias the law."""
-    bound = _BOUND.fullmatch(text_of(cell))
-    if bound is None:
-        return remedy(cell) if has_decimal_comma(cell) else UNMEASURED
-    return (
-        "say that cells with such a sign are bounds: censored = {signs = true}; without the row "
-        "the law would be biased"
-    )
+def _outcome_remedy(cell: object) -> str:
+    """What to write in place of a measured value; deleting a bound would bias the law."""
+    if _BOUND.fullmatch(_text(cell)):
+        return (
+            "say that cells with such a sign are bounds: censored = {signs = true}; without the "
+            "row the law would be biased"
+        )
+    return _remedy(cell) if _has_decimal_comma(cell) else UNMEASURED
 
 
 @dataclass(frozen=True)
 class Table:
     """Columns of cells, each cell a text or a Python value, with the place of each row.
 
-    `source` names the file or the frame, `columns` has one list of N cells a name, `places` (N,)
-    says where each row stands, `decimal` is the decimal sign of the numbers in the text. `owners`
-    (N,) are the ids of the rows' experiments, as far as they are known already. `units` are those
-    that heads of columns state.
+    `source` names the file or the frame, `columns` has one list of N cells by name, `places` (N,)
+    says where each row stands, `decimal` is the decimal sign of numbers in texts. `ids` (N,) are
+    those of the rows' experiments, or empty before they are read. `units` are those that the heads
+    of columns state.
 
     >>> table = Table("a.csv", {"ratio": ["0.95", "0.9"]}, ("row 2", "row 3"))
     >>> table.numbers("ratio").tolist()
@@ -166,7 +145,7 @@ class Table:
     columns: Mapping[str, Sequence[object] | NDArray[Any]]
     places: Sequence[str]
     decimal: str = "."
-    owners: Sequence[str] = ()
+    ids: Sequence[str] = ()
     units: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -185,96 +164,88 @@ class Table:
 
     def where(self, row: int, column: str) -> str:
         """The place of a cell in words: file, row, column, experiment."""
-        of = f" of experiment '{self.owners[row]}'" if self.owners else ""
+        of = f" of experiment '{self.ids[row]}'" if self.ids else ""
         return f"{self.source}: {self.places[row]}, column '{column}'{of}"
 
     @property
     def rows(self) -> Sequence[str]:
         """The place of each row in words: file, row."""
-        return _Places(self.source, self.places)
+        return _Worded(len(self.places), lambda row: f"{self.source}: {self.places[row]}")
 
-    def is_number(self, column: str) -> NDArray[np.bool_]:
-        """Which of the N cells of a column are, or look like, finite numbers, bool (N,)."""
+    def is_number(self, column: str) -> Flags:
+        """Which cells (N,) of a column are, or look like, finite numbers."""
         cells = self.columns[column]
         if _at_once(cells, self.decimal) is not None:
             return np.ones(len(self), dtype=bool)
         return np.array(
-            [number_of(cell, self.decimal)[1] == "" or has_decimal_comma(cell) for cell in cells]
+            [_number(cell, self.decimal)[1] == "" or _has_decimal_comma(cell) for cell in cells]
         )
-
-    def is_blank(self, column: str) -> NDArray[np.bool_]:
-        """Which of the N cells of a column hold nothing, bool (N,); NaN is nothing in a frame."""
-        cells = self.columns[column]
-        if isinstance(cells, np.ndarray):
-            return np.asarray(np.isnan(cells))
-        return np.array([is_blank(cell) for cell in cells])
 
     def texts(self, column: str) -> list[str]:
         """The N cells of a column as stripped texts, "" where a cell holds nothing."""
-        cells = self.columns[column]
-        return ["" if is_blank(cell) else text_of(cell) for cell in cells]
+        return ["" if _blank(cell) else _text(cell) for cell in self.columns[column]]
 
-    def numbers(self, column: str) -> NDArray[np.float64]:
-        """The N numbers of a column, float64 (N,), all finite.
+    def numbers(self, column: str) -> Array:
+        """The N numbers of a column, all finite.
 
         Raises ExperimentsError with the place of the first cell that is not a finite number.
         """
-        return self._read(column, remedy, blank=False)[0]
+        return self._read(column, _remedy, blank=False)[0]
 
-    def numbers_or_blank(self, column: str) -> NDArray[np.float64]:
-        """The N numbers of a column, float64 (N,), NaN where the cell holds nothing.
+    def numbers_or_blank(self, column: str) -> Array:
+        """The N numbers of a column, NaN where the cell holds nothing.
 
         Raises ExperimentsError as `numbers` does for every other cell.
         """
-        return self._read(column, outcome_remedy)[0]
+        return self._read(column, _outcome_remedy)[0]
 
-    def bounds(self, column: str) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
-        """The N numbers of a column and their signs: 1 for "> 20", -1 for "< 0.5", else 0.
+    def bounds(self, column: str) -> tuple[Array, NDArray[np.int_]]:
+        """The N numbers of a column and their signs: 1 for "> 20", -1 for "<= 0.5", else 0.
 
         NaN where the cell holds nothing. Raises ExperimentsError for every other cell.
+
+        >>> Table("a", {"y": ["> 20", "<=0,5", "3"]}, ["1", "2", "3"], ",").bounds("y")
+        (array([20. ,  0.5,  3. ]), array([ 1, -1,  0]))
         """
-        return self._read(column, remedy, signed=True)
+        return self._read(column, _remedy, signed=True)
 
     def _read(
-        self,
-        column: str,
-        remedy: Callable[[object], str],
-        *,
-        blank: bool = True,
-        signed: bool = False,
-    ) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
+        self, column: str, remedy: Callable[[object], str], blank: bool = True, signed: bool = False
+    ) -> tuple[Array, NDArray[np.int_]]:
         cells, signs = self.columns[column], np.zeros(len(self), dtype=int)
-        found = _at_once(cells, self.decimal)
-        if found is not None:
+        if (found := _at_once(cells, self.decimal)) is not None:
             return found, signs
         numbers = np.full(len(self), np.nan)
         for row, cell in enumerate(cells):
-            if blank and is_blank(cell):
+            if blank and _blank(cell):
                 continue
-            if signed:
-                numbers[row], signs[row], fault = bound_of(cell, self.decimal)
-            else:
-                numbers[row], fault = number_of(cell, self.decimal)
+            bound = _BOUND.fullmatch(_text(cell)) if signed else None
+            if bound:
+                signs[row] = 1 if bound["side"] in ">≥" else -1
+            numbers[row], fault = _number(bound["number"] if bound else cell, self.decimal)
             if fault:
                 raise ExperimentsError(f"{self.where(row, column)}: {fault}", remedy(cell))
         return numbers, signs
 
 
-class _Places(Sequence[str]):
-    """The places of rows with their source, worded when they are asked for."""
+class _Worded(Sequence[str]):
+    """Places of rows, put into words when they are read: a table may have millions."""
 
-    def __init__(self, source: str, places: Sequence[str]) -> None:
-        self.source, self.places = source, places
+    def __init__(self, count: int, word: Callable[[int], str]) -> None:
+        self._count, self._word = count, word
 
     def __len__(self) -> int:
-        return len(self.places)
+        return self._count
+
+    def __iter__(self) -> Iterator[str]:
+        return map(self._word, range(self._count))
 
     def __getitem__(self, row: int) -> str:  # type: ignore[override]
-        return f"{self.source}: {self.places[row]}"
+        return self._word(row)
 
 
-def _at_once(cells: Sequence[object] | NDArray[Any], decimal: str) -> NDArray[np.float64] | None:
-    """The numbers of a column that is nothing but finite numbers, else None: columns are long."""
+def _at_once(cells: Sequence[object] | NDArray[Any], decimal: str) -> Array | None:
+    """The numbers of a column that has nothing but finite numbers, else None: columns are long."""
     if not isinstance(cells, np.ndarray):
         plain = decimal == "." and all(type(cell) is str and "_" not in cell for cell in cells)
         if not plain:
@@ -297,34 +268,23 @@ def from_frame(frame: pd.DataFrame) -> Table:
     """
     source = "the data frame"
     names = [str(name) for name in frame.columns]
-    check_header(names, source)
+    _check_header(names, source)
     if frame.empty:
         raise ExperimentsError(f"{source} has no rows", "give one row for each experiment")
-    return Table(
-        source, {n: _cells(frame.iloc[:, k]) for k, n in enumerate(names)}, _Labels(frame.index)
+    label = frame.index
+    places = _Worded(
+        len(frame), lambda row: f"row {row + 1} (index {label[row : row + 1].tolist()[0]!r})"
     )
+    return Table(source, {n: _cells(frame.iloc[:, k]) for k, n in enumerate(names)}, places)
 
 
 def _cells(column: pd.Series) -> list[object] | NDArray[Any]:
-    """An array of numbers as it is, which is fast; else the cells."""
+    """The cells of a column; of numbers as an array, which is fast."""
     plain = isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiu"
     return column.to_numpy() if plain else column.tolist()
 
 
-class _Labels(Sequence[str]):
-    """The places of a frame's rows, worded when they are asked for: a frame may have millions."""
-
-    def __init__(self, labels: pd.Index) -> None:
-        self.labels = labels
-
-    def __len__(self) -> int:
-        return len(self.labels)
-
-    def __getitem__(self, row: int) -> str:  # type: ignore[override]
-        return f"row {row + 1} (index {self.labels[row : row + 1].tolist()[0]!r})"
-
-
-def check_header(header: Sequence[str], source: str) -> None:
+def _check_header(header: Sequence[str], source: str) -> None:
     """Raise ExperimentsError for no columns, a column without a name, and a name used twice."""
     if not header:
         raise ExperimentsError(f"{source} has no columns", "name the columns in the first row")
@@ -342,8 +302,7 @@ def check_header(header: Sequence[str], source: str) -> None:
             )
 
 
-DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
-_KEY = {"\t": r"\t"}
+_DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
 _UNIT = re.compile(r"^(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]+)\]$")
 
 
@@ -362,42 +321,48 @@ def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
             'the delimiter is one character, the decimal sign "." or ",", and they differ',
         )
     source = str(path)
-    rows = _rows(_decoded(Path(path)), delimiter, source)
-    if not rows:
+    numbered = _rows(_decoded(Path(path)), delimiter, source)
+    if not numbered:
         raise ExperimentsError(
             f"{source}: the file is empty", "write a header and a row per experiment"
         )
-    header = [name.strip() for name in rows[0][1]]
-    rows = rows[1:]
-    while header and not header[-1] and not any(_beyond(row, len(header)) for _, row in rows):
+    (_, header), *numbered = numbered
+    while (
+        header
+        and not header[-1]
+        and not any("".join(row[len(header) - 1 :]) for _, row in numbered)
+    ):
         header.pop()
-        rows = [(number, row[: len(header)]) for number, row in rows]
+        numbered = [(number, row[: len(header)]) for number, row in numbered]
     _check_delimiter(header, delimiter, source)
-    header, units = _parted(header)
-    check_header(header, source)
-    _check_lengths(header, rows, delimiter, source)
-    if not rows:
+    header, units = _without_units(header)
+    _check_header(header, source)
+    for number, row in numbered:
+        if len(row) != len(header):
+            raise ExperimentsError(
+                f"{source}: row {number} has {len(row)} cells, the header has {len(header)}",
+                "fill in or delete cells so that the row fits the header"
+                + ("; a decimal comma splits a number in two" if delimiter == "," else ""),
+            )
+    if not numbered:
         raise ExperimentsError(
             f"{source}: there is a header but no rows", "write one row for each experiment"
         )
-    columns: dict[str, list[object]] = {
-        name: [row[k].strip() for _, row in rows] for k, name in enumerate(header)
-    }
-    places = tuple(f"row {number}" for number, _ in rows)
-    return Table(source, columns, places, decimal, units=units)
+    columns = {name: [row[k] for _, row in numbered] for k, name in enumerate(header)}
+    return Table(source, columns, [f"row {number}" for number, _ in numbered], decimal, units=units)
 
 
 def stated_units(path: str | Path, delimiter: str = ",") -> dict[str, str]:
     """The units in the heads of a file's columns, by the names without them."""
     rows = csv.reader(io.StringIO(_decoded(Path(path)), newline=""), delimiter=delimiter)
     header = next((row for row in rows if any(cell.strip() for cell in row)), [])
-    return _parted([name.strip() for name in header])[1]
+    return _without_units([name.strip() for name in header])[1]
 
 
-def _parted(header: Sequence[str]) -> tuple[list[str], dict[str, str]]:
-    """Heads without their units, and these; heads that differ by their units only keep them.
+def _without_units(header: Sequence[str]) -> tuple[list[str], dict[str, str]]:
+    """Heads without their units, and the units; heads that differ in the unit only keep it.
 
-    >>> _parted(["travel [mm]", "force [N]", "force [kN]", "id"])
+    >>> _without_units(["travel [mm]", "force [N]", "force [kN]", "id"])
     (['travel', 'force [N]', 'force [kN]', 'id'], {'travel': 'mm'})
     """
     found = [_UNIT.match(head) for head in header]
@@ -410,18 +375,14 @@ def _parted(header: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     return [n if n in units else h for n, h in zip(bare, header, strict=True)], units
 
 
-def _beyond(row: Sequence[str], width: int) -> str:
-    """What a row holds from its last column on."""
-    return "".join(row[width - 1 :]).strip()
-
-
 def _decoded(path: Path) -> str:
+    """The text of a file. Raises ExperimentsError for what is no text file."""
     try:
         raw = path.read_bytes()
     except FileNotFoundError:
-        near = nearest(path.name, _names_beside(path))
+        beside = sorted(entry.name for entry in path.parent.glob("*"))
         raise ExperimentsError(
-            f"{path}: there is no such file{near}",
+            f"{path}: there is no such file{nearest(path.name, beside)}",
             "check the name; it is relative to the study file",
         ) from None
     except OSError as error:
@@ -451,46 +412,26 @@ def _decoded(path: Path) -> str:
     return text
 
 
-def _names_beside(path: Path) -> Iterable[str]:
-    folder = path.parent
-    return sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else ()
-
-
 def _rows(text: str, delimiter: str, source: str) -> list[tuple[int, list[str]]]:
-    """The rows that hold any text, each with its number in a spreadsheet."""
+    """The rows that hold any text as stripped cells, each with its number in a spreadsheet."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
-    rows = []
     try:
-        for number, row in enumerate(reader, start=1):
-            if any(cell.strip() for cell in row):
-                rows.append((number, row))
+        rows = [(number, [cell.strip() for cell in row]) for number, row in enumerate(reader, 1)]
     except csv.Error as error:
         raise ExperimentsError(
             f"{source}: line {reader.line_num}: {error}", "check the quotation marks from there on"
         ) from None
-    return rows
+    return [(number, row) for number, row in rows if any(row)]
 
 
 def _check_delimiter(header: Sequence[str], delimiter: str, source: str) -> None:
-    if len(header) != 1:
-        return
-    for other, words in DELIMITERS.items():
+    """Raise ExperimentsError where a single column has another delimiter in its head."""
+    for other, words in _DELIMITERS.items() if len(header) == 1 else ():
         if other != delimiter and other in header[0]:
+            written = other.replace("\t", r"\t")
             raise ExperimentsError(
                 f"{source}: row 1: the columns are separated by {words}, not by "
-                f"{DELIMITERS.get(delimiter, repr(delimiter))}: '{short(header[0])}'",
-                f'say so with the key delimiter = "{_KEY.get(other, other)}"'
+                f"{_DELIMITERS.get(delimiter, repr(delimiter))}: '{_short(header[0])}'",
+                f'say so with the key delimiter = "{written}"'
                 + (' (and decimal = "," if numbers look like 0,95)' if other != "," else ""),
-            )
-
-
-def _check_lengths(
-    header: Sequence[str], rows: Sequence[tuple[int, list[str]]], delimiter: str, source: str
-) -> None:
-    for number, row in rows:
-        if len(row) != len(header):
-            raise ExperimentsError(
-                f"{source}: row {number} has {len(row)} cells, the header has {len(header)}",
-                "fill in or delete cells so that the row fits the header"
-                + ("; a decimal comma splits a number in two" if delimiter == "," else ""),
             )

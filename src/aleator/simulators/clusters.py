@@ -20,7 +20,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from urllib.parse import urlsplit
 
 from aleator.errors import AleatorError, ClusterError
@@ -38,51 +38,25 @@ _SAME = "install there the same Python and the same Aleator as here"
 
 @dataclass(frozen=True)
 class ClusterSettings:
-    """How long a cluster is waited for (s), all by judgement, and the port of its scheduler.
-
-    - `lives`: workers that may be lost with one call before the call is held to be at fault.
-    - `look`: between two looks at which workers there are.
-    - `introduction`: in which workers have to say what they are, or else are used when they do.
-    - `connect`: in which a scheduler has to answer at first; `answer`: later, when it may be busy.
-    - `leave`: that taking leave may take.
-    - `port`: where a scheduler listens if nothing else is said, which is Dask's own default.
-    """
+    """How long a cluster is waited for, in seconds; all by judgement."""
 
     lives: int = 3
+    """Workers that may be lost with one call before the call is taken for the cause."""
     look: float = 0.5
+    """Seconds between two looks at which workers there are."""
     introduction: float = 10.0
+    """Seconds in which the first workers have to tell their versions; later they are used then."""
     connect: float = 10.0
+    """Seconds in which a scheduler has to answer at first."""
     answer: float = 60.0
+    """Seconds in which a scheduler has to answer later, when it may be busy."""
     leave: float = 2.0
+    """Seconds that closing the connection may take."""
     port: int = 8786
+    """Where a scheduler listens if the address has no port: Dask's default."""
 
 
 SETTINGS = ClusterSettings()
-
-
-class Cluster(Protocol):
-    """What DaskExecutor needs of a cluster; its thread alone calls all but `lost`."""
-
-    def alive(self) -> bool:
-        """Whether the scheduler is there, as far as is known without asking it."""
-
-    def workers(self) -> Set[str]:
-        """The addresses of the worker processes; raises where the scheduler does not answer."""
-
-    def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
-        """Why these workers cannot be used, "" for one that can, nothing for one that is silent."""
-
-    def send(self, worker: str, parcel: bytes) -> Future[Any]:
-        """Have this worker unpickle a call and make it, and no other."""
-
-    def killed(self, error: BaseException) -> bool:
-        """Whether the cluster says so of a worker."""
-
-    def lost(self) -> ClusterError:
-        """What is told where the scheduler is gone."""
-
-    def close(self) -> None:
-        """Leave the cluster, which lives on."""
 
 
 @dataclass(eq=False)
@@ -93,26 +67,28 @@ class _Call:
     begun: bool = False
 
     def begin(self) -> bool:
-        """Whether it is still wanted; it cannot be cancelled any more."""
+        """Begin the call unless it was cancelled, and say whether it begins."""
         self.begun = self.begun or self.future.set_running_or_notify_cancel()
         return self.begun
 
 
 class DaskExecutor(Executor):
-    """Calls for the workers of a cluster, which may come and go; `dask_executor` makes one.
+    """Executor on the workers of a Dask cluster, which may come and go; made by `dask_executor`.
 
-    Each worker process has one call at a time, so that no simulator meets another thread, and if a
-    worker is lost it is known which call it was running. That call goes to another worker, before
-    all that wait; where `lives` workers are lost with it, its future raises WorkerLost. Calls wait
-    where there is no worker. Where the scheduler is lost all futures and `submit` raise
-    ClusterError.
+    Each worker process has one call at a time, so that a simulator runs in one thread only, and the
+    call of a lost worker is known. That call goes to another worker, before all that wait; if
+    `lives` workers are lost with it, its future raises WorkerLost. Calls wait while there is no
+    worker. If the scheduler is lost, all futures and `submit` raise ClusterError.
 
-    `say` is told of workers that are lost, missing, or cannot be used. Cost: see docs/clusters.md.
-    Raises ClusterError if there are workers and none can be used.
+    Messages about workers that are lost, missing, or cannot be used go to `say`. Raises
+    ClusterError if there are workers and none can be used.
     """
 
     def __init__(
-        self, cluster: Cluster, say: Callable[[str], None], settings: ClusterSettings = SETTINGS
+        self,
+        cluster: _DaskCluster,
+        say: Callable[[str], None],
+        settings: ClusterSettings = SETTINGS,
     ) -> None:
         self._cluster, self._say, self._settings = cluster, say, settings
         # What only the one thread `_serve` touches.
@@ -142,7 +118,7 @@ class DaskExecutor(Executor):
         return max(len(self._workers), 1)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Have a worker call `fn`, which is pickled here and now."""
+        """Have a worker call `fn`, which is pickled at once."""
         import cloudpickle
 
         call = _Call(cloudpickle.dumps(partial(fn, *args, **kwargs)), Future())
@@ -155,7 +131,7 @@ class DaskExecutor(Executor):
         return call.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster; without `wait` calls that run are given up, their outcomes lost."""
+        """Leave the cluster; without `wait` running calls are given up and their outcomes lost."""
         with self._lock:
             self._end = self._end or RuntimeError("the executor was shut down")
             pending = [*self._open]
@@ -169,7 +145,7 @@ class DaskExecutor(Executor):
         self._cluster.close()
 
     def _meet(self) -> None:
-        """Wait for what the workers that are there at first say of themselves, but not for long."""
+        """Wait, but not for long, until the first workers have told their versions."""
         end = time.monotonic() + self._settings.introduction
         self._look()
         while self._silent and time.monotonic() < end:
@@ -177,7 +153,7 @@ class DaskExecutor(Executor):
             self._look()
 
     def _serve(self) -> None:
-        """Do what comes, look at the workers now and then, and keep all of them at work."""
+        """Handle events, see now and then which workers there are, and give all of them calls."""
         due = 0.0
         while not self._stopped:
             with suppress(Empty):
@@ -200,7 +176,7 @@ class DaskExecutor(Executor):
         self._stopped = True
 
     def _give_up(self, error: Exception) -> None:
-        """Nothing that is open will come."""
+        """Let all open calls raise this error."""
         with self._lock:
             self._end = self._end or error
             while not self._events.empty():
@@ -256,7 +232,7 @@ class DaskExecutor(Executor):
         return None
 
     def _tell(self, worker: str, inner: Future[Any]) -> None:
-        """A call was made; told from another thread."""
+        """Note that a call was made; this runs in another thread."""
         self._events.put(partial(self._done, worker, inner))
 
     def _done(self, worker: str, inner: Future[Any]) -> None:
@@ -290,8 +266,8 @@ def dask_executor(
     """The workers of the Dask cluster at `address`, as an executor for a Runner.
 
     `address` is that of the scheduler ("tcp://host:8786"), its scheduler file, or a Client that is
-    connected, such as one of dask-jobqueue. `say` is told of workers that are lost or cannot be
-    used. In the end the cluster is left as it was; after an exception calls that run are given up.
+    connected, such as one of dask-jobqueue. Messages about workers that are lost or cannot be used
+    go to `say`. The cluster is left running; after an exception running calls are given up.
 
     Raises ClusterError within some `connect` seconds if nobody answers there, at once if there are
     workers but none has this Python (major and minor version) and this Aleator.
@@ -322,18 +298,18 @@ def dask_executor(
 
 
 class _DaskCluster:
-    """A connected client, in the words of DaskExecutor."""
+    """A connected client; one thread of DaskExecutor calls all its methods but `lost`."""
 
     def __init__(self, address: str | Path | Client, settings: ClusterSettings) -> None:
         self._settings = settings
         self._client: Any
-        self._own = isinstance(address, (str, Path))
-        self._client = _connected(str(address), settings) if self._own else address
+        self._connected_here = isinstance(address, (str, Path))
+        self._client = _connected(str(address), settings) if self._connected_here else address
         self._at = str(getattr(self._client.scheduler, "address", address))
         self._loop = self._client.loop.asyncio_loop
         self._call = _caller()
         self._senders: dict[str, Any] = {}
-        self._asked: dict[str, Future[dict[str, Any]]] = {}
+        self._version_answers: dict[str, Future[dict[str, Any]]] = {}
 
     def alive(self) -> bool:
         return bool(self._client.status == "running")
@@ -342,14 +318,15 @@ class _DaskCluster:
         return frozenset(self._client.nthreads(callback_timeout=self._settings.answer))
 
     def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
+        """The reason why each worker cannot be used, "" if it can; none of a silent worker."""
         found = {}
         for worker in workers:
-            answer = self._asked.get(worker)
+            answer = self._version_answers.get(worker)
             if answer is None:
                 asking = self._versions(worker)
-                self._asked[worker] = run_coroutine_threadsafe(asking, self._loop)
+                self._version_answers[worker] = run_coroutine_threadsafe(asking, self._loop)
             elif answer.done():
-                del self._asked[worker]
+                del self._version_answers[worker]
                 if answer.exception() is None:
                     found[worker] = _fault(answer.result())
         return found
@@ -382,15 +359,15 @@ class _DaskCluster:
         )
 
     def close(self) -> None:
-        for answer in self._asked.values():
+        for answer in self._version_answers.values():
             answer.cancel()
-        if self._own:
+        if self._connected_here:
             with suppress(TimeoutError, OSError):  # of a scheduler that does not answer
                 self._client.close(timeout=self._settings.leave)
 
 
 def _caller() -> Callable[[bytes], Any]:
-    """What a worker runs; made here so that it travels whole: the scheduler need not import it."""
+    """The function that a worker calls; pickled as a whole, so that nobody has to import it."""
 
     def call(parcel: bytes) -> Any:
         import pickle
@@ -432,7 +409,7 @@ def _connected(address: str, settings: ClusterSettings) -> Any:
 
 
 def _knock(address: str, settings: ClusterSettings) -> None:
-    """Raises an OSError or a ValueError where nobody listens."""
+    """Raise an OSError or a ValueError if nobody listens at this address."""
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
     place = parts.hostname or "", parts.port or settings.port
     with socket.create_connection(place, settings.connect):
@@ -440,7 +417,7 @@ def _knock(address: str, settings: ClusterSettings) -> None:
 
 
 def _fault(packages: Mapping[str, Any]) -> str:
-    """Why a worker with these versions cannot be used, as the end of a sentence."""
+    """The reason why a worker with these versions cannot be used, as the end of a sentence."""
     here = {"python": sys.version.split()[0], "aleator": version("aleator")}
     python = str(packages["python"]).split(".")
     if python[:2] != here["python"].split(".")[:2]:
@@ -454,8 +431,8 @@ def _fault(packages: Mapping[str, Any]) -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """No log of Dask on the terminal: what matters of it is told in one message."""
-    import distributed  # noqa: F401  # sets the levels of its loggers when it is imported
+    """Keep Dask's log off the terminal; what matters of it becomes one message."""
+    import distributed  # noqa: F401  # its import sets the levels of its loggers
 
     loggers = [logging.getLogger(name) for name in _LOGGERS]
     levels = [logger.level for logger in loggers]
@@ -473,7 +450,7 @@ _START = "mpiexec -n N python -m mpi4py.futures -m aleator ... --mpi (or a scrip
 
 @contextmanager
 def mpi_executor() -> Iterator[Executor]:
-    """The processes of this MPI job but the first, which runs the study, as an executor.
+    """Executor on all processes of this MPI job but the first, which runs the study.
 
     The job is to be started by `mpiexec -n N python -m mpi4py.futures SCRIPT`. Where one of its
     processes dies MPI ends all of them: the runs that a store holds are kept.

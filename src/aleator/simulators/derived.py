@@ -1,4 +1,4 @@
-"""Arithmetic written as text, and parameters of a simulator that follow by it from others."""
+"""Arithmetic written as text, and parameters of a simulator that are computed by it from others."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from aleator.simulators.function import FunctionSimulator, as_simulator
 from aleator.simulators.protocol import Columns, Returned, Simulator
 
 LEAVES = (ast.Name, ast.Attribute, ast.Subscript, ast.Call)
-"""What the name of a variable may look like: `w`, `gear.w`, `gear.flange[1].w`, `der(x)`."""
+"""Syntax that the name of a variable may have: `w`, `gear.w`, `gear.flange[1].w`, `der(x)`."""
 
 
 @dataclass(frozen=True)
 class Words:
-    """How messages call an expression, and what it may name."""
+    """Words of messages: for the expression, for its variables, and for the remedies."""
 
     subject: str = "the outcome"
     variable: str = "variable of the FMU"
@@ -68,14 +68,14 @@ class Expression:
         return number(cast(ast.Constant, node))
 
 
-def parse(text: str, known: Sequence[str], words: Words = Words()) -> Expression:
-    """An expression of the known variables: + - * / **, numbers, parentheses, and functions.
+def parse(text: str, variables: Sequence[str], words: Words = Words()) -> Expression:
+    """Parse an expression of variables: + - * / **, numbers, parentheses, and functions.
 
     Functions are abs, exp, log (natural), log10, sqrt, sin, cos, tan, tanh, and min, max of two.
-    Names may be structured as an FMU writes them (`gear.flange[1].w`, `der(x)`). A text that is
-    itself the name of a variable is that variable.
+    Names may be structured as in an FMU (`gear.flange[1].w`, `der(x)`). A text that is as a whole
+    one of the `variables` is that variable.
 
-    Raises SimulatorError for what cannot be parsed, and for unknown names; `words` are its.
+    Raises SimulatorError, in these `words`, for other syntax and for unknown names.
 
     >>> slip = parse("shaft.w[1] - 2*shaft.w[2]", ["shaft.w[1]", "shaft.w[2]"])
     >>> slip.names
@@ -84,9 +84,9 @@ def parse(text: str, known: Sequence[str], words: Words = Words()) -> Expression
     array([1.])
     """
     text = text.strip()
-    if text in known:
+    if text in variables:
         return Expression(text, (text,), leaf := ast.Name(text), {leaf: text})
-    written = {name.replace(" ", ""): name for name in known}
+    written = {name.replace(" ", ""): name for name in variables}
     leaves: dict[ast.expr, str] = {}
 
     def is_leaf(node: ast.expr) -> bool:
@@ -99,30 +99,31 @@ def parse(text: str, known: Sequence[str], words: Words = Words()) -> Expression
         found = tree(text)
         require_arithmetic(found, is_leaf)
     except NoArithmeticError as error:
-        raise _refused(text, error, known, words) from None
+        raise _refused(text, error, variables, words) from None
     return Expression(text, tuple(dict.fromkeys(leaves.values())), found, leaves)
 
 
 def _source(text: str, node: ast.expr) -> str:
-    """A part of the text, as it is written but for blanks."""
+    """The text of a node without its blanks."""
     return (ast.get_source_segment(text, node) or "").replace(" ", "")
 
 
 def _refused(
-    text: str, error: NoArithmeticError, known: Sequence[str], words: Words
+    text: str, error: NoArithmeticError, variables: Sequence[str], words: Words
 ) -> SimulatorError:
-    """What is wrong with an expression, in the words of its reader."""
+    """The error for an expression, in the words of its caller."""
     start, place = f"{words.subject} {in_short(text)}", error.node
     if place is None:
         return SimulatorError(
-            f"{start} {error.problem}{nearest(text, known)}",
+            f"{start} {error.problem}{nearest(text, variables)}",
             error.remedy or f"{words.remedy}, or arithmetic such as w1 - 2*w2",
         )
     part = ast.get_source_segment(text, place) or ""
     if isinstance(place, LEAVES):
         name = part.replace(" ", "")
         return SimulatorError(
-            f"{start}: there is no {words.variable} '{name}'{nearest(name, known)}", words.remedy
+            f"{start}: there is no {words.variable} '{name}'{nearest(name, variables)}",
+            words.remedy,
         )
     return SimulatorError(
         f"{start} has {in_short(ast.get_source_segment(text, place) or '')}, which {error.problem}",
@@ -131,14 +132,14 @@ def _refused(
 
 
 def derived(simulator: Simulator | Callable[..., Any], expressions: Mapping[str, str]) -> Simulator:
-    """The simulator with parameters that are computed of the study's parameters and conditions.
+    """The simulator with parameters that are computed from the study's parameters and conditions.
 
-    `expressions` are arithmetic by the name of what they make; one may name those before it. What
-    an expression names is given to the simulator as well if it takes it. In a function of series an
-    expression may name a condition that varies, and makes an array then.
+    `expressions` are arithmetic by the name of the parameter that they compute; they may use those
+    before them. Variables of an expression are given to the simulator as well if it takes them. In
+    a function of series an expression may use a condition that varies, and makes an array then.
 
-    Raises SimulatorError for a name that is no identifier and for what is no arithmetic; unknown
-    names are told when the conditions and parameters are known.
+    Raises SimulatorError for a name that is no identifier and for a text that is no arithmetic.
+    Unknown variables raise it later, when conditions and parameters are known.
 
     >>> import numpy as np
     >>> stiffer = derived(lambda load, e: load / e, {"e": "a + b*(humidity - 1)"})
@@ -164,14 +165,14 @@ def derived(simulator: Simulator | Callable[..., Any], expressions: Mapping[str,
 
 @dataclass(frozen=True)
 class Derivation:
-    """Expressions by the name of what they make, in order, for known conditions and parameters."""
+    """Expressions in order, each with the name of the parameter that it computes."""
 
     expressions: tuple[tuple[str, Expression], ...]
 
     @classmethod
-    def of(cls, texts: Mapping[str, str], known: Sequence[str]) -> Derivation:
-        """Raises SimulatorError for an unknown name, and for a name that something else has."""
-        names, found = [*known], []
+    def of(cls, texts: Mapping[str, str], variables: Sequence[str]) -> Derivation:
+        """Raises SimulatorError for an unknown variable, and for a name that is used already."""
+        names, found = [*variables], []
         for name, text in texts.items():
             if name in names:
                 raise SimulatorError(
@@ -188,15 +189,15 @@ class Derivation:
 
     @property
     def used(self) -> frozenset[str]:
-        """What the expressions name."""
+        """The variables of all expressions."""
         return frozenset(name for _, expression in self.expressions for name in expression.names)
 
-    def made(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """What the expressions make of columns, or of the values of one run.
+    def made(self, inputs: Mapping[str, Any]) -> dict[str, Any]:
+        """The computed parameters by name, from columns or from the values of one run.
 
-        Raises SimulatorError for a text, and for series where one number a run is wanted.
+        Raises SimulatorError for a condition that is a text, or a series in a simulator of one row.
         """
-        values, made = dict(given), {}
+        values, made = dict(inputs), {}
         for name, expression in self.expressions:
             for used in expression.names:
                 if np.asarray(values[used]).dtype.kind not in "fiub":
@@ -210,12 +211,12 @@ class Derivation:
 
 
 @lru_cache
-def _derivation(texts: tuple[tuple[str, str], ...], known: tuple[str, ...]) -> Derivation:
-    return Derivation.of(dict(texts), known)
+def _derivation(texts: tuple[tuple[str, str], ...], variables: tuple[str, ...]) -> Derivation:
+    return Derivation.of(dict(texts), variables)
 
 
 class _Calculated:
-    """A function with derived parameters, called as it is: with numbers or arrays by name."""
+    """A function that computes derived parameters and then calls the user's function."""
 
     def __init__(self, inner: FunctionSimulator, texts: Mapping[str, str]) -> None:
         self._inner, self._texts = inner, tuple(texts.items())
@@ -231,19 +232,16 @@ class DerivedFunction(FunctionSimulator):
     """A Python function with derived parameters (see `derived`)."""
 
     def __init__(self, inner: FunctionSimulator, expressions: Mapping[str, str]) -> None:
-        super().__init__(
-            _Calculated(inner, expressions), inner.vectorized, inner.version, inner.block,
-            inner.series, inner.timeout,
-        )  # fmt: skip
+        super().__init__(_Calculated(inner, expressions), *inner.options)
         self.inner, self.expressions = inner, dict(expressions)
         self.description = inner.description
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """The function, as it reaches other processes, and the expressions."""
+        """Pickle the function in its own way, and the expressions."""
         return DerivedFunction, (self.inner, self.expressions)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """What the function asks for, and what the expressions name."""
+        """Conditions that the function takes, or that an expression uses."""
         found = Derivation.of(self.expressions, (*conditions, *parameters))
         names = (*parameters, *self.expressions)
         passed = [name for name in names if name not in found.used or self.inner.takes(name)]
@@ -258,12 +256,12 @@ class DerivedFunction(FunctionSimulator):
 class Derived:
     """A program, an FMU or another simulator with derived parameters (see `derived`).
 
-    What it has beside the members of every simulator is that of `inner`.
+    Further members are those of the simulator itself, `inner`.
     """
 
     def __init__(self, inner: Simulator, expressions: Mapping[str, str]) -> None:
         self.inner, self.expressions = inner, dict(expressions)
-        self._known: dict[tuple[tuple[str, ...], ...], tuple[str, ...]] = {}
+        self._passed_names: dict[tuple[tuple[str, ...], ...], tuple[str, ...]] = {}
 
     def __getattr__(self, name: str) -> Any:
         """A member of the simulator itself."""
@@ -272,13 +270,13 @@ class Derived:
         return getattr(self.inner, name)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """What the simulator asks for, and what the expressions name."""
+        """Conditions that the simulator takes, or that an expression uses."""
         used = self._of(conditions, parameters).used
         asked = self.inner.asks(conditions, self.passed(conditions, parameters))
         return tuple(name for name in conditions if name in asked or name in used)
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
-        """Run R times, with what the expressions make among the parameters."""
+        """Run R times, with the computed parameters among the others."""
         made = self._of([*conditions], [*parameters]).made({**conditions, **parameters})
         given = {**parameters, **made}
         names = self.passed([*conditions], [*parameters])
@@ -292,12 +290,14 @@ class Derived:
         return _fingerprint(self.inner, self.expressions)
 
     def passed(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The parameters that the simulator itself is given: all that it accepts."""
+        """The parameters that are passed to the simulator itself: all that it accepts."""
         names = tuple(conditions), tuple(parameters)
-        if names not in self._known:
+        if names not in self._passed_names:
             used = self._of(conditions, parameters).used
-            self._known[names] = _passed(self.inner, names[0], (*names[1], *self.expressions), used)
-        return self._known[names]
+            self._passed_names[names] = _passed(
+                self.inner, names[0], (*names[1], *self.expressions), used
+            )
+        return self._passed_names[names]
 
     def _of(self, conditions: Sequence[str], parameters: Sequence[str]) -> Derivation:
         return _derivation(tuple(self.expressions.items()), (*conditions, *parameters))
@@ -309,20 +309,21 @@ def _passed(
     parameters: tuple[str, ...],
     used: frozenset[str],
 ) -> tuple[str, ...]:
-    """The most parameters that the simulator accepts; without those that expressions use, if none.
+    """The parameters that the simulator accepts, as many as possible.
 
-    What an expression uses may be unknown to the simulator, and what is not is meant for it too.
+    A variable of an expression may be unknown to the simulator, and is not passed then. If no
+    choice is accepted, none of these variables is passed.
     """
-    ours = [name for name in parameters if name in used]
-    for left_out in range(len(ours)):
-        for out in combinations(ours, left_out):
+    optional = [name for name in parameters if name in used]
+    for left_out in range(len(optional)):
+        for out in combinations(optional, left_out):
             names = tuple(name for name in parameters if name not in out)
             try:
                 inner.asks(conditions, names)
             except SimulatorError:
                 continue
             return names
-    return tuple(name for name in parameters if name not in ours)
+    return tuple(name for name in parameters if name not in optional)
 
 
 def _fingerprint(inner: Simulator, expressions: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""Runs that cost less than remembering them: made here, many in one call of arrays."""
+"""Runs that cost less than remembering them: made in this process, many by one call with arrays."""
 
 from __future__ import annotations
 
@@ -22,25 +22,23 @@ from aleator.simulators.units import Bound
 
 @dataclass(frozen=True)
 class DirectSettings:
-    """How runs are made that are not remembered.
-
-    - `checked`: runs at which calls with numbers and one call with arrays are compared, at most. By
-      judgement: they differ in the case and in every parameter.
-    - `digits`: units of the last place that may differ, as powers and exponentials of arrays are
-      computed by other code. By judgement: the last four bits.
-    - `remembered`: runs without an outcome whose reasons are kept. By judgement: they are read.
-    """
+    """How runs are made that are not remembered; all by judgement."""
 
     checked: int = 16
+    """Runs, at most, at which calls with numbers are compared with one call with arrays. They
+    differ in the case and in every parameter."""
     digits: float = 16.0
+    """Units of the last place that may differ: other code computes powers and exponentials of
+    arrays, and may change the last four bits."""
     remembered: int = 1000
+    """Runs without an outcome whose reasons are kept for messages."""
 
 
 SETTINGS = DirectSettings()
 
 
 class ArrayCalls:
-    """Runs of an `elementwise` function in one call, which gets the rows of all one below another.
+    """Calls an `elementwise` function once for many runs, with the rows of all runs in one array.
 
     >>> import pandas as pd
     >>> from aleator.simulators.units import Cases
@@ -65,8 +63,8 @@ class ArrayCalls:
     def __call__(self, case: Indices, x: Array) -> Array:
         """Values (R, W) of runs of `case` (R,) at x (R, n).
 
-        Raises what the function raises, and TypeError for what is neither an array of the rows nor
-        a number. Cost: some 15 ns a value beside the function's own.
+        Raises what the function raises, and TypeError if it returns neither an array of the rows
+        nor a number. Cost: some 15 ns a value, and the function itself.
         """
         size = len(self._form.responses)
         values = np.full((len(case), self._form.width), np.nan)
@@ -86,7 +84,7 @@ class ArrayCalls:
         return values
 
     def _parts(self, rows: Indices, x: Array) -> list[Array]:
-        """What the function returns for each response at x (n, rows): an array, or a number."""
+        """The function's value of each response at x (n, rows): an array, or a number."""
         columns = {name: column[rows] for name, column in self._columns.items()}
         simulator: Any = self._bound.simulator
         with np.errstate(all="ignore"):
@@ -101,10 +99,10 @@ class ArrayCalls:
 
 
 def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings = SETTINGS) -> bool:
-    """Whether a function gives the same values for runs of `case` (R,) at x (R, n) in one call.
+    """Whether one call with arrays gives what a function gives for runs of `case` (R,) at x (R, n).
 
-    The runs, of which `checked` are looked at, should differ in both. The same is: but for the last
-    `digits`. A function that raises either way is not elementwise. Cost: at most checked + 1 calls.
+    Up to `checked` runs are compared, which should differ in case and x, except for the last
+    `digits`. A function that raises either way is not elementwise. Cost: checked + 1 calls.
 
     >>> from aleator.simulators.units import Cases
     >>> from aleator.simulators.function import FunctionSimulator
@@ -128,7 +126,7 @@ def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings 
 
 
 def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
-    """A column of cases as one of all their rows."""
+    """A column with an entry for each case, as one with an entry for each row of all cases."""
     if column.dtype == object and len(column) and isinstance(column[0], np.ndarray):
         return np.concatenate([*column])
     return np.repeat(column, rows)
@@ -145,11 +143,10 @@ Failures = Mapping[int, Failure]
 
 
 class DirectRuns:
-    """Runs of cases, as they are asked for: `count` is how many were made.
+    """Makes runs that nobody remembers, and counts them: `count` of all, `lost` of those in vain.
 
-    `lost` counts those that lack a value which is measured; `failures` are the first of them.
-
-    After `find_arrays` a function of numbers is called with arrays, if it may be.
+    A run is lost that lacks a measured value; `failures` are the first of them. After `find_arrays`
+    a function of numbers is called with arrays, if it gives the same then.
 
     >>> inverse = FunctionSimulator(lambda x: 1.0 / x, vectorized=True)
     >>> from aleator.simulators.units import Cases
@@ -170,9 +167,9 @@ class DirectRuns:
     def __call__(self, case: Indices, x: Array) -> Array:
         """Values (R, W) of runs of `case` (R,) with parameters `x` (R, n), as they were returned.
 
-        A run that raises is NaN; a number that is not finite stays as it is. Raises SimulatorError
-        for a wrong shape or type, SurroundingsError for what the machine did to a run. Cost: some
-        20 ns a run of a vectorized function beside its own.
+        A run that raises is NaN; a number that is not finite is kept. Raises SimulatorError for a
+        wrong shape or type, SurroundingsError for what the machine did to a run. Cost: some 20 ns a
+        run of a vectorized function, and the function itself.
         """
         self.count += len(case)
         values = np.empty((len(case), self._form.width))
@@ -182,7 +179,7 @@ class DirectRuns:
         return values
 
     def again(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of runs that are made once more; none is counted."""
+        """Values (R, W) of runs that are made once more and not counted."""
         parts = blocks(len(case), 1, self._size)
         return np.concatenate([self._block(case[rows], x[rows])[0] for rows in parts])
 
@@ -192,9 +189,9 @@ class DirectRuns:
         return together if self._together else self._simulator.block
 
     def find_arrays(self, region: Array) -> bool:
-        """Whether the simulator takes arrays: it is vectorized, or a function found `elementwise`.
+        """Whether the simulator takes arrays: it is vectorized, or an `elementwise` function.
 
-        It is tried at some points of the region (n, 2), under as many cases.
+        That is tried at some points of the region (n, 2), under as many cases.
         """
         simulator = self._simulator
         if not isinstance(simulator, FunctionSimulator) or simulator.vectorized:
@@ -212,21 +209,17 @@ class DirectRuns:
         """Remember why runs have no outcome."""
         form = self._form.some(case)
         gone = np.isnan(values) if form.observed is None else np.isnan(values) & form.observed
-        if not np.any(gone):
-            return
-        runs = np.unique(np.nonzero(gone)[0])
+        runs = np.flatnonzero(gone.any(axis=1))
         self.lost += len(runs)
         first = runs[: self._settings.remembered - len(self.failures)]
-        if len(first):
-            columns = np.argmax(gone[first], axis=1)
-            noted = {
-                k: failures.get(run) or Failure(form.fault(run, column, np.nan), kind=NOT_FINITE)
-                for k, (run, column) in enumerate(
-                    zip(first.tolist(), columns.tolist(), strict=True)
-                )
-            }
-            asked = replace(Runs.planned(case[first], x[first]), failures=noted)
-            self.failures = Runs.joined([self.failures, asked])
+        if not len(first):
+            return
+        noted = {}
+        for k, run in enumerate(first.tolist()):
+            fault = form.fault(run, int(np.argmax(gone[run])), np.nan)
+            noted[k] = failures.get(run) or Failure(fault, kind=NOT_FINITE)
+        lost = replace(Runs.planned(case[first], x[first]), failures=noted)
+        self.failures = Runs.joined([self.failures, lost])
 
     def _block(self, case: Indices, x: Array) -> tuple[Array, Failures]:
         try:
@@ -242,7 +235,7 @@ class DirectRuns:
             return self._carefully(case, x)
 
     def _carefully(self, case: Indices, x: Array) -> tuple[Array, Failures]:
-        """The same where a run raises: that one is NaN."""
+        """The same values if some run raises, which is then NaN."""
         runs = Runs.planned(case, x, self._form.width)
         made = make(self._simulator, Batch.of(self._unmeasured, runs), np.inf)
         if made.stopped:

@@ -34,37 +34,34 @@ from aleator.simulators.units import Bound, Form, is_named
 
 @dataclass(frozen=True)
 class Batching:
-    """How runs are cut into batches, and what of them is underway at once.
-
-    - `here`: seconds of runs in this process after which those that completed are handed over, and
-      of a run that is timed by itself; shorter ones are called some at a time. By judgement: it is
-      what an interruption loses of cheap runs.
-    - `workers`: seconds of runs that a worker is given at once. Beside them a batch takes 11 to
-      14 ms through Dask (measured once: docs/evidence.md, "Cost of workers").
-    - `most_here`, `most`: runs of one batch, however cheap, in this process and of a worker. By
-      judgement, for the memory of their columns.
-    - `waiting`: batches for each worker that are submitted: one runs, one waits.
-    - `listening`: seconds after which a note of Ctrl-C is looked for. By judgement.
-    """
+    """How runs are cut into batches, and how many batches are submitted at once."""
 
     here: float = 0.02
+    """Seconds of runs in this process after which completed runs are stored; a run that takes
+    longer is timed by itself. By judgement: an interruption loses so much."""
     workers: float = 0.5
+    """Seconds of runs in a worker's batch. A batch costs 11 to 14 ms more through Dask (measured
+    once: docs/evidence.md, "Cost of workers")."""
     most_here: int = 8192
+    """The most runs of a batch in this process; by judgement, for the memory of their columns."""
     most: int = 65_536
+    """The most runs of a worker's batch; by judgement, for the memory of their columns."""
     waiting: int = 2
+    """Batches that are submitted for each worker: one runs, one waits."""
     listening: float = 0.2
+    """Seconds after which it is seen whether Ctrl-C came; by judgement."""
 
 
 BATCHING = Batching()
-_INSTANT = float(np.finfo(np.float64).tiny)  # seconds: what nobody divides by
+_INSTANT = float(np.finfo(np.float64).tiny)  # seconds; keeps a division by a time finite
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
     """R runs that are to be made, with all that a worker needs beside the simulator.
 
-    `conditions` are columns (R,) by name, `parameters` names the columns of x, and `form` is what
-    the runs are to return.
+    `conditions` are columns (R,) by name, `parameters` names the columns of x, and `form` says
+    which values the runs return.
     """
 
     conditions: Columns
@@ -87,15 +84,15 @@ class Batch:
         return Batch(conditions, self.parameters, self.form.some(rows), self.runs.some(rows))
 
     def stopped(self, by: BaseException) -> Runs:
-        """None of the runs: something ended the batch before the first."""
+        """No runs: `by` ended the batch before the first of them."""
         return replace(self.runs.some(slice(0)), stopped=by)
 
     def failed(self, seconds: float, error: BaseException) -> Runs:
-        """The one run of the batch, which raised."""
+        """The run of a batch of one, which raised an exception."""
         return replace(self.runs, seconds=np.array([seconds]), failures={0: Failure.of(error)})
 
     def made(self, simulator: Simulator, returned: Any, seconds: float) -> Runs:
-        """What came of the runs; one without a value that is measured has failed.
+        """The runs with what the simulator returned; a run that lacks a measured value has failed.
 
         Raises SimulatorError for a wrong shape or type.
         """
@@ -109,9 +106,9 @@ class Batch:
 def without_outcome(
     runs: Runs, form: Form, lost: Flags, why: Callable[[int, float], str] = lambda *_: ""
 ) -> Runs:
-    """The runs, of which those have failed that `lost` (R, W) a value which is measured.
+    """The runs, with a failure for each that has `lost` (R, W) a measured value.
 
-    `why` adds words to what is said of a value in a column.
+    `why` of a column and its value is added to the message.
     """
     if not np.any(lost):
         return runs
@@ -126,13 +123,14 @@ def without_outcome(
 
 
 def make(simulator: Simulator, batch: Batch, budget: float, timed: float = BATCHING.here) -> Runs:
-    """Make the first runs of a batch, and begin nothing more once it took `budget` s.
+    """Make the runs of a batch, as many as begin within `budget` s.
 
-    Runs that take less than `timed` s are called some at a time. An exception is the failure of one
-    run, found by halves where the simulator takes many at once. What the machine did to a run (see
-    `surroundings`) is none: it ends the batch before that run, as Ctrl-C does, and is `stopped` of
-    what is returned. Raises SimulatorError for what no other parameters would mend: a wrong shape
-    or type, and a simulator that raises for many runs but for none of them alone.
+    Several runs that together take less than `timed` s are made by one call. An exception is the
+    failure of one run, which is found by halves if the simulator takes many at once. What the
+    machine did to a run (see `surroundings`) is no failure: it ends the batch before that run, as
+    Ctrl-C does, and becomes `stopped` of the result. Raises SimulatorError for what no other
+    parameters would mend: a wrong shape or type, and a simulator that raises for many runs but for
+    none of them alone.
 
     >>> from aleator.simulators.function import FunctionSimulator
     >>> def inverse(x):
@@ -159,10 +157,10 @@ def make(simulator: Simulator, batch: Batch, budget: float, timed: float = BATCH
 
 
 def make_packed(parcel: bytes, batch: Batch, budget: float) -> Runs:
-    """`make` in another process: `parcel` is the simulator, pickled; unpacked once a process.
+    """Make runs in a worker process; `parcel` is the pickled simulator, unpacked once a process.
 
-    Ctrl-C is answered where the runs were asked for. A KeyboardInterrupt here is the simulator's
-    own, and the failure of the run that raised it.
+    Ctrl-C is answered by the process that submitted the batch. A KeyboardInterrupt in a worker was
+    raised by the simulator, and is the failure of that run.
     """
     simulator: Any = _Uninterrupted(_unpacked(parcel))
     return make(simulator, batch, budget)
@@ -197,7 +195,7 @@ def _unpacked(parcel: bytes) -> Simulator:
 
 
 def _attempted(simulator: Simulator, batch: Batch) -> Runs:
-    """One call; of one that raised what completed and the run at fault."""
+    """The runs of one call; if it raised, those that completed and the run at fault."""
     began = time.perf_counter()
     columns = batch.runs.x.T.copy()
     try:
@@ -219,7 +217,7 @@ def _attempted(simulator: Simulator, batch: Batch) -> Runs:
 
 
 def _before(simulator: Simulator, stop: RunStopped, batch: Batch, took: float) -> Runs:
-    """What a simulator that runs one at a time did until it stopped."""
+    """The runs of a simulator that runs one at a time, up to the run that stopped it."""
     done, error = len(stop.completed), stop.__cause__ or stop
     stopping = error if isinstance(error, KeyboardInterrupt) else cause(error)
     if isinstance(error, AleatorError) and not stopping:
@@ -249,7 +247,7 @@ def _halves(simulator: Simulator, batch: Batch, error: BaseException) -> Runs:
 
 
 def made_here(bound: Bound, runs: Runs, batching: Batching = BATCHING) -> Iterator[Runs]:
-    """Make runs in this process; they are yielded as they are done, in their order.
+    """Make runs in this process, and yield them in their order as they are done.
 
     >>> import numpy as np
     >>> from aleator.simulators.function import FunctionSimulator
@@ -271,17 +269,17 @@ def made_here(bound: Bound, runs: Runs, batching: Batching = BATCHING) -> Iterat
 
 
 class Dispatcher:
-    """Gives runs to the workers of an executor, and knows what they have.
+    """Has runs made in batches by the workers of an executor.
 
     `make` yields runs as batches complete, in any order. A batch whose worker died is run again by
-    halves until the run at fault is found, which is a failure like any other; each half alone,
-    unless the executor told which batch it was (WorkerLost). After Ctrl-C nothing more is submitted
-    and what was running is yielded, then KeyboardInterrupt is raised; a second Ctrl-C does so at
-    once. What stops a batch (see `make`) stops the others likewise. `rest` yields what
-    is running for whoever stops of its own.
+    halves until the run at fault is found, which then is a failure like any other. Halves run one
+    at a time, unless the executor said which batch it was (WorkerLost). After Ctrl-C nothing more
+    is submitted, the running batches are waited for and yielded, and KeyboardInterrupt is raised; a
+    second Ctrl-C raises it at once. What stops one batch (see the function `make`) stops the others
+    in the same way. `rest` yields the running batches and takes back the others.
 
-    Raises SurroundingsError for workers that cannot live, SimulatorError for a simulator that
-    cannot be sent to another process, or be unpacked there.
+    Raises SurroundingsError for workers that end before they run anything, SimulatorError for a
+    simulator that cannot be sent to another process, or be unpacked there.
     """
 
     def __init__(self, bound: Bound, executor: Executor, batching: Batching = BATCHING) -> None:
@@ -306,10 +304,7 @@ class Dispatcher:
         return os.cpu_count() or 1
 
     def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
-        """Have runs made by the workers.
-
-        `stopping` is told of how many batches are running when Ctrl-C comes.
-        """
+        """Have runs made; after Ctrl-C `stopping` is called with the number of running batches."""
         self._waiting = deque([runs] if len(runs) else [])
         with interruptions_noted() as interrupted:
             self._ending = interrupted
@@ -328,7 +323,7 @@ class Dispatcher:
                     raise self._stopped
 
     def rest(self) -> Iterator[Runs]:
-        """What is running, when it is done; what is not begun is taken back."""
+        """The running batches as they complete; batches that have not begun are taken back."""
         self._waiting.clear()
         self._suspect.clear()
         self._running = {f: runs for f, runs in self._running.items() if not f.cancel()}
@@ -341,10 +336,10 @@ class Dispatcher:
         return len(self._running) < self._batching.waiting * self.slots
 
     def _next(self) -> Runs:
-        """The next batch: half a second of runs, fewer at the end, so that all workers end alike.
+        """The next batch: half a second of runs, fewer at the end so that all workers end together.
 
-        Of a simulator that takes arrays whole blocks, because their last digits may depend on
-        their length: so outcomes do not depend on the time that anything took.
+        A simulator that takes arrays gets whole blocks: last digits may depend on the length of
+        arrays, and must not depend on the time that runs took.
         """
         runs, block = self._waiting.popleft(), self._simulator.block
         left = len(runs) + sum(map(len, self._waiting))
@@ -405,7 +400,7 @@ class Dispatcher:
             yield made
 
     def _require_life(self) -> None:
-        """Raise SurroundingsError where a worker dies without any run, too."""
+        """Raise SurroundingsError if workers die even without a run."""
         try:
             self._executor.submit(os.getpid).result()
         except BrokenExecutor as death:
@@ -418,7 +413,10 @@ class Dispatcher:
 
 @contextmanager
 def interruptions_noted() -> Iterator[Callable[[], bool]]:
-    """The first Ctrl-C is noted, so that it cannot come between a run and its keeping."""
+    """Note the first Ctrl-C, so that no run is lost between its end and its storage.
+
+    The second one raises KeyboardInterrupt.
+    """
     noted: list[int] = []
 
     def note(signum: int, _frame: object) -> None:

@@ -1,4 +1,4 @@
-"""Execution of runs: tried again if they fail, remembered, and kept in the store."""
+"""Execution of runs: made, tried again if they fail, remembered, and stored."""
 
 from __future__ import annotations
 
@@ -28,46 +28,46 @@ from aleator.simulators.units import Bound, Units
 
 
 class RunProgress:
-    """Says to `progress`, after `patience` s, how `total` runs come along beside `known` ones.
+    """Reports to `progress` how many of `total` new runs are done, from `patience` s on.
 
-    >>> RunProgress.text(30, 100, known=10, failed=2, retried=0, rate=4.0)
+    >>> RunProgress.text(30, 100, reused=10, failed=2, retried=0, rate=4.0)
     '30 of 100 runs, 10 of them known, 2 failed, 4 runs/s, about 18 s left'
     """
 
-    def __init__(self, progress: Progress, total: int, known: int, patience: float = 1.0) -> None:
+    def __init__(self, progress: Progress, total: int, reused: int, patience: float = 1.0) -> None:
         self._patience = patience
-        self._progress, self._total, self._known = progress, total + known, known
+        self._progress, self._total, self._reused = progress, total + reused, reused
         self._done = self._failed = self._retried = 0
         self._began = time.monotonic()
 
     def count(self, done: int, failed: int) -> None:
-        """So many runs more are done; `failed` of these have no outcome."""
+        """Count runs that were just done, `failed` of them without an outcome."""
         self._done, self._failed = self._done + done, self._failed + failed
         seconds = time.monotonic() - self._began
-        if seconds > self._patience and self._done + self._known < self._total:
+        if seconds > self._patience and self._done + self._reused < self._total:
             text = self.text(
-                self._done + self._known, self._total, self._known, self._failed, self._retried,
+                self._done + self._reused, self._total, self._reused, self._failed, self._retried,
                 self._done / seconds,
             )  # fmt: skip
-            self._progress.update(text, self._done + self._known, self._total)
+            self._progress.update(text, self._done + self._reused, self._total)
 
     def retry(self, number: int) -> None:
-        """So many failed runs are tried again."""
+        """Count that so many failed runs are tried again."""
         self._retried = number
         self._done, self._failed = self._done - number, self._failed - number
 
     def stopping(self, batches: int) -> None:
-        """Ctrl-C came: what is at work is waited for."""
+        """Say after Ctrl-C that so many running batches are waited for."""
         self._progress.update(
             f"stopping: {batches} batches of runs are still at work and will be kept; Ctrl-C "
             "again leaves them"
         )
 
     @staticmethod
-    def text(done: int, total: int, known: int, failed: int, retried: int, rate: float) -> str:
-        """The line that is told."""
+    def text(done: int, total: int, reused: int, failed: int, retried: int, rate: float) -> str:
+        """The line of progress."""
         parts = [f"{done:,} of {total:,} runs"]
-        parts += [f"{known:,} of them known"] if known else []
+        parts += [f"{reused:,} of them known"] if reused else []
         parts += [f"{failed:,} failed"] if failed else []
         parts += [f"{retried:,} tried again"] if retried else []
         parts.append(f"{rate:.3g} runs/s")
@@ -85,12 +85,10 @@ def _duration(seconds: float) -> str:
 class RunCache:
     """The runs of one simulator under the cases of one table, in a store.
 
-    `at_start` is what the store held of the simulator, `added`
-    counts the runs that were new to it.
-
-    What came with the names of its responses is kept under a case that has these names, so that a
-    study of another response does not take it for its own. `together` runs are sought in one query
-    (by judgement: what it takes in memory stays small).
+    `at_start` are the counts of its runs when the store was opened, `added` counts the new ones. A
+    run whose responses were named by the simulator is stored under a case with these names, so that
+    a study of another response does not use it. One query is about `together` runs (by judgement,
+    for little memory).
     """
 
     def __init__(self, store: Store, bound: Bound, units: Units, together: int = 8192) -> None:
@@ -102,7 +100,7 @@ class RunCache:
         self._rows = units.rows[bound.cases.first]
         self._sizes = self._rows * len(units.responses)
         self._series = units.series
-        # one response may have come without its name
+        # The outcome of a single response may have been returned without its name.
         self._ways = (False, True) if len(units.responses) == 1 else (True,)
         self._cases: dict[tuple[bool, int], Case] = {}
         self.at_start = store.counts(self.identity)
@@ -126,7 +124,7 @@ class RunCache:
         return replace(runs, outcome=outcome, failures=worked)
 
     def _read(self, value: float | bytes | None, width: int) -> Array:
-        """The values of a run as the store has them, NaN behind the last; raises StoreError."""
+        """The stored values of a run, filled up with NaN; raises StoreError for a damaged run."""
         values = np.full(width, np.nan)
         try:
             found = np.frombuffer(value, "<f8") if isinstance(value, bytes) else np.array([value])
@@ -156,12 +154,12 @@ class RunCache:
         try:
             self.added += self.store.add(self.identity, cases, rows)
         except KeyboardInterrupt:
-            # Ctrl-C came while they were written, and took the transaction back.
+            # Ctrl-C came while they were written, and the transaction was rolled back.
             self.added += self.store.add(self.identity, cases, rows)
             raise
 
     def _values(self, made: Runs) -> list[float | bytes]:
-        """The outcome of each run as the store has it: a number, or the bytes of several."""
+        """The outcome of each run as it is stored: a number, or the bytes of several."""
         sizes = self._sizes[made.case]
         if np.all(sizes == 1):
             return made.outcome[:, 0].tolist()  # type: ignore[no-any-return]
@@ -169,17 +167,17 @@ class RunCache:
         return [row[:size].tobytes() for row, size in zip(whole, sizes.tolist(), strict=True)]
 
     def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
-        """The different cases of some runs; of each run the position of its case there, and x."""
+        """The distinct cases of some runs; and of each run the position of its case, and x."""
         chosen, position = np.unique(runs.case, return_inverse=True)
         x = row_bytes(runs.x[:, self._order])
         cases = [self._case(named, k) for k in chosen.tolist()]
         return cases, [*zip(position.tolist(), x, strict=True)]
 
     def _case(self, named: bool, case: int) -> Case:
-        """A case as the store knows it, made when it is asked for first."""
+        """A case as it is stored."""
         if (named, case) not in self._cases:
             self._cases[named, case] = Case.of(
-                self._bound.cases.values(case),
+                self._bound.cases.at(case),
                 self._bound.parameters,
                 int(self._rows[case]) if self._series else None,
                 self._responses if named else (),
@@ -188,12 +186,11 @@ class RunCache:
 
 
 class Execution:
-    """Makes the runs of a `bound` simulator here, or by the workers of an `executor`.
+    """Makes the runs of a `bound` simulator in this process, or by the workers of an `executor`.
 
-    What comes of them is kept in `memory` and, where there is one, in the store of `cache`. One
-    that fails is tried again `retries` times. `fresh` counts those made here that have an outcome;
-    `tried` counts all that were made here, which took `seconds` together, in `waited`
-    seconds of the clock.
+    They are remembered in `memory` and, with a `cache`, stored. A run that fails is tried again
+    `retries` times. `tried` counts all that were made, `fresh` those of them with an outcome;
+    together they took `seconds` of their workers and `waited` seconds of the clock.
     """
 
     def __init__(
@@ -213,7 +210,7 @@ class Execution:
         self.seconds = self.waited = 0.0
 
     def recall(self, keys: Sequence[bytes], failures: bool) -> None:
-        """Remember what the store knows of some runs; `failures` too, unless retries are left."""
+        """Remember what is stored of some runs; and `failures`, unless retries are left."""
         if self._cache is None:
             return
         known = self.memory if failures else self.memory.places
@@ -227,16 +224,13 @@ class Execution:
         self.memory.keep(unknown, replace(found, failures=settled))
 
     def make(self, keys: Sequence[bytes], progress: RunProgress) -> Generator[Runs, None, None]:
-        """Make runs and remember them; those that are not tried again are yielded."""
+        """Make runs and remember them; yield those that are not tried again."""
         began = time.perf_counter()
         for left in reversed(range(1 + self._retries)):
             with closing(self.made(self.memory.planned(keys), progress)) as batches:
                 for made in batches:
-                    received = self._received(made)
-                    self.waited, began = (
-                        self.waited + time.perf_counter() - began,
-                        time.perf_counter(),
-                    )
+                    received, now = self._received(made), time.perf_counter()
+                    self.waited, began = self.waited + now - began, now
                     progress.count(len(received), len(received.failures))
                     if not left:
                         yield received
@@ -246,7 +240,7 @@ class Execution:
             progress.retry(len(keys))
 
     def made(self, runs: Runs, progress: RunProgress | None = None) -> Generator[Runs, None, None]:
-        """The runs as they are made; after Ctrl-C those that were at work are waited for."""
+        """The runs as they are made; after Ctrl-C the running ones are waited for."""
         if self._executor is None:
             yield from made_here(self._bound, runs, self._batching)
             return
@@ -259,7 +253,7 @@ class Execution:
             raise
 
     def again(self, runs: Runs) -> Array:
-        """Outcomes (R, W) of runs that are made once more and kept nowhere, NaN if they fail."""
+        """Outcomes (R, W) of runs that are made once more and not remembered; NaN if they fail."""
         found = {
             key: row
             for made in self.made(runs.some(slice(None)))
@@ -269,7 +263,7 @@ class Execution:
         return np.array([found.get(key, lost) for key in runs.keys()])  # noqa: SIM118  a method
 
     def _received(self, made: Runs) -> Runs:
-        """Keep runs that were made, in the store and here; with the failures of the transform."""
+        """Store and remember runs that were made; those that no transform takes have failed."""
         if self._cache is not None:
             self._cache.add(made)
         judged = self._judged(made)
@@ -280,9 +274,9 @@ class Execution:
         return judged
 
     def _judged(self, runs: Runs) -> Runs:
-        """Runs have failed that lack a value which is measured, or that the transform cannot take.
+        """The runs, with a failure for each value that is measured and missing, or not transformed.
 
-        A store may have such runs: another study does not measure it, or does not transform it.
+        A store may have such runs without failures, of a study that measures something else.
         """
         form, responses = self._bound.form.some(runs.case), self._units.responses
         lost = form.missing(self._units.transformed(runs.outcome)) & ~runs.empty[:, None]

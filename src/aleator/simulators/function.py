@@ -31,7 +31,7 @@ from aleator.simulators.protocol import (
 from aleator.simulators.surroundings import checked_limit, limited
 
 _loaded: dict[str, str] = {}
-"""Digests of modules as this process loaded them for simulators that came from another one."""
+"""Digests of modules at the time when this process loaded them for simulators of another one."""
 
 
 def load_function(reference: str, base_dir: str | Path = ".") -> Callable[..., Any]:
@@ -141,18 +141,18 @@ def sources(function: Callable[..., Any]) -> dict[str, Path]:
 
 
 def digests(function: Callable[..., Any]) -> dict[str, str]:
-    """A hash of each of `sources`, by the name of the module."""
+    """A hash of each source file of a function (see `sources`), by the name of its module."""
     return {name: _digest(path) for name, path in sources(function).items()}
 
 
 def require_same(
     function: Callable[..., Any], expected: Mapping[str, str], read_again: bool
 ) -> None:
-    """Hold a function against the digests that came with it from another process.
+    """Compare the files of a function with the digests that came with it from another process.
 
-    `read_again`: its own file was read just now, not for a simulator that came before. Raises
-    SimulatorError for a file that differs, and for one that has changed since this process loaded
-    it: runs would be kept as those of a simulator that it is not.
+    `read_again` says that the function's file was read just now. Raises SimulatorError for a file
+    that differs, and for one that has changed since this process loaded it: its runs would be
+    stored as those of another simulator.
 
     >>> from statistics import fmean
     >>> require_same(fmean, digests(fmean), read_again=False)
@@ -188,13 +188,13 @@ class FunctionSimulator:
     the runs independently of each other. `series=True`: it is called once for a whole experiment of
     m rows; conditions that vary within any experiment are arrays (m,), the others and the
     parameters are floats; it returns an array (m,), or a number for all rows. For several responses
-    it returns a mapping from their names to what it would return for one. Its arguments are
-    conditions or parameters; one with a default may be neither. It takes every parameter of the
-    study, but only the conditions it names (all of them if it has **kwargs). `version` is the
-    user's own name of what the function does: runs that were kept stay valid until it changes,
-    whatever happens to the source. `block` is the most runs of one call with arrays (default 8192):
-    where outcomes may differ in their last digits with the length of the arrays, runs are the same
-    only for the same block. A call that takes longer than `timeout` seconds is stopped (see
+    it returns a mapping from their names to what it would return for one.
+
+    The arguments are conditions or parameters; one with a default may be neither. Every parameter
+    of the study is an argument; of the conditions only those that the function names (all of them
+    if it has **kwargs). `version` stands for the source in the fingerprint: stored runs stay valid
+    until the user changes it. `block` is the most runs of one call with arrays (default 8192); last
+    digits may depend on it. A call that takes longer than `timeout` seconds is stopped (see
     `limited`), and the run has failed.
 
     Raises SimulatorError if `function` is not callable or has arguments without a name, and for
@@ -244,38 +244,35 @@ class FunctionSimulator:
 
     @classmethod
     def named(
-        cls,
-        reference: str,
-        base_dir: str | Path = ".",
-        vectorized: bool = False,
-        version: str = "",
-        block: int | None = None,
-        series: bool = False,
-        timeout: float | None = None,
+        cls, reference: str, base_dir: str | Path = ".", *options: Any, **more: Any
     ) -> FunctionSimulator:
         """The function that a reference names (see `load_function`), also in other processes.
 
-        They import it from the same file, which they must see. Raises SimulatorError there if that
-        file, or one beside it, is not as it was here when it was loaded.
+        Further arguments are those of the class after the function. Another process imports the
+        function from the same file, which it must see. Raises SimulatorError there if that file, or
+        one beside it, is not as it was here when it was loaded.
 
         >>> FunctionSimulator.named("statistics:fmean").name
         'fmean'
         """
-        function = load_function(reference, base_dir)
-        simulator = cls(function, vectorized, version, block, series, timeout)
+        simulator = cls(load_function(reference, base_dir), *options, **more)
         simulator._reference = reference, str(Path(base_dir).resolve())
         simulator._digests = digests(simulator.function)
         return simulator
+
+    @property
+    def options(self) -> tuple[Any, ...]:
+        """The arguments of the class after the function."""
+        return self.vectorized, self.version, self.block, self.series, self.timeout
 
     def __reduce__(self) -> tuple[Any, ...]:
         """By name where it was named; else the function itself, as far as it can be pickled."""
         origin: tuple[Any, ...] = self._reference or (self.function,)
         expected = digests(self.function) if self._digests is None else self._digests
-        options = (self.vectorized, self.version, self.block, self.series, self.timeout)
-        return _arrived, (expected, *origin, *options)
+        return _arrived, (expected, *origin, *self.options)
 
     def takes(self, name: str) -> bool:
-        """Whether the function has an argument of this name, or takes any."""
+        """Whether the function has an argument of this name, or **kwargs."""
         required, optional, anything = self._arguments
         return anything or name in required or name in optional
 
@@ -317,9 +314,9 @@ class FunctionSimulator:
         return _answer(self._timed(cells), _scalar)
 
     def _series(self, cells: dict[str, Any]) -> Any:
-        # copies: a function that changes its arguments must not change the next run's
-        own = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in cells.items()}
-        return _answer(self._timed(own), _array)
+        # Copies: a function that changes its arguments must not change those of the next run.
+        copies = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in cells.items()}
+        return _answer(self._timed(copies), _array)
 
     def _timed(self, cells: Mapping[str, Any]) -> Any:
         if self.timeout is None:
@@ -330,10 +327,10 @@ class FunctionSimulator:
     def fingerprint(self) -> str:
         """A hash that changes with the source of the function and of the modules beside it.
 
-        Beside: loaded modules of the same package or, for a file, of the same folder; of a script
-        or a notebook, the function alone. What they read from disk or import from elsewhere is not
-        seen, nor what the function holds in variables of its own. A `version` takes the place of
-        all that.
+        Those are the loaded modules of the same package or, for a file, of the same folder; for a
+        script or a notebook, the function alone counts. Files that they read, imports from
+        elsewhere, and variables that the function has captured are not seen. A `version` takes the
+        place of all that.
         """
         kind = "series" if self.series else self.vectorized
         digest = hashlib.sha256(f"{self.name} {kind}".encode())
@@ -349,26 +346,23 @@ class FunctionSimulator:
 
 
 def _arrived(expected: dict[str, str], origin: Any, *rest: Any) -> FunctionSimulator:
-    """A simulator of another process, held against the files that it came from."""
-    if isinstance(origin, str):
-        simulator = FunctionSimulator.named(origin, *rest)
-    else:
-        simulator = FunctionSimulator(origin, *rest)
-    is_file = isinstance(origin, str) and origin.rpartition(":")[0].endswith(".py")
+    """A simulator of another process, whose files are compared with those that it came from."""
+    named = isinstance(origin, str)
+    simulator = (FunctionSimulator.named if named else FunctionSimulator)(origin, *rest)
+    is_file = named and origin.rpartition(":")[0].endswith(".py")
     require_same(simulator.function, expected, read_again=is_file)
     return simulator
 
 
 def _answer(value: Any, part: Callable[[Any], Any]) -> Any:
-    if isinstance(value, float):
-        return value
+    """A number, or the parts of each response."""
     if isinstance(value, Mapping):
         return {str(name): part(one) for name, one in value.items()}
     return part(value)
 
 
 def _array(value: Any) -> float | Array:
-    """What a series returned: an array (m,), or one number for all rows."""
+    """The value of a series: an array (m,), or one number for all rows."""
     if value is None or isinstance(value, (str, bytes)) or np.ndim(value) == 0:
         return _scalar(value)
     try:
@@ -392,8 +386,6 @@ def _scalar(value: Any) -> float:
         raise TypeError(
             f"it returned an array of shape {np.shape(value)} instead of one number a run"
         )
-    if isinstance(value, (str, bytes)):
-        raise TypeError(f"it returned {value!r} instead of a number")
     try:
         return float(real_numbers(value))
     except TypeError:
@@ -403,7 +395,7 @@ def _scalar(value: Any) -> float:
 def _arguments(
     function: Callable[..., Any], name: str
 ) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
-    """Names of the arguments without and with a default, and whether any other name is taken."""
+    """Names of the arguments without and with a default, and whether there is **kwargs."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):

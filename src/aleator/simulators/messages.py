@@ -1,4 +1,4 @@
-"""What a user is told about runs without an outcome, and about the store of runs."""
+"""Messages about runs without an outcome, and about the store of runs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Messages:
     units: Units
 
     def first(self, tried: Runs) -> SimulatorError:
-        """The first failure, for whoever needs every run."""
+        """The error of the first run that failed, where every run is needed."""
         row = min(tried.failures)
         failure = tried.failures[row]
         if failure.kind == NOT_FINITE:
@@ -37,19 +37,19 @@ class Messages:
             ("failed", "simulator") if failure.kind == "RunFailed" else ("raised", "function")
         )
         return self._no_outcome(
-            f" {what} for {self._run(tried, row)}: {_told(failure)}",
+            f" {what} for {self._run(tried, row)}: {_with_log(failure)}",
             f"mend the {who} for the conditions {self._conditions(tried, row)}",
             tried,
             np.arange(len(tried)) == row,
         )
 
-    def too_many(self, tried: Runs, failed: int, asked: int) -> SimulatorError:
-        """Too large a share of all runs failed for a surface through the others."""
+    def too_many(self, tried: Runs, failed: int, total: int) -> SimulatorError:
+        """The error where too large a share of all runs failed."""
         row = min(tried.failures)
-        hint = "mend the simulator: no run of it worked" if failed == asked else ""
+        hint = "mend the simulator: no run of it worked" if failed == total else ""
         return self._no_outcome(
-            f": {failed:,} of {asked:,} runs failed, too many to go on; the first for "
-            f"{self._run(tried, row)}: {_told(tried.failures[row])}",
+            f": {failed:,} of {total:,} runs failed, too many to go on; the first for "
+            f"{self._run(tried, row)}: {_with_log(tried.failures[row])}",
             f"{hint or self._narrower(tried, row)}; or check the conditions of the experiment: "
             f"{self._conditions(tried, row)}",
             tried,
@@ -57,7 +57,7 @@ class Messages:
         )
 
     def not_repeatable(self, runs: Runs, row: int, first: float, again: float) -> SimulatorError:
-        """One of the runs has two outcomes."""
+        """The error of a run that had two outcomes."""
         return SimulatorError(
             f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
             f"same run: {self._run(runs, row)}",
@@ -104,14 +104,11 @@ class Messages:
 
     def _conditions(self, runs: Runs, row: int) -> str:
         return ", ".join(
-            f"{name}={_shown(v)}" for name, v in self.cases.values(int(runs.case[row])).items()
+            f"{name}={_shown(v)}" for name, v in self.cases.at(int(runs.case[row])).items()
         )
 
     def _narrower(self, tried: Runs, row: int) -> str:
-        """Which parameter to narrow: one whose one end fails throughout in the experiment, or any.
-
-        Words for the remedy.
-        """
+        """The remedy: the parameter to narrow whose runs all fail on one side, or any parameter."""
         mine, failed = tried.case == tried.case[row], _failed(tried)
         for k, name in enumerate(self.parameters):
             fails, works = tried.x[mine & failed, k], tried.x[mine & ~failed, k]
@@ -127,12 +124,12 @@ def _failed(runs: Runs) -> Flags:
     return np.isin(np.arange(len(runs)), list(runs.failures))
 
 
-def _told(failure: Failure) -> str:
+def _with_log(failure: Failure) -> str:
     return with_log(failure.message, failure.log or "")
 
 
 def _shown(value: Any) -> str:
-    """A condition; of a series the first and the last."""
+    """A condition as a message writes it; the first and the last value of a series."""
     if isinstance(value, np.ndarray):
         first, *_, last = (_shown(one) for one in (value[0], *value.tolist()))
         return f"{first}...{last}"
@@ -143,9 +140,9 @@ def _shown(value: Any) -> str:
 def notified(
     cache: RunCache | None, study: str, say: Callable[[str], None] | None = None
 ) -> Iterator[None]:
-    """Tell what a store has for a runner, and what it holds of the runs when something stops them.
+    """Say what a store has for a runner, and how many new runs it has when an exception comes.
 
-    `study` is the file that the commands `aleator runs ...` are given.
+    `study` is the file that messages name for the commands `aleator runs ...`.
     """
     if cache is None or say is None:
         yield

@@ -26,11 +26,11 @@ T = TypeVar("T")
 class ProcessPool(Executor):
     """A ProcessPoolExecutor of `slots` processes that survives the death of one of them.
 
-    Where a worker dies (out of memory, a crash in compiled code, a kill) the futures of that moment
-    raise BrokenProcessPool, and the next submission starts new workers. Workers are started afresh,
-    not forked; they ignore Ctrl-C, which the process that submits answers, end when it ends, and
-    leave linear algebra to one thread each. Raises InputsError for fewer than one worker, and
-    SurroundingsError where the system starts none.
+    If a worker dies (out of memory, a crash in compiled code, a kill), all open futures raise
+    BrokenProcessPool, and the next submission starts new workers. Workers are started afresh, not
+    forked. They leave Ctrl-C to this process, end when it ends, and use one thread each for linear
+    algebra. Raises InputsError for fewer than one worker, and SurroundingsError if the system
+    starts none.
 
     >>> with ProcessPool(1) as pool:
     ...     pool.submit(divmod, 7, 2).result()
@@ -44,7 +44,7 @@ class ProcessPool(Executor):
         self._inner = self._started()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Hand a call to a worker, to a new one where the last ones died."""
+        """Hand a call to a worker; new workers are started if the last ones died."""
         with _no_interruption():
             try:
                 try:
@@ -58,7 +58,7 @@ class ProcessPool(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the workers; without `wait` those that are busy are killed."""
-        # its own workers: the caller may have other children. There is no public name before 3.14
+        # Only these workers: the caller may have other children. Python 3.14 has a public name.
         workers = [*(self._inner._processes or {}).values()]
         self._inner.shutdown(wait=wait, cancel_futures=cancel_futures)
         if not wait:
@@ -72,7 +72,7 @@ class ProcessPool(Executor):
 
 @contextmanager
 def _no_interruption() -> Iterator[None]:
-    """A worker that starts here is deaf to Ctrl-C from its start; this process hears it later."""
+    """Block Ctrl-C: a worker that starts in the block inherits that, this process answers later."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -89,7 +89,7 @@ _limits: list[Any] = []
 def _end_with_parent() -> None:
     """End this worker, whatever it does, when the process that started it has ended.
 
-    Programs and folders of its runs go then, too (see `command.run`).
+    Programs and folders of its runs are removed then, too (see `command.run`).
     """
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
@@ -105,7 +105,7 @@ def _begin() -> None:
 
 
 def packed(work: object) -> bytes | None:
-    """The work, with the simulator that it holds, as bytes; None where that cannot travel."""
+    """The pickled work with its simulator; None if it cannot be pickled."""
     try:
         return cloudpickle.dumps(work)  # type: ignore[no-any-return]
     except (pickle.PicklingError, AttributeError, TypeError):

@@ -18,16 +18,13 @@ from aleator.errors import SimulatorError, nearest
 
 @dataclass(frozen=True)
 class Blocks:
-    """The most runs that one call of a function is given where it does not say itself.
-
-    - `arrays`: of arrays. Large enough that arrays pay, small enough that an interruption loses
-      little; by judgement. Fixed, because the last digits of an array operation may depend on its
-      length.
-    - `single`: of runs that are made one by one, which is what is timed together. By judgement.
-    """
+    """The most runs of one call of a function that does not say itself; by judgement."""
 
     arrays: int = 8192
+    """Runs of one call with arrays: enough that arrays pay, few enough that an interruption loses
+    little. Fixed, because the last digits of an array operation may depend on its length."""
     single: int = 256
+    """Runs that are made one by one and timed together."""
 
 
 BLOCKS = Blocks()
@@ -40,9 +37,9 @@ Returned = NDArray[np.float64] | Mapping[str, NDArray[np.float64]] | list[Any]
 class Simulator(Protocol):
     """The user's deterministic model: conditions and parameters to the outcome of a run.
 
-    A function is made one by FunctionSimulator; further kinds of simulator fill the same members.
-    One more is optional: where `series` is true one run serves a whole experiment. Conditions that
-    vary within any experiment then come as object arrays (R,) of arrays (m,).
+    FunctionSimulator makes one of a function; further kinds of simulator fill the same members. One
+    more is optional: where `series` is true one run serves a whole experiment. Conditions that vary
+    within any experiment then come as object arrays (R,) of arrays (m,).
     """
 
     @property
@@ -51,16 +48,16 @@ class Simulator(Protocol):
 
     @property
     def block(self) -> int:
-        """The most runs that one call is given; what completed before a call is never lost."""
+        """The most runs of one call; what completed before a call is never lost."""
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The conditions that the simulator wants to be given, of those that there are.
+        """Those of the conditions that the simulator is called with.
 
         Raises SimulatorError if it cannot be called with these conditions and parameters.
         """
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
-        """Run R times: arrays (R,) of conditions asked for and of parameters.
+        """Run R times, with arrays (R,) of the conditions of `asks` and of the parameters.
 
         Returns outcomes (R,); or for several responses a mapping from their names to arrays (R,);
         or a list of what each run returned: a number, an array (m,) of a series, or a mapping from
@@ -74,9 +71,9 @@ class Simulator(Protocol):
 
 
 class RunStopped(Exception):
-    """A simulator that runs one at a time stopped: `completed` are the k outcomes before.
+    """A simulator that runs one at a time stopped after k runs, whose outcomes are `completed`.
 
-    Its `__cause__` is what stopped run number k (from 0).
+    Its `__cause__` is what stopped the next run.
     """
 
     def __init__(self, completed: NDArray[np.float64] | list[Any]) -> None:
@@ -87,10 +84,10 @@ class RunStopped(Exception):
 def one_by_one(
     run: Callable[[dict[str, Any]], Any], conditions: Columns, parameters: Columns
 ) -> NDArray[np.float64] | list[Any]:
-    """Outcomes of `run`, called with the values of one run by name, one after the other.
+    """Outcomes of `run`, which is called for one run after the other with its values by name.
 
-    An array (R,) where all are numbers, else a list. Raises RunStopped, with the outcomes before,
-    whatever `run` raises.
+    They are an array (R,) if all are numbers, else a list. Raises RunStopped, with the outcomes
+    before, where `run` raises.
 
     >>> one_by_one(lambda cells: cells["a"] * cells["x"], {"a": np.ones(2)}, {"x": np.arange(2.0)})
     array([0., 1.])
@@ -127,7 +124,7 @@ def require_distinct(simulator: str, conditions: Sequence[str], parameters: Sequ
 
 
 def name_lists(conditions: Sequence[str], parameters: Sequence[str]) -> str:
-    """The names that there are, for a remedy.
+    """The names of conditions and parameters as a remedy lists them.
 
     >>> name_lists(["load"], [])
     'conditions: load; parameters: none'
@@ -139,7 +136,7 @@ def name_lists(conditions: Sequence[str], parameters: Sequence[str]) -> str:
 def require_file(
     path: Path, what: str, kind: str = "*", remedy: str = "name it relative to the study file"
 ) -> None:
-    """Raise SimulatorError, with the nearest name of the `kind` beside it, for no such path."""
+    """Raise SimulatorError for a path that does not exist, with the nearest name of that `kind`."""
     if not path.exists():
         close = nearest(path.name, [one.name for one in path.parent.glob(kind)])
         raise SimulatorError(f"{what} does not exist{close}", remedy)
@@ -148,7 +145,7 @@ def require_file(
 class RunFailed(Exception):
     """A run gave no outcome: `message` says why in one line, `log` is what it printed last.
 
-    It can be pickled, so that it travels from a worker process as it was raised.
+    It can be pickled, and so reaches this process from a worker as it was raised.
 
     >>> failure = RunFailed("it ended with exit code 3", "pressure too high")
     >>> print(failure)
@@ -173,7 +170,7 @@ def with_log(message: str, log: str) -> str:
 
 
 class WorkerLost(BrokenExecutor):
-    """Workers were lost while they ran this very call; the executor goes on."""
+    """Several workers were lost with the same call; the executor serves other calls still."""
 
 
 class NoOutcome(SimulatorError):
@@ -187,8 +184,9 @@ class NoOutcome(SimulatorError):
 def working_box(worked: Array, failed: Array, open_ended: Sequence[int]) -> Array:
     """A box (n, 2) of points that worked (W, n), without those that failed (F, n).
 
-    The hull of the points that worked, cut on the sides of the parameters `open_ended` where the
-    fewest of these points are lost; failures between them that no side separates may remain.
+    It is the smallest box of all points that worked, made smaller for each failure in it: by the
+    limit of one of the parameters `open_ended` that costs the fewest points that worked. A failure
+    that no such limit excludes may remain inside.
 
     >>> worked = np.array([[-1.0], [0.0], [1.0], [2.0]])
     >>> working_box(worked, np.array([[-1.5], [-0.9]]), [0]).tolist()
@@ -213,7 +211,7 @@ def working_box(worked: Array, failed: Array, open_ended: Sequence[int]) -> Arra
 
 
 def said(error: BaseException) -> str:
-    """The text of an exception, as every file can hold it; "" where it cannot tell its own.
+    """The text of an exception, as every file can hold it; "" of one whose text raises.
 
     >>> said(ValueError("a path with \\udcff in it"))
     'a path with \\\\udcff in it'
@@ -228,12 +226,12 @@ def said(error: BaseException) -> str:
 
 
 def readable(text: str) -> str:
-    """A text without what UTF-8 does not have: halves of a character, of names of files."""
+    """A text that UTF-8 can hold: halves of a character (in names of files) are written out."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def describe(error: BaseException) -> str:
-    """An exception as one line: kind, message and, where it is known, file and line of its cause.
+    """An exception as one line: kind, message, and the user's file and line that raised it.
 
     >>> describe(ValueError("too cold"))
     'ValueError: too cold'

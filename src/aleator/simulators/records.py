@@ -9,17 +9,17 @@ import json
 import math
 import os
 import sqlite3
-import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
 
 from aleator.errors import AleatorError, SimulatorError, StoreError
 from aleator.simulators.protocol import Simulator
@@ -33,16 +33,60 @@ LAST_MOMENT = (datetime.max - timedelta(days=1)).replace(tzinfo=UTC).timestamp()
 """The last moment, in seconds since 1970, that a date can tell in every time zone."""
 
 
+def _as_number(value: object) -> object:
+    """A text without underscores: Python takes 1_0 for a number, a table does not."""
+    return value.replace("_", "?") if isinstance(value, str) else value
+
+
+def _as_moment(value: object) -> object:
+    """Seconds since 1970 of a date with a time."""
+    try:
+        return datetime.fromisoformat(value).timestamp() if isinstance(value, str) else value
+    except (ValueError, OverflowError, OSError):
+        raise ValueError("it is no time such as 2026-01-31T12:00+00:00") from None
+
+
+def _as_outcome(value: Any) -> Any:
+    """A number, or several: as a list of JSON in a cell, as bytes in a store."""
+    if isinstance(value, str):
+        if not value.startswith("["):
+            return _FINITE.validate_python(_as_number(value))
+        value = json.loads(value)
+        if not all(type(one) in (int, float) for one in value):
+            raise ValueError("it is not a list of numbers")
+    if isinstance(value, bytes):
+        value = np.frombuffer(value, dtype="<f8").tolist()
+    if value in ([], ()):
+        raise ValueError("it is empty")
+    return value
+
+
+def _as_names(value: object) -> object:
+    """Names that differ, as a list of JSON in a cell."""
+    names: Any = from_cell(value) if isinstance(value, str) else value
+    if not isinstance(names, list | tuple) or "" in names or len({*names}) < len(names):
+        raise ValueError("it is not a list of names")
+    return names
+
+
+_FINITE = TypeAdapter(FiniteFloat)
+Number = Annotated[FiniteFloat, BeforeValidator(_as_number)]
+Seconds = Annotated[Number, Field(ge=0.0)]
+Whole = Annotated[int, Field(ge=1, lt=2**63), BeforeValidator(_as_number)]
+Moment = Annotated[float, Field(ge=0.0, le=LAST_MOMENT), BeforeValidator(_as_moment)]
+Outcome = Annotated[float | tuple[float, ...] | None, BeforeValidator(_as_outcome)]
+
+
 @dataclass(frozen=True)
-class Holding:
+class SimulatorRuns:
     """The runs of one simulator: how many, what they took in seconds, from when to when."""
 
     simulator: Identity
     runs: int
     failures: int
     seconds: float
-    first: float | None
-    last: float | None
+    first: Moment | None
+    last: Moment | None
 
 
 @dataclass(frozen=True)
@@ -50,22 +94,23 @@ class StoredRun:
     """One run as the store has it; `number` names it there, `time` is in seconds since 1970.
 
     `outcome` is a number; or several values, row by row and of each row the `responses`, if the
-    simulator named them. `rows` is how many rows a series has, None where a run is one row.
+    simulator named them. `rows` is how many rows a series has, None where a run is one row. Raises
+    a ValueError for what no store can have.
     """
 
     number: int
     simulator: Identity
     conditions: dict[str, Any]
-    parameters: dict[str, float]
-    outcome: float | tuple[float, ...] | None
+    parameters: dict[str, Number]
+    outcome: Outcome
     failure: str | None
     log: str | None
-    seconds: float | None
+    seconds: Seconds | None
     host: str
-    time: float
-    attempt: int
-    rows: int | None = None
-    responses: tuple[str, ...] = ()
+    time: Moment
+    attempt: Whole
+    rows: Whole | None = None
+    responses: Annotated[tuple[str, ...], BeforeValidator(_as_names)] = ()
 
     @property
     def made(self) -> tuple[Any, ...]:
@@ -78,17 +123,18 @@ class StoredRun:
 
 
 _OF_SIMULATOR = "fingerprint, simulators.name, description, version"
+_CASES_OF_ONE = (
+    "SELECT cases.id FROM cases JOIN simulators ON simulator = simulators.id WHERE fingerprint = ?"
+)
 _FORGET = (
-    'DELETE FROM runs WHERE "case" IN (SELECT cases.id FROM cases JOIN simulators '
-    "ON simulator = simulators.id WHERE fingerprint = ?)",
+    f'DELETE FROM runs WHERE "case" IN ({_CASES_OF_ONE})',
     "DELETE FROM cases WHERE simulator IN (SELECT id FROM simulators WHERE fingerprint = ?)",
     "DELETE FROM simulators WHERE fingerprint = ?",
     "DELETE FROM searches WHERE fingerprint = ?",
 )
-_JOINED = 'runs JOIN cases ON runs."case" = cases.id JOIN simulators ON simulator = simulators.id'
 
 
-def holdings(store: Store) -> list[Holding]:
+def runs_by_simulator(store: Store) -> list[SimulatorRuns]:
     """Every simulator that the store knows, the last seen first."""
     with sqlite_errors(store.path):
         rows = store.connection.execute(
@@ -97,24 +143,20 @@ def holdings(store: Store) -> list[Holding]:
             'LEFT JOIN runs ON runs."case" = cases.id '
             "GROUP BY simulators.id ORDER BY max(time) DESC, first_seen DESC"
         ).fetchall()
-    if not all(isinstance(text, str) for *texts, _, _, _, _, _ in rows for text in texts):
-        raise _damaged(store, "the name of a simulator")
-    found = [
-        Holding(Identity(*identity), runs, int(failures), seconds, first, last)
-        for *identity, runs, failures, seconds, first, last in rows
-    ]
-    for one in found:
-        if not all(moment is None or _is_moment(moment) for moment in (one.first, one.last)):
-            raise _damaged(store, f"a run of '{one.simulator.name}'")
+    found = []
+    for *texts, runs, failures, seconds, first, last in rows:
+        if not all(isinstance(text, str) for text in texts):
+            raise _damaged(store, "the name of a simulator")
+        try:
+            simulator = Identity(*texts)
+            found.append(SimulatorRuns(simulator, runs, int(failures), seconds, first, last))
+        except ValueError:
+            raise _damaged(store, f"a run of '{simulator.name}'") from None
     return found
 
 
 def _damaged(store: Store, what: str) -> StoreError:
     return StoreError(f"{store.path}: {what} is damaged", MOVE_ASIDE)
-
-
-def _is_moment(value: object) -> bool:
-    return isinstance(value, (int, float)) and 0.0 <= value <= LAST_MOMENT
 
 
 def stored_runs(
@@ -126,28 +168,23 @@ def stored_runs(
     last: int | None = None,
 ) -> Iterator[StoredRun]:
     """Runs in the order in which they came: of one simulator, one of them, failures, the last."""
-    wanted = {
-        "fingerprint = ?": fingerprint,
-        "runs.id = ?": number,
-        "failure IS NOT NULL": True if failures else None,
-    }
-    chosen = {clause: value for clause, value in wanted.items() if value is not None}
+    clauses = {"fingerprint = ?": fingerprint, "runs.id = ?": number}
+    chosen = {clause: value for clause, value in clauses.items() if value is not None}
+    where = " AND ".join([*chosen, *(["failure IS NOT NULL"] if failures else [])])
     query = (
         f"SELECT runs.id AS number, {_OF_SIMULATOR}, conditions, parameters, x, outcome, failure, "
-        f"log, seconds, hosts.name, time, attempt FROM {_JOINED} "
-        "LEFT JOIN hosts ON host = hosts.id"
-        + (f" WHERE {' AND '.join(chosen)}" if chosen else "")
-        + " ORDER BY runs.id"
+        'log, seconds, hosts.name, time, attempt FROM runs JOIN cases ON runs."case" = cases.id '
+        "JOIN simulators ON simulator = simulators.id LEFT JOIN hosts ON host = hosts.id"
+        f"{f' WHERE {where}' if where else ''} ORDER BY runs.id"
     )
     if last is not None:
         query = f"SELECT * FROM ({query} DESC LIMIT {int(last)}) ORDER BY number"
-    values = [value for clause, value in chosen.items() if "?" in clause]
     with sqlite_errors(store.path):
-        for row in store.connection.execute(query, values):
+        for row in store.connection.execute(query, [*chosen.values()]):
             try:
                 run = _stored_run(row)
             except (AttributeError, TypeError, ValueError, RecursionError):
-                raise StoreError(f"{store.path}: run {row[0]} is damaged", MOVE_ASIDE) from None
+                raise _damaged(store, f"run {row[0]}") from None
             yield run
 
 
@@ -159,34 +196,21 @@ _identity = lru_cache(Identity)
 def _stored_run(row: Sequence[Any]) -> StoredRun:
     """One row of the file; raises TypeError or ValueError where it is not what was written."""
     number, *texts, written, names, x, outcome, failure, log, seconds, host, moment, attempt = row
+    if not all(isinstance(text, str) for text in texts) or isinstance(outcome, str):
+        raise TypeError
     conditions = dict(_read(written))
     form = conditions.pop("", {})
-    if isinstance(outcome, bytes):
-        outcome = tuple(np.frombuffer(outcome, dtype="<f8").tolist())
-    elif outcome is not None:
-        outcome = float(outcome)
-    every = (*texts, failure or "", log or "", host or "")
-    if not all(isinstance(text, str) for text in every) or outcome == ():
-        raise TypeError
-    if not _is_moment(moment) or (seconds is not None and not seconds >= 0.0):
-        raise ValueError
+    values = np.frombuffer(x, dtype="<f8").tolist()
     return StoredRun(
-        number,
-        _identity(*texts),
-        conditions,
-        dict(zip(_read(names), np.frombuffer(x, dtype="<f8").tolist(), strict=True)),
-        outcome,
-        *(failure, log, seconds, host, moment, attempt),
-        *[form.get("rows"), tuple(form.get("responses", ()))],
-    )
+        number, _identity(*texts), conditions, dict(zip(_read(names), values, strict=True)),
+        outcome, failure, log, seconds, host or "", moment, attempt,
+        form.get("rows"), form.get("responses", ()),
+    )  # fmt: skip
 
 
 def retry(store: Store, fingerprint: str | None = None) -> int:
     """Forget the failures, of one simulator or of all, so that they run again: their number."""
-    of_one = (
-        ' AND "case" IN (SELECT cases.id FROM cases JOIN simulators ON simulator = simulators.id '
-        "WHERE fingerprint = ?)"
-    )
+    of_one = f' AND "case" IN ({_CASES_OF_ONE})'
     with sqlite_errors(store.path), transaction(store.connection):
         return store.connection.execute(
             "DELETE FROM runs WHERE failure IS NOT NULL" + (of_one if fingerprint else ""),
@@ -196,7 +220,9 @@ def retry(store: Store, fingerprint: str | None = None) -> int:
 
 def forget(store: Store, fingerprints: Sequence[str]) -> int:
     """Forget simulators with all their runs: the number of the runs."""
-    gone = sum(h.runs for h in holdings(store) if h.simulator.fingerprint in fingerprints)
+    gone = sum(
+        of.runs for of in runs_by_simulator(store) if of.simulator.fingerprint in fingerprints
+    )
     with sqlite_errors(store.path), transaction(store.connection):
         for statement in _FORGET:
             store.connection.executemany(statement, [(text,) for text in fingerprints])
@@ -207,9 +233,9 @@ def forget(store: Store, fingerprints: Sequence[str]) -> int:
 
 
 CONDITION, PARAMETER = "condition.", "parameter."
-OWN = ("fingerprint", "simulator", "description", "version")
+OF_SIMULATOR = ("fingerprint", "simulator", "description", "version")
 FORM = ("rows", "responses")
-REST = ("outcome", "failure", "log", "seconds", "host", "time", "attempt")
+OF_RUN = ("outcome", "failure", "log", "seconds", "host", "time", "attempt")
 
 
 def table(runs: Iterable[StoredRun]) -> pd.DataFrame:
@@ -223,7 +249,11 @@ def table(runs: Iterable[StoredRun]) -> pd.DataFrame:
             cells = columns.setdefault(name, [])
             cells.extend([None] * (number - 1 - len(cells)))
             cells.append(value)
-    order = [*OWN, *(n for n in columns if n not in OWN and n not in REST), *REST]
+    order = [
+        *OF_SIMULATOR,
+        *(n for n in columns if n not in OF_SIMULATOR and n not in OF_RUN),
+        *OF_RUN,
+    ]
     padded = {name: columns.pop(name, []) for name in order}
     for cells in padded.values():
         cells.extend([None] * (number - len(cells)))
@@ -339,7 +369,7 @@ def read(store: Store, path: Path, simulator: Simulator | None = None) -> Import
         of_case = of_simulator.setdefault(run.simulator, {})
         case = Case.of(run.conditions, run.parameters, run.rows, run.responses)
         if simulator is not None and run.simulator == own and case not in of_case:
-            _require_asked(f"{path}: line {line}", simulator, run)
+            _require_usable(f"{path}: line {line}", simulator, run)
         of_case.setdefault(case, []).append(run)
     total = added = different = 0
     for identity, of_case in of_simulator.items():
@@ -360,7 +390,7 @@ def _x(case: Case, run: StoredRun) -> bytes:
     return np.array([run.parameters[name] for name in case.parameters], dtype="<f8").tobytes()
 
 
-def _require_asked(where: str, simulator: Simulator, run: StoredRun) -> None:
+def _require_usable(where: str, simulator: Simulator, run: StoredRun) -> None:
     """Raise StoreError for a run with names that the simulator is never called with."""
     remedy = "correct the names of the columns; nothing was imported"
     try:
@@ -401,8 +431,9 @@ def _parsed(path: Path, simulator: Identity | None) -> Iterable[tuple[int, Store
         for cells in reader:
             yield reader.line_num, _run(cells, simulator)
     except (csv.Error, ValueError, TypeError, OverflowError, RecursionError) as error:
+        fault = _fault(error) if isinstance(error, ValidationError) else error
         raise StoreError(
-            f"{path}: line {reader.line_num} is not a run: {error}",
+            f"{path}: line {reader.line_num} is not a run: {fault}",
             "correct or delete the row; nothing was imported",
         ) from None
 
@@ -410,10 +441,11 @@ def _parsed(path: Path, simulator: Identity | None) -> Iterable[tuple[int, Store
 def _check_columns(path: Path, columns: list[str], simulator: Identity | None) -> None:
     for k, name in enumerate(columns):
         named = name.startswith((CONDITION, PARAMETER)) and name not in (CONDITION, PARAMETER)
-        if not named and name not in (*OWN, *FORM, *REST):
+        if not named and name not in (*OF_SIMULATOR, *FORM, *OF_RUN):
             raise StoreError(
                 f"{path}: the column '{name}' is not known",
-                f"name columns {CONDITION}NAME, {PARAMETER}NAME, {', '.join((*OWN, *REST))}",
+                f"name columns {CONDITION}NAME, {PARAMETER}NAME, "
+                f"{', '.join((*OF_SIMULATOR, *OF_RUN))}",
             )
         if name in columns[:k]:
             raise StoreError(f"{path}: the column '{name}' appears twice", "keep one of the two")
@@ -429,110 +461,49 @@ def _check_columns(path: Path, columns: list[str], simulator: Identity | None) -
         )
 
 
+def _fault(error: ValidationError) -> str:
+    """The first cell that cannot be what its column holds."""
+    first = error.errors()[0]
+    column = ".".join(map(str, first["loc"])).replace("parameters.", PARAMETER)
+    return f"column '{column}': '{str(first['input'])[:40]}': {first['msg']}"
+
+
 def _run(cells: Mapping[str | None, str | None], simulator: Identity | None) -> StoredRun:
     """One row, with the number 0; raises ValueError for what is not a run."""
     if None in cells or None in cells.values():
         raise ValueError("it has another number of cells than the header")
-    given = {str(name): cell for name, cell in cells.items() if cell}
-    found = {name: read(name, given[name]) for name, read in _CELLS.items() if name in given}
-    outcome: Any = found.get("outcome")
-    failure = given.get("failure")
-    if outcome is None and failure is None:
-        raise ValueError("it has neither an outcome nor a failure")
-    if outcome is not None and failure is not None:
-        raise ValueError("it has an outcome and a failure")
-    rows, responses = found.get("rows"), found.get("responses", ())
-    count, size = len(np.atleast_1d(outcome)), (rows or 1) * max(1, len(responses))
-    if outcome is not None and count != size:
+    filled = {str(name): cell for name, cell in cells.items() if cell}
+    if "fingerprint" in filled:
+        texts = (filled.get(name, "") for name in OF_SIMULATOR)
+        simulator = Identity(*texts)
+    if simulator is None:
+        raise ValueError("its fingerprint is blank")
+    defaults = {"outcome": None, "failure": None, "log": None, "seconds": None, "host": ""}
+    run = _RUN.validate_python({
+        **defaults, "time": time.time(), "attempt": 1,
+        **{name: cell for name, cell in filled.items() if name in (*FORM, *OF_RUN)},
+        "number": 0, "simulator": simulator,
+        "conditions": {
+            name.removeprefix(CONDITION): from_cell(cell)
+            for name, cell in filled.items() if name.startswith(CONDITION)
+        },
+        "parameters": {
+            name.removeprefix(PARAMETER): cell
+            for name, cell in filled.items() if name.startswith(PARAMETER)
+        },
+    })  # fmt: skip
+    if (run.outcome is None) == (run.failure is None):
+        raise ValueError(
+            "it has neither an outcome nor a failure"
+            if run.failure is None
+            else "it has an outcome and a failure"
+        )
+    count, size = len(np.atleast_1d(run.outcome)), (run.rows or 1) * max(1, len(run.responses))  # type: ignore[arg-type]
+    if run.outcome is not None and count != size:
         raise ValueError(
             f"column 'outcome': {count} values, and by its rows and responses there are {size}"
         )
-    if "fingerprint" in given:
-        simulator = Identity(given["fingerprint"], *(given.get(name, "") for name in OWN[1:]))
-    if simulator is None:
-        raise ValueError("its fingerprint is blank")
-    return StoredRun(
-        number=0,
-        simulator=simulator,
-        conditions={
-            name.removeprefix(CONDITION): from_cell(cell)
-            for name, cell in given.items()
-            if name.startswith(CONDITION)
-        },
-        parameters={
-            name.removeprefix(PARAMETER): _number(name, cell)
-            for name, cell in given.items()
-            if name.startswith(PARAMETER)
-        },
-        outcome=outcome,
-        failure=failure,
-        log=given.get("log"),
-        seconds=found.get("seconds"),
-        host=given.get("host", ""),
-        time=found.get("time", time.time()),
-        attempt=found.get("attempt", 1),
-        rows=rows,
-        responses=responses,
-    )
+    return run
 
 
-def _number(name: str, cell: str) -> float:
-    try:
-        value = math.nan if "_" in cell else float(cell)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise _odd(name, cell, "is not a finite number")
-    return value
-
-
-def _whole(name: str, cell: str) -> int:
-    value = _number(name, cell)
-    if not (value.is_integer() and 1 <= value < sys.maxsize):
-        raise _odd(name, cell, "is not a whole number from 1")
-    return int(value)
-
-
-def _outcome(name: str, cell: str) -> float | tuple[float, ...]:
-    """A number, or the values of a series: those that nobody measured need not be finite."""
-    if not cell.startswith("["):
-        return _number(name, cell)
-    values = json.loads(cell)
-    if not all(type(value) in (int, float) for value in values):
-        raise _odd(name, cell, "is not a list of numbers")
-    return tuple(map(float, values))
-
-
-def _names(name: str, cell: str) -> tuple[str, ...]:
-    names: Any = from_cell(cell)
-    texts = isinstance(names, list) and all(isinstance(one, str) and one for one in names)
-    if not texts or len({*names}) < len(names):
-        raise _odd(name, cell, "is not a list of names")
-    return tuple(names)
-
-
-def _seconds(name: str, cell: str) -> float:
-    if (value := _number(name, cell)) < 0.0:
-        raise _odd(name, cell, "is negative")
-    return value
-
-
-def _moment(name: str, cell: str) -> float:
-    """Seconds since 1970 of a date with a time."""
-    try:
-        value = datetime.fromisoformat(cell).timestamp()
-    except (ValueError, OverflowError, OSError):
-        value = math.nan
-    if not _is_moment(value):
-        raise _odd(name, cell, "is no time such as 2026-01-31T12:00+00:00")
-    return value
-
-
-_CELLS: Mapping[str, Callable[[str, str], Any]] = {
-    "rows": _whole, "responses": _names, "outcome": _outcome, "seconds": _seconds,
-    "time": _moment, "attempt": _whole,
-}  # fmt: skip
-
-
-def _odd(name: str, cell: str, what: str, most: int = 40) -> ValueError:
-    return ValueError(f"column '{name}': '{cell[:most]}' {what}")
+_RUN = TypeAdapter(StoredRun)

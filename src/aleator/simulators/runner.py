@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,15 +33,12 @@ if TYPE_CHECKING:
     from aleator.observations.responses import Transform
 
 
-HOUR = timedelta(hours=1).total_seconds()
-
-
 @dataclass(frozen=True)
 class Budget:
     """The most that an identification may take: new runs of the simulator, and hours of the clock.
 
-    Runs that a store knows cost nothing, so that the same identification with the same budget gets
-    further each time. None is no limit. Raises SimulatorError for what is not positive.
+    Stored runs cost nothing, so that the same identification with the same budget gets further each
+    time. None is no limit. Raises SimulatorError for what is not positive.
 
     >>> Budget(runs=500)
     Budget(runs=500, hours=None)
@@ -57,42 +54,28 @@ class Budget:
                 raise SimulatorError(f"budget: {name} {value}", "choose a positive number")
 
     def __str__(self) -> str:
-        """As a message says it."""
+        """The budget as it stands in messages."""
         runs = [] if self.runs is None else [f"{self.runs:,} runs"]
         hours = [] if self.hours is None else [f"{self.hours:g} h"]
         return " and ".join(runs + hours)
 
 
-class RunCounter(Protocol):
-    """What makes runs and counts them: all that it `tried`, and the seconds that were `waited`."""
-
-    tried: int
-    waited: float
-
-
 class Account:
-    """What is left of a budget, counted from now on: runs are taken from it as `by` makes them.
+    """What is left of a budget, from now on: the runs that `by` makes are taken from it.
 
-    `refused` tells whether somebody was given less than was asked for.
-
-    >>> from types import SimpleNamespace
-    >>> made = SimpleNamespace(tried=0, waited=0.0)
-    >>> account = Account(Budget(runs=500), made)
-    >>> made.tried = 300
-    >>> account.given(250, reserve=10), account.refused
-    (190, True)
+    `refused` says whether any request was cut.
     """
 
-    def __init__(self, budget: Budget, by: RunCounter) -> None:
+    def __init__(self, budget: Budget, by: Execution) -> None:
         self.budget, self.refused = budget, False
         self._by, self._before = by, by.tried
         self._began = time.monotonic()
 
-    def given(self, runs: int, reserve: int = 0) -> int:
-        """How many of these runs there may be, with so many left for what comes after them."""
-        given = int(max(0, min(runs, self._left() - reserve)))
-        self.refused |= given < runs
-        return given
+    def granted(self, runs: int, reserve: int = 0) -> int:
+        """How many of so many requested runs may be made, so that a reserve is left."""
+        granted = int(max(0, min(runs, self._left() - reserve)))
+        self.refused |= granted < runs
+        return granted
 
     @property
     def made(self) -> int:
@@ -100,16 +83,17 @@ class Account:
         return self._by.tried - self._before
 
     def _left(self) -> float:
-        """Runs that are left; before the first one nobody knows what one takes."""
+        """Runs that are left; hours count once the first run has shown how long runs take."""
         left = math.inf if self.budget.runs is None else self.budget.runs - self.made
         if self.budget.hours is None or not self._by.waited:
             return left
-        seconds = self.budget.hours * HOUR - (time.monotonic() - self._began)
+        hours = timedelta(hours=self.budget.hours)
+        seconds = hours.total_seconds() - (time.monotonic() - self._began)
         return min(left, seconds * self._by.tried / self._by.waited)
 
 
 MAX_FAILED = 0.2
-"""Share of failed runs at which a study stops."""
+"""Share of failed runs beyond which a study stops; by judgement."""
 _APART = "with --workers 1 such a run is one that failed"
 
 
@@ -143,24 +127,23 @@ class Runner:
     after the transforms. A run is a case (see `cases`: units under equal conditions are one) and an
     x, every bit of it; the runner remembers it, and makes none twice. With a `store` it takes runs
     from there, and commits every new one as soon as it is known, one that failed with its message.
-    `asked` are the conditions that the simulator takes; `varying` names those that a series gets as
-    arrays even if the table has them constant.
+    `used_conditions` are those that the simulator takes; a series gets those of `varying` as arrays
+    even if they are constant in the table.
 
-    Runs are made here, one batch after the other, or by the workers of an `executor` (any
-    concurrent.futures.Executor); outcomes do not depend on it. One that fails is tried again
-    `retries` times. Where more than the share `max_failed` of the runs of this runner failed, and
-    at least `few_failed` (by judgement), `attempt` stops. `batching` says how many runs travel at
-    once.
+    Runs are made in this process, one batch after the other, or by the workers of an `executor`
+    (any concurrent.futures.Executor); outcomes do not depend on it. A run that fails is tried again
+    `retries` times. `attempt` stops where more than the share `max_failed` of all runs failed, and
+    at least `min_failed` (by judgement). `batching` says how many runs travel at once.
 
-    `runs` counts the different runs that were needed, those of the store included, so that an
-    identification resumed tells the same number as one that was not interrupted. `fresh` counts
-    those that were made here and have an outcome. `completed` are all runs with an outcome,
-    `failures` those without. Memory: some 150 bytes a run.
+    `runs` counts the distinct runs that were needed, stored ones included, so that an interrupted
+    identification reports the same number as an undisturbed one. `fresh` counts the new ones with
+    an outcome. `completed` are all runs with an outcome, `failures` those without. Memory: some 150
+    bytes a run.
 
     Raises SimulatorError at once if the simulator does not take these conditions and parameters;
     in a run for an exception, an outcome that is not a finite number, or a wrong shape; StoreError
-    if the store cannot be read or written. A run that failed is tried again when a call needs it:
-    whoever asks again has mended something.
+    if the store cannot be read or written. A call tries runs that failed before once more, as
+    their cause may have been mended.
 
     >>> import pandas as pd
     >>> from aleator.observations.experiments import Conditions
@@ -181,20 +164,25 @@ class Runner:
         executor: Executor | None = None,
         retries: int = 0,
         max_failed: float = MAX_FAILED,
-        few_failed: int = 10,
+        min_failed: int = 10,
         varying: Collection[str] = (),
         batching: Batching = BATCHING,
     ) -> None:
-        _check(retries, max_failed)
+        if retries < 0:
+            raise SimulatorError(f"retries {retries}", "choose 0 or more")
+        if not 0.0 <= max_failed <= 1.0:
+            raise SimulatorError(
+                f"max_failed {max_failed}", "choose a share in [0, 1], such as 0.2"
+            )
         self.simulator = as_simulator(simulator)
         self.ids, self.parameters = experiments.ids, tuple(parameters)
         self.progress = progress or Silent()
         self.executor, self.retries = executor, retries
-        self.max_failed, self.few_failed, self._batching = max_failed, few_failed, batching
+        self.max_failed, self.min_failed, self._batching = max_failed, min_failed, batching
         table = experiments.conditions
-        self.asked = self.simulator.asks([*map(str, table.columns)], self.parameters)
+        self.used_conditions = self.simulator.asks([*map(str, table.columns)], self.parameters)
         self._served = served = Units.of(experiments, getattr(self.simulator, "series", False))
-        columns = served.columns(table, self.asked, varying)
+        columns = served.columns(table, self.used_conditions, varying)
         self.cases = Cases.of(columns, len(served), served.rows if served.series else None)
         form = Form.of(served, self.cases, self.ids)
         self._bound = bound = Bound(self.simulator, self.cases, self.parameters, form)
@@ -207,7 +195,7 @@ class Runner:
         self.account = Account(Budget(), self._execution)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What travels to another process: without the store, the workers, and who listens."""
+        """The runner as another process gets it: without store, workers, and progress."""
         alone = Execution(self._bound, self._served, None, None, self.retries, self._batching)
         here = {"cache": None, "executor": None, "progress": Silent()}
         made = {"_execution": alone, "_memory": alone.memory, "account": Account(Budget(), alone)}
@@ -254,9 +242,9 @@ class Runner:
 
     @property
     def seconds(self) -> float:
-        """What a run takes on average: of those made here, else of those in the store; NaN of none.
+        """Mean duration of a run: of those made here, else of those stored; NaN if there is none.
 
-        Of runs that a function makes in one call it is their share.
+        Runs that are made by one call have equal shares of its duration.
         """
         tried, took = self._execution.tried, self._execution.seconds
         if not tried and self.cache is not None:
@@ -276,7 +264,7 @@ class Runner:
 
     @property
     def lost(self) -> tuple[int, Runs]:
-        """How many runs of `straight` had no outcome, and why, of the first 1000 of them."""
+        """How many runs of `straight` had no outcome, and the first 1000 of them with reasons."""
         return self._direct.lost, self._direct.failures
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
@@ -297,24 +285,24 @@ class Runner:
     def attempt(self, index: ArrayLike, x: ArrayLike, most: float | None = None) -> Array:
         """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
 
-        A run that is known, even as failed, is not repeated. Raises SimulatorError for a wrong
-        shape, and NoOutcome where more than the share `most` (the runner's `max_failed`) failed.
+        A run that was made before, even one that failed, is not repeated. Raises SimulatorError for
+        a wrong shape, and NoOutcome if more than the share `most` (default `max_failed`) failed.
         """
         return self._single(self._attempted(index, x, most))
 
     def values(self, unit: ArrayLike, x: ArrayLike, most: float | None = None) -> Array:
         """All values (R, W) of runs of `unit` (R,) with parameters `x` (R, n), transformed.
 
-        As `attempt` does it: all values of a run that failed are NaN. So is what lies behind the
-        last row of a shorter series; a value that nobody measured is what the simulator returned.
+        All values of a run that failed are NaN, as with `attempt`, and so are those beyond the last
+        row of a shorter series. A value that no experiment measured is what the simulator returned.
         """
         return self._served.transformed(self._attempted(unit, x, most))
 
     def straight(self, unit: ArrayLike, x: ArrayLike) -> Array:
         """Values (R, W) as `values` has them, made here, neither remembered nor stored.
 
-        For functions that are cheaper than remembering. `runs` counts all of them. A run that
-        raises is NaN; an infinity stays one: a life beyond every limit, say.
+        This serves functions that cost less than remembering. `runs` counts all of them. A run that
+        raises is NaN. An infinite outcome, such as a life without a limit, is kept.
         """
         case, x = self.cases.condition[np.asarray(unit, dtype=np.intp)], np.asarray(x, np.float64)
         values = self._direct(case, x)
@@ -329,10 +317,10 @@ class Runner:
         return getattr(self.simulator, "vectorized", False) is True
 
     def takes_arrays(self, region: Array) -> bool:
-        """Whether `straight` makes many runs in one call, found at 16 points of `region` (n, 2).
+        """Whether `straight` makes many runs in one call; tried at 16 points of `region` (n, 2).
 
-        So it is for a vectorized function, and for a function of numbers that is found to do the
-        same with arrays (see `elementwise`); from then on `straight` gives it arrays.
+        It does for a vectorized function, and for a function of numbers that returns the same
+        values for arrays (see `elementwise`), which from now on is called with arrays.
         """
         return self._direct.find_arrays(region)
 
@@ -363,13 +351,12 @@ class Runner:
         return self._served.transformed(values)[:, 0]
 
     def require_repeatable(self, x: ArrayLike) -> None:
-        """Run the first experiment at x (n,) twice, and once only if that run is known.
+        """Check that the first experiment at x (n,) has the same outcome when it is run again.
 
-        It finds out, too, that a simulator no longer does what it did when its runs were stored.
-        Where that run fails there is nothing to compare.
-
-        Raises SimulatorError where the outcomes differ by more than a millionth: a simulator that
-        draws random numbers has neither a response surface nor runs that can be reused.
+        If that run is stored, a simulator that has changed since is discovered, too. Nothing is
+        compared if it fails. Raises SimulatorError where the outcomes differ by more than a
+        millionth: a simulator that draws random numbers has neither a response surface nor runs
+        that can be reused.
         """
         point, at = np.atleast_2d(np.asarray(x, dtype=np.float64)), np.zeros(1, np.intp)
         first = self.values(at, point)[0]
@@ -387,12 +374,13 @@ class Runner:
 
     @contextmanager
     def survived(self, x: ArrayLike) -> Iterator[None]:
-        """Runs of a Python function within: one that ends this process does not do so silently.
+        """Report it if a Python function ends this process within the block.
 
-        By `os._exit`, a crash of compiled code, or its STOP. First the first experiment at x (n,)
-        is tried in a copy of the process, unless the store has runs: raises SimulatorError where
-        that ends the copy (see `ending`). A later end is said on the standard error (see
-        `end_reported`). Workers and other simulators have processes of their own: nothing is tried.
+        A function may do that by `os._exit`, a crash of compiled code, or its STOP. Unless runs are
+        stored, the first experiment at x (n,) is tried in a copy of the process: raises
+        SimulatorError if that ends the copy (see `ending`). A later end is reported on the standard
+        error (see `end_reported`). Workers and other simulators run in processes of their own, and
+        nothing is done.
         """
         if self.executor or not isinstance(self.simulator, FunctionSimulator):
             yield
@@ -414,14 +402,14 @@ class Runner:
             yield
 
     def repeat_some(self) -> None:
-        """Make some of the runs from now on again, at most 24: a check that costs next to nothing.
+        """Make some of the runs from now on twice, at most 24; their cost hardly matters.
 
-        A call that makes runs then raises SimulatorError where a run has another outcome.
+        A call that makes runs raises SimulatorError where a repeated run has another outcome.
         """
         self._repeats.begin()
 
     def _repeat(self, keys: Sequence[bytes]) -> None:
-        """Make some of these runs again that were made just now."""
+        """Make some of these runs again, which were just made."""
         made = [key for key in keys if key in self._memory.places]
         first = self._memory.remembered([made[k] for k in self._repeats.chosen(len(made)).tolist()])
         if len(first):
@@ -440,36 +428,31 @@ class Runner:
         keys = Runs.planned(case, np.asarray(x, dtype=np.float64)).keys()
         return keys, [*dict.fromkeys(keys)]
 
-    def _making(self, missing: Sequence[bytes], asked: int) -> closing[Generator[Runs, None, None]]:
-        """The missing ones of so many runs as they are made."""
-        progress = RunProgress(self.progress, len(missing), asked - len(missing))
+    def _making(
+        self, missing: Sequence[bytes], requested: int
+    ) -> closing[Generator[Runs, None, None]]:
+        """The missing ones of so many requested runs, as they are made."""
+        progress = RunProgress(self.progress, len(missing), requested - len(missing))
         return closing(self._execution.make(missing, progress))
 
     def _too_many(self, before: int, most: float, whole: int) -> bool:
-        """Whether there are failures more than `before`, and all are too large a share of `whole`.
+        """Whether there are more failures than `before`, and they are too large a share of `whole`.
 
-        Of all runs, also those that are not made yet: where a batch ends then decides nothing.
+        Those are all runs, with the ones that are not made yet, so that batches do not matter.
         """
         failed = len(self._memory.failures)
-        return failed > before and failed >= self.few_failed and failed > most * whole
+        return failed > before and failed >= self.min_failed and failed > most * whole
 
     def _works_nowhere(self) -> bool:
         """Whether no run worked, of ten units or more."""
-        if self._memory.places or len(self._memory.failures) < self.few_failed:
+        if self._memory.places or len(self._memory.failures) < self.min_failed:
             return False
-        return bool(np.unique(self.failures.case).size >= min(self.few_failed, len(self.cases)))
+        return bool(np.unique(self.failures.case).size >= min(self.min_failed, len(self.cases)))
 
     def _each_unit_first(self, keys: list[bytes]) -> list[bytes]:
-        """The same runs, but one of each case before all others: is there one that works?"""
+        """The same runs in another order: one of each case first, to see early if any works."""
         if not keys:
             return keys
         first = np.unique(self._memory.planned(keys).case, return_index=True)[1]
         chosen = set(first.tolist())
         return [keys[k] for k in first] + [key for k, key in enumerate(keys) if k not in chosen]
-
-
-def _check(retries: int, max_failed: float) -> None:
-    if retries < 0:
-        raise SimulatorError(f"retries {retries}", "choose 0 or more")
-    if not 0.0 <= max_failed <= 1.0:
-        raise SimulatorError(f"max_failed {max_failed}", "choose a share in [0, 1], such as 0.2")

@@ -1,4 +1,4 @@
-"""Runs of a simulator: what is asked for, what came of it, what is remembered and repeated."""
+"""Runs of a simulator: planned, made, remembered, and made again to see that they repeat."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from aleator.core.types import Array, Flags, Indices
 from aleator.simulators.protocol import RunFailed, describe, readable
 
 NOT_FINITE = "NotFinite"
-"""The kind of a failure where the simulator returned a number that cannot be used."""
+"""The kind of a failure whose run returned a number that is not finite."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a run has no outcome: a message, its log if any, what was raised, and how often."""
+    """Why a run has no outcome: a message, the end of its log, the kind of exception, attempts."""
 
     message: str
     log: str | None = None
@@ -28,7 +28,7 @@ class Failure:
 
     @classmethod
     def of(cls, error: BaseException) -> Failure:
-        """What an exception says.
+        """The failure of a run that raised an exception.
 
         >>> Failure.of(RunFailed("it ended with exit code 3", "too hot"))
         Failure(message='it ended with exit code 3', log='too hot', kind='RunFailed', attempts=1)
@@ -39,7 +39,7 @@ class Failure:
 
 
 def row_bytes(values: Array) -> list[bytes]:
-    """Every bit of each row of values (R, n), as a store has them.
+    """The bytes of each row of values (R, n), as a store has them.
 
     >>> row_bytes(np.array([[1.0], [-0.0]]))[1]
     b'\\x00\\x00\\x00\\x00\\x00\\x00\\x00\\x80'
@@ -51,16 +51,16 @@ def row_bytes(values: Array) -> list[bytes]:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """R runs: `case` (R,) of the conditions, `x` (R, n), and once they are made what came of them.
+    """R runs: their `case` (R,) of the conditions and parameters `x` (R, n); later their outcomes.
 
-    `outcome` (R, W) are the values of each run in the simulator's units, all NaN where there are
-    none or none yet. `failures` says by run why there are none. `seconds` (R,) is what each run
-    took on `host`; `named` says whether the simulator named its responses. Where fewer runs were
-    made than were asked for, `stopped` is what ended them (Ctrl-C, or the surroundings), or None if
-    the time was up.
+    `outcome` (R, W) are the values of each run in the simulator's units, all NaN where it failed or
+    is not made yet; `failures` says by run why it failed. `seconds` (R,) is what each run took on
+    `host`; `named` says whether the simulator named its responses. Where fewer runs were made than
+    were planned, `stopped` is what ended them (Ctrl-C, or the surroundings), or None if the time
+    was up.
 
-    >>> asked = Runs.planned(np.array([0, 2]), np.array([[0.5], [0.7]]))
-    >>> len(asked), asked.outcome.tolist()
+    >>> planned = Runs.planned(np.array([0, 2]), np.array([[0.5], [0.7]]))
+    >>> len(planned), planned.outcome.tolist()
     (2, [[nan], [nan]])
     """
 
@@ -78,7 +78,7 @@ class Runs:
 
     @classmethod
     def planned(cls, case: Indices, x: Array, width: int = 1) -> Self:
-        """Runs that are to be made, of `width` values each."""
+        """Runs that are to be made, with `width` values each."""
         return cls(case, x, np.full((len(case), width), np.nan), np.zeros(len(case)))
 
     @classmethod
@@ -92,7 +92,7 @@ class Runs:
         return cls.planned(rows[:, 0].astype(np.intp), rows[:, 1:], width)
 
     def keys(self) -> list[bytes]:
-        """What tells one run from another: the case and every bit of the parameters, R texts."""
+        """R texts that tell one run from another: the case and every bit of the parameters."""
         return row_bytes(np.column_stack([self.case, self.x]))
 
     def some(self, rows: slice | Indices | Flags) -> Self:
@@ -100,7 +100,7 @@ class Runs:
         return type(self).planned(self.case[rows], self.x[rows], self.outcome.shape[1])
 
     def halves(self) -> list[Self]:
-        """The first half and the second, to be made; one of a single run."""
+        """The first half and the second, to be made; a single run is one half."""
         middle = (len(self) + 1) // 2
         parts = [self.some(slice(middle)), self.some(slice(middle, None))]
         return [part for part in parts if len(part)]
@@ -125,17 +125,17 @@ class Runs:
 
     @property
     def empty(self) -> Flags:
-        """(R,) which runs have no value: those that failed, and those that are not made."""
+        """(R,) which runs have no value: those that failed, and those that are not made yet."""
         return np.all(np.isnan(self.outcome), axis=1)  # type: ignore[no-any-return]
 
     @property
     def region(self) -> Array:
-        """The smallest box (n, 2) that holds the parameters of all runs; there must be one."""
+        """The smallest box (n, 2) that holds the parameters of all runs (one at least)."""
         return np.stack([self.x.min(axis=0), self.x.max(axis=0)], axis=1)
 
 
 class Memory:
-    """Runs by their keys: W values of each that has an outcome, a failure of each that has none.
+    """The runs of this process by their keys: W values of each that worked, failures of others.
 
     `parameters` is the number of columns of x. Cost: some 150 bytes a run and 8 a value.
 
@@ -171,48 +171,42 @@ class Memory:
         return Runs.of_keys(keys, self._parameters, self._values.shape[1])
 
     def remembered(self, keys: Sequence[bytes]) -> Runs:
-        """What is known of some runs."""
+        """Some runs with their outcomes and failures, as far as they were made."""
         failures = {k: self.failures[key] for k, key in enumerate(keys) if key in self.failures}
         return replace(self.planned(keys), outcome=self.values(keys), failures=failures)
 
     def keep(self, keys: Sequence[bytes], runs: Runs) -> None:
-        """Remember runs that are made; those that have neither values nor a failure are not."""
+        """Remember runs with values or a failure; others are not made yet."""
         self.failures |= {keys[k]: failure for k, failure in runs.failures.items()}
         good = np.flatnonzero(~runs.empty).tolist()
-        own = keys if len(good) == len(keys) else [keys[k] for k in good]
-        for key in self.failures.keys() & own:
-            del self.failures[key]
-        for key in own:
+        worked = keys if len(good) == len(keys) else [keys[k] for k in good]
+        for key in worked:
+            self.failures.pop(key, None)
             self.places.setdefault(key, len(self.places))
-        self._grow()
-        self._values[[self.places[key] for key in own]] = runs.outcome[good]
-
-    def _grow(self) -> None:
         size = len(self._values)
-        if len(self.places) > size:
-            more = np.full((max(size, len(self.places) - size), self._values.shape[1]), np.nan)
+        if (lacking := len(self.places) - size) > 0:
+            more = np.full((max(size, lacking), self._values.shape[1]), np.nan)
             self._values = np.concatenate([self._values, more])
+        self._values[[self.places[key] for key in worked]] = runs.outcome[good]
 
 
 @dataclass(frozen=True)
 class Repeatability:
-    """What is asked of a simulator's runs that are made again.
-
-    - `relative`: difference of two outcomes of the same run that is no cause for concern, of the
-      outcome or of the median of all. By judgement: far above rounding, far below any measurement.
-    - `most`: runs that are made again. Where one in ten is random, it is found in 92 of 100 studies
-      (1 - 0.9^24).
-    """
+    """How it is seen whether a run that is made again has the same outcome."""
 
     relative: float = 1e-6
+    """Difference of two outcomes that counts as none, relative to the outcome or to the median of
+    all. By judgement: far above rounding, far below any measurement."""
     most: int = 24
+    """Runs that are made again, at most. If one run in ten is random, 24 of them show it in 92 of
+    100 studies (1 - 0.9^24)."""
 
 
 REPEATABILITY = Repeatability()
 
 
 class Repeats:
-    """Which runs are made again, once that has begun: of R that were made the root of R, up to 24.
+    """Chooses the runs that are made again, from `begin` on: the root of their number, at most 24.
 
     >>> repeats = Repeats()
     >>> repeats.begin()
@@ -225,11 +219,11 @@ class Repeats:
         self._made = self._again = 0
 
     def begin(self) -> None:
-        """Choose from now on."""
+        """Choose among the runs that are made from now on."""
         self._begun = True
 
     def chosen(self, new: int) -> Indices:
-        """Positions among so many runs that were just made, far apart: conditions may matter."""
+        """Positions among `new` runs that were just made; far apart, so that conditions differ."""
         if not self._begun:
             return np.empty(0, np.intp)
         self._made += new
@@ -244,10 +238,10 @@ class Repeats:
 def differing(
     first: Array, again: Array, settings: Repeatability = REPEATABILITY
 ) -> tuple[int, int] | None:
-    """The first run and value in which (R, W) outcomes differ from those of the same runs again.
+    """Run and column of the first outcome (R, W) that differs when the same runs are made again.
 
-    Beyond a millionth of the value, or of what values are like. A run that has none in one of the
-    two has failed: that is another matter.
+    Differences up to `settings.relative` of the value, or of the median of all values, count as
+    none. Runs that failed one of the two times are not compared.
 
     >>> differing(np.array([[1.0], [2.0]]), np.array([[1.0], [2.1]]))
     (1, 0)

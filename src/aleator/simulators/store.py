@@ -1,7 +1,7 @@
-"""The store of runs: one SQLite file; a run is committed as soon as it is known.
+"""The store of runs: one SQLite file, to which each run is committed as soon as it is made.
 
-A run is known by the simulator's fingerprint, the values of the conditions that the simulator asks
-for, and the parameters, all exact. Nothing of the study is part of it: experiments under equal
+The key of a run is the simulator's fingerprint, the values of the conditions that the simulator
+takes, and the parameters, all exact. Nothing of the study is part of it: experiments under equal
 conditions share their runs, and so do studies with the same simulator.
 """
 
@@ -77,7 +77,7 @@ class Case:
         rows: int | None = None,
         responses: Sequence[str] = (),
     ) -> Case:
-        """The case of some conditions; floats are written so that they read back exactly.
+        """The case of some conditions; their floats are written with all digits.
 
         >>> Case.of({"load": 1.0, "bench": "A"}, ["y", "x"])
         Case(conditions='{"bench": "A", "load": 1.0}', parameters=('x', 'y'))
@@ -106,27 +106,25 @@ def _plain(value: Any) -> Any:
 
 
 FORMAT = 1
-"""The version of the tables below; a store of a higher one is left alone."""
+"""The version of the tables below; a store of a higher version is not opened."""
 
-_MARK = 0x414C4541  # "ALEA": a database without it is not ours to write to
+_MARK = 0x414C4541  # "ALEA": no other database is written to
 
 
 @dataclass(frozen=True)
 class StoreSettings:
-    """How a store uses its file.
-
-    - `patience`: seconds that a process waits for another that is writing; one transaction takes
-      milliseconds. By judgement.
-    - `cache`: kibibytes of the file that are held in memory. Without them a store of a million runs
-      was written three times as often, because new runs belong all over its index (seen once; what
-      a million runs cost is measured by `python -m benchmarks runs`).
-    - `unsynced`: seconds of the simulator's work after which a commit waits for the disk: so much a
-      power cut may cost. By judgement.
-    """
+    """How a store uses its file."""
 
     patience: float = 60.0
+    """Seconds that a process waits for another that is writing; one transaction takes milliseconds.
+    By judgement."""
     cache: int = 65_536
+    """Kibibytes of the file in memory. Without them a store of a million runs was written three
+    times as often, because new runs belong all over its index (seen once; `python -m benchmarks
+    runs` measures what a million runs cost)."""
     unsynced: float = 1.0
+    """Seconds of the simulator's work after which a commit waits for the disk: a power cut may cost
+    so much. By judgement."""
 
 
 SETTINGS = StoreSettings()
@@ -188,10 +186,10 @@ CREATE TEMP TABLE sought_runs (place INTEGER PRIMARY KEY, "case" INTEGER, x BLOB
 def connected(path: Path, settings: StoreSettings = SETTINGS) -> tuple[sqlite3.Connection, bool]:
     """A connection to the store at `path`, made if it is not there, and whether it can be written.
 
-    Raises StoreError for what is not a store, is damaged, is of a newer format, or can be neither
-    written nor read.
+    Raises StoreError for a file that is not a store, is damaged, of a newer format, or can be
+    neither written nor read.
     """
-    # of os, as the questions of a path raise for a name that is too long
+    # os.path, because the methods of a Path raise for a name that is too long.
     there, above = os.path.exists(path), os.path.isdir(path.parent)
     if os.path.isdir(path):
         raise StoreError(f"{short(path)} is a folder, not a store of runs", "name a file in it")
@@ -232,7 +230,7 @@ def _opened(path: Path, mode: str, settings: StoreSettings) -> sqlite3.Connectio
 
 
 def _read_only(path: Path, settings: StoreSettings) -> sqlite3.Connection:
-    """A store that cannot be written; where nobody has, no file beside it is needed either."""
+    """A store that cannot be written; without a write-ahead log no file beside it is needed."""
     log = path.with_name(f"{path.name}-wal")
     unwritten = not log.exists() or log.stat().st_size == 0
     connection = _opened(path, "ro&immutable=1" if unwritten else "ro", settings)
@@ -270,7 +268,7 @@ def _number(connection: sqlite3.Connection, pragma: str) -> int:
 
 
 def _write_ahead(connection: sqlite3.Connection, patience: float, pause: float = 0.01) -> None:
-    """Let readers read while one process writes; SQLite does not wait by itself here."""
+    """Let readers read while one process writes; SQLite does not wait for the lock by itself."""
     give_up = time.monotonic() + patience
     while True:
         try:
@@ -284,7 +282,7 @@ def _write_ahead(connection: sqlite3.Connection, patience: float, pause: float =
 
 def _make_tables(connection: sqlite3.Connection) -> None:
     with transaction(connection):
-        # Asked again inside: another process may have been faster.
+        # Seen within the transaction: another process may have made the tables meanwhile.
         if _number(connection, "user_version") == 0:
             for statement in _TABLES.split(";"):
                 connection.execute(statement)
@@ -295,7 +293,7 @@ def _make_tables(connection: sqlite3.Connection) -> None:
 
 @contextmanager
 def transaction(connection: sqlite3.Connection, writing: bool = True) -> Iterator[None]:
-    """What is written inside is committed as one, or not at all; what is read is of one moment."""
+    """Commit all that the block writes, or nothing; all that it reads is of one moment."""
     connection.execute("BEGIN IMMEDIATE" if writing else "BEGIN")
     try:
         yield
@@ -376,9 +374,9 @@ _AGAIN = (
 
 @dataclass(frozen=True)
 class Counts:
-    """Runs of one simulator, failures among them, what they took, and runs of it as it was.
+    """Runs of one simulator, the failures among them, their seconds, and runs of it as it was.
 
-    Those are the runs of others with its name and its description, which tells what is recorded.
+    The latter (`other`) have its name and description, but another fingerprint.
     """
 
     runs: int
@@ -390,12 +388,10 @@ class Counts:
 class Store:
     """The runs of any number of simulators in the file `path`, made if it is not there.
 
-    A process that is killed loses nothing that was added. A power cut loses at most the last
-    second of the simulator's work (`settings.unsynced`): so much is handed to the system without
-    waiting for the disk, because the wait takes milliseconds. Any number of processes may use it at
-    once.
-
-    `writable` is false where file or folder cannot be written: runs are then found, not added.
+    A process that is killed loses nothing that was added. A power cut loses at most the last second
+    of the simulator's work (`settings.unsynced`), because only then a commit waits for the disk,
+    which takes milliseconds. Any number of processes may use the file at once. `writable` is false
+    where file or folder cannot be written: runs are then used, not added.
 
     Raises StoreError, here and below, for a file that is not a store, is damaged, is of a newer
     format or cannot be read, and for a full disk; the file is then left as it is.
@@ -439,10 +435,10 @@ class Store:
     def find(
         self, fingerprint: str, cases: Sequence[Case], keys: Iterable[tuple[int, bytes]]
     ) -> list[tuple[int, float | bytes | None, str | None, int]]:
-        """Those runs that are there: place in `keys`, outcome (see `add`), failure, attempts.
+        """The stored runs of these keys: place in `keys`, outcome (see `add`), failure, attempts.
 
-        A key is the position of the run's case and its x. Cost: some 3 microseconds a run that is
-        there, next to none where its case is not.
+        A key is the position of the run's case and its x. Cost: some 3 microseconds a stored run,
+        next to none for a case that is not stored.
         """
         run = self.connection.execute
         with sqlite_errors(self.path), transaction(self.connection, writing=False):
@@ -461,11 +457,12 @@ class Store:
         rows: Sequence[tuple[Any, ...]],
         again: bool = True,
     ) -> int:
-        """Commit runs; the number of those that the store did not have.
+        """Commit runs, and return the number of those that are new.
 
         A row is: position of the case, x, outcome, failure, log, seconds, host, time, attempt; one
         of outcome and failure is None. Several values are the bytes of their float64. A run with an
-        outcome is never changed. One that failed is replaced if `again`, which counts the attempt.
+        outcome is never changed. With `again` a run that failed is replaced, and its attempts are
+        counted.
         """
         conflict = _AGAIN if again else "DO NOTHING"
         self._unsynced += sum(seconds or 0.0 for *_, seconds, _, _, _ in rows)
@@ -489,7 +486,7 @@ class Store:
         return added
 
     def counts(self, simulator: Identity) -> Counts:
-        """How many runs there are of a simulator, and of it under other fingerprints."""
+        """How many runs there are of a simulator, with this fingerprint and with others."""
         with sqlite_errors(self.path):
             rows = self.connection.execute(
                 "SELECT fingerprint = ?, count(*), sum(failure IS NOT NULL), total(seconds) "
@@ -507,13 +504,13 @@ class Store:
         return Counts(*found.get(True, nothing), found.get(False, nothing)[0])
 
     def _largest(self) -> int:
-        """The number of runs ever added, as far as it tells how many are new in a transaction."""
+        """The largest number of a run, whose growth in a transaction is the number of new runs."""
         return int(self.connection.execute("SELECT coalesce(max(id), 0) FROM runs").fetchone()[0])
 
     def _numbers(self, fingerprint: str, cases: Sequence[Case]) -> dict[int, int]:
-        """The numbers in the file of those cases that are there, by position.
+        """The numbers in the file of those cases that are stored, by position.
 
-        Asked every time, as another process may forget some.
+        They are read every time, because another process may delete cases.
         """
         run = self.connection.execute
         run("DELETE FROM sought_cases")
@@ -523,7 +520,7 @@ class Store:
         return dict(run(_NUMBERED, (fingerprint,)))
 
     def _cases(self, simulator: Identity, cases: Sequence[Case]) -> dict[int, int]:
-        """Their numbers in the file, which has them afterwards, by position."""
+        """The numbers of all cases in the file, by position; missing ones are added."""
         run = self.connection.execute
         run(
             "INSERT INTO simulators (fingerprint, name, description, version, first_seen) "
@@ -552,9 +549,9 @@ class Store:
 
 
 def kept(store: Store, fingerprint: str, key: str) -> str | None:
-    """The text that was kept of a simulator under a key; None of none, or of one that is damaged.
+    """The text that was kept of a simulator under a key; None if there is none, or a damaged one.
 
-    A store that cannot be written is not asked.
+    A store that cannot be written is not read either.
     """
     if not store.writable:
         return None

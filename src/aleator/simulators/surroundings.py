@@ -1,4 +1,4 @@
-"""What ends a run from outside: the machine, a time limit, or the end of its process."""
+"""Reasons outside a simulator that end a run: the machine, a time limit, a process that ends."""
 
 from __future__ import annotations
 
@@ -50,10 +50,11 @@ _REMEDY = f"mend that, and give the same command again: {_GO_ON}"
 
 
 def cause(error: BaseException, what: str = _NOT_MADE) -> SurroundingsError | None:
-    """What the machine did to a run that raised `error`; None where the run itself is at fault.
+    """The error for what the machine did to a run that raised `error`; None if the run is at fault.
 
-    Disks, processes, open files, servers that do not answer, and memory that Aleator itself did not
-    get. A simulator that asks for too much memory has failed. `what` begins the message.
+    The machine is at fault for disks, processes, open files, servers that do not answer, and memory
+    that Aleator itself did not get. A simulator that asks for too much memory has failed. `what`
+    begins the message.
 
     >>> print(cause(OSError(errno.ENOSPC, "No space left on device", "/tmp/run")))
     a run could not be made: No space left on device: '/tmp/run'
@@ -72,13 +73,13 @@ def cause(error: BaseException, what: str = _NOT_MADE) -> SurroundingsError | No
 
 
 def prevented(error: OSError, what: str = _NOT_MADE) -> SurroundingsError:
-    """The error for what the system refused, whatever its reason is."""
+    """The error for a call that the system refused, for whatever reason."""
     place = f": {error.filename!r}" if error.filename else ""
     return SurroundingsError(f"{what}: {error.strerror or error}{place}", _REMEDY)
 
 
 def require_pattern(stop_on: str) -> None:
-    """Raise SimulatorError for words to stop on that are no regular expression."""
+    """Raise SimulatorError if `stop_on` is no regular expression."""
     try:
         re.compile(stop_on)
     except re.error as error:
@@ -89,7 +90,7 @@ def require_pattern(stop_on: str) -> None:
 
 
 def printed(log: str, stop_on: str = STOP_ON) -> SurroundingsError | None:
-    """What a failed run said about the machine, as far as it has the words `stop_on`; or None.
+    """The error for a failed run whose log matches `stop_on`, so that the machine is at fault.
 
     >>> str(printed("begun\\nERROR: could not connect to license server\\n")).splitlines()[0]
     'a run could not be made; it said: ERROR: could not connect to license server'
@@ -107,7 +108,7 @@ def printed(log: str, stop_on: str = STOP_ON) -> SurroundingsError | None:
 
 
 def require_space(folder: Path) -> None:
-    """Raise SurroundingsError for a disk without a byte: an outcome on it may be cut off."""
+    """Raise SurroundingsError for a disk without a free byte: an outcome on it may be cut off."""
     if full := full_disk(folder, 0):
         raise full
 
@@ -115,7 +116,7 @@ def require_space(folder: Path) -> None:
 def full_disk(folder: Path, most: int = 2**20) -> SurroundingsError | None:
     """The error for a disk on which no more than `most` bytes are free, None for others.
 
-    With a MiB left (by judgement) a failed run is not believed to be its own.
+    With less than a MiB (by judgement) the disk is taken for the cause of a failed run.
     """
     try:
         disk = os.statvfs(folder)
@@ -143,7 +144,7 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
 
 
 def _is_ours(error: MemoryError) -> bool:
-    """Whether it was raised by a line of Aleator, and not by one of the simulator."""
+    """Whether the error was raised by a line of Aleator, and not of the simulator."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -151,7 +152,7 @@ def _is_ours(error: MemoryError) -> bool:
 
 
 def checked_limit(seconds: float | None) -> float | None:
-    """A time limit that can be one. Raises SimulatorError for others."""
+    """The time limit, None for no limit. Raises SimulatorError unless it is positive and finite."""
     if seconds is not None and not 0.0 < seconds < math.inf:
         raise SimulatorError(
             f"timeout = {seconds:g} is no time", "give seconds, or leave it out: no limit"
@@ -161,12 +162,12 @@ def checked_limit(seconds: float | None) -> float | None:
 
 @contextmanager
 def limited(seconds: float | None, patience: float = 3.0) -> Iterator[None]:
-    """Raise RunFailed in what takes longer than so many seconds; None is no limit.
+    """Raise RunFailed within a block that takes longer than so many seconds; None is no limit.
 
-    Python code is stopped where it is, as by Ctrl-C, and again if it goes on. Compiled code that
-    does not return ends its worker after `patience` times the limit and a second (by judgement);
-    nothing can end it in this process. Needs the main thread, and a system with SIGALRM: elsewhere
-    there is no limit. Cost: some microseconds.
+    Python code is interrupted as by Ctrl-C, and again if it goes on. If compiled code does not
+    return, its worker process is ended after `patience` times the limit and a second (by
+    judgement); this process cannot be. The limit needs the main thread and a system with SIGALRM;
+    elsewhere there is none. Cost: some microseconds.
 
     >>> with limited(0.01):
     ...     while True:
@@ -198,7 +199,7 @@ def limited(seconds: float | None, patience: float = 3.0) -> Iterator[None]:
 
 @contextmanager
 def _ended_worker(seconds: float) -> Iterator[None]:
-    """End this process after so many seconds, whatever it does, if it is a worker."""
+    """End this process after so many seconds, whatever it does, if it is a worker process."""
     if multiprocessing.parent_process() is None:
         yield
         return
@@ -210,13 +211,13 @@ def _ended_worker(seconds: float) -> Iterator[None]:
             faulthandler.cancel_dump_traceback_later()
 
 
-_RETURNED = 77  # the exit code of a copy in which the call ended nothing
+_RETURNED = 77  # the exit code of a copy in which the call returned or raised
+# A line on the pipe means that all is well; the end of the pipe without one, that its writer ended.
 _WATCH = 'read -r _ || printf "%s\\n" "$1" >&2'
-"""A line comes when all is well; the end of the pipe without one is that of its writer."""
 
 
 def exit_status(code: int) -> str:
-    """How a process ended, by its exit code as Python has it.
+    """How a process ended, in words, by its exit code as Python reports it.
 
     >>> exit_status(3), exit_status(-9)
     ('exit code 3', 'signal SIGKILL')
@@ -227,11 +228,11 @@ def exit_status(code: int) -> str:
 
 
 def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
-    """How a call ends its process, tried in a copy of this one; None where it does not.
+    """How a call ends its process, tried in a copy of this one; None if it returns or raises.
 
-    A call that returns or raises ends nothing. What it prints is not shown, and what it changes in
-    memory is lost. None as well where it takes longer than `patience` s (by judgement), and on
-    systems without the cheap copies of Linux: nobody knows there.
+    What the call prints is not shown, and what it changes in memory is lost. The answer is None as
+    well if it takes longer than `patience` s (by judgement), and on systems other than Linux, where
+    a process cannot be copied cheaply.
 
     >>> ending(lambda: 1.0)
     >>> ending(lambda: os._exit(3)) if sys.platform == "linux" else "exit code 3"
@@ -258,8 +259,8 @@ def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
 def end_reported(words: str) -> Iterator[None]:
     """Have `words` written to the standard error if this process ends before the block does.
 
-    By a shell that waits for a line of this process; the exit code stays what ended the process.
-    On systems without a POSIX shell nothing is written.
+    A shell writes them that waits for a line of this process; the exit code is not changed. On
+    systems without a POSIX shell nothing is written.
     """
     if os.name != "posix":
         yield

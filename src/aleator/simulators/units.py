@@ -1,4 +1,4 @@
-"""What one run of a simulator serves, which conditions it has, and what it is to return."""
+"""What one run of a simulator serves, under which conditions, and which values it returns."""
 
 from __future__ import annotations
 
@@ -61,12 +61,8 @@ class Cases:
         distinct = {name: column[first] for name, column in columns.items()}
         return cls(distinct, first.astype(np.intp), condition.astype(np.intp))
 
-    def at(self, case: Indices) -> dict[str, NDArray[Any]]:
-        """The conditions of some runs, by name, whose cases are `case` (R,)."""
-        return {name: column[case] for name, column in self.columns.items()}
-
-    def values(self, case: int) -> dict[str, Any]:
-        """The conditions of one case by name."""
+    def at(self, case: Indices | int) -> dict[str, Any]:
+        """The conditions by name of one case, or of runs whose cases are `case` (R,)."""
         return {name: column[case] for name, column in self.columns.items()}
 
 
@@ -81,7 +77,7 @@ def _numbered(column: NDArray[Any]) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """U units: the rows of a table, or its experiments where the simulator makes whole `series`.
+    """U units, each served by one run: rows of a table, or experiments if there are `series`.
 
     A run of a unit returns W values: its rows one after the other, and of each row the responses.
     `experiment` (U,) is the experiment of each unit, `rows` (U,) how many rows of it a run serves.
@@ -103,7 +99,7 @@ class Units:
 
     @classmethod
     def of(cls, table: Experiments | Conditions, series: bool = False) -> Units:
-        """The units of a table, whose `series` come by one run each or row by row.
+        """The units of a table: experiments if one run makes a whole series, else rows.
 
         >>> import pandas as pd
         >>> from aleator.observations.experiments import Conditions
@@ -181,10 +177,11 @@ RunValue = float | Array | Mapping[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """The values (R, W) that R runs are to return: of each row one of each of the `responses`.
+    """Which W values each of R runs returns: row by row, and of each row one of each response.
 
-    `rows` (R,) says how many rows a run serves, `experiments` (R,) names them; None where every run
-    is one row. `observed` (R, W) are the values that must be finite; None is all of them.
+    `rows` (R,) is how many rows a run serves, `experiments` (R,) the ids of the experiments; both
+    are None if every run is one row. `observed` (R, W) are the values that an experiment measured,
+    which must be finite; None is all of them.
     """
 
     responses: tuple[str, ...] = ("",)
@@ -195,7 +192,7 @@ class Form:
 
     @classmethod
     def of(cls, units: Units, cases: Cases, ids: Sequence[str]) -> Form:
-        """The form of one run of each case, in their order."""
+        """The form of the runs of all cases."""
         observed = np.zeros((len(cases), units.width), dtype=np.bool_)
         observed[cases.condition[units.unit], units.column] = True
         experiments = np.array(ids, dtype=object)[units.experiment[cases.first]]
@@ -219,12 +216,12 @@ class Form:
         )
 
     def missing(self, values: Array) -> Flags:
-        """(R, W) which values are wanted and not finite."""
+        """(R, W) which values are observed by an experiment and not finite."""
         wrong = ~np.isfinite(values)
         return wrong if self.observed is None else wrong & self.observed
 
     def fault(self, run: int, column: int, value: float) -> str:
-        """What is said of a value that is not finite.
+        """The message about a value that is not finite.
 
         >>> Form(("speed", "time"), 4, np.array([2])).fault(0, 3, np.nan)
         'it returned nan for time in row 2 of 2'
@@ -239,8 +236,8 @@ class Form:
         """Values (count, W) of the first `count` runs, NaN where a run has fewer.
 
         `returned` is an array (count,) of numbers, a mapping from responses to such arrays, or a
-        list of answers. Raises SimulatorError for a wrong shape or type, a response that is not
-        there, and a series of the wrong length.
+        list with what each run returned. Raises SimulatorError for a wrong shape or type, a missing
+        response, and a series of the wrong length.
         """
         if not count:
             return np.empty((0, self.width))
@@ -274,7 +271,7 @@ class Form:
         return values
 
     def _of(self, simulator: Simulator, answer: Mapping[str, Any]) -> list[Any]:
-        """The parts of an answer in the order of the responses."""
+        """The values that one run returned, in the order of the responses."""
         for name in self.responses:
             if name not in answer:
                 raise SimulatorError(
@@ -337,9 +334,6 @@ def _real(simulator: Simulator, part: object) -> Array:
         ) from None
 
 
-ONE = Form()
-
-
 @dataclass(frozen=True, eq=False)
 class Bound:
     """A simulator with the cases of a table, and with names for the n columns of x.
@@ -356,7 +350,7 @@ class Bound:
     simulator: Simulator
     cases: Cases
     parameters: tuple[str, ...]
-    form: Form = ONE
+    form: Form = Form()
 
     def columns(self, case: Indices, x: Array) -> tuple[Columns, Columns]:
         """Conditions and parameters of runs of `case` (R,) at x (R, n), by name."""

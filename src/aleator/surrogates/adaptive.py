@@ -92,7 +92,7 @@ def within(account: Account, unit: Indices, settings: RoundSettings = ROUNDS) ->
         np.maximum.at(price, of[members], runs[members])
         np.maximum.at(need, of[members], relative[members])
         asked = int(price.sum())
-        given = account.given(asked, settings.reserved * units.size)
+        given = account.granted(asked, settings.reserved * units.size)
         if given == asked:
             return members
         order = np.argsort(-need, kind="stable")

@@ -105,7 +105,9 @@ def identify(
     answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
     result = result_of(answer, table, verification, ledger)
     found = Identification.of(replace(result, units=shown), _session(answer, table))
-    return _judged(found, (*runner.asked, *inputs.covariates), consistency, best_law, ledger)
+    return _judged(
+        found, (*runner.used_conditions, *inputs.covariates), consistency, best_law, ledger
+    )
 
 
 def _judged(

@@ -19,7 +19,7 @@ from aleator.results.printed import (
     heads,
     number,
 )
-from aleator.simulators.records import Holding, StoredRun
+from aleator.simulators.records import SimulatorRuns, StoredRun
 from aleator.views.terminal import terminal
 
 
@@ -40,8 +40,8 @@ HOLDINGS = heads("simulator", "fingerprint", ">runs", ">failed", ">seconds", "la
 RUNS = heads(">run", "when", ">outcome", "~of")
 
 
-def holdings(stored: Sequence[Holding], current: str | None, store: str) -> RenderableType:
-    """A table of the simulators in a store; that with the fingerprint `current` is the study's."""
+def holdings(stored: Sequence[SimulatorRuns], current: str | None, store: str) -> RenderableType:
+    """A row for each simulator; the one with the fingerprint `current` is the study's."""
     if not stored:
         return terminal(Content(f"{store} holds no runs."))
     rows = [

@@ -1,4 +1,4 @@
-"""What a program is given: texts with placeholders, input files, and lines for a shell."""
+"""Inputs of a program: texts with placeholders, input files, and lines for a shell."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Columns = Mapping[str, Value | list[Value]]
 
 @dataclass(frozen=True)
 class Delimiters:
-    """What stands before and after a placeholder.
+    """The marks before and after a placeholder.
 
     Raises SimulatorError where one is empty or has a space, a colon, or a letter or digit.
 
@@ -44,14 +44,11 @@ class Delimiters:
 
     @property
     def pattern(self) -> str:
-        """A regular expression with the groups `name` and `spec`; it ends within the line."""
+        """A regular expression with the groups `name` and `spec` that matches within a line."""
         opening, closing = re.escape(self.opening), re.escape(self.closing)
         inside = rf"(?!{opening}|{closing})"
         name, spec = rf"(?:{inside}[^:\n])+", rf"(?:{inside}[^\n])*"
         return rf"{opening}(?P<name>{name})(?::(?P<spec>{spec}))?{closing}"
-
-
-BRACES = Delimiters()
 
 
 @dataclass(frozen=True)
@@ -81,9 +78,7 @@ class Placeholder:
 
 @dataclass(frozen=True)
 class Text:
-    """A text cut into what stays and what is filled in; `where` is what messages call it.
-
-    Cost: one join a fill.
+    """A text in pieces, placeholders among them; `where` is its name in messages.
 
     >>> text = Text.parse("--load {load:.2f} {{as is}}", escapes=True)
     >>> text.names, text.fill({"load": 0.125})
@@ -95,7 +90,11 @@ class Text:
 
     @classmethod
     def parse(
-        cls, text: str, marks: Delimiters = BRACES, where: str = "the text", escapes: bool = False
+        cls,
+        text: str,
+        marks: Delimiters = Delimiters(),
+        where: str = "the text",
+        escapes: bool = False,
     ) -> Text:
         """Find the placeholders; with `escapes` a doubled delimiter stands for the delimiter.
 
@@ -117,7 +116,7 @@ class Text:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the placeholders, each once, as they come first."""
+        """The names of the placeholders in the order of their first appearance."""
         named = (piece.name for piece in self.pieces if isinstance(piece, Placeholder))
         return tuple(dict.fromkeys(named))
 
@@ -144,12 +143,12 @@ def _placeholder(match: re.Match[str], where: str) -> Placeholder:
     return found
 
 
-# What may stand before a word that is neither in quotes nor in a here-document: whole quotes, and
-# names of variables; no escape, comment or substitution, which nest.
+# Shell text after which a word is neither in quotes nor in a here-document. It may have closed
+# quotes and names of variables, but no escape, comment or substitution, which nest.
 _BARE = re.compile(
     r"""(?: [^"'`\\$#<] | <(?!<) | \$\w | '[^']*' | "(?: [^"`\\$] | \$\w )*" )*""", re.VERBOSE
 )
-# What has its words read once more, by a shell that sees no quotes.
+# Commands that have their words read by another shell, which does not see the quotes.
 _TWICE = re.compile(
     r"\b(?: eval | trap | ssh | rsh | su | watch | parallel | (?:ba|da|k|z|a)?sh \s+ -\w*c) \b"
     r"| \| \s* (?:\S*/)? (?:ba|da|k|z|a)?sh \b",
@@ -157,15 +156,15 @@ _TWICE = re.compile(
 )
 _SHELL = re.compile(r"(?:ba|da|k|z|a)?sh")
 _SCRIPT = re.compile(r"-\w*c")
-# What no shell gives a meaning, wherever it stands; letters and digits beside.
+# Characters without a meaning in any shell, besides letters and digits.
 _PLAIN = frozenset("@%+=:,./-_")
 
 
 def filled(text: Text, values: Values) -> str:
-    """The text with the values in place: quoted, where they stand bare.
+    """The text for a shell with the values in place; a value outside of quotes is quoted.
 
-    Between quotes, in a here-document, and wherever this is not certain, stand numbers and texts of
-    letters, digits and @%+=:,./-_ only. Raises SimulatorError for another text there.
+    Between quotes, in a here-document, and wherever that is not certain, values may only be numbers
+    and texts of letters, digits and @%+=:,./-_. Raises SimulatorError for another text there.
 
     >>> text = Text.parse("solve {bench} > '{bench}.txt'")
     >>> filled(text, {"bench": "B2"})
@@ -187,12 +186,12 @@ def filled(text: Text, values: Values) -> str:
             raise _read_by_the_shell(piece.name, str(value))
         shown = piece.write(value)
         written += shlex.quote(shown) if bare else shown
-        before += "x"  # whatever it is, it opens nothing
+        before += "x"  # any word: the value opens no quotes
     return written
 
 
 def script(program: str, arguments: Sequence[str]) -> int | None:
-    """Which of the arguments a shell that is started as the program reads as its script, if any.
+    """Position of the argument that is a script, if the program is a shell; else None.
 
     >>> script("bash", ["-ec", "solve $1", "solve", "B2"]), script("python3", ["-c", "print(1)"])
     (1, None)
@@ -227,7 +226,7 @@ class Feed(Protocol):
 
     @property
     def where(self) -> str:
-        """What messages call it."""
+        """Its name in messages."""
 
     def write(self, values: Columns) -> str:
         """The text; raises RunFailed for a value that cannot be written.
@@ -238,7 +237,7 @@ class Feed(Protocol):
 
 @dataclass(frozen=True)
 class Template:
-    """A file with placeholders, read when it is named here; UTF-8, kept byte for byte elsewhere.
+    """A file with placeholders, which is read at once; bytes that are not UTF-8 are kept.
 
     `marks` are the delimiters of the placeholders in the file.
 
@@ -247,7 +246,7 @@ class Template:
 
     # Not in repr, from which fingerprints are made: a study that is moved stays the same study.
     file: Path = field(repr=False)
-    marks: Delimiters = BRACES
+    marks: Delimiters = Delimiters()
     text: Text = field(init=False)
 
     def __post_init__(self) -> None:
@@ -268,7 +267,7 @@ class Template:
 
     @property
     def where(self) -> str:
-        """The template by name."""
+        """The template with its file's name."""
         return self.text.where
 
     def write(self, values: Columns) -> str:
@@ -278,7 +277,7 @@ class Template:
 
 @dataclass(frozen=True)
 class JsonFeed:
-    """One object of all names and values, numbers with every digit; a series is a list.
+    """A JSON object of all values by name, with every digit; a series is a list.
 
     >>> JsonFeed().write({"load": 0.1, "bench": "A"})
     '{"load": 0.1, "bench": "A"}\\n'
@@ -297,7 +296,7 @@ class JsonFeed:
 
 @dataclass(frozen=True)
 class CsvFeed:
-    """A line of names and a line of values, numbers with every digit; of a series a line a row.
+    """A line of names and a line of values with every digit; a series has a line for each row.
 
     >>> CsvFeed().write({"load": 0.1, "bench": "A, left"})
     'load,bench\\n0.1,"A, left"\\n'
@@ -346,12 +345,12 @@ def within(name: str, what: str) -> None:
         )
 
 
-def written(path: Path, feed: Feed, plain: Columns, values: Values) -> None:
-    """Write the file that a run reads: of `values`, or of the `plain` ones if it names none.
+def write_input(path: Path, feed: Feed, plain: Columns, values: Values) -> None:
+    """Write an input file with the `values` of its placeholders, or with all `plain` values.
 
     Raises RunFailed for a value that cannot be written.
     """
     text = feed.write(plain if feed.names is None else values)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)  # it may be a link to a file of the study, which stays as it is
+    path.unlink(missing_ok=True)  # A link to a file of the study must not lead to that file.
     path.write_bytes(text.encode("utf-8", "surrogateescape"))

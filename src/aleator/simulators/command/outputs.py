@@ -1,4 +1,4 @@
-"""Where a program's outcome is found in what it wrote."""
+"""Outputs of a program: where its outcome stands in the files that it wrote."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from aleator.simulators.protocol import RunFailed, describe
 
 
 def finite(text: str, where: str) -> float:
-    """A finite number as programs write it; Fortran's 1.0D+3 too. Raises RunFailed.
+    """A finite number in a text, also as Fortran writes it (1.0D+3). Raises RunFailed.
 
     >>> finite("1.5D+03", "result.txt")
     1500.0
@@ -33,7 +33,7 @@ def finite(text: str, where: str) -> float:
 
 
 def number(text: str, where: str) -> float:
-    """A number, finite or not: one of a series may be missing where nobody measured.
+    """A number, finite or not: a series may lack values that no experiment measured.
 
     >>> number("NaN", "result.txt")
     nan
@@ -49,34 +49,29 @@ def number(text: str, where: str) -> float:
 _STREAMS = {"stdout": STDOUT, "stderr": STDERR}
 
 
-Series = float | list[float]
-"""The outcome of a series: a number for each row, or one for all of them."""
-
-
 class Output(Protocol):
     """Finds the outcome of a run that ended well."""
 
     @property
     def file(self) -> str | None:
-        """The file that it reads, in the folder of the run; None where it is not known."""
+        """The file that it reads, in the folder of the run; None if it may be any."""
 
-    def read(self, folder: Path) -> float:
-        """The outcome; raises RunFailed where there is none."""
+    def read(self, folder: Path, series: bool) -> float | list[float]:
+        """The outcome, a finite number; of a series a number for each row, or one for all of them.
 
-    def series(self, folder: Path) -> Series:
-        """The outcome of a whole experiment; raises RunFailed where there is none."""
+        Raises RunFailed if there is none.
+        """
 
     def fingerprint(self) -> str:
-        """A text that changes when another number may be found."""
+        """A text that changes with every setting that may change the outcome."""
 
 
 @dataclass(frozen=True)
 class OutputFile:
     """A file in the folder of a run, or what was printed: "stdout" or "stderr".
 
-    As it is: the file holds nothing but the number, or for a series numbers between white space.
-    Raises SimulatorError for a name that leads
-    out of the folder.
+    The file holds nothing but the number, or for a series numbers between white space. Raises
+    SimulatorError for a name that leads out of the folder.
     """
 
     file: str = "stdout"
@@ -85,7 +80,7 @@ class OutputFile:
         within(self.file, "the output file")
 
     def text(self, folder: Path) -> str:
-        """What the file holds; raises RunFailed if there is no such file."""
+        """The text of the file; raises RunFailed if there is no such file."""
         path = folder / _STREAMS.get(self.file, self.file)
         try:
             return read_text(path)
@@ -99,16 +94,23 @@ class OutputFile:
                 f"{', '.join(sorted(wrote)[:8]) or 'nothing'}"
             ) from None
 
-    def read(self, folder: Path) -> float:
-        """The number that the file holds."""
-        return finite(self.text(folder).strip(), self.file)
+    def read(self, folder: Path, series: bool) -> float | list[float]:
+        """The number in the file, or all numbers of a series."""
+        text = self.text(folder)
+        if series:
+            return [number(one, self.file) for one in self.every(text)]
+        return finite(self.one(text), self.file)
 
-    def series(self, folder: Path) -> Series:
-        """The numbers that the file holds."""
-        return [number(text, self.file) for text in self.text(folder).split()]
+    def one(self, text: str) -> str:
+        """The part of the file's text that is the outcome."""
+        return text.strip()
+
+    def every(self, text: str) -> list[str]:
+        """The parts of the file's text that are the values of a series."""
+        return text.split()
 
     def fingerprint(self) -> str:
-        """Every choice by name."""
+        """All settings by name."""
         return repr(self)
 
 
@@ -116,7 +118,7 @@ class OutputFile:
 class RegexOutput(OutputFile):
     """The one group of a regular expression; `match` counts from 0, and -1 is the last.
 
-    `^` and `$` match at every line. Of a series every match is a number.
+    `^` and `$` match at every line. In a series every match is a number.
 
     Raises SimulatorError for an expression that is wrong or does not have exactly one group.
     """
@@ -139,31 +141,30 @@ class RegexOutput(OutputFile):
                 "put the number in parentheses, and write (?:...) for other groups",
             )
 
-    def read(self, folder: Path) -> float:
-        """The number in the group."""
-        found = re.findall(self.regex, self.text(folder), re.MULTILINE)
+    def one(self, text: str) -> str:
+        """The group of the match."""
+        found = self.every(text)
         if not -len(found) <= self.match < len(found):
             raise RunFailed(
                 f"the regex {self.regex!r} matches {len(found)} times in '{self.file}', "
-                f"match {self.match} is wanted"
+                f"match {self.match} is needed"
                 if found
                 else f"the regex {self.regex!r} matches nothing in '{self.file}'"
             )
-        return finite(found[self.match], self.file)
+        return found[self.match]
 
-    def series(self, folder: Path) -> Series:
-        """The numbers in the group of every match."""
-        found = re.findall(self.regex, self.text(folder), re.MULTILINE)
-        return [number(text, self.file) for text in found]
+    def every(self, text: str) -> list[str]:
+        """The group of every match."""
+        return re.findall(self.regex, text, re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class HookOutput:
-    """A Python function "module.py:name": its folder and what it printed to the outcome.
+    """A Python function "module.py:name" that finds the outcome of a run.
 
     It is called as `function(folder: Path, stdout: str) -> float`; for a series it returns an array
-    of a number for each row, or a number. `base` is the folder that the
-    reference is relative to. Raises SimulatorError if there is no such function.
+    of a number for each row, or a number. `base` is the folder that the reference is relative to.
+    Raises SimulatorError if there is no such function.
     """
 
     reference: str
@@ -175,40 +176,30 @@ class HookOutput:
 
     @property
     def file(self) -> None:
-        """Not known: the function opens what it needs."""
+        """None: the function may read any file."""
 
-    def read(self, folder: Path) -> float:
-        """What the function returns."""
-        found = self._called(folder)
-        if isinstance(found, (bool, str, bytes)):
-            raise self._wrong(found, "a number")
-        try:
-            value = float(found)
-        except (TypeError, ValueError, OverflowError):
-            raise self._wrong(found, "a number") from None
-        return finite(repr(value), f"the output hook {self.reference}")
-
-    def series(self, folder: Path) -> Series:
-        """What the function returns."""
-        found = self._called(folder)
-        try:
-            values = np.asarray(found, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise self._wrong(found, "an array of numbers") from None
-        if values.ndim > 1:
-            raise self._wrong(found, "a number for each row")
-        listed: Series = values.tolist()
-        return listed
-
-    def _called(self, folder: Path) -> Any:
+    def read(self, folder: Path, series: bool) -> float | list[float]:
+        """The number that the function returns, or the numbers of a series."""
         function = load_function(self.reference, self.base)
         try:
-            return function(folder, read_text(folder / STDOUT))
+            found = function(folder, read_text(folder / STDOUT))
         except Exception as error:
             raise RunFailed(f"the output hook {self.reference} raised {describe(error)}") from error
+        if not series and isinstance(found, (bool, str, bytes)):
+            raise self._wrong(found, "a number")
+        try:
+            values = np.asarray(found, dtype=np.float64) if series else np.float64(float(found))
+        except (TypeError, ValueError, OverflowError):
+            raise self._wrong(found, "an array of numbers" if series else "a number") from None
+        if values.ndim > 1:
+            raise self._wrong(found, "a number for each row")
+        if not series:
+            return finite(repr(float(values)), f"the output hook {self.reference}")
+        listed: float | list[float] = values.tolist()
+        return listed
 
-    def _wrong(self, found: object, wanted: str) -> RunFailed:
-        return RunFailed(f"the output hook {self.reference} returned {found!r:.60}, not {wanted}")
+    def _wrong(self, found: object, kind: str) -> RunFailed:
+        return RunFailed(f"the output hook {self.reference} returned {found!r:.60}, not {kind}")
 
     def fingerprint(self) -> str:
         """The hash of the function's source and of the modules beside it."""
@@ -217,11 +208,11 @@ class HookOutput:
 
 @dataclass(frozen=True)
 class CsvOutput(OutputFile):
-    """A cell of a table; of a series a whole column. A column by name has its header in the first
-    line after `skip` lines.
+    """A cell of a table, or for a series a whole column.
 
-    A column by number counts from 0, and the table then has no header. Rows count from 0 after the
-    header, and -1 is the last; empty lines do not count. `delimiter = " "` is any white space.
+    A column that is named stands in the header, the first line after `skip` lines. Columns that are
+    numbers count from 0, and the table then has no header. Rows count from 0 after the header, and
+    -1 is the last; empty lines do not count. `delimiter = " "` is any white space.
 
     Raises SimulatorError for a delimiter of more than one character.
     """
@@ -239,21 +230,33 @@ class CsvOutput(OutputFile):
                 'write one character, such as "," or ";" or "\\t", and skip = 0 or more lines',
             )
 
-    def read(self, folder: Path) -> float:
-        """The number in the cell."""
-        rows, column = self._body(folder)
+    def one(self, text: str) -> str:
+        """The cell."""
+        rows, column = self._body(text)
         if not -len(rows) <= self.row < len(rows):
-            raise RunFailed(f"'{self.file}' has {len(rows)} rows, row {self.row} is wanted")
-        return finite(self._cell(rows, self.row, column), self.file)
+            raise RunFailed(f"'{self.file}' has {len(rows)} rows, row {self.row} is needed")
+        return self._cell(rows, self.row, column)
 
-    def series(self, folder: Path) -> Series:
-        """The numbers in the column, row by row."""
-        rows, column = self._body(folder)
-        return [number(self._cell(rows, k, column), self.file) for k in range(len(rows))]
+    def every(self, text: str) -> list[str]:
+        """The column, row by row."""
+        rows, column = self._body(text)
+        return [self._cell(rows, k, column) for k in range(len(rows))]
 
-    def _body(self, folder: Path) -> tuple[list[list[str]], int]:
-        """The rows after the header, and which column it is."""
-        rows, column = self._rows(folder), self.column
+    def _body(self, text: str) -> tuple[list[list[str]], int]:
+        """The rows after the header, and the position of the column."""
+        lines, column = text.splitlines()[self.skip :], self.column
+        try:
+            rows = [
+                row
+                for row in (
+                    map(str.split, lines)
+                    if self.delimiter == " "
+                    else csv.reader(lines, delimiter=self.delimiter, skipinitialspace=True)
+                )
+                if row
+            ]
+        except csv.Error as error:
+            raise RunFailed(f"'{self.file}' is not a table: {error}") from None
         if not isinstance(column, str):
             return rows, column
         header = [cell.strip() for cell in rows[0]] if rows else []
@@ -269,49 +272,33 @@ class CsvOutput(OutputFile):
         if not -len(cells) <= column < len(cells):
             raise RunFailed(
                 f"row {row} of '{self.file}' has {len(cells)} columns, column "
-                f"{self.column!r} is wanted"
+                f"{self.column!r} is needed"
             )
         return cells[column].strip()
-
-    def _rows(self, folder: Path) -> list[list[str]]:
-        lines = self.text(folder).splitlines()[self.skip :]
-        if self.delimiter == " ":
-            return [line.split() for line in lines if line.strip()]
-        try:
-            rows = list(csv.reader(lines, delimiter=self.delimiter, skipinitialspace=True))
-        except csv.Error as error:
-            raise RunFailed(f"'{self.file}' is not a table: {error}") from None
-        return [row for row in rows if row]
 
 
 @dataclass(frozen=True)
 class JsonOutput(OutputFile):
-    """A place in a JSON document: keys and positions from 0, with points between them.
+    """A place in a JSON document: keys and positions (from 0), separated by points.
 
-    A series has a list there, with null where there is no number.
+    For a series a list stands there, with null for a missing number.
     """
 
     path: str = ""
 
-    def read(self, folder: Path) -> float:
-        """The number at that place."""
-        at = self._at(folder)
-        if not _is_number(at):
-            raise RunFailed(f"'{self.path}' in '{self.file}' is {at!r:.60}, not a number")
-        return finite(str(at), self.file)
-
-    def series(self, folder: Path) -> Series:
-        """The list of numbers at that place, or one number."""
-        at = self._at(folder)
+    def read(self, folder: Path, series: bool) -> float | list[float]:
+        """The number at that place, or the list of numbers of a series."""
+        at = self._at(self.text(folder))
         if _is_number(at):
-            return number(str(at), self.file)
-        if not isinstance(at, list) or not all(one is None or _is_number(one) for one in at):
-            raise RunFailed(f"'{self.path}' in '{self.file}' is {at!r:.60}, not a list of numbers")
-        return [number("nan" if one is None else str(one), self.file) for one in at]
+            return (number if series else finite)(str(at), self.file)
+        if series and isinstance(at, list) and all(one is None or _is_number(one) for one in at):
+            return [number("nan" if one is None else str(one), self.file) for one in at]
+        kind = "a list of numbers" if series else "a number"
+        raise RunFailed(f"'{self.path}' in '{self.file}' is {at!r:.60}, not {kind}")
 
-    def _at(self, folder: Path) -> Any:
+    def _at(self, text: str) -> Any:
         try:
-            at: Any = json.loads(self.text(folder))
+            at: Any = json.loads(text)
         except ValueError as error:
             raise RunFailed(f"'{self.file}' is not JSON: {error}") from None
         for k, part in enumerate(parts := self.path.split(".")):
@@ -331,5 +318,5 @@ class JsonOutput(OutputFile):
 
 
 def _is_number(value: Any) -> bool:
-    """Whether it may be a number; as a text too, which `number` looks at."""
+    """Whether a value is a number, or a text that `number` may read."""
     return isinstance(value, (int, float, str)) and not isinstance(value, bool)

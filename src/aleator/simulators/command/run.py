@@ -1,4 +1,4 @@
-"""One run of a program: its folder, its process, and nothing of them left behind."""
+"""One run of a program: its folder and its process, of which nothing is left behind."""
 
 from __future__ import annotations
 
@@ -33,11 +33,10 @@ from aleator.simulators.surroundings import (
 
 
 @contextmanager
-def signals_held() -> Iterator[None]:
-    """Let the handlers of this process, Ctrl-C's say, answer at the end of the block.
+def _signals_deferred() -> Iterator[None]:
+    """Call the handlers of signals, such as Ctrl-C, only at the end of the block.
 
-    The signals themselves are not blocked: a process that is started in the block would inherit
-    that, and be deaf.
+    The signals are not blocked, because a process that is started in the block would inherit that.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # handlers are called in the main thread only
@@ -60,7 +59,7 @@ def signals_held() -> Iterator[None]:
             handlers[signum](signum, None)
 
 
-# It waits for the end of its input, which comes when this process ends, however that ends.
+# The janitor's program. Its input ends when this process ends, in whatever way.
 _SCRIPT = """\
 cat > /dev/null
 for file in "$1"/*.pid; do
@@ -71,7 +70,10 @@ rm -rf "$1"
 
 
 class _Janitor:
-    """Watches `home`, the folder of this process's runs in `base`. Raises OSError."""
+    """A process that removes `home`, the folder of this process's runs in `base`, when this ends.
+
+    It kills the processes of the runs there, too. Raises OSError if there can be no folder.
+    """
 
     def __init__(self, base: Path) -> None:
         self.base, self.pid = base, os.getpid()
@@ -93,7 +95,7 @@ class _Janitor:
             raise
 
     def close(self) -> None:
-        """Let it end, if it is this process's."""
+        """Let the janitor end; a fork of the process that started it does nothing."""
         if self.pid != os.getpid():
             return
         if self._process is not None:
@@ -106,10 +108,9 @@ _janitors: list[_Janitor] = []
 
 
 def run_folder() -> Path:
-    """A new folder for a run; with the processes of `leads`, it does not outlive this process.
+    """A new folder for a run, which the caller removes; it does not outlive this process.
 
-    As long as this process lives, both are the caller's to end and remove. Raises OSError where
-    none can be made.
+    Raises OSError if it cannot be made.
     """
     with _lock:
         home = _mine().home
@@ -118,7 +119,7 @@ def run_folder() -> Path:
 
 @contextmanager
 def passing() -> Iterator[Path]:
-    """A folder that is gone when the block or this process ends, however that ends."""
+    """A temporary folder that is removed at the end of the block, or of this process."""
     folder = run_folder()
     try:
         yield folder
@@ -128,7 +129,7 @@ def passing() -> Iterator[Path]:
 
 @contextmanager
 def leads(folder: Path, group: int) -> Iterator[None]:
-    """While a process leads a process group for the run in `folder`, it is known to the janitor."""
+    """Within the block the janitor knows the process group of the run in `folder`."""
     note = folder.with_name(f"{folder.name}.pid")
     try:
         note.write_text(str(group))
@@ -138,7 +139,7 @@ def leads(folder: Path, group: int) -> Iterator[None]:
 
 
 def _mine() -> _Janitor:
-    """That of this process, which may be a fork of another, for the present temporary folder."""
+    """The janitor of this process (forks have their own) for the present temporary folder."""
     base = Path(tempfile.gettempdir())
     now = _janitors[0] if _janitors else None
     if now is None or (now.pid, now.base) != (os.getpid(), base) or not now.home.is_dir():
@@ -159,12 +160,12 @@ STDIN, STDOUT, STDERR = "aleator.stdin", "aleator.stdout", "aleator.stderr"
 
 @dataclass(frozen=True)
 class Limits:
-    """When a run has ended well: its exit code, within `timeout` seconds (None: no limit).
+    """When a run has succeeded: with one of these exit codes, within `timeout` seconds.
 
-    One that has not is not a run where it printed `stop_on`, or where the disk is full. After its
-    time limit a program has `grace` seconds to tidy up (by judgement).
+    A failed run that printed `stop_on`, or left a full disk, was not made: the machine is at fault.
+    After its time limit a program has `grace` seconds to tidy up (by judgement).
 
-    Raises SimulatorError for what cannot be these.
+    Raises SimulatorError for a limit or codes that cannot be, or an invalid `stop_on`.
     """
 
     success_codes: tuple[int, ...] = (0,)
@@ -179,7 +180,7 @@ class Limits:
         require_pattern(self.stop_on)
 
     def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
-        """A failure in `folder` with what was printed there; or what the machine did."""
+        """The failure of a run in `folder` with its log, or the error for what the machine did."""
         said = failure.log or log(folder)
         fault = printed(said, self.stop_on) or full_disk(folder)
         return fault or RunFailed(failure.message, said)
@@ -190,11 +191,11 @@ def run(
 ) -> None:
     """Run a program in `folder`; it reads STDIN there if that exists, and prints to files.
 
-    Its whole process group ends with it, or with this process, whatever happens. Files and not
-    pipes: a run that prints without end, or leaves a child that holds its output, cannot block.
+    Its whole process group ends with it, or with this process. It prints to files and not to pipes,
+    so that neither much output nor a child that keeps the pipe open can block it.
 
-    Raises RunFailed if its arguments are none that a program can be given, if it takes too long, or
-    ends with another exit code; SurroundingsError if the system does not start it.
+    Raises RunFailed for arguments that no program can have, a run that takes too long, or another
+    exit code; SurroundingsError if the system does not start the program.
     """
     stdin = folder / STDIN
     source = stdin if stdin.exists() else Path(os.devnull)
@@ -204,7 +205,7 @@ def run(
         (folder / STDERR).open("wb") as err,
         ExitStack() as ends,
     ):
-        with signals_held():
+        with _signals_deferred():
             try:
                 process = subprocess.Popen(
                     arguments,
@@ -231,7 +232,7 @@ def run(
 
 
 def _not_started(program: str, error: OSError | ValueError) -> RunFailed | SurroundingsError:
-    """What a program that did not start is: a failed run, or one that the system refused."""
+    """The error for a program that did not start: a failed run, or a refusal of the system."""
     if isinstance(error, ValueError) or error.errno == errno.E2BIG:
         reason = getattr(error, "strerror", None) or str(error)
         return RunFailed(f"'{program}' cannot be started: {reason}")
@@ -239,14 +240,14 @@ def _not_started(program: str, error: OSError | ValueError) -> RunFailed | Surro
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Kill what is left of the group: nothing, where all its processes have ended."""
+    """Kill the processes of the group that are left."""
     with suppress(ProcessLookupError, PermissionError):  # the latter: zombies only, on macOS
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
 
 
 def log(folder: Path, most: int = 4000) -> str:
-    """The last of what a run printed, errors last: `most` bytes of each (by judgement).
+    """The end of a run's output and of its error output: `most` bytes of each (by judgement).
 
     >>> log(Path("nowhere"))
     ''
@@ -265,15 +266,15 @@ def _tail(path: Path, most: int) -> str:
 
 
 def read_text(path: Path) -> str:
-    """A file that a program wrote, as text; what is not UTF-8 is replaced."""
+    """A file that a program wrote, as text; bytes that are not UTF-8 are replaced."""
     return path.read_bytes().decode("utf-8", "replace")
 
 
-FAILED, COMPLETED, TOLD = "failed_runs", "completed_runs", "aleator.run.json"
+FAILED, COMPLETED, VALUES = "failed_runs", "completed_runs", "aleator.run.json"
 
 
 class Keep(Enum):
-    """Whose folders outlive the run: `failed_runs/` and `completed_runs/` beside the study."""
+    """Which runs' folders are kept, in `failed_runs/` and `completed_runs/` beside the study."""
 
     FAILED = "failed"
     ALL = "all"
@@ -282,12 +283,11 @@ class Keep(Enum):
 
 @dataclass(frozen=True)
 class Folder:
-    """How a run's folder is made: `files` of the study copied (or linked), then thrown or kept.
+    """How a run's folder is made: with copies of the study's `files`; and whether it is kept.
 
-    `base` is the study's folder. Of a folder among the files everything in it comes along, under
-    its name. A link costs no time, but a program that writes to it writes to the original. No more
-    than `most_failed` folders are kept (by judgement): a box half of which fails must not fill the
-    disk.
+    `base` is the study's folder. A folder among the files is copied as a whole. With `link` they
+    are links, which cost no time, but a program that writes to one changes the original. No more
+    than `most_failed` folders are kept (by judgement), so that they do not fill the disk.
 
     Raises SimulatorError for a file that does not exist, and for two of one name.
     """
@@ -314,9 +314,9 @@ class Folder:
 
     @contextmanager
     def made(self, values: Columns, outputs: Sequence[str] = ()) -> Iterator[Path]:
-        """A folder with the files, without the `outputs` that a copy may have brought.
+        """A folder with the files, but without old `outputs` among them.
 
-        A RunFailed that leaves the block tells where the folder is kept.
+        A RunFailed that leaves the block gets the place where the folder is kept.
         """
         folder = run_folder()
         try:
@@ -343,14 +343,15 @@ class Folder:
                 copy(source, folder / source.name)
 
     def _move(self, folder: Path, kind: str, values: Columns, failure: RunFailed | None) -> str:
-        """Keep the folder beside the study, with what it was run with: where, for a message."""
+        """Keep the folder and its values beside the study; returns the words that say where."""
         home = self.base / kind
         if failure is not None and home.is_dir() and len([*home.iterdir()]) >= self.most_failed:
             return f"not kept: {home} holds {self.most_failed} runs"
-        told = {"values": dict(values), "failure": failure and failure.message}
+        content = {"values": dict(values), "failure": failure and failure.message}
         target = home / folder.name
         try:
-            (folder / TOLD).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+            text = json.dumps(content, indent=2) + "\n"
+            (folder / VALUES).write_text(text, encoding="utf-8")
             home.mkdir(parents=True, exist_ok=True)
             shutil.move(folder, target)
         except OSError as error:

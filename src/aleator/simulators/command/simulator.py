@@ -26,7 +26,7 @@ from aleator.simulators.command.inputs import (
     filled,
     script,
     within,
-    written,
+    write_input,
 )
 from aleator.simulators.command.outputs import Output, OutputFile
 from aleator.simulators.command.run import STDIN, Folder, Keep, Limits, contents, run
@@ -98,14 +98,14 @@ class Program:
 
     @property
     def name(self) -> str:
-        """What messages call the program: "solver", or with its script "python3 model.py"."""
+        """The name in messages: "solver", or with its script "python3 model.py"."""
         text = self.texts[0].fill(_Shown())
         own = Path(text.split()[0] if self.shell else text).name
         named = [] if self.shell else [path.name for path in self.files()[1:] if path.name != own]
         return " ".join([own, *named[:1]])
 
     def arguments(self, values: Values) -> list[str]:
-        """What is started, with the values in place.
+        """The arguments of the process, with the values in place.
 
         Raises SimulatorError for a value that a shell would read (see `filled`).
         """
@@ -125,7 +125,7 @@ class Program:
         }
 
     def files(self) -> list[Path]:
-        """The program itself, and every argument that is the path of a file: a script, say."""
+        """The program itself, and every argument that is the path of a file, such as a script."""
         known = {STUDY: os.path.abspath(self.base)}
         constant = [text.fill(known) for text in self.texts if set(text.names) <= set(known)]
         words = [word for text in constant for word in (text.split() if self.shell else [text])]
@@ -187,24 +187,23 @@ ROWS = "rows"
 class CommandSimulator:
     """A program that is started once a run, in a private folder, and writes its outcome.
 
-    Of several responses `output` is a mapping from their names. With `series` a run is a whole
+    For several responses `output` is a mapping from their names. With `series` a run is a whole
     experiment: conditions that vary within any experiment are written as a table to the file `rows`
     (CSV, `{rows}` is its name), constant ones fill placeholders, and each output is a whole column
     in the order of the rows, or one number for all of them.
 
     `command`, `shell`, `environment`: see `Program`; placeholders are the names of conditions and
-    parameters, `{study}` (the folder `base`) and `{input}` (the one input file). What the program
-    reads: its arguments, its environment, the `inputs`, and `stdin`. `output` says where its
-    outcome is. `files`, `link`, `keep`: see `Folder`. `timeout` is in seconds. `stop_on` is a
-    regular expression: a failed run that printed it was not made, and stops the study (default:
-    full disks and refused licenses; "": none). `version` is a tag
-    to change when something changes that is not seen here, so that no old runs are taken up. Every
-    parameter must appear somewhere, unless `allow_unused`.
+    parameters, `{study}` (the folder `base`) and `{input}` (the one input file). The program reads
+    its arguments, its environment, the `inputs`, and `stdin`. `output` says where its outcome is.
+    `files`, `link`, `keep`: see `Folder`. `timeout` is in seconds. `stop_on` is a regular
+    expression: a failed run that printed it was not made, and stops the study (default: full disks
+    and refused licenses; "": none). `version` is a text that the user changes when the program
+    changes in a way that its fingerprint does not see. Every parameter must appear somewhere,
+    unless `allow_unused`.
 
-    It can be pickled and holds nothing open: `run_one` may be called in any process.
-
-    Raises SimulatorError, before anything runs, for whatever is missing or wrong in these.
-    Cost: besides the program itself some 2 ms a run, for its folder and its files.
+    The simulator can be pickled, and `run_one` may be called in any process. Raises SimulatorError,
+    before anything runs, for missing files and for settings that cannot be. Cost: besides the
+    program itself some 2 ms a run, for its folder and its files.
 
     >>> add = CommandSimulator(["awk", "BEGIN {{print {load} / {stiffness}}}"])
     >>> add.asks(["load", "bench"], ["stiffness"])
@@ -262,34 +261,32 @@ class CommandSimulator:
 
     @property
     def description(self) -> str:
-        """The command, and where its outcomes are, as one text."""
+        """The command and the places of its outcomes, as one text."""
         command = self.command if isinstance(self.command, str) else shlex.join(self.command)
         outputs = (getattr(one, "reference", repr(one)) for one in self._outputs().values())
         return f"{command}: {', '.join(outputs)}"
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The conditions that have a placeholder, or all of them if JSON or CSV is written.
-
-        All of them for a series, too.
+        """The conditions that have a placeholder; all of them for JSON, CSV and series.
 
         Raises SimulatorError for a placeholder that is neither a condition nor a parameter, and
         for a parameter without one.
         """
         known = (*conditions, *parameters)
-        own = self._own()
+        special = self._special()
         used = self._used()
         everything = any(feed.names is None for feed in self._feeds())
         for name, where in used.items():
-            if name in own and name in known:
+            if name in special and name in known:
                 raise SimulatorError(
-                    f"{where}: '{name}' stands for the {own[name]}, and is also the name of a "
+                    f"{where}: '{name}' stands for the {special[name]}, and is also the name of a "
                     "condition or a parameter",
                     "rename the column or the parameter",
                 )
-            if name not in own and name not in known:
+            if name not in special and name not in known:
                 raise SimulatorError(
                     f"{where}: '{name}' is neither a condition nor a parameter"
-                    f"{nearest(name, [*known, *own])}",
+                    f"{nearest(name, [*known, *special])}",
                     f"{name_lists(conditions, parameters)}; where no placeholder is meant, double "
                     "the braces in a command, or choose other delimiters for a file",
                 )
@@ -306,7 +303,7 @@ class CommandSimulator:
     def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:
         """The outcome of one run: a number, or one for each response; of a series a list.
 
-        Raises RunFailed, with the last of what the program printed; SurroundingsError where the run
+        Raises RunFailed, with the end of what the program printed; SurroundingsError if the run
         could not be made (`stop_on`, a full disk, no process); and SimulatorError for a placeholder
         of a condition that varies within the experiment.
         """
@@ -318,7 +315,7 @@ class CommandSimulator:
         stale = {one.file for one in self._outputs().values() if one.file}
         try:
             with self.folder.made(plain, sorted(stale.difference(written))) as folder:
-                found = self._made(folder, plain, {**constant, **self._own_values()}, varying)
+                found = self._made(folder, plain, {**constant, **self._special_values()}, varying)
         except OSError as error:
             raise prevented(error, "the folder of a run could not be made") from error
         return found if isinstance(self.output, Mapping) else found[""]
@@ -332,7 +329,7 @@ class CommandSimulator:
                 (folder / self.rows).write_text(CsvFeed().write(varying), encoding="utf-8")
             fed = {folder / file.name: file.feed for file in self.inputs}
             for path, feed in (fed | ({folder / STDIN: self.stdin} if self.stdin else {})).items():
-                written(path, feed, plain, values)
+                write_input(path, feed, plain, values)
             settings = self.program.settings(values)
             run(self.program.arguments(values), folder, settings, self._limits)
             found = {
@@ -348,10 +345,10 @@ class CommandSimulator:
         return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
 
     def fingerprint(self) -> str:
-        """A hash of the command, what it reads, how it is read, and every file named here.
+        """A hash of the command, its inputs and outputs, and every file that they name.
 
-        That is the program itself, arguments that are paths of files, templates and `files`.
-        Libraries that it loads and what it opens by itself are not seen: change `version`.
+        Those are the program itself, arguments that are paths of files, templates and `files`. Not
+        seen are libraries and files that the program opens by itself: change `version` for them.
         """
         choices = (
             self.command if isinstance(self.command, str) else list(self.command),
@@ -374,13 +371,13 @@ class CommandSimulator:
         return digest.hexdigest()
 
     def _outputs(self) -> Mapping[str, Output]:
-        """The outputs by response; one alone has no name."""
+        """The outputs by response; a single one has the name ""."""
         return self.output if isinstance(self.output, Mapping) else {"": self.output}
 
     def _read(self, output: Output, folder: Path, varying: Mapping[str, list[Value]]) -> Any:
+        found = output.read(folder, self.series)
         if not self.series:
-            return output.read(folder)
-        found = output.series(folder)
+            return found
         rows = len(next(iter(varying.values()))) if varying else 1
         if isinstance(found, list) and varying and len(found) != rows:
             raise RunFailed(
@@ -401,27 +398,27 @@ class CommandSimulator:
         return [*(file.feed for file in self.inputs), *([self.stdin] if self.stdin else [])]
 
     def _used(self) -> dict[str, str]:
-        """Every placeholder's name, and where it stands first."""
+        """The place where each placeholder stands first, by name."""
         texts: list[Text] = [*self.program.texts, *self.program.variables]
         found = [(name, text.where) for text in texts for name in text.names]
         for feed in self._feeds():
             found += [(name, feed.where) for name in feed.names or ()]
         return dict(reversed(found))
 
-    def _own(self) -> dict[str, str]:
-        """Placeholders that are no condition and no parameter, and what they stand for."""
+    def _special(self) -> dict[str, str]:
+        """Placeholders that are neither conditions nor parameters, and their meanings."""
         one = {INPUT: "input file"} if len(self.inputs) == 1 else {}
         rows = {ROWS: "table of the rows"} if self.series else {}
         return {STUDY: "folder of the study"} | one | rows
 
-    def _own_values(self) -> dict[str, str]:
+    def _special_values(self) -> dict[str, str]:
         values = {STUDY: str(self.base.absolute())}
         one = {INPUT: self.inputs[0].name} if len(self.inputs) == 1 else {}
         return values | one | ({ROWS: self.rows} if self.series else {})
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Value | list[Value]]:
-    """Numbers as floats of Python, whose text has every digit, texts as they are; lists of them."""
+    """Numbers as Python's floats, whose text has every digit; texts as they are; lists of them."""
     return {
         name: v if isinstance(v, str) else v.tolist() if np.ndim(v) else float(v)
         for name, v in values.items()

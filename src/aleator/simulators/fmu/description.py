@@ -1,4 +1,4 @@
-"""What an FMU says of itself, and which of its variables conditions and parameters are."""
+"""The model description of an FMU, and which of its variables conditions and parameters set."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ INTERFACES: dict[Kind, str] = {"co_simulation": "CoSimulation", "model_exchange"
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of an FMU as its model description has it; `items` are those of an enumeration.
+    """One variable of an FMU by its model description; `items` are the values of an enumeration.
 
     >>> str(Variable("k", "Real", "parameter", "fixed", "exact", unit="N/mm"))
     "'k' (parameter, fixed Real in N/mm)"
@@ -66,8 +66,8 @@ class Variable:
 class Description:
     """An FMU's version, interfaces, defaults and variables by name.
 
-    `fixed_step` is true if the FMU cannot end a co-simulation on another than a whole step;
-    `internal_step` (s) is that of the solver inside, where the FMU tells it.
+    `fixed_step` is true if a co-simulation must have whole steps of one length; `internal_step`
+    (s) is that of the solver in the FMU, or None if the FMU does not state it.
     """
 
     file: Path
@@ -109,11 +109,19 @@ def read_description(file: Path) -> Description:
     Raises SimulatorError if FMPy is missing, if the file does not exist or is no FMU, for FMI 1.0,
     and if there are no binaries for this platform.
     """
-    fmpy = imported_fmpy()
-    _check_file(file)
+    try:
+        import fmpy
+    except ImportError as error:
+        raise SimulatorError(
+            f"a simulator that is an FMU needs the package FMPy: {error}", "pip install fmpy"
+        ) from error
+    require_file(file, f"the simulator's file {file}", "*.fmu")
     try:
         version = _version(file)
-        _check_version(file, version)
+        if version != "2.0" and not version.startswith("3.0"):
+            raise SimulatorError(
+                f"{file}: this FMU is of FMI {version}", "export it as FMI 2.0 or FMI 3.0"
+            )
         raw = fmpy.read_model_description(str(file), validate=False)
         platforms = fmpy.supported_platforms(str(file))
     except SimulatorError:
@@ -137,41 +145,16 @@ def read_description(file: Path) -> Description:
     return _described(file, version, kinds, raw)
 
 
-def imported_fmpy() -> Any:
-    """The package FMPy. Raises SimulatorError if it is not installed."""
-    try:
-        import fmpy
-    except ImportError as error:
-        raise SimulatorError(
-            f"a simulator that is an FMU needs the package FMPy: {error}",
-            "pip install fmpy",
-        ) from error
-    return fmpy
-
-
-def _check_file(file: Path) -> None:
-    require_file(file, f"the simulator's file {file}", "*.fmu")
+def _version(file: Path) -> str:
+    """The FMI version. Raises SimulatorError for a file that is no FMU."""
     if zipfile.is_zipfile(file):
         with zipfile.ZipFile(file) as archive:
-            if "modelDescription.xml" in archive.namelist():
-                return
+            if (name := "modelDescription.xml") in archive.namelist():
+                return ElementTree.fromstring(archive.read(name)).get("fmiVersion", "unknown")
     raise SimulatorError(
         f"{file} is not an FMU: an FMU is a zip file with a modelDescription.xml at its top",
         "name the .fmu file that the modeling tool exported",
     )
-
-
-def _version(file: Path) -> str:
-    with zipfile.ZipFile(file) as archive:
-        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-    return root.get("fmiVersion", "unknown")
-
-
-def _check_version(file: Path, version: str) -> None:
-    if version != "2.0" and not version.startswith("3.0"):
-        raise SimulatorError(
-            f"{file}: this FMU is of FMI {version}", "export it as FMI 2.0 or FMI 3.0"
-        )
 
 
 def _check_platform(file: Path, platforms: list[str], here: str) -> None:
@@ -243,12 +226,12 @@ Value = float | int | bool | str
 
 @dataclass(frozen=True, eq=False)
 class Binding:
-    """`names` maps conditions and parameters to variables; others have the variable's own name.
+    """Which variable each condition and parameter sets: that of `names`, or the one of its name.
 
-    `taken` are the variables that have a value otherwise: constants, and inputs over time. `times`
-    are the conditions that say when a run begins or ends.
+    `taken` are variables that have their value already: constants, and inputs over time. `times`
+    are the conditions that are start or stop times of a run.
 
-    Raises SimulatorError for variables that do not exist, cannot be set, or are given twice.
+    Raises SimulatorError for variables that do not exist, cannot be set, or are set twice.
     """
 
     fmu: Description
@@ -272,14 +255,14 @@ class Binding:
         return self.fmu.variables[self.names.get(name, name)]
 
     def units(self, names: Sequence[str]) -> dict[str, str]:
-        """The units of those of these names that are variables and have one."""
-        known = {name: self.variable(name).unit for name in names if self._is_variable(name)}
-        return {name: unit for name, unit in known.items() if unit}
+        """The units of those names that are variables with a unit."""
+        units = {name: self.variable(name).unit for name in names if self._is_variable(name)}
+        return {name: unit for name, unit in units.items() if unit}
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The conditions that are variables of the FMU. Raises SimulatorError, see Simulator.
+        """The conditions that are variables of the FMU. Raises SimulatorError as Simulator says.
 
-        One that is also a time is a variable only if a value can be given to that.
+        A condition that is also a time counts only if its variable can be set.
         """
         for name in self.names:
             if name not in (*conditions, *parameters):
@@ -352,7 +335,7 @@ class Binding:
 
 
 def settable(variable: Variable, what: str) -> Variable:
-    """The variable, if a value can be given to it before a run. Raises SimulatorError if not."""
+    """The variable itself; raises SimulatorError if no value can be given to it before a run."""
     if variable.settable:
         return variable
     if not variable.scalar:
@@ -374,7 +357,7 @@ def settable(variable: Variable, what: str) -> Variable:
 
 
 def start_value(variable: Variable, cell: Any, what: str) -> Value:
-    """A cell of a table as the variable's type. Raises RunFailed if it does not fit.
+    """A cell of a table in the type of the variable. Raises RunFailed if it does not fit.
 
     >>> start_value(Variable("n", "Integer", "parameter", "fixed", "exact"), 3.0, "n")
     3

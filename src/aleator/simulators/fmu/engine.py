@@ -1,4 +1,4 @@
-"""The process that an FMU runs in: started when it is needed, ended after so many runs."""
+"""The process of an FMU: started when it is needed, and ended after a number of runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from aleator.simulators.surroundings import exit_status
 
 
 class FMUInProcess:
-    """A session without a child process, with the members of `FMUProcess`; without a time limit."""
+    """A session in this process, with the members of `FMUProcess`, but without a time limit."""
 
     def __init__(self, setup: Setup) -> None:
         self.runs, self.note, self.alive = 0, "", True
@@ -51,7 +51,7 @@ class FMUInProcess:
 
 
 def unusable(fmu: Path, failure: Failed, begun: bool = False) -> AleatorError:
-    """The error for an FMU that cannot be instantiated, or not again where runs have `begun`."""
+    """The error for an FMU that cannot be instantiated; `begun` says that it could be before."""
     kind, again = (SurroundingsError, " again") if begun else (SimulatorError, "")
     said = with_log(failure.message, failure.log)
     return kind(
@@ -67,10 +67,10 @@ class Hung(RunFailed):
 class FMUProcess:
     """A session in a child process; it ends when this is closed, or when this process ends.
 
-    A program of its own rather than `multiprocessing`, so that neither a script without a main
-    guard nor a daemonic worker is in its way. An FMU may take `start` s to be instantiated, as some
-    ask for a license first, and `end` s to be freed; a failure shows `log` bytes of what it printed
-    (all by judgement).
+    It is a program of its own and not of `multiprocessing`, which would need a main guard in the
+    user's script and does not work in daemonic workers. An FMU may take `start` s to be
+    instantiated, as some get a license first, and `end` s to be freed; a failure shows `log` bytes
+    of its output (all by judgement).
 
     Raises Failed if the FMU cannot be instantiated.
     """
@@ -121,7 +121,7 @@ class FMUProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether another run can be asked for."""
+        """Whether the process can make another run."""
         return self._process.poll() is None
 
     def close(self) -> None:
@@ -171,7 +171,7 @@ class FMUProcess:
                 f"its process ended with {exit_status(code)}", self._tail(0), True
             ) from None
         except BaseException:
-            self.kill()  # Ctrl-C: an answer that nobody waits for must not meet the next question
+            self.kill()  # After Ctrl-C the late answer must not be taken for that of another run.
             raise
         finally:
             timer.cancel()
@@ -188,7 +188,7 @@ class FMUProcess:
 
 
 def _program() -> str:
-    """The child's program: this process's search path, and the file of `session`."""
+    """The program of the child: the file of `session`, with the search path of this process."""
     file = str(Path(session.__file__).resolve())
     path = [str(Path(entry).resolve()) if entry else str(Path.cwd()) for entry in sys.path]
     return (
@@ -218,7 +218,7 @@ class Engine:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of how the runs went: a reset that was given up."""
+        """Notes for the user about the runs: that resets were given up."""
         return tuple(self._notes)
 
     def run(self, job: FMURun) -> Trajectory:
@@ -263,7 +263,7 @@ class Engine:
         return trajectory
 
     def _logged(self, job: FMURun) -> str:
-        """What the FMU logs in a run that failed silently: it is repeated with its log on."""
+        """The log of a run that failed without one: it is repeated with the FMU's log on."""
         try:
             self._run(job, logging=True)
         except RunFailed as failure:

@@ -1,4 +1,4 @@
-"""From the trajectory of a run to its outcomes."""
+"""Outcomes of a run, computed from its trajectory."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ Trajectory = Mapping[str, NDArray[Any]]
 
 
 class Reduction(Protocol):
-    """What makes one number of a trajectory."""
+    """Computes one number from a trajectory."""
 
     def needs(self, fmu: Description) -> tuple[str, ...]:
-        """The variables whose values over time it takes; raises SimulatorError if one is wrong."""
+        """The variables that are recorded; raises SimulatorError if one cannot be."""
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The outcome of a trajectory: "time" and what it needs, each (T,). Raises RunFailed."""
+        """The outcome of a trajectory of "time" and variables (T,). Raises RunFailed."""
 
     def fingerprint(self) -> str:
         """A text that changes when the reduction does."""
 
 
 class _OfSignal:
-    """A reduction of one variable, or of an expression of variables."""
+    """Base of reductions of one variable, or of one expression of variables."""
 
     signal: str
 
@@ -85,7 +85,7 @@ class Final(_OfSignal):
 class Extreme(_OfSignal):
     """The largest value at any communication point, or the smallest.
 
-    The extreme between two points is not seen: its error is of the order of the step squared.
+    A larger value between two points is missed, an error of the order of the step squared.
 
     >>> Extreme("a", largest=False)({"time": np.arange(3.0), "a": np.array([0., -5., 1.])})
     -5.0
@@ -104,9 +104,9 @@ class Extreme(_OfSignal):
 class Crossing(_OfSignal):
     """The first time at which a variable or an expression crosses a value.
 
-    Between communication points the crossing is that of the straight line (`cubic=False`), or of
-    the cubic through the four points around it, which errs by the fourth power of the step where
-    the signal is smooth. A signal that begins exactly at the value has not crossed it yet.
+    Between communication points the signal is interpolated by a straight line (`cubic=False`), or
+    by the cubic through four points, whose error is of the fourth power of the step where the
+    signal is smooth. A signal that begins exactly at the value has not crossed it yet.
 
     Raises RunFailed, with the range of the signal, if there is no crossing after `after`.
 
@@ -143,14 +143,14 @@ class Crossing(_OfSignal):
 def _root(time: Array, offset: Array, k: int, cubic: bool) -> float:
     """The zero of the interpolant in [time[k], time[k + 1]], whose ends have opposite signs."""
     t0, t1, y0, y1 = time[k], time[k + 1], offset[k], offset[k + 1]
-    around = slice(k - 1, k + 3)
-    smooth = k >= 1 and k + 2 < len(time) and np.all(np.diff(time[around]) > 0.0)
+    four = slice(k - 1, k + 3)
+    smooth = k >= 1 and k + 2 < len(time) and np.all(np.diff(time[four]) > 0.0)
     if not cubic or not smooth:
         return float(t0 - y0 * (t1 - t0) / (y1 - y0))
-    # Divided differences (Newton's form) in units of the step, and bisection: it cannot leave.
+    # Divided differences (Newton's form) in units of the step, and bisection, which stays inside.
     h = t1 - t0
-    x = (time[around] - t0) / h
-    table = offset[around].copy()
+    x = (time[four] - t0) / h
+    table = offset[four].copy()
     for order in range(1, 4):
         table[order:] = (table[order:] - table[order - 1 : -1]) / (x[order:] - x[:-order])
     low, high = 0.0, 1.0
@@ -165,10 +165,10 @@ def _root(time: Array, offset: Array, k: int, cubic: bool) -> float:
 
 @dataclass(frozen=True)
 class Hook:
-    """A Python function of the trajectory: a dict of arrays (T,), "time" and the variables.
+    """A Python function that computes the outcome from a dict of arrays (T,), "time" among them.
 
-    `reference` is "file.py:function" (relative to `folder`) or "package.module:function". It is
-    given the variables in `record`, or every output of the FMU, and returns one number.
+    `reference` is "file.py:function" (relative to `folder`) or "package.module:function". The other
+    arrays are the variables in `record`, or every output of the FMU.
 
     >>> hook = Hook("numpy:ptp")
     """
@@ -189,7 +189,7 @@ class Hook:
         return self.record or fmu.outputs()
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """What the function returns; an exception in it is a failed run."""
+        """The number that the function returns. Raises RunFailed if the function raises."""
         try:
             return float(self._function()(dict(trajectory)))
         except Exception as error:
@@ -197,7 +197,7 @@ class Hook:
             raise RunFailed(f"'{self.reference}' raised {kind}: {error}") from error
 
     def fingerprint(self) -> str:
-        """The reference, and the sources that FunctionSimulator sees."""
+        """The reference, and the fingerprint of the function as a simulator."""
         source = FunctionSimulator(self._function()).fingerprint()
         return f"{self.reference} {self.record} {source}"
 
@@ -211,10 +211,10 @@ def _loaded(reference: str, folder: str) -> Callable[..., Any]:
 
 
 def sampled(reductions: Sequence[Reduction], trajectory: Trajectory, times: Array) -> Array:
-    """Outcomes (m, q): each of q reductions, of what had happened until each of `times` (m,).
+    """Outcomes (m, q): q reductions of the trajectory until each of `times` (m,).
 
-    One that does not exist yet at a time, as a crossing that comes later, is NaN there. Raises
-    RunFailed if none is a finite number at any time.
+    An outcome that does not exist yet at a time, such as a later crossing, is NaN there. Raises
+    RunFailed if no outcome is a finite number at any time.
 
     >>> from aleator.simulators.fmu.reduction import Extreme, Final
     >>> run = {"time": np.array([0.0, 1.0, 2.0]), "h": np.array([1.0, 3.0, 2.0])}
@@ -236,7 +236,7 @@ def sampled(reductions: Sequence[Reduction], trajectory: Trajectory, times: Arra
 
 
 def until(trajectory: Trajectory, time: float, close: float = SETTINGS.close) -> Trajectory:
-    """The trajectory until a time, where it has a sample there; else with one interpolated.
+    """The trajectory until a time, with an interpolated sample there if it has none.
 
     >>> run = {"time": np.array([0.0, 1.0]), "h": np.array([4.0, 8.0]), "n": np.array([1, 2])}
     >>> {name: values.tolist() for name, values in until(run, 0.25).items()}
@@ -271,7 +271,7 @@ def require_constant(conditions: Columns, time: str) -> None:
 
 
 def require_times(course: ResolvedSettings, conditions: Columns) -> None:
-    """Raise SimulatorError if the times of any run cannot be: no parameters would mend them."""
+    """Raise SimulatorError if the times of any run are impossible, whatever its parameters."""
     names = course.conditions
     for cells in zip(*(conditions[name].tolist() for name in names), strict=True):
         course.span(dict(zip(names, cells, strict=True)))

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 Trajectory = dict[str, NDArray[Any]]
 Values = dict[str, float | int | bool | str]
 
-FATAL = 4  #: the status of FMI after which no function of the FMU may be called any more
+FATAL = 4  #: The status of FMI after which no function of the FMU may be called any more.
 # What the solver of a model exchange calls from C, where an exception would be lost.
 _CALLED_BACK = (
     "setTime",
@@ -39,31 +39,29 @@ _DERIVATIVES = _CALLED_BACK[-2:]
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """When a run of an FMU is whole, and when it is given up; all by judgement but `close`.
-
-    - `logged`: messages of the FMU that are kept, the last ones.
-    - `stalled`: events without any advance of time after which a run is given up.
-    - `soon`: s between two looks for the process that asks, and to the end after it.
-    - `close`: relative difference of times that count as one: twice the 1e-9 that FMPy takes.
-    - `ended`: relative distance to the stop time at which a run has reached it.
-    - `same`: relative difference of two trajectories that are the same after a reset; `zero` is the
-      difference of small values, relative to the largest.
-    """
+    """When a run of an FMU is complete, and when it is given up; by judgement but for `close`."""
 
     logged: int = 50
+    """Messages of the FMU that are kept, the last ones."""
     stalled: int = 1000
+    """Events without any advance of time after which a run is given up."""
     soon: float = 1.0
+    """Seconds between two looks whether the calling process still exists, and until the end."""
     close: float = 2e-9
+    """Relative difference of times that count as equal: twice the 1e-9 of FMPy."""
     ended: float = 1e-6
+    """Relative distance to the stop time at which a run has reached it."""
     same: float = 1e-9
+    """Relative difference of two trajectories that count as the same after a reset."""
     zero: float = 1e-12
+    """The same for small values, relative to the largest value of the trajectory."""
 
 
 SETTINGS = SessionSettings()
 
 
 class Setup(TypedDict):
-    """All that a session needs to know; plain values, as they travel to another process."""
+    """The settings of a session, as plain values for another process."""
 
     fmu: str
     folder: str
@@ -77,8 +75,7 @@ class Setup(TypedDict):
 class FMURun(TypedDict):
     """One run: start values by variable, and its times in s.
 
-    Communication points are `step` apart; unless there are `points`, the times of all after the
-    start.
+    Communication points are `step` apart, or at `points` after the start if there are any.
     """
 
     values: Values
@@ -89,9 +86,9 @@ class FMURun(TypedDict):
 
 
 class Failed(Exception):
-    """A run that gave no whole trajectory; after a fatal one the process must not be used again.
+    """A run without a complete trajectory; after a `fatal` one the process cannot be used again.
 
-    `begun` is false where not even an instance could be made, which no parameter can be blamed for.
+    `begun` is false if there was no instance, so that no parameter is at fault.
     """
 
     def __init__(self, message: str, log: str, fatal: bool, begun: bool = True) -> None:
@@ -102,9 +99,9 @@ class Failed(Exception):
 class FMUSession:
     """An FMU unzipped into `setup["folder"]`, instantiated once and reset before each further run.
 
-    The first run after a reset is repeated on an instance that was created anew (and so is every
-    one, until the values were others than before). If the two differ, or the reset fails, every
-    further run gets a new instance, and `note` tells so.
+    Runs after a reset are repeated on a new instance, up to the first with other values than the
+    run before. If the two trajectories differ, or the reset fails, every further run gets a new
+    instance, and `note` says so.
     """
 
     def __init__(self, setup: Setup, settings: SessionSettings = SETTINGS) -> None:
@@ -231,22 +228,22 @@ class FMUSession:
         return trajectory
 
     def _inputs(self, values: Values) -> NDArray[Any] | None:
-        """The signals with a constant column for every other input, as FMPy wants all or none."""
+        """The signals, with a constant column for every other input: FMPy needs all or none."""
         signals = self.setup["signals"]
         if signals is None:
             return None
-        held = {
+        constant = {
             variable.name: values.get(variable.name, _started(variable))
             for variable in self._description.modelVariables
             if variable.causality == "input" and not variable.shape
             if variable.type not in ("String", "Binary", "Clock")
             if variable.name not in (signals.dtype.names or ())
         }
-        kinds = [(name, np.asarray(value).dtype) for name, value in held.items()]
+        kinds = [(name, np.asarray(value).dtype) for name, value in constant.items()]
         table = np.empty(len(signals), dtype=[*signals.dtype.descr, *kinds])
         for name in signals.dtype.names or ():
             table[name] = signals[name]
-        for name, value in held.items():
+        for name, value in constant.items():
             table[name] = value
         return table
 
@@ -267,9 +264,9 @@ class FMUSession:
 
 
 class _Points:
-    """Communication points at any times, in the place of the one distance that FMPy knows.
+    """Communication points at any times, in place of the distance between them that FMPy expects.
 
-    FMPy finds the next point as `start + number * distance`, number from 1.
+    FMPy computes the next point as `start + number * distance`, with numbers from 1.
     """
 
     def __init__(self, job: FMURun) -> None:
@@ -289,10 +286,10 @@ def _require_points(time: NDArray[np.float64], points: NDArray[np.float64], clos
 
 
 class _Watch:
-    """What FMPy does not look after in a run; `patience` steps may pass without advance of time.
+    """Supervises a run of FMPy: at most `patience` steps may pass without an advance of time.
 
-    The solver of a model exchange calls the FMU from C. There an exception would be lost, so it is
-    kept and the solver gets NaN to work on; and an input over time would be that of another time.
+    The solver of a model exchange calls the FMU from C, where an exception would be lost. So it is
+    kept, and the solver gets NaN instead. Inputs over time are set before each of these calls.
     """
 
     def __init__(self, patience: int) -> None:
@@ -315,7 +312,7 @@ class _Watch:
             )
 
     def finished(self, time: float, _recorder: object) -> bool:
-        """Called by FMPy after every step: raises what was lost, and at a standstill."""
+        """Called by FMPy after a step; raises a lost exception, and an error at a standstill."""
         self.raise_lost()
         self._still = 0 if time > self._at else self._still + 1
         if self._still >= self._patience:
@@ -324,7 +321,7 @@ class _Watch:
         return True
 
     def raise_lost(self) -> None:
-        """Raise the first exception that came up in a call from C."""
+        """Raise the first exception of a call from C."""
         if self._lost:
             raise self._lost[0]
 
@@ -353,7 +350,7 @@ class _Watch:
 
 
 def _started(variable: Any) -> float | int | bool:
-    """The value that an input has of itself."""
+    """The start value of an input by the model description."""
     text = str(variable.start or 0)
     if variable.type == "Boolean":
         return text.lower() in ("true", "1")
@@ -373,7 +370,7 @@ def _same(one: Trajectory, other: Trajectory, settings: SessionSettings) -> bool
 
 
 def _end_with(asker: int, folder: str, soon: float = SETTINGS.soon) -> None:
-    """End this process soon after the one that asks, even where the FMU hangs."""
+    """End this process soon after the calling process, even if the FMU hangs."""
     while os.getppid() == asker:
         time.sleep(soon)
     time.sleep(soon)  # in which an FMU that does not hang is freed
@@ -382,9 +379,9 @@ def _end_with(asker: int, folder: str, soon: float = SETTINGS.soon) -> None:
 
 
 def serve() -> None:
-    """Read a Setup and then jobs from stdin, write a reply to each to stdout, until stdin ends.
+    """Read a Setup and then jobs from stdin, and write a reply to each to stdout, until stdin ends.
 
-    What the FMU itself prints goes to stderr.
+    Output of the FMU goes to stderr.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this
     requests = os.fdopen(os.dup(0), "rb")
@@ -415,7 +412,7 @@ def serve() -> None:
             except Failed as failure:
                 reply("failed", *failure.args)
     except (EOFError, BrokenPipeError):
-        pass  # whoever asked has closed the session, or was killed while the FMU ran
+        pass  # The calling process has closed the session, or was killed while the FMU ran.
     finally:
         session.close()
 

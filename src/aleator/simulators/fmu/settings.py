@@ -21,27 +21,25 @@ from aleator.simulators.fmu.description import (
     Kind,
     Variable,
 )
+from aleator.simulators.protocol import require_file
 from aleator.simulators.surroundings import STOP_ON, require_pattern
 
 if TYPE_CHECKING:
     import pandas as pd
-from aleator.simulators.protocol import require_file
 
 
 @dataclass(frozen=True)
 class TimeSettings:
-    """How the times of a run are placed.
-
-    - `steps`: of a run where neither the user nor the FMU gives a step. By judgement: what other
-      tools take.
-    - `close`: relative difference of times that FMPy takes for equal.
-    - `shortest`: s of a run that is asked for its start alone, as an FMU wants to stop after that.
-      By judgement.
-    """
+    """How the times of a run are placed."""
 
     steps: int = 500
+    """Steps of a run if neither the user nor the FMU gives a step. By judgement: as in other
+    tools."""
     close: float = 1e-9
+    """Relative difference of times that FMPy takes for equal."""
     shortest: float = 1e-3
+    """Seconds of a run of which only the start is needed: an FMU needs a stop time after it. By
+    judgement."""
 
 
 TIMES = TimeSettings()
@@ -49,7 +47,7 @@ TIMES = TimeSettings()
 
 @dataclass(frozen=True)
 class Course:
-    """Times in s, or the conditions that have them; None leaves it to the FMU's own experiment.
+    """Times in s, or the conditions that have them; None is the default experiment of the FMU.
 
     `step` is the communication step of a co-simulation, and the distance at which a model exchange
     is recorded (its solver, CVode, chooses its own steps for `tolerance`).
@@ -65,7 +63,7 @@ class Course:
     tolerance: float | None = None
 
     def of(self, fmu: Description) -> ResolvedSettings:
-        """The course with the FMU's defaults. Raises SimulatorError for what it cannot do."""
+        """The course with the FMU's defaults. Raises SimulatorError for what the FMU cannot do."""
         kind = self.kind or fmu.kinds[0]
         if kind not in fmu.kinds:
             raise SimulatorError(
@@ -97,11 +95,11 @@ class Course:
 
 @dataclass(frozen=True)
 class ResolvedSettings:
-    """A course in which nothing is left open but, in a co-simulation, the tolerance.
+    """A course with all defaults; only the tolerance of a co-simulation may still be None.
 
-    A time that is a text is the condition that has it; a stop time may have several in a run, at
-    which the FMU is sampled. Without a step it is a 500th of each run. `whole` says that steps have
-    one length, `internal` is the step of the solver in the FMU, where it is known.
+    A time that is a text is the condition that has it; as a stop time it may have several values in
+    a run, at which the FMU is sampled. Without a step it is a 500th of each run. `whole` says that
+    all steps must have one length; `internal` is the step of the solver in the FMU, if stated.
     """
 
     kind: Kind
@@ -188,9 +186,9 @@ class ResolvedSettings:
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """A run from `start` to `stop` that is asked for what was at each of `times` (m,), in s.
+    """A run from `start` to `stop` (s) whose outcomes are taken at each of `times` (m,).
 
-    Its communication points are `step` apart; or, where that does not meet all times, `points` (P,)
+    Communication points are `step` apart; or, if that does not meet all times, at `points` (P,)
     after the start, in their order.
     """
 
@@ -202,7 +200,7 @@ class Span:
 
 
 def _points(start: float, stop: float, step: float, times: Array) -> Array:
-    """Communication points after every step, at every time, and at the end; none if steps do."""
+    """Communication points of every step, all times, and the end; none if steps suffice."""
     regular = start + step * np.round((times - start) / step)
     between = times[~np.isclose(regular, times, rtol=TIMES.close, atol=0.0)]
     if np.all(between == stop):
@@ -214,9 +212,9 @@ def _points(start: float, stop: float, step: float, times: Array) -> Array:
 
 
 def _neighbours(start: float, step: float, times: Array) -> Array:
-    """The ends (2 m,) of the internal steps in which `times` (m,) are.
+    """The ends (2 m,) of the internal steps around `times` (m,).
 
-    Between them an FMU may answer with what was at the last one, an error of first order.
+    Between them an FMU may return the values of the last one, an error of first order.
     """
     steps = (times - start) / step
     near = np.where(np.isclose(steps, np.round(steps), rtol=TIMES.close), np.round(steps), steps)
@@ -239,16 +237,17 @@ def _instants(time: float | str, cells: Mapping[str, Any]) -> Array:
     except (TypeError, ValueError):
         times = np.array([np.nan])
     if not np.all(np.isfinite(times)):
-        told = ", ".join(map(str, np.ravel(cell).tolist()))
+        cells_read = ", ".join(map(str, np.ravel(cell).tolist()))
         raise SimulatorError(
-            f"a time ('{time}') is not a finite number: {told}", "correct the cells of the table"
+            f"a time ('{time}') is not a finite number: {cells_read}",
+            "correct the cells of the table",
         )
     return times
 
 
 @dataclass(frozen=True)
 class Operation:
-    """How instances are used.
+    """How instances of an FMU are used.
 
     `reuse="reset"` resets one instance before every run, `"recreate"` makes a new one; after
     `recycle` runs the process is ended and started anew. `timeout` (s) kills a run that takes
@@ -282,8 +281,8 @@ TIME = "time"
 class Signal:
     """An input over time: `time` (T,) in s, not decreasing, and `values` (T,).
 
-    A time that comes twice is a jump. Real inputs are interpolated linearly, others hold; before
-    the first time and after the last the input is held.
+    A time that comes twice is a jump. Real inputs are interpolated linearly, others keep the value
+    of the last time; before the first time and after the last the input is constant.
     """
 
     time: Array
@@ -291,9 +290,9 @@ class Signal:
 
 
 def read_signal(reference: str, folder: Path, variable: str) -> Signal:
-    """The signal "file.csv:column", or the column of the variable's own name in "file.csv".
+    """The signal "file.csv:column", or in "file.csv" the column with the name of the variable.
 
-    The file has a column `time`. Raises SimulatorError for anything that is not such a file.
+    The file has a column `time`. Raises SimulatorError for a file that cannot be read so.
     """
     name, colon, column = reference.rpartition(":")
     # "C:\\drive.csv" has a colon, and no column.
@@ -302,10 +301,10 @@ def read_signal(reference: str, folder: Path, variable: str) -> Signal:
     file = folder / name
     table = _table(file)
     columns = [*map(str, table.columns)]
-    for wanted in (TIME, column):
-        if wanted not in columns:
+    for required in (TIME, column):
+        if required not in columns:
             raise SimulatorError(
-                f"{file}: there is no column '{wanted}'{nearest(wanted, columns)}",
+                f"{file}: there is no column '{required}'{nearest(required, columns)}",
                 f"an input needs a column '{TIME}' and its own; there are {', '.join(columns)}",
             )
     time, values = _numbers(table, TIME, file), _numbers(table, column, file)
@@ -335,7 +334,7 @@ def columns_of(file: Path, fmu: Description) -> list[str]:
 
 
 def checked_input(variable: Variable) -> Variable:
-    """The variable, if it can be given over time. Raises SimulatorError if not."""
+    """The variable itself; raises SimulatorError if it cannot be given over time."""
     if variable.causality != "input" or variable.type not in NUMBERS or not variable.scalar:
         raise SimulatorError(
             f"the FMU's variable {variable} cannot be given over time",
@@ -345,7 +344,7 @@ def checked_input(variable: Variable) -> Variable:
 
 
 def assembled(signals: Mapping[str, Signal], fmu: Description) -> NDArray[Any] | None:
-    """Signals on their common times, a structured array (T,) as FMPy takes it; None of none."""
+    """Signals on their common times as FMPy's structured array (T,); None if there is none."""
     if not signals:
         return None
     time = _union([signal.time for signal in signals.values()])

@@ -49,15 +49,14 @@ class FMUSimulator:
     """A Functional Mock-up Unit (FMI 2.0 or 3.0) run through FMPy; fills `Simulator`.
 
     Conditions and parameters are set before initialization, the FMU is simulated as `course` says,
-    and `outcome` makes one number of its trajectory; or one of each response, if it is a mapping.
-    A start or stop time may be the name of a condition. `variables` maps conditions and parameters
-    to the FMU's variables; what it does not name has the variable's own name, and conditions that
-    are neither variables nor times are not asked for. `constants` are start values by variable,
-    `inputs` signals by variable. `version` is a text that the user changes when something that the
-    FMU reads changes.
+    and `outcome` computes one number from the trajectory, or a mapping one for each response. A
+    start or stop time may be the name of a condition. `variables` maps conditions and parameters
+    to variables of the FMU; others set the variable of their name, and conditions that are neither
+    variables nor times are not used. `constants` are start values by variable, `inputs` signals by
+    variable. `version` is a text that the user changes when a file that the FMU reads changes.
 
-    With `series` one run serves a whole experiment: it ends at the largest of its times, which the
-    condition `time` has, and gives the outcome at each of them, of what happened until then. Other
+    With `series` one run serves a whole experiment: it ends at the largest value of the condition
+    `time`, and the outcome at each of its values is that of the trajectory until then. Other
     conditions must not vary within an experiment.
 
     The FMU runs in a process of its own, started at the first run and ended by `close`, or with
@@ -131,9 +130,9 @@ class FMUSimulator:
         return tuple(name for name in conditions if name in times or name in bound)
 
     def units(self, responses: Sequence[str], names: Sequence[str]) -> dict[str, str]:
-        """The units of the variables that these names stand for, as far as the FMU states them.
+        """The units of responses, conditions and parameters, as far as the FMU states them.
 
-        That of an outcome is known where it is the value of one variable, or a time.
+        An outcome has a unit here if it is the value of one variable, or a time.
         """
         times = dict.fromkeys((name for name in self.course.conditions if name in names), "s")
         found = {**times, **self._binding.units(names)}
@@ -146,11 +145,11 @@ class FMUSimulator:
         return {name: unit for name, unit in found.items() if unit not in ("", "1")}
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
-        """Run R times, one after the other; an array (R,), or a list of what each run gives.
+        """Run R times, one after the other: outcomes as an array (R,), or as a list.
 
-        A run of a series gives an array (m,), of several responses a mapping from their names; a
-        condition that varies within any experiment is then a column of arrays. Raises RunStopped,
-        and SimulatorError for a condition that must not vary and a time that cannot be.
+        A run of a series returns an array (m,), one with several responses a mapping from their
+        names. Raises RunStopped, and SimulatorError for a condition that must not vary and an
+        impossible time.
         """
         if self.series:
             require_constant(conditions, str(self.course.stop_time))
@@ -158,7 +157,7 @@ class FMUSimulator:
         return one_by_one(self._answer, conditions, parameters)
 
     def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> float:
-        """The outcome of a run that has but one.
+        """The outcome of one run, as a number.
 
         Raises RunFailed, with what the FMU logged, for an error inside the FMU, a trajectory that
         ends early, an outcome that does not exist or is not finite, a crash, and after a timeout.
@@ -171,8 +170,8 @@ class FMUSimulator:
     def sample(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> Array:
         """The outcomes (m, q) of one run: q responses at m times, one without `series`.
 
-        What does not exist at a time is NaN. Raises RunFailed as `run_one` does, and SimulatorError
-        for a time that is not a finite number or before the start.
+        An outcome that does not exist at a time is NaN. Raises RunFailed as `run_one` does, and
+        SimulatorError for a time that is not a finite number or before the start.
         """
         cells = {**conditions, **parameters}
         span = self.course.span(cells)
@@ -199,11 +198,11 @@ class FMUSimulator:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of how the runs went: a reset that was given up."""
+        """Notes for the user about the runs: that resets were given up."""
         return self._engine.notes
 
     def bindings(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """How it is run, which variables are set and recorded, with units, and what is not passed.
+        """Lines on how it is run, on variables that are set and recorded, and on unused conditions.
 
         Raises SimulatorError as `asks` does.
         """
@@ -223,7 +222,7 @@ class FMUSimulator:
 
     @property
     def description(self) -> str:
-        """What is recorded of it, as one text."""
+        """The FMU and its outcomes, as one text."""
         parts = (
             f"{type(one).__name__}({getattr(one, 'signal', getattr(one, 'reference', ''))})"
             for one in self.outcomes.values()
@@ -256,7 +255,7 @@ class FMUSimulator:
         return hashlib.sha256(self.file.read_bytes())
 
     def _answer(self, cells: Mapping[str, Any]) -> Any:
-        """What one run returns: of each response a number, or an array (m,) of a series."""
+        """The outcome of one run: for each response a number, or an array (m,) of a series."""
         outcomes = self.sample(cells, {})
         several = self.series and np.ndim(cells[str(self.course.stop_time)]) > 0
         parts = [*outcomes.T] if several else outcomes[0].tolist()
@@ -289,7 +288,7 @@ class FMUSimulator:
 
 
 def _of_series(course: Course, time: str) -> Course:
-    """A course that is asked for the times of an experiment. Raises SimulatorError."""
+    """A course that ends at the last time of each experiment. Raises SimulatorError."""
     if course.stop_time is not None:
         raise SimulatorError(
             "a stop time is given, but a series ends at the largest time of its experiment",
