@@ -9,6 +9,7 @@ import sys
 import tomllib
 import zipfile
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from importlib.metadata import version
 from pathlib import Path
 
@@ -224,3 +225,61 @@ def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     assert b"aleator = aleator.cli:main" in entries
     assert licence == (ROOT / "LICENSE").read_bytes()
     assert "\nLicense-Expression: BSD-3-Clause\n" in metadata
+
+
+# What these say a statistician or an engineer cannot know; docs/words.md has the field's words.
+STEMS = {
+    "told", "asked", "wanted", "held", "found", "around", "nearer", "toward", "few", "many", "own",
+    "likely", "given", "known", "about",
+}  # fmt: skip
+# keys of stored answers, and a documented attribute
+KEPT = {"results.values: about", "tasks.ceiling: held", "tasks.next_experiment: about"}
+
+
+def public_names(body: list[ast.stmt]) -> Iterator[str]:
+    """Classes, functions, methods, fields and constants that another file may use."""
+    for node in body:
+        match node:
+            case ast.ClassDef(name=name, body=members):
+                yield name
+                yield from public_names(members)
+            case ast.FunctionDef(name=name):
+                yield name
+            case ast.AnnAssign(target=ast.Name(id=name)):
+                yield name
+            case ast.Assign(targets=targets):
+                yield from (target.id for target in targets if isinstance(target, ast.Name))
+
+
+def test_names_are_words_of_the_field() -> None:
+    """Modules and what they share; names that begin with an underscore stay in their file."""
+    empty = [
+        f"{name}: {word}"
+        for name, path in sources()
+        for word in [path.stem, *public_names(ast.parse(path.read_text(encoding="utf-8")).body)]
+        if not word.startswith("_") and STEMS & set(word.lower().split("_"))
+    ]
+    assert set(empty) == KEPT
+
+
+def test_a_class_name_means_one_thing() -> None:
+    classes: dict[str, list[str]] = {}
+    for name, path in sources():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                classes.setdefault(node.name.lstrip("_"), []).append(name)
+    assert {name: places for name, places in classes.items() if len(places) > 1} == {}
+
+
+def test_files_import_no_file_that_imports_them() -> None:
+    """No circle between two files or among more, names for types included."""
+    modules = {name for name, _ in sources()}
+    graph: dict[str, set[str]] = {}
+    for name, path in sources():
+        reached = (imported.removeprefix("aleator.") for imported in imports(name, path))
+        graph[name] = {
+            next(m for m in (one, one.rpartition(".")[0]) if m in modules)
+            for one in reached
+            if {one, one.rpartition(".")[0]} & modules
+        } - {name, ""}
+    TopologicalSorter(graph).prepare()

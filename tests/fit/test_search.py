@@ -156,7 +156,7 @@ def scatter(law: Inputs, data: pd.DataFrame) -> Identification:
 def test_the_answer_is_that_of_all_experiments(most: int, monkeypatch) -> None:
     """y = z a with a normal: mean and sd of y/z, whether or not a sample of 40 was searched."""
     settings = searching.SampledSearch(most, 40)
-    monkeypatch.setattr(searching.of_many, "__defaults__", (settings,))
+    monkeypatch.setattr(searching.by_sample, "__defaults__", (settings,))
     data = table(300)
     found = scatter(Inputs({"a": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))}), data)
     ratio = data["y"] / data["z"]
@@ -179,7 +179,7 @@ def test_the_ends_of_a_sample_that_become_one_optimum_are_one() -> None:
         ascents = tuple(Ascent(p, p, -float(k), 9, True) for k, p in enumerate(places))
         return SearchResult(places[0], 0.0, ascents, optima)
 
-    found = searching.of_many(problem, search, searching.SampledSearch(best=2))
+    found = searching.by_sample(problem, search, searching.SampledSearch(best=2))
     assert len(found.optima) == 1
     assert len(found.ascents) == 2
     assert found.converged

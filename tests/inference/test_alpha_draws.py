@@ -52,7 +52,7 @@ def test_nothing_leaves_the_limits_and_what_is_on_one_is_a_half_normal() -> None
     draws = alpha_draws(told, 2048)
     assert np.all((draws.alpha >= told.limits[:, 0]) & (draws.alpha <= told.limits[:, 1]))
     assert stats.kstest(draws.alpha[:, 0], stats.halfnorm(scale=0.25).cdf).statistic < 0.02
-    assert draws.held.size == 0
+    assert draws.fixed.size == 0
 
 
 def test_what_has_neither_error_nor_interval_is_held_and_named() -> None:
@@ -60,7 +60,7 @@ def test_what_has_neither_error_nor_interval_is_held_and_named() -> None:
                  [[1.0]], [0])  # fmt: skip
     draws = alpha_draws(told, 64)
     assert np.all(draws.alpha[:, 1] == 2.0)
-    assert draws.held.tolist() == [1]
+    assert draws.fixed.tolist() == [1]
     nothing = known([1.0], [np.nan], [[np.nan, np.nan]], [WIDE], np.empty((0, 0)), [])
     assert alpha_draws(nothing).certain
 

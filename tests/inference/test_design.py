@@ -50,7 +50,7 @@ def test_the_error_of_a_slope_is_that_of_the_closed_form() -> None:
 def test_the_middle_tells_nothing_of_a_slope_and_a_second_end_makes_it_known() -> None:
     plan = DesignPlan(lines(np.array([-1.0])).sum(axis=1), lines(np.array([-1.0, 0.0, 1.0])),
                 slope_of(2, 1))  # fmt: skip
-    assert not plan.known(plan.present)
+    assert not plan.determined(plan.present)
     assert plan.standard_error(plan.present) == np.inf
     found = chosen(plan, 1)
     assert found.order == (2,)

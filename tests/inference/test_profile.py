@@ -135,7 +135,7 @@ def test_an_end_that_is_not_found_is_not_told() -> None:
 @pytest.mark.parametrize("power", [0.3, 1.0, 4.0])
 def test_a_bracket_closes_on_the_root_whatever_its_shape(power: float) -> None:
     """Roots that grow as powers of the distance, and slopes that lead astray."""
-    bracket, value, asked = Bracket.around(2.0, 50.0, 1.96), 2.7, 0
+    bracket, value, asked = Bracket.from_center(2.0, 50.0, 1.96), 2.7, 0
     while asked < 40:
         asked += 1
         root = 0.7 * (value - 2.0) ** power

@@ -39,7 +39,7 @@ from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.identification import Identification
 from aleator.tasks.prediction import compared
 from aleator.tasks.probability import Tolerance
-from aleator.tasks.session import OWN, Session
+from aleator.tasks.session import SAME, Session
 from aleator.views import predictions
 
 
@@ -291,13 +291,13 @@ def predict(
             options.say(note)
         runner.progress = progress
         found = request.table(
-            answer, table, of=OWN if of is not None and of == value.table.id else of,
+            answer, table, of=SAME if of is not None and of == value.table.id else of,
             noise=not no_noise, uncertainty=draws or False, progress=progress,
         )  # fmt: skip
     if runner.fresh:
         options.say(f"note: {runner.fresh} runs of the simulator were made")
-    if draws is not None and draws.held.size:
-        names = ", ".join(answer.session.hyperparameters[k].name for k in draws.held.tolist())
+    if draws is not None and draws.fixed.size:
+        names = ", ".join(answer.session.hyperparameters[k].name for k in draws.fixed.tolist())
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
     for note in untested(value, table):
         options.say(note)

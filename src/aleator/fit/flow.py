@@ -71,7 +71,7 @@ def _checked(found: Inferred, check: Check, ledger: Ledger) -> Answer:
     likelihood, alpha, runner = found.maximum.likelihood, found.maximum.alpha, question.runner
     none = np.zeros(likelihood.count)
     result: Checked | None = None
-    if surfaces is not None and check.wanted:
+    if surfaces is not None and check.active:
         runs = check.runs(surfaces)
         most = affordable(runner, runs)
         if most != 0:

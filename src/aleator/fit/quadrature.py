@@ -110,7 +110,7 @@ class Maximum:
 
 
 @dataclass(frozen=True, eq=False)
-class _End(Maximum):
+class _IntegralMaximum(Maximum):
     """A maximum of an integral over individual parameters."""
 
     likelihood: IndividualLikelihood
@@ -166,7 +166,7 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
     return likelihood.ruled(likelihood.rule.at_least(NODE_ACCURACY.scoring))
 
 
-def _told_by_panels(end: _End, most: float, enough: float) -> bool:
+def _told_by_panels(end: _IntegralMaximum, most: float, enough: float) -> bool:
     """Whether nodes about one mode of two variates give the same value as panels.
 
     Panels cover the whole plane and miss nothing. It is so where more nodes change less than
@@ -181,7 +181,7 @@ def _told_by_panels(end: _End, most: float, enough: float) -> bool:
     return abs(_change(tried, PlanePanels.coarse(), end.alpha, large=False)) < enough
 
 
-def _smooth(end: _End) -> bool:
+def _smooth(end: _IntegralMaximum) -> bool:
     """Whether ever more nodes about one mode converge, as they do not at a kink.
 
     A hundred nodes cost a hundredth of what panels cost.
@@ -197,7 +197,7 @@ def _smooth(end: _End) -> bool:
     return True
 
 
-def _misses_modes(end: _End) -> bool:
+def _misses_modes(end: _IntegralMaximum) -> bool:
     """Whether nodes about one mode of each experiment miss a part of the likelihood."""
     likelihood, alpha = end.likelihood, end.alpha
     if not several_modes(likelihood, alpha):
@@ -212,7 +212,7 @@ def _misses_modes(end: _End) -> bool:
     return float(np.sum(fine - known)) > NODE_ACCURACY.hardly + NODE_ACCURACY.certain * error
 
 
-def _points_tell_less(end: _End) -> bool:
+def _points_tell_less(end: _IntegralMaximum) -> bool:
     """Whether importance points would have a larger error than the nodes of the answer.
 
     The error of the largest number of points is extrapolated as that of random points.
@@ -237,7 +237,7 @@ def _some(
     return likelihood.sampled(size) if likelihood.count > 2 * size else likelihood
 
 
-def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _End:
+def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _IntegralMaximum:
     """The nearest maximum by one kind of rule, with as many nodes as are enough."""
     tried = list[tuple[float, IndividualLikelihood]]()
     variates = likelihood.inputs.scattering
@@ -253,11 +253,11 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
         slow = held.nodes.xi.shape[1] > large and abs(gap) > slowly * before
         if held.rule.centers == 1 and slow and abs(gap) > NODE_ACCURACY.hardly:
             # what is not smooth converges slowly about one centre
-            return _End(held, alpha, gap, _fewest(tried))
+            return _IntegralMaximum(held, alpha, gap, _fewest(tried))
         none = max(enough, min(1e-5 * held.count, EXPERIMENTS.noted_gap))
         finer = held.rule.refined(gaps, none, variates)
         if finer is None:
-            return _End(held, alpha, gap, _fewest(tried))
+            return _IntegralMaximum(held, alpha, gap, _fewest(tried))
         likelihood = held.ruled(finer)
 
 
@@ -387,11 +387,11 @@ def _outer(scores: Array | None, free: Indices, hyperparameters: Sequence[Hyperp
 class Highest:
     """The highest maximum, and other optima (K,) less than 1.92 below it by the same nodes.
 
-    `found` is the search with the answer as its first optimum, and the others after it.
+    `search_result` is the search with the answer as its first optimum, and the others after it.
     """
 
     maximum: Maximum
-    found: SearchResult
+    search_result: SearchResult
     others: tuple[Array, ...]
 
     @classmethod

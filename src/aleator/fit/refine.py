@@ -71,7 +71,7 @@ class Rounds:
     admitted, and any after `at_ends` rounds. Up to `others` optima of the first surfaces are
     followed besides the best: those that lie `apart` standard errors. At most `most` rounds are
     made. A region is narrowed to less than the share `shrink` of itself only, and under a law that
-    is known surfaces are exact to `known`.
+    is known surfaces are exact to `fixed_law`.
     """
 
     begin: float
@@ -88,7 +88,7 @@ class Rounds:
     others: int = 2
     apart: float = 2.0
     shrink: float = 0.8
-    known: float = 0.02
+    fixed_law: float = 0.02
     most: int = 24
 
 
@@ -112,7 +112,7 @@ class Refined:
 
     question: Question
     maximum: Maximum
-    found: SearchResult
+    search_result: SearchResult
     region: Array
     reason: str
     surfaces: AdaptiveSurfaces | None = None
@@ -162,7 +162,9 @@ def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger
     found = searched(question, likelihood, [], ledger)
     with ledger.stage(SEARCH):
         top = highest_maximum(with_enough_nodes(likelihood, found.alpha), found)
-    return Refined(question, top.maximum, top.found, likelihood.region, reason, possible=top.others)
+    return Refined(
+        question, top.maximum, top.search_result, likelihood.region, reason, possible=top.others
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +211,7 @@ class Refinement:
         ends = interval_alphas(alpha, inference, intervals, hyperparameters)
         if not ends:
             return None
-        wanted = region_of(inputs, ends, likelihood.count, REGIONS.likely)
+        wanted = region_of(inputs, ends, likelihood.count, REGIONS.plausible)
         wider = bool(reaching_out(answer.region, inputs.box, wanted).any())
         region = hull(answer.region, padded(wanted, inputs.box)) if wider else answer.region
         points = np.concatenate([self._draws(likelihood, [one], region) for one in (alpha, *ends)])
@@ -240,8 +242,8 @@ class Refinement:
             moved = self._on(answer)
         found = searched(self.question, moved.maximum.likelihood, [answer.alpha], self.ledger)
         start = with_enough_nodes(moved.maximum.likelihood, found.alpha, NODE_ACCURACY.rough)
-        found = replace(found, once=answer.found.once)
-        return self._finished(replace(moved, maximum=start, found=found))
+        found = replace(found, once=answer.search_result.once)
+        return self._finished(replace(moved, maximum=start, search_result=found))
 
     def _first(self, region: Array, reason: str) -> Refined:
         """Surfaces of all observations, exact to the user's tolerance or coarse, and a search."""
@@ -304,19 +306,21 @@ class Refinement:
             answer = self._refined(answer)
             before, likelihood = answer.maximum, self._likelihood(answer)
             found = searched(answer.question, likelihood, [before.alpha], self.ledger)
-            found = replace(found, once=answer.found.once)
+            found = replace(found, once=answer.search_result.once)
             with self.ledger.stage(SEARCH):
                 again = with_enough_nodes(likelihood, found.alpha, NODE_ACCURACY.rough)
             if again.value < before.value + OPTIMA.same_value:
-                return replace(answer, found=found)
-            answer = replace(answer, maximum=again, found=found)
+                return replace(answer, search_result=found)
+            answer = replace(answer, maximum=again, search_result=found)
 
     def _finished(self, answer: Refined) -> Refined:
         """The answer with as many nodes as it needs, on the surfaces as they are."""
         with self.ledger.stage(SEARCH):
             end = with_enough_nodes(self._likelihood(answer), answer.alpha)
-            top = with_other_optima(end, answer.found)
-        return replace(answer, maximum=top.maximum, found=top.found, possible=top.others)
+            top = with_other_optima(end, answer.search_result)
+        return replace(
+            answer, maximum=top.maximum, search_result=top.search_result, possible=top.others
+        )
 
     def _refined(self, answer: Refined, known: Sequence[Array] = ()) -> Refined:
         """Make runs where the laws are, and climb, until nothing moves.
@@ -390,7 +394,7 @@ class Refinement:
         They lie apart from each other, no mean of them is on a limit, and the noise that they need
         is at most e times larger.
         """
-        found, likelihood = first.found, first.maximum.likelihood
+        found, likelihood = first.search_result, first.maximum.likelihood
         inference = _infer(first.maximum)
         limits = np.array(
             [(h.lower, h.upper) if h.free and not h.log else (-np.inf, np.inf)
@@ -436,7 +440,7 @@ def under_law(
         moving = moving_parameters(region)
         surfaces.judge(np.clip(draws(inputs, [alpha], 1), *region.T)[:, moving])
         wide = np.clip(draws(inputs, [alpha], 1, EXACT.wide), *region.T)[:, moving]
-        surfaces.refine(wide, EXACT.known * surfaces.caution, surface_progress(progress))
+        surfaces.refine(wide, EXACT.fixed_law * surfaces.caution, surface_progress(progress))
     return forward(runner, model, region, progress, surfaces.surface())
 
 
@@ -448,7 +452,7 @@ def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
     likelihood, alpha, region = answer.likelihood, answer.alpha, answer.region
     inputs = likelihood.inputs
     certain = region_of(inputs, [alpha], likelihood.count, REGIONS.far)
-    possible = region_of(inputs, [*likely], likelihood.count, REGIONS.likely)
+    possible = region_of(inputs, [*likely], likelihood.count, REGIONS.plausible)
     wanted = padded(hull(certain, possible), inputs.box)
     if reaching_out(region, inputs.box, certain).any():
         way = np.diff(region, axis=1) * np.array([-1.0, 1.0])

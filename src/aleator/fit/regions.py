@@ -33,7 +33,7 @@ class RegionSettings:
     """Draws of the laws of one alpha, or of all that are likely."""
     far: float = 5.2
     """Standard normal variates beyond which a law has no mass that counts: 1e-7 at either end."""
-    likely: float = 3.1
+    plausible: float = 3.1
     """The same of laws that are only possible: 1e-3."""
     pad: float = 0.05
     """Share of its width by which a region is widened on either side."""
@@ -95,7 +95,7 @@ def first_region(
         return inputs.box
     lower = np.array([h.start if h.log else h.lower for h in hyperparameters])
     upper = np.array([h.start if h.log else h.upper for h in hyperparameters])
-    return within(inputs.box, region_of(inputs, [lower, upper], experiments, REGIONS.likely))
+    return within(inputs.box, region_of(inputs, [lower, upper], experiments, REGIONS.plausible))
 
 
 def plausible_alphas(

@@ -77,7 +77,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
             }  # fmt: skip
     reviewed = Reviewed(answer, table)
     notes = []
-    if answer.checked is None and surfaces is not None and check.wanted:
+    if answer.checked is None and surfaces is not None and check.active:
         notes.append(surface_diagnostics.UNCHECKED)
     if isinstance(likelihood, Problem):
         own = _of_outcomes(likelihood, reviewed)
@@ -95,7 +95,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         failures=diagnostics.failure_report(question.runner) if failing else None,
         correlation_names=tuple(hyperparameters[k].name for k in inference.free),
         correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
-        search=search_of(certain.found, inference, hyperparameters),
+        search=search_of(certain.search_result, inference, hyperparameters),
         baselines=baselines,
         runs=sum(ledger.runs.values()),
         runs_by_stage=ledger.runs,

@@ -60,13 +60,13 @@ GUESSES = GuessSettings()
 
 @dataclass(frozen=True)
 class SampledSearch:
-    """Of more than `many` experiments a search is made on a sample of `size`, its ends on all.
+    """Of more than `large` experiments a search is made on a sample of `size`, its ends on all.
 
     An optimum of the sample lies within its standard errors of one of all, and a climb from there
     takes few evaluations. `best` are climbed from. Measured by `pytest tests/fit/test_search.py`.
     """
 
-    many: int = 1000
+    large: int = 1000
     size: int = 400
     best: int = 3
 
@@ -119,7 +119,7 @@ def searched(
     with ledger.stage(SEARCH):
         found = _kept(
             runner, search, likelihood.continued, hyperparameters, known, seed,
-            lambda: of_many(likelihood, maximize),
+            lambda: by_sample(likelihood, maximize),
         )  # fmt: skip
         return ordered(found, question.inputs)
 
@@ -134,7 +134,7 @@ def makes_runs(likelihood: AnyLikelihood) -> bool:
 # ------------------------------------------------------------------------------- many experiments
 
 
-def of_many(
+def by_sample(
     likelihood: AnyLikelihood,
     search: Callable[[Objective], SearchResult],
     settings: SampledSearch = SAMPLE,
@@ -143,7 +143,7 @@ def of_many(
 
     Starts that ended at none of the best optima of the sample are left out.
     """
-    if likelihood.count <= settings.many:
+    if likelihood.count <= settings.large:
         return search(likelihood.continued)
     found = search(likelihood.sampled(settings.size).continued)
     optima, ascents = list[Optimum](), list[Ascent]()
@@ -225,7 +225,7 @@ def linear_gaussian(
     y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l Cov(x) g_l') with outcomes y, values (N,) and
     slopes (N, n): the model of CIRCE (de Crecy and Bazin), maximized here by the same search.
     """
-    likelihood = _LinearGaussian(inputs, x0, value, slope, y)
+    likelihood = _GaussianModel(inputs, x0, value, slope, y)
     result = search.maximize(likelihood, inputs.hyperparameters, seed=seed)
     return LinearGaussian(result.alpha, result.log_likelihood)
 
@@ -238,7 +238,7 @@ def by_tangent(problem: Problem, search: Search, seed: int) -> LinearGaussian:
 
 
 @dataclass(frozen=True)
-class _LinearGaussian:
+class _GaussianModel:
     """The log-likelihood of y_l ~ Normal of the mean and sd of eta_l(x0) + g_l (x - x0)."""
 
     inputs: Inputs

@@ -91,7 +91,7 @@ class Reviewed:
             *diagnostics.search_refusals(
                 self.answer.inferred.inference, likelihood.hyperparameters
             ),
-            *diagnostics.too_few_nodes(self._end.gap, diagnostics.EXPERIMENTS.gap),
+            *diagnostics.node_warnings(self._end.gap, diagnostics.EXPERIMENTS.gap),
         ]
         if checked is not None:
             found += on_surfaces.check_refusals(checked.total, checked.standard_error)
@@ -99,7 +99,7 @@ class Reviewed:
             found += on_surfaces.useless(likelihood, checked, self.surface_error, ids)
         else:
             found += diagnostics.without_surfaces(self._lost, of, ids)
-        if checked is not None and not any(one.about == on_surfaces.ABOUT for one in found):
+        if checked is not None and not any(one.about == on_surfaces.SUBJECT for one in found):
             found += on_surfaces.worse_than_estimated(
                 checked, self._estimated, [ids[l] for l in of.tolist()]
             )
@@ -118,7 +118,7 @@ class Reviewed:
         made, exact = inferred.refined.surfaces, isinstance(likelihood, Problem)
         notes = [
             *diagnostics.count_warnings(len(ids), inference),
-            *diagnostics.once_warnings(inferred.found),
+            *diagnostics.once_warnings(inferred.search_result),
             *diagnostics.bound_warnings(hyperparameters, inference, profile),
             *diagnostics.weak_directions(inference, hyperparameters),
             *self._centering,
@@ -132,7 +132,7 @@ class Reviewed:
         else:
             notes += self._of_individuals(likelihood)
             if not self._refusals:
-                notes += diagnostics.too_few_nodes(self._end.gap, diagnostics.EXPERIMENTS.noted_gap)
+                notes += diagnostics.node_warnings(self._end.gap, diagnostics.EXPERIMENTS.noted_gap)
         if made is not None or exact:
             notes += diagnostics.failure_warnings(diagnostics.failure_report(runner))
         against = "the outcome's scatter" if exact else "the noise"

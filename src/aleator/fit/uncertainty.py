@@ -86,9 +86,9 @@ class Inferred:
         return self.refined.maximum
 
     @property
-    def found(self) -> SearchResult:
+    def search_result(self) -> SearchResult:
         """The search that led to the maximum."""
-        return self.refined.found
+        return self.refined.search_result
 
 
 def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
@@ -96,8 +96,10 @@ def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
     refinement = Refinement(answer.question, ledger)
     for widened in range(UNCERTAINTY.wider + 1):
         with ledger.stage("inference"):
-            end, found, inference, profile = inferred(answer.maximum, answer.found, answer.possible)
-            answer = replace(answer, maximum=end, found=found)
+            end, found, inference, profile = inferred(
+                answer.maximum, answer.search_result, answer.possible
+            )
+            answer = replace(answer, maximum=end, search_result=found)
         if answer.surfaces is None or widened == UNCERTAINTY.wider:
             break
         spread = refinement.spread(answer, inference, profile.intervals)
@@ -147,7 +149,7 @@ def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
     """
     if not inference.positive:
         return ()
-    end, found = answer.maximum, answer.found
+    end, found = answer.maximum, answer.search_result
     likelihood = end.likelihood
     arrived = list(answer.possible)
     rule = likelihood.rule if isinstance(likelihood, IndividualLikelihood) else None
@@ -266,12 +268,12 @@ def _profiled(end: Maximum, alpha: Array, inference: Inference, rivals: Sequence
     if finer is None or found.better is not None:
         return found
     if finer.nodes.xi.shape[1] > UNCERTAINTY.dear:
-        return found.only_known(_off(finer, alpha, found, UNCERTAINTY.unknown))
+        return found.masked(_off(finer, alpha, found, UNCERTAINTY.unknown))
     again = _anew(finer, alpha, found, UNCERTAINTY.unknown, inference, rivals)
     finest = _finer(finer, alpha)
     if again is found or again.better is not None or finest is None:
         return again
-    return again.only_known(_off(finest, alpha, again, UNCERTAINTY.unknown))
+    return again.masked(_off(finest, alpha, again, UNCERTAINTY.unknown))
 
 
 def _anew(
@@ -367,7 +369,7 @@ def _row_by_held(
             off[k, side] = abs(drop - found.drops[k, side])
         if np.max(off) < UNCERTAINTY.differs:
             break
-    return replace(found, better=None).only_known(off > UNCERTAINTY.unknown)
+    return replace(found, better=None).masked(off > UNCERTAINTY.unknown)
 
 
 def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Array) -> float:

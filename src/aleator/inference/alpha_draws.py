@@ -99,7 +99,7 @@ class AlphaDraws:
 
     `z` (A, K) are the normal variates that they are made of. `log_density` (A,) is the logarithm of
     the density of alpha over its prior, up to a constant: what a likelihood is held against.
-    `held` (H,) are free hyperparameters of whose uncertainty nothing is known: they keep their
+    `fixed` (H,) are free hyperparameters of whose uncertainty nothing is known: they keep their
     estimate. `effective` is the number of draws of equal weight that are worth as much.
 
     >>> AlphaDraws.at(np.array([1.0, 0.5])).alpha.tolist()
@@ -111,7 +111,7 @@ class AlphaDraws:
     weights: Array
     z: Array
     log_density: Array
-    held: Indices
+    fixed: Indices
 
     @classmethod
     def at(cls, alpha: Array) -> AlphaDraws:
@@ -180,7 +180,7 @@ def alpha_draws(
     moving = np.array([k for k, scale in enumerate(scales) if scale is not None], dtype=np.intp)
     held = np.array([k for k in np.flatnonzero(known.free) if scales[k] is None], dtype=np.intp)
     if not moving.size:
-        return replace(AlphaDraws.at(known.alpha), held=held)
+        return replace(AlphaDraws.at(known.alpha), fixed=held)
     correlation = _correlation(known, moving)
     z = np.zeros((count * settings.tries, known.alpha.size))
     root = wide * np.linalg.cholesky(correlation).T

@@ -27,9 +27,9 @@ class CalibrationSettings:
     Each experiment has `points` of its parameters, fewer where all would take more than `values`
     simulated ones; a probability with fewer than `effective` of them, or than the share `least`
     where points are few, is not reported. Points lie about `stages` individual laws, from that of
-    no observation to that of nearly all; `pytest tests/inference/test_fit.py` measures what they miss
-    of the normal law. A bin of a histogram should have `each` values, of `bins` at least and at
-    most.
+    no observation to that of nearly all; `pytest tests/inference/test_fit.py` measures what they
+    miss of the normal law. A bin of a histogram should have `each` values, of `bins` at least and
+    at most.
     """
 
     points: int = 1024

@@ -56,8 +56,8 @@ class Check:
     """The check of an answer that rests on surfaces: `samples` runs of each unit (0: no check).
 
     A unit is what one run serves: a row, or an experiment with a series. None is `most` runs, or
-    `few` where surfaces expect hardly an error: less than `exact` of the noise, or of the scatter
-    without noise. `nodes` is how many points an experiment has for them to be chosen from, of more
+    `fewest` where surfaces expect hardly an error: less than `exact` of the noise, or of the
+    scatter without noise. `nodes` is how many points an experiment has for them to be chosen from, of more
     than two parameters, and an exact outcome has an error of `smooth` times its scatter. Measured
     by `pytest tests/inference/test_check.py tests/tasks/test_folds.py`. Raises InputsError
     for a negative number, and for a single run.
@@ -68,7 +68,7 @@ class Check:
 
     samples: int | None = None
     most: int = 12
-    few: int = 2
+    fewest: int = 2
     exact: float = 1e-3
     nodes: int = 32
     smooth: float = 0.25
@@ -77,11 +77,11 @@ class Check:
         """Check at once, so that the mistake is reported where it was made."""
         if self.samples is not None and (self.samples < 0 or self.samples == 1):
             raise InputsError(
-                f"verification: samples {self.samples}", f"use 0 (off) or at least {self.few}"
+                f"verification: samples {self.samples}", f"use 0 (off) or at least {self.fewest}"
             )
 
     @property
-    def wanted(self) -> bool:
+    def active(self) -> bool:
         """Whether there is a check."""
         return self.samples != 0
 
@@ -89,7 +89,7 @@ class Check:
         """Runs of each unit, fewer where the surfaces' estimated errors are tiny."""
         if self.samples is not None:
             return self.samples
-        return self.few if surfaces.relative.max() < self.exact else self.most
+        return self.fewest if surfaces.relative.max() < self.exact else self.most
 
 
 @dataclass(frozen=True, eq=False)

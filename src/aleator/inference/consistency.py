@@ -100,7 +100,7 @@ def consistency_of(
         return Consistency.untested(f"there are only {count} observations")
     points = points_of(fit, 1.0 - settings.unknown)
     observed = residuals_of(fit, points)
-    if np.mean(observed.known) < 1.0 - settings.lost:
+    if np.mean(observed.finite) < 1.0 - settings.lost:
         return Consistency.untested("too many observations have no predicted probability")
     columns = columns_of(table)
     copies = copies_of(columns, table, requested, observed.normal)
@@ -232,7 +232,7 @@ class AssessmentSettings:
     """A skewness below this is none."""
     shrunk: float = 20.0
     """The skewness of B replicates is taken B/(B + this) times."""
-    many: int = 200
+    large: int = 200
     """Experiments from which one step to the maximum of a replicate does."""
     farthest: float = 1.01
     """A replicate is at most sqrt(B - this) standard deviations away: sqrt(B - 1) is the most that
@@ -364,7 +364,7 @@ def replicated(
     """
     while True:
         other = stepped(fit.drawn(rng))
-        fitted = stepped(other) if fit.count < settings.many else other
+        fitted = stepped(other) if fit.count < settings.large else other
         yield battery.tests(residuals_of(fitted, points))[1]
 
 
@@ -373,7 +373,7 @@ def outliers_of(
 ) -> tuple[Outlier, ...]:
     """Observations that are too far out even as the farthest of M, the farthest first."""
     seen = table.observations
-    p = np.where(residuals.known, 2.0 * special.ndtr(-np.abs(residuals.normal)), 1.0)
+    p = np.where(residuals.finite, 2.0 * special.ndtr(-np.abs(residuals.normal)), 1.0)
     among = corrected(p, float(p.size))
     return tuple(
         Outlier(

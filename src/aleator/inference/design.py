@@ -179,7 +179,7 @@ class DesignPlan:
 
         Unchanged for one direction, and where something is not known at all.
         """
-        if not self.known(self.present):
+        if not self.determined(self.present):
             return self
         if self.directions is None:
             return replace(self, unit=float(self.variance(self.present)))
@@ -204,7 +204,7 @@ class DesignPlan:
             each = np.mean(np.sum(along**2 / values[..., None, :], axis=-1), axis=-1)
         return np.asarray(np.where(finite, each, np.inf).mean(axis=0) / self.unit)
 
-    def known(self, information: Array) -> Flags:
+    def determined(self, information: Array) -> Flags:
         """Whether information (A, ..., F, F) determines all quantities, bool (...)."""
         values, vectors, finite = self._decomposed(information)
         nothing = values < self.settings.singular
@@ -216,7 +216,7 @@ class DesignPlan:
 
     def standard_error(self, information: Array) -> Array:
         """The root (...) of the criterion; infinite where something is not determined."""
-        known = self.known(information)
+        known = self.determined(information)
         return np.where(known, np.sqrt(self.variance(information)), np.inf)
 
     def _decomposed(self, information: Array) -> tuple[Array, Array, Flags]:

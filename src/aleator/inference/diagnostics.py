@@ -518,7 +518,7 @@ def rival_warnings(
     ]
 
 
-def too_few_nodes(gap: float, admitted: float) -> list[Diagnostic]:
+def node_warnings(gap: float, admitted: float) -> list[Diagnostic]:
     """A diagnostic where more nodes change the log-likelihood by more than is admitted."""
     # of an outcome without density there is no difference, and it is refused as such
     if not np.isfinite(gap) or abs(gap) <= admitted:

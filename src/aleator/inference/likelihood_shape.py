@@ -74,7 +74,9 @@ def likelihood_curve(
         here = alpha
         for p in side:
             here = way.followed(here, np.array([at[p]]))
-            end = ascended(objective, here, hyperparameters, way.moving, way.own, settings.arrived)
+            end = ascended(
+                objective, here, hyperparameters, way.moving, way.curvature, settings.arrived
+            )
             here, value[p] = end.alpha, end.value
     return LikelihoodCurve(k, at, np.where(np.isfinite(value), value, np.nan))
 
@@ -151,14 +153,14 @@ def weakest_pair(correlation: Array) -> tuple[int, int] | None:
 class _Ridge:
     """How the `moving` hyperparameters follow the `fixed` ones along the ridge.
 
-    `own` (F, F) is the information of the moving ones, `follow` (F, H) their slopes by the fixed
-    ones.
+    `curvature` (F, F) is the information of the moving ones, `follow` (F, H) their slopes by the
+    fixed ones.
     """
 
-    held: list[int]
+    fixed: list[int]
     moving: Indices
     limits: tuple[Array, Array]
-    own: Array
+    curvature: Array
     follow: Array
 
     @classmethod
@@ -183,7 +185,7 @@ class _Ridge:
     def followed(self, here: Array, values: Array) -> Array:
         """The point reached from `here` (K,) where the fixed ones have these values (H,)."""
         there = here.copy()
-        there[self.held] = values
-        wished = here[self.moving] + self.follow @ (values - here[self.held])
+        there[self.fixed] = values
+        wished = here[self.moving] + self.follow @ (values - here[self.fixed])
         there[self.moving] = np.clip(wished, *self.limits)
         return there

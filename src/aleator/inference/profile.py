@@ -72,7 +72,7 @@ class Bracket:
     settings: BracketSettings = BRACKET
 
     @classmethod
-    def around(cls, center: float, limit: float, target: float) -> Bracket:
+    def from_center(cls, center: float, limit: float, target: float) -> Bracket:
         """A bracket of which only the maximum is known."""
         return cls(target, center, limit, (center, 0.0))
 
@@ -235,7 +235,7 @@ class Trace:
         limit = h.lower if sign < 0 else h.upper
         if inference.at_bound[self.k] == ("lower" if sign < 0 else "upper"):
             return End(limit, 0.0, alpha)
-        bracket = Bracket.around(alpha[self.k], limit, TARGET)
+        bracket = Bracket.from_center(alpha[self.k], limit, TARGET)
         inner = known = End(alpha[self.k], 0.0, alpha)
         information, value = self.information, self._first(bracket, sign, inference)
         if np.all(np.isfinite(about)) and about[self.k] != alpha[self.k]:
@@ -432,7 +432,7 @@ class Profile:
         ends = np.full((size, 2), np.nan)
         return cls(ends, ends.copy(), np.full((size, 2, size), np.nan), None)
 
-    def only_known(self, wrong: Flags) -> Profile:
+    def masked(self, wrong: Flags) -> Profile:
         """The profile without the ends (K, 2) that are wrong."""
         intervals, drops = (np.where(wrong, np.nan, ends) for ends in (self.intervals, self.drops))
         return replace(self, intervals=intervals, drops=drops)

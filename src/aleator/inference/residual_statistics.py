@@ -90,7 +90,7 @@ class Residuals:
     """The normal scores (M,) of observations, and the scores (N, K) of experiments by alpha.
 
     w = Phi^-1(P(below what was measured | earlier ones of the same experiment)): independent and
-    standard normal under the right model. `known` (M,) tells where the probability is one; w is
+    standard normal under the right model. `finite` (M,) tells where the probability is one; w is
     zero elsewhere. `scores` are those of the hyperparameters that were identified; zero where an
     experiment has none. `means` (N, s) and `products` (N, s, s) are those of the variates of the
     individual parameters; s is zero where there is no noise. Experiments of which nothing was
@@ -98,7 +98,7 @@ class Residuals:
     """
 
     normal: Array
-    known: Flags
+    finite: Flags
     scores: Array
     means: Array
     products: Array
@@ -399,7 +399,7 @@ class Battery:
 
     def _shape(self, residuals: Residuals) -> Iterator[tuple[Subject, float]]:
         """The shape of all residuals, and of the scores of location hyperparameters."""
-        w, pinned = residuals.normal[residuals.known], self.settings.pinned
+        w, pinned = residuals.normal[residuals.finite], self.settings.pinned
         yield Subject(SHAPE, "level", OUTCOMES, least=pinned), w.mean()
         yield Subject(SHAPE, "scale", SCATTER, least=pinned), np.log(np.mean(w**2))
         yield from self._moments(OUTCOMES, w)

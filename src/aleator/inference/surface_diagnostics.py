@@ -28,7 +28,7 @@ from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, Surface
 from aleator.surrogates.adaptive import Outlook, outlook
 
-ABOUT = "response surface"
+SUBJECT = "response surface"
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def worse_than_estimated(
     if worse.sum() < max(2, SURFACES.share * worse.size):
         return []
     return of_experiments(
-        ABOUT,
+        SUBJECT,
         worse,
         ids,
         f"the response surface misses the simulator by more than {SURFACES.worse:.0f} times its "
@@ -117,7 +117,7 @@ def useless(
         estimated = (surface.error / surface.scatter)[problem.condition]
         rough = (estimated if checked is None else surface_error) > SURFACES.useless
     return of_experiments(
-        ABOUT,
+        SUBJECT,
         rough,
         ids,
         f"the response surface misses the simulator by more than {SURFACES.useless:.0%} of the "
@@ -140,7 +140,7 @@ def surface_warnings(
     if problem.model.follows:
         rough = missed & (surface.error > SURFACES.error * surface.scatter)
         warnings = of_experiments(
-            ABOUT,
+            SUBJECT,
             rough[problem.condition],
             ids,
             f"the estimated error of the response surface is above {SURFACES.error:.0%} of the "
@@ -153,7 +153,7 @@ def surface_warnings(
         spent = surface.runs >= choice.max_runs
         warnings = [
             *of_experiments(
-                ABOUT,
+                SUBJECT,
                 (missed & spent)[problem.condition],
                 ids,
                 f"the estimated error was still above the tolerance when all {choice.max_runs} "
@@ -161,7 +161,7 @@ def surface_warnings(
                 "allow more runs an experiment (max_runs), or narrow the box",
             ),
             *of_experiments(
-                ABOUT,
+                SUBJECT,
                 (missed & ~spent)[problem.condition],
                 ids,
                 "the estimated error stays above the tolerance however many runs are made; usual "
@@ -173,7 +173,7 @@ def surface_warnings(
     with np.errstate(invalid="ignore"):
         rough = surface_error > SURFACES.error
     return warnings + of_experiments(
-        ABOUT,
+        SUBJECT,
         rough,
         ids,
         f"the error of the response surface is above {SURFACES.error:.0%} of the outcome's "
@@ -337,7 +337,7 @@ def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
     largest = np.nanmax(doubted.moves, initial=0.0)
     return [
         *of_experiments(
-            ABOUT,
+            SUBJECT,
             doubted.moves > ACCURACY.unknown,
             ids,
             "near the measured outcome the response surface misses the simulator by so much that "
@@ -346,7 +346,7 @@ def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
             f"{runs}",
         ),
         *of_experiments(
-            ABOUT,
+            SUBJECT,
             np.isposinf(doubted.changes),
             ids,
             "the measured outcome lies at an extreme of the response surface, nearer than the "

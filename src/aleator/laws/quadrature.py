@@ -302,7 +302,7 @@ class Smolyak:
 
 
 @dataclass(frozen=True)
-class _Grid:
+class _GridRule:
     """The tensor grids of a sparse grid one after the other (E nodes), merged into J nodes.
 
     `picks` (E, n) into each parameter's stack of rules, `factor` (E,) of the combination, `node`
@@ -316,12 +316,12 @@ class _Grid:
 
 
 @lru_cache
-def _grid(level: int, identities: tuple[tuple[int, ...], ...]) -> _Grid:
+def _grid(level: int, identities: tuple[tuple[int, ...], ...]) -> _GridRule:
     """Combine the stacks: rule l of a stack begins at l (l + 1)/2; a constant's stack has one."""
     moving = [i for i, identity in enumerate(identities) if len(identity) > 1]
     if not moving:
         zero = np.zeros((1, len(identities)), dtype=np.intp)
-        return _Grid(zero, np.ones(1), zero[:, 0], zero[:, 0])
+        return _GridRule(zero, np.ones(1), zero[:, 0], zero[:, 0])
     picks, factors = [], []
     for levels in _levels(len(moving), level):
         left = level - sum(levels)
@@ -337,7 +337,7 @@ def _grid(level: int, identities: tuple[tuple[int, ...], ...]) -> _Grid:
     chosen = np.concatenate(picks)
     ids = np.stack([np.array(identity)[chosen[:, i]] for i, identity in enumerate(identities)], 1)
     _, first, node = np.unique(ids, axis=0, return_index=True, return_inverse=True)
-    return _Grid(chosen, np.concatenate(factors), node.reshape(-1), first)
+    return _GridRule(chosen, np.concatenate(factors), node.reshape(-1), first)
 
 
 def _levels(dimensions: int, total: int) -> list[tuple[int, ...]]:

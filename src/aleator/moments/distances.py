@@ -56,7 +56,7 @@ def earth_movers_distance(a: LawOfOutcome, b: LawOfOutcome) -> Array:
 
 
 @dataclass(frozen=True)
-class _Law:
+class _Distributions:
     """The cdfs of some experiments, which are smooth between `breaks` (count, B), or `steps`.
 
     `within(pieces (N, G))` is the cdf (N, G) -> (N, G) of places that lie in the same pieces, which
@@ -74,7 +74,7 @@ def _levels() -> Array:
     return np.concatenate([tail, np.linspace(0.02, 0.98, 49), 1.0 - tail[::-1]])
 
 
-def _law(given: LawOfOutcome) -> _Law:
+def _law(given: LawOfOutcome) -> _Distributions:
     if isinstance(given, NodeOutcomes):
         return _steps(given.y, given.weights)
     if hasattr(given, "quantile") and hasattr(given, "cdf"):
@@ -88,7 +88,7 @@ def _law(given: LawOfOutcome) -> _Law:
     return _steps(sample, np.full(sample.shape[1], 1.0 / sample.shape[1]))
 
 
-def _smooth(density: FittedDensity) -> _Law:
+def _smooth(density: FittedDensity) -> _Distributions:
     """Fitted densities, with quantiles as breaks; one density serves all experiments."""
     quantiles = density.quantile(_levels())
 
@@ -97,10 +97,10 @@ def _smooth(density: FittedDensity) -> _Law:
             return density.cdf
         return lambda y: density.cdf(y.reshape(1, -1)).reshape(y.shape)
 
-    return _Law(quantiles, within, steps=False)
+    return _Distributions(quantiles, within, steps=False)
 
 
-def _steps(y: Array, weights: Array) -> _Law:
+def _steps(y: Array, weights: Array) -> _Distributions:
     """Weighted outcomes (N, J)."""
     if not np.isfinite(y).all():
         raise InputsError(
@@ -122,7 +122,7 @@ def _steps(y: Array, weights: Array) -> _Law:
         height = np.take_along_axis(_rows(below, len(pieces)), rank, axis=1)
         return lambda y: np.broadcast_to(height, y.shape)
 
-    return _Law(places, within, steps=True)
+    return _Distributions(places, within, steps=True)
 
 
 def _experiments(first: int, second: int) -> int:

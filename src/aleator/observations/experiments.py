@@ -25,7 +25,7 @@ DEFAULT_ID = "id"
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class _Rows:
+class _TableRows:
     """R rows of a table, each of one of N experiments: what experiments and conditions share."""
 
     ids: tuple[str, ...]
@@ -84,7 +84,7 @@ def _rows_of(
     outcomes: Sequence[str] = (),
     beside: Collection[str] = (),
     numbers: Collection[str] = (),
-) -> tuple[_Rows, Table]:
+) -> tuple[_TableRows, Table]:
     """The rows of a table, and the table with their ids; rows with the same id are one experiment.
 
     The columns of `outcomes` are not part of the table that is kept. Conditions are `names`, or
@@ -112,7 +112,7 @@ def _rows_of(
     whole = {n: conditions[n] if n in conditions else _any(table, n) for n in remaining}
     index = range(len(table))
     frame, every = pd.DataFrame(conditions, index=index), pd.DataFrame(whole, index=index)
-    return _Rows(ids, frame, every, experiment, table.rows), table
+    return _TableRows(ids, frame, every, experiment, table.rows), table
 
 
 def _ids(table: Table, column: str | None) -> tuple[tuple[str, ...], Indices]:
@@ -164,7 +164,7 @@ def _any(table: Table, name: str) -> Array | pd.Series:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Conditions(_Rows):
+class Conditions(_TableRows):
     """N experiments without outcomes: R rows of conditions.
 
     `ids` (N,) are distinct texts; `conditions` has R rows and a named column for each condition:
@@ -259,7 +259,7 @@ class Conditions(_Rows):
         return cls._of(_rows_of(table, id, conditions, numbers=numbers)[0], transform, responses)
 
     @classmethod
-    def _of(cls, rows: _Rows, transform: str, responses: Sequence[Response]) -> Conditions:
+    def _of(cls, rows: _TableRows, transform: str, responses: Sequence[Response]) -> Conditions:
         return cls(
             rows.ids, rows.conditions, transform, responses=responses,
             table=rows.table, experiment=rows.experiment, places=rows.places,
@@ -312,7 +312,7 @@ def covariates(experiments: Experiments | Conditions, names: Sequence[str]) -> p
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Experiments(_Rows):
+class Experiments(_TableRows):
     """N experiments: R rows of conditions, and M observations.
 
     `ids` (N,) are distinct texts. `conditions` has R rows and a named column for each condition:

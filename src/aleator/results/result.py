@@ -32,7 +32,7 @@ from aleator.results.values import (
 
 Entry = Mapping[str, Any]
 """A JSON object of a document."""
-NOT_ASKED = Consistency.untested("it was not asked for")
+NOT_TESTED = Consistency.untested("it was not asked for")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -78,7 +78,7 @@ class Result(Plain):
     outcome: str = "outcome"
     transform: Transform = Transform.NONE
     units: Mapping[str, str] = field(default_factory=dict)
-    consistency: Consistency = NOT_ASKED
+    consistency: Consistency = NOT_TESTED
     best_possible: Mapping[str, float] | None = None
     pictures: Mapping[str, Any] = field(default_factory=dict)
     propagation_reason: str = ""

@@ -289,7 +289,7 @@ class Pictures(DocumentEntry):
 # ------------------------------------------------------------------------------ the documents
 
 
-class _Answer(DocumentEntry):
+class _AnswerDocument(DocumentEntry):
     """The keys of identification.json that are no fields of `Result`, and checks of agreement."""
 
     title: str = ""
@@ -348,7 +348,7 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
     return None
 
 
-class _Ceiling(DocumentEntry):
+class _CeilingDocument(DocumentEntry):
     """The keys of ceiling.json that a report uses."""
 
     study: StudyEntry = StudyEntry()
@@ -422,7 +422,7 @@ def _answer(individual: bool) -> type[DocumentEntry]:
     consistency = entry_of(Consistency, required=tests, consistent=None)
     likelihood = entry_of(LogLikelihoodReport, reached=FORMER)
     return entry_of(
-        Result, _Answer,
+        Result, _AnswerDocument,
         alpha=(GenericAlias(dict, (str, estimate)), ...),
         log_likelihood=(likelihood, ...),
         experiments=(GenericAlias(list, (one,)), ...),
@@ -457,7 +457,7 @@ def read_answer(path: str | Path) -> Document:
 def read_ceiling(path: Path) -> Document:
     """Read the document of a ceiling, and check the keys that a report uses."""
     document = _read(path, "ceiling")
-    _check(_Ceiling, document, path, "ceiling")
+    _check(_CeilingDocument, document, path, "ceiling")
     return document
 
 

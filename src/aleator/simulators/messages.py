@@ -43,7 +43,7 @@ class Messages:
             np.arange(len(tried)) == row,
         )
 
-    def too_many(self, tried: Runs, failed: int, total: int) -> SimulatorError:
+    def excess(self, tried: Runs, failed: int, total: int) -> SimulatorError:
         """The error where too large a share of all runs failed."""
         row = min(tried.failures)
         hint = "mend the simulator: no run of it worked" if failed == total else ""

@@ -337,7 +337,7 @@ class Runner:
                     break
         if self._too_many(before, share, len(memory)):
             tried = memory.remembered([key for key in distinct if key in memory])
-            raise self._messages.too_many(tried, len(memory.failures), len(memory))
+            raise self._messages.excess(tried, len(memory.failures), len(memory))
         self._repeat(missing)
         return memory.values(keys)
 

@@ -11,7 +11,7 @@ from aleator.study.proposal import Proposal, Proposed
 
 LAST = r"(\S+)\s*\Z"
 """A regular expression for the last word that a program prints."""
-KNOWN = "the number that is known: one value an experiment hardly tells it from the law"
+OF_NOISE = "the number that is known: one value an experiment hardly tells it from the law"
 FILL_IN = "FILL IN"
 
 
@@ -65,7 +65,7 @@ def notes(proposal: Proposal) -> list[str]:
         said.append(f"the same in every row, not used: {', '.join(roles.constant)}")
     if proposal.censored:
         said.append(f"censored values: {', '.join(proposal.censored)}")
-    said += [f"noise: {sd:g} is assumed; write {KNOWN}" for sd in proposal.noise.values()
+    said += [f"noise: {sd:g} is assumed; write {OF_NOISE}" for sd in proposal.noise.values()
              if isinstance(sd, float)]  # fmt: skip
     if proposal.series:
         said.append(f"a run serves all rows of an experiment, with arrays of "
@@ -282,7 +282,7 @@ def _noise(proposal: Proposal) -> list[str]:
         return [
             "# Without [noise] the parameters alone explain all scatter. With it:",
             "# [noise]",
-            f"# sd = ...  # {KNOWN}",
+            f"# sd = ...  # {OF_NOISE}",
         ]
     lines: list[str] = []
     for name, sd in proposal.noise.items():
@@ -294,7 +294,7 @@ def _noise(proposal: Proposal) -> list[str]:
             lines.append(line("sd", sd, "the column with the sd of each measured value"))
         elif isinstance(sd, float):
             lines.append(
-                line("sd", sd, f"assumed, 1 % of the scatter of all values; write {KNOWN}")
+                line("sd", sd, f"assumed, 1 % of the scatter of all values; write {OF_NOISE}")
             )
         else:
             lines.append(remarked(f"sd = {ends(sd)}", "identified; a number would be known"))

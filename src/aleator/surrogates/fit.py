@@ -442,7 +442,7 @@ def _at(q: Array, weight: Array, basis: Array) -> Array:
     return np.asarray((rest**2).sum(axis=0))
 
 
-class Found(NamedTuple):
+class PriorSearch(NamedTuple):
     """Priors, the `best` of them (A,), its mean square `error` (A,), and a pool to go on with."""
 
     priors: list[SmoothnessPrior]
@@ -459,7 +459,7 @@ def search(
     share: Array,
     sweeps: int = FITS.sweeps,
     settings: SurfaceFitSettings = FITS,
-) -> Found:
+) -> PriorSearch:
     """Return priors, the best of them for each experiment (A,), and the pool to go on with.
 
     All experiments are judged together, one factorization a prior; each takes the prior with the
@@ -496,7 +496,7 @@ def search(
     chosen[positive[takes]] += len(known)
     known += [prior._replace(logarithm=True) for prior in known]
     pool = list(dict.fromkeys([*leaders, *first_priors(z.shape[1], settings)[:2]]))
-    return Found(known, chosen, left, pool)
+    return PriorSearch(known, chosen, left, pool)
 
 
 def _fall(before: Array, after: Array, settings: SurfaceFitSettings = FITS) -> Flags:

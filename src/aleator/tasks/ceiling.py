@@ -201,7 +201,7 @@ def gap_of(fit: Fit, seed: int) -> float:
 
 def best_of(sought: LawRegion, seed: int) -> NPMLE:
     """The best law of a fit, on points of its region."""
-    own = sought.own(np.random.default_rng([seed, 0]))
+    own = sought.candidates(np.random.default_rng([seed, 0]))
     points = np.concatenate([sought.cover(0, sought.count), own])
     return npmle(sought.log_density, points, sought.cover(sought.settings.start, 2 * sought.count))
 
@@ -343,9 +343,9 @@ class LawRegion:
     def points(self, fit: Fit, rng: np.random.Generator) -> Array:
         """Points x (J, n) for another fit of the same laws."""
         there = replace(self, fit=fit)
-        return there.x(np.concatenate([self._covering, there.own(rng)]))
+        return there.x(np.concatenate([self._covering, there.candidates(rng)]))
 
-    def own(self, rng: np.random.Generator) -> Array:
+    def candidates(self, rng: np.random.Generator) -> Array:
         """A draw (N, s) of the parameters of each experiment."""
         x = self.fit.likelihood.individuals(rng)
         step = max(1, len(x) // self.count)

@@ -1,6 +1,6 @@
 """Points by which the probability of an event, rare or not, is computed; and runs that check it.
 
-`about_event` seeks an importance density of the event, on a surface that is made exact there.
+`event_sample` seeks an importance density of the event, on a surface that is made exact there.
 `explored` are fresh runs against a surface, `settling` those where it doubts, and `corrected` is
 what runs near the ends of the event change of its probability.
 """
@@ -100,7 +100,7 @@ def of_law(predicted: PredictedValue) -> Sample:
     return Sample(tuple(Points.standard(SAMPLE.each, s, seed) for seed in range(SAMPLE.replicates)))
 
 
-def about_event(
+def event_sample(
     predicted: PredictedValue,
     draws: AlphaDraws,
     event: Event,

@@ -48,7 +48,7 @@ def simulator_itself(runner: Runner, box: Array, region: Array) -> Predictor:
     return Direct(runner, moving_parameters(box), box)
 
 
-def surfaces_about(
+def local_surfaces(
     runner: Runner,
     box: Array,
     x: Array,
@@ -308,7 +308,7 @@ def predictor_for(
     x, ends = law_points(context, draws, settings=settings)
     if context.on_simulator:
         return simulator_itself(context.runner, context.inputs.box, ends)
-    return surfaces_about(
+    return local_surfaces(
         context.runner, context.inputs.box, x, context.surfaces, ends, surface_progress(progress)
     )
 

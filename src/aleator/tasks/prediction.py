@@ -30,12 +30,12 @@ from aleator.tasks.new_experiments import (
     Points,
     PredictionContext,
     ends_of,
+    local_surfaces,
     measured,
     parameters,
     predictor_for,
     simulated,
     simulator_itself,
-    surfaces_about,
 )
 
 
@@ -530,4 +530,4 @@ def _about(context: PredictionContext, own: Draws) -> Predictor:
     x, box = own.x.reshape(-1, own.x.shape[2]), context.inputs.box
     if context.on_simulator:
         return simulator_itself(context.runner, box, ends_of(x))
-    return surfaces_about(context.runner, box, x, context.surfaces)
+    return local_surfaces(context.runner, box, x, context.surfaces)

@@ -21,10 +21,10 @@ from aleator.tasks.event_points import (
     Correction,
     Sample,
     SurfaceDoubt,
-    about_event,
     by_some,
     corrected,
     distance_of,
+    event_sample,
     explored,
     of_law,
     often,
@@ -195,8 +195,8 @@ def probability(
     else:
         turned = often(predicted, draws, event)
         requested = event.contrary if turned else event
-        sample = about_event(predicted, draws, requested)
-    found = _Explored(sample, float("nan"), True)
+        sample = event_sample(predicted, draws, requested)
+    found = _SurfaceSample(sample, float("nan"), True)
     if predicted.surface is not None:
         found = _explored(predicted, draws, requested, sample, choice, progress)
     sample, settled = found.sample, found.settled
@@ -210,12 +210,12 @@ def probability(
             progress.stage(f"{checks} runs of the simulator check a probability")
         change = corrected(predicted, draws, requested, sample.joined, checks)
         settled = settled and np.hypot(change.value, change.error) <= choice.share * told.mixed
-    whole = told.found(draws, change, sample, distance, found.unseen, settled)
+    whole = told.estimate(draws, change, sample, distance, found.unseen, settled)
     return whole.contrary if turned else whole
 
 
 @dataclass(frozen=True, eq=False)
-class _Explored:
+class _SurfaceSample:
     """A sample by an explored surface; `settled`: more runs would change little."""
 
     sample: Sample
@@ -230,7 +230,7 @@ def _explored(
     sample: Sample,
     choice: Exploration,
     progress: Progress | None,
-) -> _Explored:
+) -> _SurfaceSample:
     """Rounds of fresh runs all over the law, and of runs where kriging is uncertain."""
     surface, most, round_ = predicted.surface, predicted.context.surfaces.max_runs, 0
     assert surface is not None
@@ -245,7 +245,7 @@ def _explored(
         now, was = (by_some(one, draws, event, sample.joined) for one in (predicted, before))
         settled = certain and abs(now - was) <= choice.share * now
         if (settled and not seen.contrary.any()) or surface.runs + 2 * choice.runs > most:
-            return _Explored(sample, seen.unseen, settled)
+            return _SurfaceSample(sample, seen.unseen, settled)
         round_ += 1
 
 
@@ -321,7 +321,7 @@ class _Told:
             np.hypot(points, STUDENT * np.std(means, ddof=1) / np.sqrt(PROBABILITY.batches))
         )
 
-    def found(
+    def estimate(
         self,
         draws: AlphaDraws,
         change: Correction,
@@ -335,7 +335,7 @@ class _Told:
         whole = float(np.clip(mixed + change.value, 0.0, 1.0))
         factor = whole / mixed if mixed > 0.0 else 1.0
         own = np.clip(self.each.mean(axis=1) * factor, 0.0, 1.0)
-        ends = interval_about(whole, own[1:], self.weights)
+        ends = delta_interval(whole, own[1:], self.weights)
         if draws.certain:
             ends = np.full(2, np.nan)
         status = "unsettled" if not settled else "solved" if sample.reached else "not_reached"
@@ -346,7 +346,7 @@ class _Told:
         )  # fmt: skip
 
 
-def interval_about(
+def delta_interval(
     mean: float, values: Array, weights: Array, settings: ProbabilitySettings = PROBABILITY
 ) -> Array:
     """The ends (2,) of an interval that holds 95 % of the values (A,), and their mean.
@@ -471,7 +471,7 @@ def _bound(
         ):
             break
         event = Event(((y, np.inf),) if upper else ((-np.inf, y),))
-        found = about_event(predicted, draws, event)
+        found = event_sample(predicted, draws, event)
         if not found.reached:
             break
         sample = found

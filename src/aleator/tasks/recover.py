@@ -75,8 +75,8 @@ def _identified(choices: Choices, runner: Runner, data: Observations, seed: int)
     inference = answer.inference
     errors = np.stack([inference.standard_error, inference.sandwich_error], axis=1)
     return Recovered(
-        answer.maximum.alpha, answer.profile.intervals, errors, answer.found.log_likelihood,
-        answer.found.converged,
+        answer.maximum.alpha, answer.profile.intervals, errors, answer.search_result.log_likelihood,
+        answer.search_result.converged,
     )  # fmt: skip
 
 

@@ -35,8 +35,8 @@ from aleator.surrogates import ResponseSurface
 from aleator.tasks.new_experiments import (
     MeasuredExperiments,
     PredictionContext,
+    local_surfaces,
     simulator_itself,
-    surfaces_about,
 )
 from aleator.tasks.prediction import Draws, tabled, tails
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 DIRECT = "direct"
 """How an answer calls its propagation where the simulator itself was integrated over."""
 
-OWN = "id"
+SAME = "id"
 """`of` the ids of the new rows themselves."""
 
 Runners = Callable[[Experiments | Conditions], Runner]
@@ -273,7 +273,7 @@ class Session:
         assert self.inputs is not None
         box = self.inputs.box
         if not self.on_simulator:
-            return surfaces_about(runner, box, x, self.surfaces)
+            return local_surfaces(runner, box, x, self.surfaces)
         return simulator_itself(runner, box, np.stack([x.min(axis=0), x.max(axis=0)], axis=1))
 
     def _measured(self, conditions: Conditions, alpha: Array, of: str) -> MeasuredExperiments:
@@ -324,7 +324,7 @@ def _by_density(
 
 def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
     """The names of the measured experiments that the new ones are."""
-    if of == OWN:
+    if of == SAME:
         ids = [*conditions.ids]
     elif of in conditions.table.columns:
         ids = [_text(cell) for cell in covariates(conditions, [of])[of]]

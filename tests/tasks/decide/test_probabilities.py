@@ -19,7 +19,7 @@ from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.event_points import corrected, of_law, unseen_by
 from aleator.tasks.new_experiments import Kriged, PredictedValue, PredictionContext
-from aleator.tasks.probability import interval_about, probability, requested_events
+from aleator.tasks.probability import delta_interval, probability, requested_events
 
 ONE = pd.DataFrame({"load": [1.0]})
 
@@ -103,7 +103,7 @@ def test_the_probability_lies_in_its_interval() -> None:
         values = 1e-9 * np.exp(spread * rng.normal(size=256))
         weights = rng.dirichlet(np.ones(256))
         mean = float(weights @ values)
-        low, high = interval_about(mean, values, weights)
+        low, high = delta_interval(mean, values, weights)
         assert low <= mean <= high
         inside = np.sum(weights, where=(values >= low) & (values <= high))
         assert 0.92 < inside < 0.98

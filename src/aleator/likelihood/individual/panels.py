@@ -77,7 +77,7 @@ class Panels(DenseRule):
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
         """Nodes xi (B, C J, 1), where the panels of each class are fine enough."""
-        rows, own = _Rows.of(laws), self.settings
+        rows, own = _ClassRows.of(laws), self.settings
 
         def log_density(row: Indices, at: Array) -> Array:
             owner = np.repeat(row, at.shape[1])
@@ -175,7 +175,7 @@ class PlanePanels(DenseRule):
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
         """Nodes xi (B, C J, 2) on lines of each class."""
-        own, rows = self.settings, _Rows.of(laws)
+        own, rows = self.settings, _ClassRows.of(laws)
         information = laws.modes.information[:, :, 0]
         plane = _Plane(rows, _turned(laws.curved, information, own), self)
         every = np.arange(rows.count)
@@ -193,7 +193,7 @@ class PlanePanels(DenseRule):
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _ClassRows:
     """The log-densities of experiments with classes, each class of each a row of its own."""
 
     valued: Valued
@@ -201,7 +201,7 @@ class _Rows:
     classes: int
 
     @classmethod
-    def of(cls, laws: IndividualLaws) -> _Rows:
+    def of(cls, laws: IndividualLaws) -> _ClassRows:
         return cls(laws.valued, *laws.modes.z.shape[:2])
 
     @property
@@ -248,7 +248,7 @@ class _Plane:
     `basis` (R, 2, 2): its first column is the direction of u, across the lines, its second of v.
     """
 
-    rows: _Rows
+    rows: _ClassRows
     basis: Array
     rule: PlanePanels
 

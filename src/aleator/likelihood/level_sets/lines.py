@@ -91,7 +91,7 @@ def traced(
     for rows in blocks(y.size, lines * (settings.steps + 1), settings.block):
         own, where = np.unique(condition[rows], return_inverse=True)
         eta = response.take(own).evaluate(x)[where]
-        block = _Block(inputs, alpha, response, condition[rows], y[rows], settings)
+        block = _LineBlock(inputs, alpha, response, condition[rows], y[rows], settings)
         some = block.crossed(block.laid(law, eta), lines)
         found.append((some[0] + rows.start, *some[1:]))
     owner, on, log_weight = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -99,7 +99,7 @@ def traced(
 
 
 @dataclass(frozen=True, eq=False)
-class _Block:
+class _LineBlock:
     """Some experiments, B of them, whose lines are looked at together."""
 
     inputs: Inputs
@@ -192,7 +192,7 @@ class _Block:
         x = self._x(xi)
         return owner, x, log_weight - scattered_density(self.inputs, self.alpha, x)
 
-    def _of(self, rows: Indices) -> _Block:
+    def _of(self, rows: Indices) -> _LineBlock:
         return replace(self, condition=self.condition[rows], y=self.y[rows])
 
     def _roots(self, basis: Array, u: Array) -> _Crossed:

@@ -99,7 +99,7 @@ class Program:
     @property
     def name(self) -> str:
         """The name in messages: "solver", or with its script "python3 model.py"."""
-        text = self.texts[0].fill(_Shown())
+        text = self.texts[0].fill(_Unfilled())
         own = Path(text.split()[0] if self.shell else text).name
         named = [] if self.shell else [path.name for path in self.files()[1:] if path.name != own]
         return " ".join([own, *named[:1]])
@@ -137,7 +137,7 @@ class Program:
         first = self.texts[0]
         if set(first.names) - {STUDY}:
             raise SimulatorError(
-                f"the program '{first.fill(_Shown())}' changes from run to run",
+                f"the program '{first.fill(_Unfilled())}' changes from run to run",
                 "name one program, and give it the rest as arguments",
             )
         name = first.fill({STUDY: os.path.abspath(self.base)})
@@ -155,7 +155,7 @@ class Program:
         return Path(os.path.abspath(found))
 
 
-class _Shown(dict[str, str]):
+class _Unfilled(dict[str, str]):
     """Every placeholder as it is written."""
 
     def __missing__(self, name: str) -> str:

@@ -210,7 +210,7 @@ class FMUSession:
             setup["folder"],
             start_time=job["start_time"],
             stop_time=job["stop_time"],
-            output_interval=_Points(job) if len(job["points"]) else job["step"],
+            output_interval=_OutputTimes(job) if len(job["points"]) else job["step"],
             relative_tolerance=setup["tolerance"],
             start_values=job["values"],
             input=inputs,
@@ -263,7 +263,7 @@ class FMUSession:
             self._log.append(line)
 
 
-class _Points:
+class _OutputTimes:
     """Communication points at any times, in place of the distance between them that FMPy expects.
 
     FMPy computes the next point as `start + number * distance`, with numbers from 1.
