@@ -245,7 +245,7 @@ class Measured:
         x = mean + sd * rng.standard_normal(len(self.y))
         return replace(self, y=x + NOISE * rng.standard_normal(len(self.y)))
 
-    def given(self, x: np.ndarray) -> np.ndarray:
+    def log_density_at(self, x: np.ndarray) -> np.ndarray:
         away = (self.y[:, None] - x[:, 0]) / NOISE
         return -0.5 * (away**2 + np.log(2.0 * np.pi * NOISE**2))
 

@@ -55,12 +55,12 @@ EXACT_OUTCOMES = ExactOutcomeSettings()
 class Check:
     """The check of an answer that rests on surfaces: `samples` runs of each unit (0: no check).
 
-    A unit is what one run serves: a row, or an experiment with a series. None is `most` runs, or
-    `fewest` where surfaces expect hardly an error: less than `exact` of the noise, or of the
-    scatter without noise. `nodes` is how many points an experiment has for them to be chosen from, of
-    more than two parameters, and an exact outcome has an error of `smooth` times its scatter. Measured
-    by `pytest tests/inference/test_check.py tests/tasks/test_folds.py`. Raises InputsError
-    for a negative number, and for a single run.
+    A unit is what one run serves: a row, or an experiment with a series. None is `most` runs,
+    or `fewest` where surfaces expect hardly an error: less than `exact` of the noise, or of the
+    scatter without noise. `nodes` is how many points an experiment has for them to be chosen
+    from, of more than two parameters, and an exact outcome has an error of `smooth` times its
+    scatter. Measured by `pytest tests/inference/test_check.py tests/tasks/test_folds.py`.
+    Raises InputsError for a negative number, and for a single run.
 
     >>> Check().wanted, Check(samples=0).wanted
     (True, False)
