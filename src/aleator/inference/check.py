@@ -62,7 +62,7 @@ class Check:
     scatter. Measured by `pytest tests/inference/test_check.py tests/tasks/test_folds.py`.
     Raises InputsError for a negative number, and for a single run.
 
-    >>> Check().wanted, Check(samples=0).wanted
+    >>> Check().active, Check(samples=0).active
     (True, False)
     """
 
