@@ -16,6 +16,7 @@ from aleator.likelihood.individual import (
     PlanePanels,
     RidgePoints,
 )
+from aleator.likelihood.individual.lines import integrated
 from aleator.likelihood.individual.modes import highest, modes
 from aleator.likelihood.individual.predictors import Layout
 from aleator.likelihood.individual.rules import proposed
@@ -404,3 +405,14 @@ def test_one_observation_of_three_parameters_has_a_smooth_likelihood(count: int)
     beside = WIDE * (1.0 + 1e-7 * np.arange(5)[:, None])
     values = [adapted.adapted(alpha).evaluate(alpha).each for alpha in beside]
     np.testing.assert_allclose(values, values[:1] * np.ones((5, 1)), atol=1e-4)
+
+
+def test_lines_without_any_density_have_the_integral_zero_and_are_not_halved() -> None:
+    """Outcomes that a law cannot give: the first panels are enough for them, beside others."""
+
+    def log_density(line: np.ndarray, at: np.ndarray) -> np.ndarray:
+        return np.where((line == 1)[:, None], -0.5 * at**2, -np.inf)
+
+    pieces, totals = integrated(log_density, np.arange(2), points=8, enough=1e-6)
+    np.testing.assert_allclose(totals, [-np.inf, 0.5 * np.log(2.0 * np.pi)], atol=1e-9)
+    assert np.bincount(pieces.line).max() < 50

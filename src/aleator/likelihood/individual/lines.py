@@ -316,4 +316,5 @@ def log_sum(log_f: Array, weights: Array, width: Array) -> Array:
 
 
 def _evaluated(log_density: LogDensity, line: Indices, at: Array) -> Array:
-    return np.asarray(np.nan_to_num(log_density(line, at), nan=-np.inf))
+    value = log_density(line, at)
+    return np.asarray(np.where(np.isnan(value), -np.inf, value))
