@@ -27,7 +27,7 @@ class Silent:
     """
 
     def stage(self, name: str) -> None:
-        """Say nothing."""
+        """Ignore the beginning of a stage."""
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
-        """Say nothing."""
+        """Ignore a report of progress."""
