@@ -27,8 +27,7 @@ class TextSettings:
     """Settings of how numbers and tables are written. The values are chosen by judgement."""
 
     whole: float = 1e7
-    """Numbers below this are written with all digits before the point, even if fewer are asked for.
-    """
+    """A number below this keeps all digits before the point, even if fewer are asked for."""
     least: float = 1e-4
     """A value below this is written with an exponent, not rounded to the digits of its error."""
     largest: float = 1e6
@@ -217,15 +216,13 @@ class Thresholds:
     """Thresholds beyond which a report mentions a fact. Those without a source are by judgement."""
 
     sandwich: tuple[float, float] = (0.7, 1.4)
-    """The sandwich error is mentioned if its ratio to the standard error is outside these limits.
-    """
+    """A ratio of the sandwich error to the standard error outside these limits is mentioned."""
     strong: float = 0.9
     """A correlation of two estimates is mentioned from this absolute value on."""
     chance: float = 3.0
-    """Standard errors that a difference by chance hardly ever exceeds: 0.3 % of normal values do.
-    """
+    """Standard errors that chance hardly ever exceeds: 0.3 % of normal values are larger."""
     large: float = 0.25
-    """A bias over its standard error beyond which 95 % intervals cover the truth too rarely (94 %).
+    """Bias over the standard error of an estimate beyond which 95 % intervals cover 94 % or less.
     """
     piled: float = 0.01
     """The share of replicates with their estimate on a limit from which on it is mentioned."""

@@ -149,7 +149,7 @@ class Quadrature(DocumentEntry):
 
 
 class BestPossible(DocumentEntry):
-    """The log-likelihood of the best possible law of any family, and how far it is above ours."""
+    """The log-likelihood of the best law of any family, and its gap to the identified law."""
 
     log_likelihood: Number
     gap: Number

@@ -217,12 +217,12 @@ class ObservationReport(Plain):
     Values are on the scale of the likelihood (after a transform). `lower` and `upper` are equal for
     an exact measurement; otherwise the value is censored, and they are its known bounds. `row`
     counts the rows of the table from 1. `conditions` are those that vary within experiments.
-    `scale` is the standard deviation of the measurement error. `residual` is measured minus
-    predicted value, divided by `scale`; for a censored value it is the distance to the nearer
-    bound, zero between the bounds. `pit` is the predicted probability of a smaller value, given the
-    earlier observations of the same experiment. If the model is right these are independent and
-    uniform on [0, 1]. For a censored value `pit` is drawn at random between the probabilities of
-    its bounds.
+    `scale` is the scale of the measurement error: its standard deviation, where the error is
+    normal. `residual` is the measured minus the predicted value, divided by `scale`; for a censored
+    value it is the distance to the nearer bound, zero between the bounds. `pit` is the predicted
+    probability of a smaller value, given the earlier observations of the same experiment. If the
+    model is right these probabilities are independent and uniform on [0, 1]. For a censored value
+    `pit` is drawn at random between the probabilities of its bounds.
     """
 
     id: str
