@@ -222,8 +222,7 @@ class Thresholds:
     chance: float = 3.0
     """Standard errors that chance hardly ever exceeds: 0.3 % of normal values are larger."""
     large: float = 0.25
-    """Bias over the standard error of an estimate beyond which 95 % intervals cover 94 % or less.
-    """
+    """Bias in standard errors of an estimate beyond which 95 % intervals cover 94 % or less."""
     piled: float = 0.01
     """The share of replicates with their estimate on a limit from which on it is mentioned."""
     small: float = 4.0

@@ -45,8 +45,7 @@ class ClusterSettings:
     look: float = 0.5
     """Seconds between two queries of which workers exist."""
     introduction: float = 10.0
-    """Seconds to wait at the start for the versions of the first workers; slower ones are used
-    later."""
+    """Seconds to wait at first for the versions of workers; slower ones are used later."""
     connect: float = 10.0
     """Seconds within which a scheduler must answer the first time."""
     answer: float = 60.0
@@ -146,8 +145,8 @@ class DaskExecutor(Executor):
         self._cluster.close()
 
     def _meet(self) -> None:
-        """Wait until the first workers have reported their versions, but at most `introduction`
-        seconds."""
+        """Wait until the first workers have told their versions, for `introduction` seconds at
+        most."""
         end = time.monotonic() + self._settings.introduction
         self._look()
         while self._silent and time.monotonic() < end:
@@ -423,8 +422,7 @@ def _knock(address: str, settings: ClusterSettings) -> None:
 
 
 def _fault(packages: Mapping[str, Any]) -> str:
-    """Why a worker with these package versions is unusable, as the end of a sentence; "" if usable.
-    """
+    """Why a worker with these package versions is unusable, as the end of a sentence; else ""."""
     here = {"python": sys.version.split()[0], "aleator": version("aleator")}
     python = str(packages["python"]).split(".")
     if python[:2] != here["python"].split(".")[:2]:

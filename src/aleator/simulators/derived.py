@@ -172,8 +172,7 @@ class Derivation:
 
     @classmethod
     def of(cls, texts: Mapping[str, str], variables: Sequence[str]) -> Derivation:
-        """Parse the texts by parameter name; each may use the `variables` and the parameters before
-        it.
+        """Parse the texts by parameter name, each of the `variables` and the parameters before it.
 
         Raises SimulatorError for an unknown variable, and for a name that is used already.
         """
@@ -198,8 +197,7 @@ class Derivation:
         return frozenset(name for _, expression in self.expressions for name in expression.names)
 
     def made(self, inputs: Mapping[str, Any]) -> dict[str, Any]:
-        """The computed parameters by name, from arrays (R,) for R runs or from the values of one
-        run.
+        """The computed parameters by name, from arrays (R,) or from the values of one run.
 
         Raises SimulatorError for a condition that is a text, and for one that varies within an
         experiment if the simulator makes a single row in a run.

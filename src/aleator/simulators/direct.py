@@ -1,5 +1,4 @@
-"""Runs that are cheaper to make than to store: made in this process, many by one call with arrays.
-"""
+"""Runs that are cheaper to make than to store: made in this process, many of them by one call."""
 
 from __future__ import annotations
 
@@ -62,8 +61,7 @@ class ArrayCalls:
         self._each = most if np.all(self._rows == most) else 0
 
     def __call__(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of R runs: `case` (R,) gives the conditions of each, `x` (R, n) the
-        parameters.
+        """Values (R, W) of runs with conditions `case` (R,) and parameters `x` (R, n).
 
         Raises whatever the function raises, and TypeError if the function returns neither an array
         with a value for each row nor a number. Cost: some 15 ns a value, and the function itself.
@@ -86,8 +84,7 @@ class ArrayCalls:
         return values
 
     def _parts(self, rows: Indices, x: Array) -> list[Array]:
-        """The function's value for each response at x (n, rows): an array (rows,), or one number.
-        """
+        """The function's value for each response at x (n, rows): an array (rows,) or one number."""
         columns = {name: column[rows] for name, column in self._columns.items()}
         simulator: Any = self._bound.simulator
         with np.errstate(all="ignore"):
@@ -130,8 +127,7 @@ def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings 
 
 
 def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
-    """A column with an entry for each case, changed into one with an entry for each row of all
-    cases."""
+    """A column (C,) of cases, expanded to an entry for each row of all cases."""
     if column.dtype == object and len(column) and isinstance(column[0], np.ndarray):
         return np.concatenate([*column])
     return np.repeat(column, rows)
@@ -148,8 +144,7 @@ Failures = Mapping[int, Failure]
 
 
 class DirectRuns:
-    """Makes runs that are not remembered: `count` is their number, `lost` the number of failed
-    ones.
+    """Makes runs that are not remembered: `count` counts them, `lost` counts the failed ones.
 
     A run has failed if it lacks a measured value; `failures` has the first failed runs. After a
     call of `find_arrays`, a function of single numbers is called with arrays, if its values are the

@@ -34,8 +34,7 @@ from aleator.simulators.units import Bound, Form, is_named
 
 @dataclass(frozen=True)
 class Batching:
-    """Settings of how runs are divided into batches, and of how many batches are submitted at once.
-    """
+    """Settings of how runs are divided into batches, and of how many batches are submitted."""
 
     here: float = 0.02
     """Seconds of work in this process after which completed runs are stored; an interruption loses
@@ -197,8 +196,7 @@ def _unpacked(parcel: bytes) -> Simulator:
 
 
 def _attempted(simulator: Simulator, batch: Batch) -> Runs:
-    """The runs of one call of the simulator; if it raised, those completed before and the failed
-    run."""
+    """The runs of one call; if it raised, the runs completed before it and the failed one."""
     began = time.perf_counter()
     columns = batch.runs.x.T.copy()
     try:
@@ -309,7 +307,7 @@ class Dispatcher:
         return os.cpu_count() or 1
 
     def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
-        """Yield runs as they are made; after Ctrl-C `stopping` gets the number of running batches.
+        """Yield runs as they are made; after Ctrl-C, `stopping` gets the number of batches at work.
         """
         self._waiting = deque([runs] if len(runs) else [])
         with interruptions_noted() as interrupted:
@@ -342,7 +340,7 @@ class Dispatcher:
         return len(self._running) < self._batching.waiting * self.slots
 
     def _next(self) -> Runs:
-        """The next batch: half a second of work, or less near the end so that all workers end
+        """The next batch: half a second of work, or less near the end, so that all workers end
         together.
 
         A simulator that takes arrays gets whole blocks. The last digits of its outcomes may depend
