@@ -145,8 +145,7 @@ class DaskExecutor(Executor):
         self._cluster.close()
 
     def _meet(self) -> None:
-        """Wait until the first workers have told their versions, for `introduction` seconds at
-        most."""
+        """Wait for the versions of the first workers, for `introduction` seconds at most."""
         end = time.monotonic() + self._settings.introduction
         self._look()
         while self._silent and time.monotonic() < end:

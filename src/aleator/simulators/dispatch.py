@@ -307,7 +307,7 @@ class Dispatcher:
         return os.cpu_count() or 1
 
     def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
-        """Yield runs as they are made; after Ctrl-C, `stopping` gets the number of batches at work.
+        """Yield runs as they are made; after Ctrl-C `stopping` gets the number of batches at work.
         """
         self._waiting = deque([runs] if len(runs) else [])
         with interruptions_noted() as interrupted:
@@ -340,11 +340,11 @@ class Dispatcher:
         return len(self._running) < self._batching.waiting * self.slots
 
     def _next(self) -> Runs:
-        """The next batch: half a second of work, or less near the end, so that all workers end
-        together.
+        """The next batch: half a second of work, or less near the end.
 
-        A simulator that takes arrays gets whole blocks. The last digits of its outcomes may depend
-        on the length of the arrays, and must not depend on how long runs take.
+        Smaller batches let all workers end together. A simulator that takes arrays gets whole
+        blocks: the last digits of its outcomes may depend on the length of the arrays, and must not
+        depend on how long runs take.
         """
         runs, block = self._waiting.popleft(), self._simulator.block
         left = len(runs) + sum(map(len, self._waiting))

@@ -28,8 +28,7 @@ from aleator.simulators.units import Bound, Units
 
 
 class RunProgress:
-    """Reports to `progress` how many of `total` new runs are done, after the first `patience`
-    seconds.
+    """Reports to `progress` how many of `total` new runs are done, after some `patience` seconds.
 
     `reused` is the number of runs that were known before.
 
@@ -127,8 +126,7 @@ class RunCache:
         return replace(runs, outcome=outcome, failures=worked)
 
     def _read(self, value: float | bytes | None, width: int) -> Array:
-        """The stored values of a run, padded with NaN to `width`; raises StoreError if they are
-        damaged."""
+        """The stored values of a run, padded with NaN; raises StoreError if they are damaged."""
         values = np.full(width, np.nan)
         try:
             found = np.frombuffer(value, "<f8") if isinstance(value, bytes) else np.array([value])
@@ -163,8 +161,7 @@ class RunCache:
             raise
 
     def _values(self, made: Runs) -> list[float | bytes]:
-        """The outcome of each run in the form of the store: a number, or the bytes of several
-        numbers."""
+        """The outcome of each run as it is stored: a number, or the bytes of several numbers."""
         sizes = self._sizes[made.case]
         if np.all(sizes == 1):
             return made.outcome[:, 0].tolist()  # type: ignore[no-any-return]
@@ -172,8 +169,8 @@ class RunCache:
         return [row[:size].tobytes() for row, size in zip(whole, sizes.tolist(), strict=True)]
 
     def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
-        """The distinct cases of some runs; and for each run the position of its case and its bytes
-        of x."""
+        """The distinct cases of some runs, and each run's position among them with its bytes of x.
+        """
         chosen, position = np.unique(runs.case, return_inverse=True)
         x = row_bytes(runs.x[:, self._order])
         cases = [self._case(named, k) for k in chosen.tolist()]
@@ -272,8 +269,8 @@ class Execution:
         return np.array([found.get(key, lost) for key in runs.keys()])  # noqa: SIM118  a method
 
     def _received(self, made: Runs) -> Runs:
-        """Store and remember new runs; a run with a value outside its transform's range has failed.
-        """
+        """Store and remember new runs; those with a value outside the transform's domain have
+        failed."""
         if self._cache is not None:
             self._cache.add(made)
         judged = self._judged(made)
@@ -284,8 +281,7 @@ class Execution:
         return judged
 
     def _judged(self, runs: Runs) -> Runs:
-        """The runs, where each run that lacks a measured value, or cannot be transformed, is a
-        failure.
+        """The runs, with a failure for each that lacks a measured value or cannot be transformed.
 
         A store may have such a run as a success, from a study that measures another response.
         """

@@ -1,5 +1,4 @@
-"""A Python function as a simulator: how it is found by name, called, and recognized by its source.
-"""
+"""A Python function as a simulator: found by its name, called, and recognized by its source."""
 
 from __future__ import annotations
 
@@ -360,8 +359,7 @@ def _arrived(expected: dict[str, str], origin: Any, *rest: Any) -> FunctionSimul
 
 
 def _answer(value: Any, part: Callable[[Any], Any]) -> Any:
-    """The checked return value: a number or an array, or a mapping of them for several responses.
-    """
+    """The checked return value: a number or an array, or a mapping of these by response."""
     if isinstance(value, Mapping):
         return {str(name): part(one) for name, one in value.items()}
     return part(value)

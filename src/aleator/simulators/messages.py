@@ -19,8 +19,7 @@ from aleator.simulators.units import Cases, Units
 
 @dataclass(frozen=True, eq=False)
 class Messages:
-    """Makes errors about runs that name experiments, conditions and parameters with their values.
-    """
+    """Makes errors about runs that name the experiments, conditions and parameters concerned."""
 
     simulator: Simulator
     ids: Sequence[str]

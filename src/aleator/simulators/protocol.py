@@ -32,8 +32,7 @@ BLOCKS = Blocks()
 
 Columns = Mapping[str, NDArray[Any]]
 Returned = NDArray[np.float64] | Mapping[str, NDArray[np.float64]] | list[Any]
-"""What a call returned: one array (R,), an array for each response, or a list with a value a run.
-"""
+"""What a call returned: an array (R,), an array for each response, or a list of R values."""
 
 
 class Simulator(Protocol):
@@ -71,8 +70,7 @@ class Simulator(Protocol):
         """
 
     def fingerprint(self) -> str:
-        """A text that changes when the simulator changes; stored runs are reused only under the
-        same text."""
+        """A text that changes when the simulator changes, so that old runs are not reused then."""
 
 
 class RunStopped(Exception):
@@ -216,8 +214,7 @@ def working_box(worked: Array, failed: Array, open_ended: Sequence[int]) -> Arra
 
 
 def said(error: BaseException) -> str:
-    """The text of an exception in characters that any file can hold; "" if its text raises an
-    error.
+    """The text of an exception in characters that any file can hold; "" if it has no text.
 
     >>> said(ValueError("a path with \\udcff in it"))
     'a path with \\\\udcff in it'
