@@ -307,8 +307,7 @@ class Dispatcher:
         return os.cpu_count() or 1
 
     def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
-        """Yield runs as they are made; after Ctrl-C `stopping` gets the number of batches at work.
-        """
+        """Yield runs as made; after Ctrl-C `stopping` gets the number of batches still running."""
         self._waiting = deque([runs] if len(runs) else [])
         with interruptions_noted() as interrupted:
             self._ending = interrupted

@@ -169,8 +169,7 @@ class RunCache:
         return [row[:size].tobytes() for row, size in zip(whole, sizes.tolist(), strict=True)]
 
     def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
-        """The distinct cases of some runs, and each run's position among them with its bytes of x.
-        """
+        """The distinct cases of some runs; each run's position among them and its bytes of x."""
         chosen, position = np.unique(runs.case, return_inverse=True)
         x = row_bytes(runs.x[:, self._order])
         cases = [self._case(named, k) for k in chosen.tolist()]
@@ -269,8 +268,7 @@ class Execution:
         return np.array([found.get(key, lost) for key in runs.keys()])  # noqa: SIM118  a method
 
     def _received(self, made: Runs) -> Runs:
-        """Store and remember new runs; those with a value outside the transform's domain have
-        failed."""
+        """Store and remember new runs; one with a value that its transform refuses has failed."""
         if self._cache is not None:
             self._cache.add(made)
         judged = self._judged(made)

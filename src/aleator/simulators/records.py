@@ -1,5 +1,4 @@
-"""The records of a store, run by run: listed, deleted, exported to a table, and imported from one.
-"""
+"""The records of a store, run by run: listed, deleted, exported to a table, and imported."""
 
 from __future__ import annotations
 
@@ -35,8 +34,8 @@ LAST_MOMENT = (datetime.max - timedelta(days=1)).replace(tzinfo=UTC).timestamp()
 
 
 def _as_number(value: object) -> object:
-    """A text in which underscores make a number invalid: Python reads 1_0 as a number, a table does
-    not."""
+    """A text that is invalid if it has underscores: Python reads 1_0 as a number, a table does not.
+    """
     return value.replace("_", "?") if isinstance(value, str) else value
 
 
@@ -215,8 +214,7 @@ def _stored_run(row: Sequence[Any]) -> StoredRun:
 
 
 def retry(store: Store, fingerprint: str | None = None) -> int:
-    """Delete the failed runs, of one simulator or of all, so that they run again; returns their
-    number."""
+    """Delete failed runs, of one simulator or of all, so that they run again; returns how many."""
     of_one = f' AND "case" IN ({_CASES_OF_ONE})'
     with sqlite_errors(store.path), transaction(store.connection):
         return store.connection.execute(
@@ -287,8 +285,7 @@ def _cells(run: StoredRun) -> dict[str, Any]:
 
 
 def as_cell(value: Any) -> Any:
-    """A condition as the cell of a table: a number, or a text that `from_cell` reads back as the
-    same.
+    """A condition as a cell of a table: a number, or a text that `from_cell` reads back exactly.
 
     >>> as_cell(2.0), as_cell("bench"), as_cell("007.0"), as_cell("7")
     (2.0, 'bench', '007.0', '"7"')

@@ -21,8 +21,7 @@ from aleator.errors import InputsError
 from aleator.simulators.runner import Runner
 
 Run = Callable[[Indices, Array], Array]
-"""A function that returns outcomes (R,) for experiments index (R,), each at its own point x (R, n).
-"""
+"""A function that returns outcomes (R,) of experiments index (R,), each at a point x (R, n)."""
 
 
 class ResponseFunction(Protocol):
@@ -73,8 +72,7 @@ class OutcomeDistribution(Protocol):
         """The `Status` code of the distribution of each experiment (N,)."""
 
     def cdf(self, y: Array) -> Array:
-        """The probability of an outcome below y, for y (N,) or (N, G); the result has the same
-        shape."""
+        """The probability of an outcome below y (N,) or (N, G), in the shape of y."""
 
     def quantile(self, p: ArrayLike) -> Array:
         """Quantiles (N, Q): outcomes that are not exceeded with probabilities p (Q,)."""
@@ -143,8 +141,7 @@ class DirectResponse:
 
 
 def moving_parameters(region: Array) -> Indices:
-    """The indices of parameters with a range of positive width in `region` (n, 2); others are
-    constant."""
+    """Indices of the parameters whose range in `region` (n, 2) has a width; others are constant."""
     return np.flatnonzero(region[:, 1] > region[:, 0])
 
 
@@ -205,8 +202,7 @@ class Confined:
 
 
 def by_calls(runner: Runner) -> Run:
-    """A `Run` that calls a runner, with an index of distinct conditions; a failed run raises an
-    error."""
+    """A `Run` that calls a runner for its distinct conditions; a failed run raises an error."""
     first = runner.cases.first
     return lambda index, x: runner(first[index], x)
 

@@ -72,8 +72,7 @@ class Account:
         self._began = time.monotonic()
 
     def granted(self, runs: int, reserve: int = 0) -> int:
-        """The number of runs that may be made, of those requested, so that `reserve` runs are left.
-        """
+        """How many of the requested `runs` may be made, so that `reserve` runs are left."""
         granted = int(max(0, min(runs, self._left() - reserve)))
         self.refused |= granted < runs
         return granted
@@ -200,8 +199,7 @@ class Runner:
         self.account = Account(Budget(), self._execution)
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state of the runner for another process: without store, workers, and progress
-        reports."""
+        """The runner for another process: without store, workers, and progress reports."""
         alone = Execution(self._bound, self._served, None, None, self.retries, self._batching)
         here = {"cache": None, "executor": None, "progress": Silent()}
         made = {"_execution": alone, "_memory": alone.memory, "account": Account(Budget(), alone)}
@@ -271,8 +269,7 @@ class Runner:
 
     @property
     def lost(self) -> tuple[int, Runs]:
-        """How many runs of `straight` had no outcome, and the first 1000 of them with their
-        reasons."""
+        """How many runs of `straight` had no outcome, and the first 1000 of these with reasons."""
         return self._direct.lost, self._direct.failures
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
@@ -421,8 +418,7 @@ class Runner:
         self._repeats.begin()
 
     def _repeat(self, keys: Sequence[bytes]) -> None:
-        """Make some of the runs with these keys again, which were just made, and compare the
-        outcomes."""
+        """Make some of these runs, which were just made, again, and compare the outcomes."""
         made = [key for key in keys if key in self._memory.places]
         first = self._memory.remembered([made[k] for k in self._repeats.chosen(len(made)).tolist()])
         if len(first):
@@ -458,15 +454,13 @@ class Runner:
         return failed > before and failed >= self.min_failed and failed > most * whole
 
     def _works_nowhere(self) -> bool:
-        """Whether runs failed under ten different conditions (or all of them), and none succeeded.
-        """
+        """Whether all runs failed so far, under ten different conditions or under all."""
         if self._memory.places or len(self._memory.failures) < self.min_failed:
             return False
         return bool(np.unique(self.failures.case).size >= min(self.min_failed, len(self.cases)))
 
     def _each_unit_first(self, keys: list[bytes]) -> list[bytes]:
-        """The same runs reordered: one under each condition first, to see early whether any
-        succeeds."""
+        """The same runs reordered: one under each condition first, to see early if any succeeds."""
         if not keys:
             return keys
         first = np.unique(self._memory.planned(keys).case, return_index=True)[1]

@@ -19,8 +19,7 @@ NOT_FINITE = "NotFinite"
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a run has no outcome: a message, the end of its output, the type of exception, attempts.
-    """
+    """Why a run has no outcome: message, end of its output, type of exception, attempts."""
 
     message: str
     log: str | None = None
@@ -93,8 +92,7 @@ class Runs:
         return cls.planned(rows[:, 0].astype(np.intp), rows[:, 1:], width)
 
     def keys(self) -> list[bytes]:
-        """R byte strings that identify the runs: each has the case and every bit of the parameters.
-        """
+        """R byte strings that identify the runs: the case and every bit of the parameters."""
         return row_bytes(np.column_stack([self.case, self.x]))
 
     def some(self, rows: slice | Indices | Flags) -> Self:
@@ -227,8 +225,7 @@ class Repeats:
         self._begun = True
 
     def chosen(self, new: int) -> Indices:
-        """Positions of chosen runs among `new` runs that were just made; far apart, to vary the
-        conditions."""
+        """Positions among `new` runs that were just made; far apart, to vary the conditions."""
         if not self._begun:
             return np.empty(0, np.intp)
         self._made += new
