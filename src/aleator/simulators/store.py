@@ -444,11 +444,11 @@ class Store:
     def find(
         self, fingerprint: str, cases: Sequence[Case], keys: Iterable[tuple[int, bytes]]
     ) -> list[tuple[int, float | bytes | None, str | None, int]]:
-        """The stored runs of these keys: position in `keys`, outcome (see `add`), failure,
-        attempts.
+        """The stored runs of these keys: position in `keys`, outcome, failure, attempts.
 
-        A key is the position of the run's case in `cases`, and the bytes of its x. Cost: some 3
-        microseconds a stored run, almost none for a case that is not stored.
+        A key is the position of the run's case in `cases`, and the bytes of its x. An outcome has
+        the form that `add` describes. Cost: some 3 microseconds a stored run, almost none for a
+        case that is not stored.
         """
         run = self.connection.execute
         with sqlite_errors(self.path), transaction(self.connection, writing=False):

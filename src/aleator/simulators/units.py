@@ -234,8 +234,7 @@ class Form:
         return f"it returned {value:g}{named}{placed}"
 
     def shaped(self, simulator: Simulator, returned: Any, count: int) -> Array:
-        """Values (count, W) of the first `count` runs from what they returned; NaN where a run has
-        fewer.
+        """Values (count, W) of the first `count` runs; NaN where a run returned fewer values.
 
         `returned` is an array (count,) of numbers, a mapping from responses to such arrays, or a
         list with the return value of each run. Raises SimulatorError for a wrong shape or type, a
