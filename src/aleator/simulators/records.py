@@ -34,8 +34,7 @@ LAST_MOMENT = (datetime.max - timedelta(days=1)).replace(tzinfo=UTC).timestamp()
 
 
 def _as_number(value: object) -> object:
-    """A text, made invalid if it has underscores: Python reads 1_0 as a number, a table does not.
-    """
+    """A text, invalid if it has underscores: Python reads 1_0 as a number, a table does not."""
     return value.replace("_", "?") if isinstance(value, str) else value
 
 

@@ -54,8 +54,8 @@ class Delimiters:
 
 @dataclass(frozen=True)
 class Placeholder:
-    """The name of a value, and its format in Python's notation; "" writes the number with all
-    digits."""
+    """The name of a value, and its format in Python's notation; "" writes a number with all digits.
+    """
 
     name: str
     spec: str = ""
@@ -98,8 +98,7 @@ class Text:
         where: str = "the text",
         escapes: bool = False,
     ) -> Text:
-        """Find the placeholders in a text; with `escapes` a doubled mark stands for the mark
-        itself.
+        """Find the placeholders in a text; with `escapes` a doubled mark stands for one mark.
 
         Raises SimulatorError for a format that suits no number.
         """
@@ -299,8 +298,9 @@ class JsonFeed:
 
 @dataclass(frozen=True)
 class CsvFeed:
-    """An input in CSV: a line of names and a line of values with all digits; for a series a line a
-    row.
+    """An input in CSV: a line of names and a line of values, or for a series a line for each row.
+
+    All digits of the values are written.
 
     >>> CsvFeed().write({"load": 0.1, "bench": "A, left"})
     'load,bench\\n0.1,"A, left"\\n'

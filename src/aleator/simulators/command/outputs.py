@@ -70,8 +70,8 @@ class Output(Protocol):
 
 @dataclass(frozen=True)
 class OutputFile:
-    """An outcome that is a file in the folder of a run, or the text printed to "stdout" or
-    "stderr".
+    """An outcome that is all of a file in the folder of a run; "stdout" and "stderr" are what it
+    printed.
 
     The file contains only the number, or for a series numbers between white space. Raises
     SimulatorError for a name that leads out of the folder.

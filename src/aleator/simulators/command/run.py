@@ -161,8 +161,7 @@ STDIN, STDOUT, STDERR = "aleator.stdin", "aleator.stdout", "aleator.stderr"
 
 @dataclass(frozen=True)
 class Limits:
-    """When a run counts as successful: it ended with one of these exit codes within `timeout`
-    seconds.
+    """When a run is successful: it ends with one of these exit codes within `timeout` seconds.
 
     A failed run that printed `stop_on`, or left a full disk, does not count as made: the machine is
     at fault. After the time limit a program has `grace` seconds to end properly (by judgement).
@@ -182,7 +181,7 @@ class Limits:
         require_pattern(self.stop_on)
 
     def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
-        """The failure of a run in `folder` with its log, or the error if the machine is at fault.
+        """The failure of a run in `folder` with its log, or the error for a fault of the machine.
         """
         said = failure.log or log(folder)
         fault = printed(said, self.stop_on) or full_disk(folder)

@@ -126,8 +126,7 @@ class Program:
         }
 
     def files(self) -> list[Path]:
-        """The program itself, and every argument that is the path of a file, for example a script.
-        """
+        """The program itself, and every argument that is the path of a file, such as a script."""
         known = {STUDY: os.path.abspath(self.base)}
         constant = [text.fill(known) for text in self.texts if set(text.names) <= set(known)]
         words = [word for text in constant for word in (text.split() if self.shell else [text])]
@@ -270,8 +269,7 @@ class CommandSimulator:
         return f"{command}: {', '.join(outputs)}"
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The conditions that have a placeholder; all of them with JSON or CSV inputs and for
-        series.
+        """The conditions that have a placeholder; all of them for JSON, CSV and series.
 
         Raises SimulatorError for a placeholder that is neither a condition nor a parameter, and for
         a parameter that no placeholder uses.
@@ -348,13 +346,12 @@ class CommandSimulator:
         return found
 
     def __call__(self, conditions: protocol.Columns, parameters: protocol.Columns) -> Returned:
-        """Run R times, one after the other. Raises RunStopped with the outcomes completed before.
-        """
+        """Run R times, one after the other. Raises RunStopped, with the outcomes before, on a
+        failure."""
         return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
 
     def fingerprint(self) -> str:
-        """A hash of the command, its inputs and outputs, and the contents of every file that they
-        name.
+        """A hash of the command, its inputs and outputs, and every file that they name.
 
         These files are the program itself, arguments that are paths of files, templates and
         `files`. Libraries and files that the program opens by itself are not noticed: change

@@ -82,8 +82,8 @@ class Description:
     internal_step: float | None = None
 
     def variable(self, name: str, what: str) -> Variable:
-        """The variable of this name. Raises SimulatorError, with the nearest name, if there is
-        none."""
+        """The variable of this name. Raises SimulatorError if there is none, with the nearest name.
+        """
         if name in self.variables:
             return self.variables[name]
         raise SimulatorError(
@@ -283,8 +283,8 @@ class Binding:
         return asked
 
     def values(self, cells: Mapping[str, Any]) -> dict[str, Value]:
-        """Start values by variable, from the conditions and parameters of one run. Raises
-        RunFailed."""
+        """Start values by variable, for the conditions and parameters of a run. Raises RunFailed.
+        """
         return {
             self.names.get(name, name): start_value(self.variable(name), cell, f"{name} = {cell!r}")
             for name, cell in cells.items()

@@ -30,8 +30,7 @@ class Reduction(Protocol):
         """The variables that must be recorded. Raises SimulatorError if one cannot be."""
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The outcome of a trajectory, which has "time" and the variables, (T,) each. Raises
-        RunFailed."""
+        """The outcome of a trajectory: "time" and the variables, (T,) each. Raises RunFailed."""
 
     def fingerprint(self) -> str:
         """A text that changes when the reduction changes."""
@@ -43,8 +42,7 @@ class _OfSignal:
     signal: str
 
     def needs(self, fmu: Description) -> tuple[str, ...]:
-        """The variables in the expression. Raises SimulatorError for one that is no number over
-        time."""
+        """The variables in the expression. Raises SimulatorError unless all are numbers."""
         names = _expression(self.signal, fmu).names
         for name in names:
             if not fmu.variable(name, "the outcome").recordable:

@@ -39,8 +39,7 @@ _DERIVATIVES = _CALLED_BACK[-2:]
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """Settings of when a run is complete and when it is given up; all but `close` are by judgement.
-    """
+    """Settings of when a run is complete and when it is given up; by judgement, except `close`."""
 
     logged: int = 50
     """The number of log messages of the FMU that are kept: the last ones."""
@@ -233,7 +232,7 @@ class FMUSession:
         return trajectory
 
     def _inputs(self, values: Values) -> NDArray[Any] | None:
-        """The input signals, with a constant column for every other input: FMPy needs all or none.
+        """The input signals, with a constant column for each other input: FMPy needs all or none.
         """
         signals = self.setup["signals"]
         if signals is None:

@@ -98,8 +98,7 @@ class Course:
 
 @dataclass(frozen=True)
 class ResolvedSettings:
-    """A course with all defaults filled in; only the tolerance of a co-simulation may still be
-    None.
+    """A course with all defaults; only the tolerance of a co-simulation may still be None.
 
     A time that is a text is the name of a condition. A condition that is the stop time may have
     several values in a run; outcomes are then taken at each of them. Without a step, each run has
@@ -299,8 +298,7 @@ class Signal:
 
 
 def read_signal(reference: str, folder: Path, variable: str) -> Signal:
-    """The signal in a CSV file: "file.csv:column", or "file.csv" for the column named as the
-    variable.
+    """The signal in a CSV file: "file.csv:column", or "file.csv" for the variable's own column.
 
     The file needs a column `time`. Raises SimulatorError for a file that is not such a table.
     """

@@ -204,10 +204,9 @@ class FMUSimulator:
         return self._engine.notes
 
     def bindings(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """Lines of text on how the FMU is run, which variables are set and recorded, and what is
-        unused.
+        """Lines of text on how the FMU is run, and on its variables that are set or recorded.
 
-        Raises SimulatorError as `asks` does.
+        One more line names conditions that are not used. Raises SimulatorError as `asks` does.
         """
         asked = self.asks(conditions, parameters)
         kind = "co-simulation" if self.course.kind == "co_simulation" else "model exchange"
