@@ -37,7 +37,7 @@ class ExperimentsError(AleatorError):
 
 
 class SimulatorError(AleatorError):
-    """The simulator cannot be imported, raised, or returned something that is not an outcome."""
+    """The simulator cannot be used, raised an exception, or returned no valid outcome."""
 
 
 class SurroundingsError(AleatorError):
@@ -53,7 +53,7 @@ class ClusterError(AleatorError):
 
 
 class InputsError(AleatorError):
-    """A law, a hyperparameter, a bound or a box is inadmissible."""
+    """A law, a hyperparameter, or the range of a value is inadmissible."""
 
 
 def installing(extra: str) -> str:

@@ -39,7 +39,7 @@ _PAIRS = ("min", "max")
 
 @dataclass(frozen=True)
 class Bounds:
-    """How large a formula may be; the limit was chosen with `python -m hardening formulas`."""
+    """The largest size of a formula. The limit was chosen with `python -m hardening formulas`."""
 
     depth: int = 250
     """The largest number of nested operations. In a sum of many terms each addition is nested in
@@ -80,7 +80,7 @@ def tree(text: str, bounds: Bounds = Bounds()) -> ast.expr:
         found = ast.parse(text, mode="eval").body
     except (RecursionError, MemoryError):
         raise too_deep from None
-    except (SyntaxError, ValueError):  # ValueError: a zero byte
+    except (SyntaxError, ValueError):  # ValueError means that the text has a zero byte
         raise NoArithmeticError("is no arithmetic") from None
     level: list[ast.AST] = [found]
     for _ in range(bounds.depth):
@@ -131,7 +131,7 @@ def number(node: ast.Constant) -> np.float64:
 
 
 def function(node: ast.Call) -> Callable[..., Any]:
-    """The NumPy function that a call in a formula stands for."""
+    """The NumPy function that a function call in a formula stands for."""
     return FUNCTIONS[node.func.id]  # type: ignore[attr-defined]
 
 

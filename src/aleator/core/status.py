@@ -24,7 +24,7 @@ class Status(enum.IntEnum):
 
     @property
     def explanation(self) -> str:
-        """One sentence: what happened, and what to do about it."""
+        """One sentence for the user: what happened, and what to do about it."""
         return _EXPLANATIONS[self]
 
 

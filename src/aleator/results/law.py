@@ -47,7 +47,7 @@ class Marginal:
         return found.reshape(at.shape)[()]
 
     def cdf(self, x: ArrayLike) -> Any:
-        """The probability that the parameter is at most x, for each x."""
+        """The cumulative probability at each x: that the parameter is at most x."""
         at = np.asarray(x, dtype=np.float64)
         if not self.family.scatters:
             return np.where(at >= self.values[0], 1.0, 0.0)[()]
@@ -55,7 +55,8 @@ class Marginal:
         return found.reshape(at.shape)[()]
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """The value that the parameter exceeds with probability 1 - p, for each `probability` p."""
+        """The quantile for each probability: the value that the parameter does not exceed with it.
+        """
         at = np.asarray(probability, dtype=np.float64)
         return self.family.quantile(self.values, at.ravel()).reshape(at.shape)[()]
 
@@ -117,7 +118,7 @@ class JointLaw:
         return found.reshape(shape)[()]
 
     def _correlated_cdf(self, points: Array, far: float = 40.0) -> Array:
-        """The joint cdf of the correlated parameters; scores beyond `far` are cut to it."""
+        """The joint cdf of the correlated parameters; normal scores are limited to +-`far`."""
         tied = list(self.inputs.correlated)
         marginals = [*self.marginals.values()]
         scores = [marginals[i].family.normal_score(marginals[i].values, points[:, i]) for i in tied]

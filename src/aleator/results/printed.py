@@ -144,7 +144,7 @@ def outside(probabilities: Sequence[float], share: float = 0.05) -> str:
 
 Side = Literal["left", "right", "fold"]
 Column = tuple[str, Side]
-"""The head of a column and the side of its cells; the last column may wrap ("fold") at words."""
+"""The head of a column and the alignment of its cells; the last column may be wrapped ("fold")."""
 
 
 def heads(*names: str) -> list[Column]:
@@ -169,43 +169,43 @@ class Amounts:
     """The most entries that tables and charts show. The values are chosen by judgement."""
 
     notebook: int = 20
-    """Rows of a table in a notebook."""
+    """The most rows of a table in a notebook."""
     worst: int = 3
-    """Experiments, or observations, that are named as the most improbable."""
+    """The most experiments, or observations, that are named as the most improbable ones."""
     experiments: int = 1000
-    """Rows of the table of experiments on a page; of more, the most improbable are shown."""
+    """The most rows of the table of experiments on a page: those of the most improbable ones."""
     conditions: int = 8
-    """Conditions in the table of experiments on a page."""
+    """The most columns of conditions in the table of experiments on a page."""
     failed: int = 20
-    """Experiments with failed runs that are named."""
+    """The most experiments with failed runs that are named."""
     gaining: int = 5
-    """Experiments that are named because the best possible law would fit them much better."""
+    """The most experiments that are named because the best possible law fits them much better."""
     pairs: int = 5
-    """Pairs of parameters in the report of a sensitivity analysis."""
+    """The most pairs of parameters in the report of a sensitivity analysis."""
     candidates: int = 10
-    """Candidates in the report on the next experiment."""
+    """The most candidates in the report on the next experiment."""
     chosen: int = 30
-    """Experiments of a recommended set in the report on the next experiment."""
+    """The most experiments of a recommended set in the report on the next experiment."""
     failure: int = 10_000
-    """Characters of the message or the log of a failed run."""
+    """The most characters of the message or the log of a failed run."""
     marks: int = 600
-    """Marks (points) in a chart."""
+    """The most marks (points) in a chart."""
     farthest: int = 150
-    """Marks of a chart that are kept because they are the outermost ones."""
+    """The most marks of a crowded chart that are kept because they are outermost."""
     hovered: int = 6
-    """Conditions in the tooltip of a mark in a chart."""
+    """The most conditions in the tooltip of a mark in a chart."""
     series: int = 200
-    """Experiments whose curves over time a page shows."""
+    """The most experiments whose curves over time a page shows."""
     observations: int = 20_000
-    """Observations in all curves of a page."""
+    """The most observations in all curves of a page together."""
     named: int = 12
-    """Experiments, points of a law or subplots that a table or a figure has room for."""
+    """The most experiments, points of a law or subplots that a table or a figure shows."""
     across: int = 4
-    """Subplots in a row of a figure."""
+    """The number of subplots in a row of a figure."""
     farthest_panels: int = 4
-    """Subplots that are kept because of their large residuals."""
+    """The most subplots that are kept because of their large residuals."""
     letters: int = 18
-    """Characters of an experiment's id above a subplot."""
+    """The most characters of an experiment's id above a subplot."""
 
 
 AMOUNTS = Amounts()
@@ -220,15 +220,15 @@ class Thresholds:
     strong: float = 0.9
     """A correlation of two estimates is mentioned from this absolute value on."""
     chance: float = 3.0
-    """Standard errors that chance hardly ever exceeds: 0.3 % of normal values are larger."""
+    """A difference beyond this many standard errors is hardly due to chance (0.3 % of cases)."""
     large: float = 0.25
-    """Bias in standard errors of an estimate beyond which 95 % intervals cover 94 % or less."""
+    """A bias of this many standard errors lowers the coverage of 95 % intervals to 94 %."""
     piled: float = 0.01
     """The share of replicates with their estimate on a limit from which on it is mentioned."""
     small: float = 4.0
-    """A difference of two models below this is small (Sivula, Magnusson, Vehtari 2020)."""
+    """A log-score difference of models below this is small (Sivula, Magnusson, Vehtari 2020)."""
     paired: float = 2.0
-    """A difference of two models within this many standard errors may be chance: 5 % exceed it."""
+    """A difference of two models within this many standard errors may be due to chance."""
     unlikely: float = 0.05
     """The family of the law is doubted if its p value is below this."""
     gain: float = 1.5
@@ -310,7 +310,7 @@ class Content:
 
     @classmethod
     def of(cls, title: str, lead: str, parts: Sequence[Part], verdict: str) -> Content:
-        """A report of one section and one verdict."""
+        """A report with one section and one verdict."""
         section = Chapter("all", title, parts)
         return cls(title, [Sentence(lead)], [section], (), [Sentence(verdict, "strong")])
 
@@ -367,7 +367,7 @@ def prose(words: str) -> str:
 
 
 def cells(table: TextTable) -> str:
-    """The head and the rows of a table as HTML, without empty columns.
+    """The head and the rows of a table as HTML; columns without any text are left out.
 
     >>> '<td class="n">2</td>' in cells(TextTable([("a", "left"), ("b", "right")], [["1", "2"]]))
     True

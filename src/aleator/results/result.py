@@ -31,7 +31,7 @@ from aleator.results.values import (
 )
 
 Entry = Mapping[str, Any]
-"""A JSON object of a document."""
+"""A JSON object in a document, as a mapping."""
 NOT_TESTED = Consistency.untested("it was not asked for")
 
 

@@ -307,7 +307,7 @@ class _AnswerDocument(DocumentEntry):
 
 
 def _disagreement(answer: Any) -> tuple[str, str] | None:
-    """The first key whose names or lengths contradict another key, and the problem; else None."""
+    """The first key that contradicts another key, with the problem; None if all agree."""
     pictures, seen = answer.pictures, answer.observations or ()
     for key, names in (
         ("correlation.names", answer.correlation.names),
@@ -349,7 +349,7 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
 
 
 class _CeilingDocument(DocumentEntry):
-    """The keys of ceiling.json that a report uses: the best possible law of any family."""
+    """The keys of ceiling.json that a report uses; the file has the best law of any family."""
 
     study: StudyEntry = StudyEntry()
     log_likelihood: dict[str, Number] = {}
@@ -372,8 +372,8 @@ def entry_of(
 ) -> type[DocumentEntry]:
     """The pydantic model of a data class; fields with a default may be missing in a document.
 
-    `own` gives type and default of keys that differ from the fields; None means that the document
-    has no such key.
+    `required` are fields that must not be missing. `own` gives the type and default of keys that
+    differ from the fields; None means that the document has no such key.
     """
     hints = hints_of(kind)
     known = {
@@ -481,7 +481,7 @@ def _read(path: Path, command: str) -> Document:
 
 
 def _whole(digits: str, most: int = 19) -> float:
-    """A whole number of a JSON file; infinity for one with very many digits."""
+    """A whole number from a JSON file; infinity for one of more than `most` digits."""
     return int(digits) if len(digits) <= most else math.inf
 
 

@@ -51,7 +51,7 @@ class Plain:
 
 @cache
 def plain_fields(kind: Any) -> Mapping[str, Any]:
-    """The fields of a data class with their types, except fields that are not compared by ==."""
+    """The fields of a data class with their types, except those that == does not compare."""
     known = hints_of(kind)
     return {f.name: known[f.name] for f in fields(kind) if f.compare}
 
@@ -251,9 +251,9 @@ class ObservationReport(Plain):
 
 @dataclass(frozen=True)
 class Diagnostic(Plain):
-    """A warning: its subject, a message, and a remedy.
+    """A warning about a result: its subject, a message, and a remedy.
 
-    `concerns` names the experiments, hyperparameters or parameters of the simulator concerned.
+    `concerns` names the experiments, hyperparameters or parameters that it is about.
     """
 
     about: str

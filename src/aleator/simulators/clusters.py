@@ -51,7 +51,7 @@ class ClusterSettings:
     answer: float = 60.0
     """Seconds within which a scheduler must answer later, when it may be busy."""
     leave: float = 2.0
-    """Seconds that closing the connection may take."""
+    """The longest time in s that closing the connection may take."""
     port: int = 8786
     """The port of a scheduler whose address has none: Dask's default."""
 
@@ -67,13 +67,13 @@ class _Call:
     begun: bool = False
 
     def begin(self) -> bool:
-        """Mark the call as begun unless it was cancelled; whether it may run."""
+        """Mark the call as begun unless it was cancelled; returns whether it begins."""
         self.begun = self.begun or self.future.set_running_or_notify_cancel()
         return self.begun
 
 
 class DaskExecutor(Executor):
-    """Executor on the workers of a Dask cluster, which may come and go; made by `dask_executor`.
+    """An executor on the workers of a Dask cluster, which may come and go; see `dask_executor`.
 
     Each worker process has one call at a time, so that a simulator runs in one thread only, and the
     call of a lost worker is known. That call goes to another worker before all waiting calls. If
@@ -176,7 +176,7 @@ class DaskExecutor(Executor):
         self._stopped = True
 
     def _give_up(self, error: Exception) -> None:
-        """Let all open calls raise this error."""
+        """End all open calls with this error."""
         with self._lock:
             self._end = self._end or error
             while not self._events.empty():
@@ -454,7 +454,7 @@ _START = "mpiexec -n N python -m mpi4py.futures -m aleator ... --mpi (or a scrip
 
 @contextmanager
 def mpi_executor() -> Iterator[Executor]:
-    """Executor on all processes of this MPI job except the first, which runs the study.
+    """An executor on all processes of this MPI job except the first, which runs the study.
 
     The job must be started by `mpiexec -n N python -m mpi4py.futures SCRIPT`. If one of its
     processes dies, MPI ends all of them; runs that are in a store are kept.

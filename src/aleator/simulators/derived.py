@@ -52,7 +52,7 @@ class Expression:
 
     def __call__(self, values: Mapping[str, NDArray[Any]]) -> Any:
         """The value of the expression for these values of its variables."""
-        with np.errstate(all="ignore"):  # an outcome that is not finite is a failed run
+        with np.errstate(all="ignore"):  # a run whose outcome is not finite counts as failed later
             return self._value(self._tree, values)
 
     def _value(self, node: ast.expr, values: Mapping[str, NDArray[Any]]) -> Any:
@@ -166,13 +166,13 @@ def derived(simulator: Simulator | Callable[..., Any], expressions: Mapping[str,
 
 @dataclass(frozen=True)
 class Derivation:
-    """Expressions in order, each with the name of the parameter that it computes."""
+    """Expressions in the order of their evaluation, each with the parameter that it computes."""
 
     expressions: tuple[tuple[str, Expression], ...]
 
     @classmethod
     def of(cls, texts: Mapping[str, str], variables: Sequence[str]) -> Derivation:
-        """Parse the texts by parameter name, each of the `variables` and the parameters before it.
+        """Parse the text for each parameter; it may use `variables` and parameters before it.
 
         Raises SimulatorError for an unknown variable, and for a name that is used already.
         """
@@ -242,7 +242,7 @@ class DerivedFunction(FunctionSimulator):
         self.description = inner.description
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the function in its own way, and the expressions."""
+        """Pickle the wrapped function and the expressions."""
         return DerivedFunction, (self.inner, self.expressions)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:

@@ -61,7 +61,7 @@ class ArrayCalls:
         self._each = most if np.all(self._rows == most) else 0
 
     def __call__(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of runs with conditions `case` (R,) and parameters `x` (R, n).
+        """Values (R, W) of runs under conditions number `case` (R,) with parameters `x` (R, n).
 
         Raises whatever the function raises, and TypeError if the function returns neither an array
         with a value for each row nor a number. Cost: some 15 ns a value, and the function itself.
@@ -101,9 +101,10 @@ class ArrayCalls:
 def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings = SETTINGS) -> bool:
     """Whether one call of a function with arrays gives the same values as a call for each run.
 
-    Up to `checked` of the runs with conditions `case` (R,) and parameters `x` (R, n) are compared;
-    they should differ in both. Differences up to `digits` units of the last place are tolerated. A
-    function that raises an exception in either way is not elementwise. Cost: checked + 1 calls.
+    Up to `checked` runs are compared, out of those under conditions number `case` (R,) with
+    parameters `x` (R, n); they should differ in both. Differences up to `digits` units of the last
+    place are tolerated. A function that raises an exception in either way is not elementwise. Cost:
+    checked + 1 calls.
 
     >>> from aleator.simulators.units import Cases
     >>> from aleator.simulators.function import FunctionSimulator
@@ -127,7 +128,7 @@ def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings 
 
 
 def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
-    """A column (C,) of cases, expanded to an entry for each row of all cases."""
+    """A column (C,) over distinct conditions, expanded to an entry for each row of their series."""
     if column.dtype == object and len(column) and isinstance(column[0], np.ndarray):
         return np.concatenate([*column])
     return np.repeat(column, rows)
@@ -167,7 +168,7 @@ class DirectRuns:
         self.failures = Runs.planned(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
 
     def __call__(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of runs with conditions `case` (R,) and parameters `x` (R, n), as returned.
+        """Values (R, W) of runs under conditions number `case` (R,) with parameters `x` (R, n).
 
         The values of a run that raises an exception are NaN; an infinite value is kept. Raises
         SimulatorError for a wrong shape or type, and SurroundingsError for a fault of the machine.
@@ -238,7 +239,7 @@ class DirectRuns:
             return self._carefully(case, x)
 
     def _carefully(self, case: Indices, x: Array) -> tuple[Array, Failures]:
-        """Values (R, W) where some run raises an exception; its values are NaN."""
+        """Values (R, W) of runs of which some raise an exception; the values of these are NaN."""
         runs = Runs.planned(case, x, self._form.width)
         made = make(self._simulator, Batch.of(self._unmeasured, runs), np.inf)
         if made.stopped:

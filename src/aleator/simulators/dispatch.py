@@ -53,7 +53,7 @@ class Batching:
 
 
 BATCHING = Batching()
-_INSTANT = float(np.finfo(np.float64).tiny)  # seconds, which keep a division by a time finite
+_INSTANT = float(np.finfo(np.float64).tiny)  # the least duration in s, to divide by
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Batch:
 
     @classmethod
     def of(cls, bound: Bound, runs: Runs) -> Batch:
-        """A batch of these runs of a simulator."""
+        """A batch of these runs, with the conditions of each run."""
         form = bound.form.some(runs.case)
         return cls(bound.cases.at(runs.case), bound.parameters, form, runs)
 
@@ -88,13 +88,14 @@ class Batch:
         return replace(self.runs.some(slice(0)), stopped=by)
 
     def failed(self, seconds: float, error: BaseException) -> Runs:
-        """The single run of this batch as a failed one; it raised an exception."""
+        """The only run of this batch, as a failed run that raised `error`."""
         return replace(self.runs, seconds=np.array([seconds]), failures={0: Failure.of(error)})
 
     def made(self, simulator: Simulator, returned: Any, seconds: float) -> Runs:
-        """The runs with what the simulator returned; a run without a measured value has failed.
+        """The runs with the values that the simulator returned.
 
-        Raises SimulatorError for a returned value of a wrong shape or type.
+        A run without a measured value has failed. Raises SimulatorError for a returned value of a
+        wrong shape or type.
         """
         values = self.form.shaped(simulator, returned, len(self))
         each = np.full(len(values), seconds / max(len(values), 1))
@@ -168,7 +169,7 @@ def make_packed(parcel: bytes, batch: Batch, budget: float) -> Runs:
 
 
 class _Uninterrupted:
-    """A simulator whose KeyboardInterrupt is replaced by RunFailed."""
+    """A simulator that raises RunFailed in place of KeyboardInterrupt."""
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
@@ -307,7 +308,8 @@ class Dispatcher:
         return os.cpu_count() or 1
 
     def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
-        """Yield runs as made; after Ctrl-C `stopping` gets the number of batches still running."""
+        """Yield runs as made; after Ctrl-C, `stopping` is called with the number of running
+        batches."""
         self._waiting = deque([runs] if len(runs) else [])
         with interruptions_noted() as interrupted:
             self._ending = interrupted
@@ -362,7 +364,7 @@ class Dispatcher:
 
     def _completed(self) -> Iterator[Runs]:
         ready, _ = wait(self._running, self._batching.listening, return_when=FIRST_COMPLETED)
-        # those with outcomes first: an executor that is lost must not take them along
+        # Batches with outcomes come first, so that the loss of an executor does not lose them.
         for future in sorted(ready, key=lambda future: future.exception() is not None):
             batch = self._running.pop(future)
             try:

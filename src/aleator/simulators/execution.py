@@ -169,14 +169,15 @@ class RunCache:
         return [row[:size].tobytes() for row, size in zip(whole, sizes.tolist(), strict=True)]
 
     def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
-        """The distinct cases of some runs; each run's position among them and its bytes of x."""
+        """The distinct cases of some runs, and for each run its case's position and its bytes of x.
+        """
         chosen, position = np.unique(runs.case, return_inverse=True)
         x = row_bytes(runs.x[:, self._order])
         cases = [self._case(named, k) for k in chosen.tolist()]
         return cases, [*zip(position.tolist(), x, strict=True)]
 
     def _case(self, named: bool, case: int) -> Case:
-        """The conditions of a case in the form of the store."""
+        """The conditions of one case, in the form of the store."""
         if (named, case) not in self._cases:
             self._cases[named, case] = Case.of(
                 self._bound.cases.at(case),
@@ -212,7 +213,7 @@ class Execution:
         self.seconds = self.waited = 0.0
 
     def recall(self, keys: Sequence[bytes], failures: bool) -> None:
-        """Take stored runs into memory, with their failures if `failures` is true.
+        """Take the stored results of runs into memory, with failures if `failures` is true.
 
         A failed run that may still be tried again is not taken.
         """

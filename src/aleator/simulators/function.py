@@ -31,7 +31,7 @@ from aleator.simulators.protocol import (
 from aleator.simulators.surroundings import checked_limit, limited
 
 _loaded: dict[str, str] = {}
-"""Digests of modules when this process loaded them, for simulators from another process."""
+"""Hashes of source files at the time when this process loaded them for a received simulator."""
 
 
 def load_function(reference: str, base_dir: str | Path = ".") -> Callable[..., Any]:
@@ -308,7 +308,8 @@ class FunctionSimulator:
         return tuple(name for name in conditions if anything or name in taken)
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
-        """Run R times. Raises what the function raises, wrapped in RunStopped unless vectorized."""
+        """Run R times. Raises what the function raises; unless vectorized, wrapped in RunStopped.
+        """
         with np.errstate(all="ignore"):  # values that are not finite are reported later
             if self.vectorized:
                 return self._timed({**conditions, **parameters})  # type: ignore[no-any-return]

@@ -28,7 +28,7 @@ class Messages:
     units: Units
 
     def first(self, tried: Runs) -> SimulatorError:
-        """The error about the first failed run, where every run is needed."""
+        """The error about the first failed run, for callers that need every run."""
         row = min(tried.failures)
         failure = tried.failures[row]
         if failure.kind == NOT_FINITE:
@@ -110,8 +110,8 @@ class Messages:
     def _narrower(self, tried: Runs, row: int) -> str:
         """The remedy: narrow the range of a parameter.
 
-        It is the parameter for which all failed runs lie on one side of the others, or any
-        parameter.
+        If all failed runs lie on one side of the successful ones in one parameter, it is that
+        parameter. Otherwise all parameters are named.
         """
         mine, failed = tried.case == tried.case[row], _failed(tried)
         for k, name in enumerate(self.parameters):

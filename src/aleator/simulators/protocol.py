@@ -25,7 +25,7 @@ class Blocks:
     interruption loses little. The number is fixed, because the last digits of an array operation
     may depend on the length of the arrays."""
     single: int = 256
-    """Runs that are made one by one and timed together."""
+    """The most runs of one call that makes them one by one; such runs are timed together."""
 
 
 BLOCKS = Blocks()

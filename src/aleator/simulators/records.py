@@ -34,7 +34,8 @@ LAST_MOMENT = (datetime.max - timedelta(days=1)).replace(tzinfo=UTC).timestamp()
 
 
 def _as_number(value: object) -> object:
-    """A text, invalid if it has underscores: Python reads 1_0 as a number, a table does not."""
+    """The value of a cell; a text with underscores is made invalid, because Python reads 1_0 as 10.
+    """
     return value.replace("_", "?") if isinstance(value, str) else value
 
 
@@ -62,7 +63,7 @@ def _as_outcome(value: Any) -> Any:
 
 
 def _as_names(value: object) -> object:
-    """Different names, from a JSON list in a cell of a table."""
+    """A list of different names, from JSON text in a cell of a table."""
     names: Any = from_cell(value) if isinstance(value, str) else value
     if not isinstance(names, list | tuple) or "" in names or len({*names}) < len(names):
         raise ValueError("it is not a list of names")
@@ -114,7 +115,7 @@ class StoredRun:
 
     @property
     def made(self) -> tuple[Any, ...]:
-        """The result of the run, in the order that `Store.add` expects."""
+        """The result of the run, as a tuple in the order that `Store.add` expects."""
         outcome = self.outcome
         return (
             np.array(outcome, "<f8").tobytes() if isinstance(outcome, tuple) else outcome,
@@ -429,7 +430,7 @@ def _parsed(path: Path, simulator: Identity | None) -> Iterable[tuple[int, Store
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise StoreError(f"{path}: the file cannot be read: {reason}", "name a CSV file") from None
-    csv.field_size_limit(max(csv.field_size_limit(), len(text)))  # a long series is one cell
+    csv.field_size_limit(max(csv.field_size_limit(), len(text)))  # one cell may hold a long series
     reader = csv.DictReader(io.StringIO(text, newline=""))
     try:
         _check_columns(path, [*(reader.fieldnames or ())], simulator)

@@ -28,11 +28,11 @@ class ResponseFunction(Protocol):
     """The outcomes of all N experiments as functions of the n parameters, at common points."""
 
     def evaluate(self, x: Array) -> Array:
-        """Outcomes (N, J) at points x (J, n)."""
+        """Outcomes (N, J) of all N experiments at J points x (J, n)."""
         ...
 
     def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
-        """Outcomes (N, J) and their derivatives (N, J, n) at points x (J, n)."""
+        """Outcomes (N, J) at points x (J, n), and their derivatives (N, J, n) by the parameters."""
         ...
 
 
@@ -110,10 +110,10 @@ class DirectResponse:
         return outcome.reshape(self.experiments, x.shape[0])
 
     def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
-        """Outcomes (N, J) and derivatives (N, J, n) by central differences, in one call.
+        """Outcomes (N, J) at points x (J, n), and derivatives (N, J, n) by central differences.
 
-        They take N J (2 n + 1) runs. At the edge of the range of a parameter the step on that side
-        is shorter.
+        One call makes the N J (2 n + 1) runs. At the edge of the range of a parameter the step on
+        that side is shorter.
         """
         count, n = x.shape
         # The spread of a constant is exactly zero here; np.std of equal numbers may not be.
@@ -202,7 +202,8 @@ class Confined:
 
 
 def by_calls(runner: Runner) -> Run:
-    """A `Run` that calls a runner for its distinct conditions; a failed run raises an error."""
+    """A `Run` that calls a runner by the number of distinct conditions; a failed run raises an
+    error."""
     first = runner.cases.first
     return lambda index, x: runner(first[index], x)
 
@@ -210,7 +211,7 @@ def by_calls(runner: Runner) -> Run:
 def straight(runner: Runner) -> Run:
     """A `Run` whose runs are neither remembered nor stored; NaN where a run has no finite value.
 
-    Its index counts the distinct conditions of the experiments.
+    Its index is the number of a distinct set of conditions.
     """
     first = runner.cases.first
 
@@ -224,8 +225,8 @@ def straight(runner: Runner) -> Run:
 def attempts(runner: Runner, region: Array) -> Run:
     """A `Run` of the parameters that are not constant: x is (R, moving); NaN where a run fails.
 
-    Its index counts the distinct conditions of the experiments. A parameter is constant if its
-    range in `region` (n, 2) has no width. Raises InputsError if all parameters are constant.
+    Its index is the number of a distinct set of conditions. A parameter is constant if its range in
+    `region` (n, 2) has no width. Raises InputsError if all parameters are constant.
     """
     if moving_parameters(region).size == 0:
         raise InputsError(

@@ -83,7 +83,7 @@ class Account:
         return self._by.tried - self._before
 
     def _left(self) -> float:
-        """The number of runs left; the limit of hours counts once the first run was timed."""
+        """The number of runs left; the limit of hours counts from the first timed run on."""
         left = math.inf if self.budget.runs is None else self.budget.runs - self.made
         if self.budget.hours is None or not self._by.waited:
             return left
@@ -418,7 +418,7 @@ class Runner:
         self._repeats.begin()
 
     def _repeat(self, keys: Sequence[bytes]) -> None:
-        """Make some of these runs, which were just made, again, and compare the outcomes."""
+        """Make some of these runs, which were just made, once more, and compare the outcomes."""
         made = [key for key in keys if key in self._memory.places]
         first = self._memory.remembered([made[k] for k in self._repeats.chosen(len(made)).tolist()])
         if len(first):
@@ -432,7 +432,7 @@ class Runner:
             )
 
     def _keys(self, index: ArrayLike, x: ArrayLike) -> tuple[list[bytes], list[bytes]]:
-        """The key of each run, and the distinct ones in the order of their first appearance."""
+        """The key of each run, and the distinct keys in the order of their first appearance."""
         case = self.cases.condition[np.asarray(index, dtype=np.intp)]
         keys = Runs.planned(case, np.asarray(x, dtype=np.float64)).keys()
         return keys, [*dict.fromkeys(keys)]
@@ -440,7 +440,7 @@ class Runner:
     def _making(
         self, missing: Sequence[bytes], requested: int
     ) -> closing[Generator[Runs, None, None]]:
-        """The missing runs, out of the requested number, as they are made."""
+        """The missing runs as they are made; `requested` is the number of all requested runs."""
         progress = RunProgress(self.progress, len(missing), requested - len(missing))
         return closing(self._execution.make(missing, progress))
 

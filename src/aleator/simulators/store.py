@@ -40,7 +40,7 @@ class Identity:
 
     @classmethod
     def of(cls, simulator: Simulator) -> Identity:
-        """The identity of a simulator, from its members.
+        """The identity of a simulator: its fingerprint, name, description and version.
 
         >>> from aleator.simulators.function import FunctionSimulator
         >>> def length(load, stiffness):
@@ -114,7 +114,7 @@ _MARK = 0x414C4541  # The letters "ALEA" mark a store, so that no other database
 
 @dataclass(frozen=True)
 class StoreSettings:
-    """Settings of how a store uses its file."""
+    """Settings of how a store of runs uses its file."""
 
     patience: float = 60.0
     """Seconds that a process waits for another one that is writing. A transaction takes
@@ -221,7 +221,7 @@ def _opened(path: Path, mode: str, settings: StoreSettings) -> sqlite3.Connectio
         f"{path.resolve().as_uri()}?mode={mode}",
         uri=True,
         timeout=settings.patience,
-        isolation_level=None,  # transactions begin and end where they are written
+        isolation_level=None,  # the code itself begins and ends transactions
     )
     # Checks of foreign keys are off: they take a third of the time, and a run is added in the
     # transaction in which the number of its case was read.
@@ -320,7 +320,7 @@ def sqlite_errors(path: Path) -> Iterator[None]:
         usual = f"{error}", "see that the file can be written"
         problem, remedy = _TROUBLES.get(_code(error), usual)
         raise StoreError(f"{short(path)}: {problem}", remedy) from error
-    except UnicodeDecodeError as error:  # SQLite quotes the damaged bytes
+    except UnicodeDecodeError as error:  # the message of SQLite contains the damaged bytes
         raise StoreError(f"{short(path)}: the store of runs is damaged", MOVE_ASIDE) from error
 
 

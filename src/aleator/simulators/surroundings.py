@@ -25,9 +25,9 @@ _PACKAGE = Path(__file__).parents[1]
 
 _ERRORS = frozenset(
     {
-        errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO,  # disks
+        errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO,  # errors of disks
         errno.EAGAIN, errno.ENOMEM, errno.EMFILE, errno.ENFILE,  # processes, memory, open files
-        errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH,  # servers, of licenses say
+        errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH,  # license servers
     }
 )  # fmt: skip
 
@@ -216,13 +216,13 @@ def _ended_worker(seconds: float) -> Iterator[None]:
             faulthandler.cancel_dump_traceback_later()
 
 
-_RETURNED = 77  # the exit code of a copy in which the call returned or raised
+_RETURNED = 77  # the exit code of the copied process if the call returned or raised an exception
 # A line on the pipe means success. If the pipe ends without a line, its writer has ended.
 _WATCH = 'read -r _ || printf "%s\\n" "$1" >&2'
 
 
 def exit_status(code: int) -> str:
-    """How a process ended, in words, from its exit code as Python reports it.
+    """How a process ended, in words, from the exit code that Python reports.
 
     >>> exit_status(3), exit_status(-9)
     ('exit code 3', 'signal SIGKILL')

@@ -193,7 +193,7 @@ class Form:
 
     @classmethod
     def of(cls, units: Units, cases: Cases, ids: Sequence[str]) -> Form:
-        """The form of one run of each case."""
+        """Which values a run under each of the distinct conditions returns."""
         observed = np.zeros((len(cases), units.width), dtype=np.bool_)
         observed[cases.condition[units.unit], units.column] = True
         experiments = np.array(ids, dtype=object)[units.experiment[cases.first]]
@@ -206,7 +206,7 @@ class Form:
         )
 
     def some(self, rows: slice | Indices) -> Form:
-        """The form of some of the runs."""
+        """Which values some of the runs return."""
         if self.rows is None and self.observed is None:
             return self
         return replace(
@@ -222,7 +222,7 @@ class Form:
         return wrong if self.observed is None else wrong & self.observed
 
     def fault(self, run: int, column: int, value: float) -> str:
-        """The message about a value that is not finite.
+        """The message about the value in this column of a run, which is not finite.
 
         >>> Form(("speed", "time"), 4, np.array([2])).fault(0, 3, np.nan)
         'it returned nan for time in row 2 of 2'
@@ -337,9 +337,9 @@ def _real(simulator: Simulator, part: object) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """A simulator with the cases of a table, and with names for the n columns of x.
+    """A simulator with the distinct conditions of a table, and names for the n columns of x.
 
-    `form` says which values one run of each case returns.
+    `form` says which values one run under each of the conditions returns.
 
     >>> from aleator.simulators.function import FunctionSimulator
     >>> cases = Cases.of({"load": np.array([1.0, 2.0])}, 2)
@@ -354,6 +354,6 @@ class Bound:
     form: Form = Form()
 
     def columns(self, case: Indices, x: Array) -> tuple[Columns, Columns]:
-        """Conditions and parameters by name, for R runs of cases `case` (R,) at points x (R, n)."""
+        """Conditions and parameters by name, of runs of cases `case` (R,) at points x (R, n)."""
         columns = np.asarray(x, dtype=np.float64).T.copy()
         return self.cases.at(case), dict(zip(self.parameters, columns, strict=True))

@@ -54,8 +54,7 @@ class Delimiters:
 
 @dataclass(frozen=True)
 class Placeholder:
-    """The name of a value, and its format in Python's notation; "" writes a number with all digits.
-    """
+    """The name of a value, and its format in Python's notation; "" writes all digits."""
 
     name: str
     spec: str = ""
@@ -231,7 +230,7 @@ class Feed(Protocol):
         """The name of the input in messages."""
 
     def write(self, values: Columns) -> str:
-        """The text. Raises RunFailed for a value that cannot be written.
+        """The text of the input. Raises RunFailed for a value that cannot be written.
 
         An input with `names` gets single values; an input of all values gets lists, too.
         """
@@ -289,7 +288,7 @@ class JsonFeed:
 
     @property
     def names(self) -> None:
-        """None: all values are written."""
+        """None, which means that all values are written."""
 
     def write(self, values: Columns) -> str:
         """The values as one line of JSON."""
@@ -312,7 +311,7 @@ class CsvFeed:
 
     @property
     def names(self) -> None:
-        """None: all values are written."""
+        """None, which means that all values are written."""
 
     def write(self, values: Columns) -> str:
         """The values as lines of CSV."""

@@ -70,11 +70,11 @@ class Output(Protocol):
 
 @dataclass(frozen=True)
 class OutputFile:
-    """An outcome that is all of a file in the folder of a run; "stdout" and "stderr" are what it
-    printed.
+    """An outcome that is the whole text of a file in the folder of a run.
 
-    The file contains only the number, or for a series numbers between white space. Raises
-    SimulatorError for a name that leads out of the folder.
+    The names "stdout" and "stderr" stand for what the program printed. The text is only the number,
+    or for a series numbers between white space. Raises SimulatorError for a name that leads out of
+    the folder.
     """
 
     file: str = "stdout"
@@ -146,7 +146,7 @@ class RegexOutput(OutputFile):
             )
 
     def one(self, text: str) -> str:
-        """The group in the match that counts."""
+        """The text of the group in match number `match`."""
         found = self.every(text)
         if not -len(found) <= self.match < len(found):
             raise RunFailed(
@@ -158,7 +158,7 @@ class RegexOutput(OutputFile):
         return found[self.match]
 
     def every(self, text: str) -> list[str]:
-        """The group in every match."""
+        """The texts of the group in all matches."""
         return re.findall(self.regex, text, re.MULTILINE)
 
 
@@ -180,7 +180,7 @@ class HookOutput:
 
     @property
     def file(self) -> None:
-        """None: the function may read any file."""
+        """None, because the function may read any file."""
 
     def read(self, folder: Path, series: bool) -> float | list[float]:
         """The number that the function returns, or the numbers of a series."""
@@ -236,19 +236,19 @@ class CsvOutput(OutputFile):
             )
 
     def one(self, text: str) -> str:
-        """The text of the cell."""
+        """The text in the cell of the table."""
         rows, column = self._body(text)
         if not -len(rows) <= self.row < len(rows):
             raise RunFailed(f"'{self.file}' has {len(rows)} rows, row {self.row} is needed")
         return self._cell(rows, self.row, column)
 
     def every(self, text: str) -> list[str]:
-        """The texts of the column, row by row."""
+        """The texts in all cells of the column, row by row."""
         rows, column = self._body(text)
         return [self._cell(rows, k, column) for k in range(len(rows))]
 
     def _body(self, text: str) -> tuple[list[list[str]], int]:
-        """The rows after the header, and the position of the column."""
+        """The rows of the table after its header, and the position of the column."""
         lines, column = text.splitlines()[self.skip :], self.column
         try:
             rows = [
@@ -323,5 +323,5 @@ class JsonOutput(OutputFile):
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a number, or a text that `number` may read."""
+    """Whether a JSON value is a number, or a text that may stand for one."""
     return isinstance(value, (int, float, str)) and not isinstance(value, bool)

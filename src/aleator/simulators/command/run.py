@@ -59,7 +59,7 @@ def _signals_deferred() -> Iterator[None]:
             handlers[signum](signum, None)
 
 
-# The shell program of the janitor. Its input ends when this process ends, in whatever way.
+# The shell program that removes folders. Its input ends when this process ends, in whatever way.
 _SCRIPT = """\
 cat > /dev/null
 for file in "$1"/*.pid; do
@@ -72,8 +72,8 @@ rm -rf "$1"
 class _Janitor:
     """A helper process that removes the folders of runs when this process ends, in whatever way.
 
-    They are in `home`, a folder in `base`. The janitor also kills the programs of these runs.
-    Raises OSError if the folder cannot be made.
+    The folders are in `home`, a folder in `base`. The helper process also kills the programs of
+    these runs. Raises OSError if the folder cannot be made.
     """
 
     def __init__(self, base: Path) -> None:
@@ -96,7 +96,7 @@ class _Janitor:
             raise
 
     def close(self) -> None:
-        """End the janitor; in a fork of the process that started it nothing happens."""
+        """End the helper process; in a fork of the process that started it nothing happens."""
         if self.pid != os.getpid():
             return
         if self._process is not None:
@@ -130,7 +130,7 @@ def passing() -> Iterator[Path]:
 
 @contextmanager
 def leads(folder: Path, group: int) -> Iterator[None]:
-    """Tell the janitor within the block which process group belongs to the run in `folder`."""
+    """Tell the helper process within the block which process group the run in `folder` has."""
     note = folder.with_name(f"{folder.name}.pid")
     try:
         note.write_text(str(group))
@@ -140,7 +140,7 @@ def leads(folder: Path, group: int) -> Iterator[None]:
 
 
 def _mine() -> _Janitor:
-    """The janitor of this process (a fork has its own) for the current temporary folder."""
+    """The helper process that removes folders of this process; a fork has a helper of its own."""
     base = Path(tempfile.gettempdir())
     now = _janitors[0] if _janitors else None
     if now is None or (now.pid, now.base) != (os.getpid(), base) or not now.home.is_dir():
@@ -151,7 +151,7 @@ def _mine() -> _Janitor:
 
 @atexit.register
 def close() -> None:
-    """End the janitor of this process."""
+    """End the helper process that removes the folders of runs."""
     while _janitors:
         _janitors.pop().close()
 
@@ -181,7 +181,7 @@ class Limits:
         require_pattern(self.stop_on)
 
     def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
-        """The failure of a run in `folder` with its log, or the error for a fault of the machine.
+        """The failure of a run in `folder` with its log, or the error if the machine is at fault.
         """
         said = failure.log or log(folder)
         fault = printed(said, self.stop_on) or full_disk(folder)
@@ -250,9 +250,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def log(folder: Path, most: int = 4000) -> str:
-    """The end of what a run printed to its output and error output, `most` bytes of each.
-
-    The number is chosen by judgement.
+    """The end of a run's output and error output, `most` bytes of each (chosen by judgement).
 
     >>> log(Path("nowhere"))
     ''

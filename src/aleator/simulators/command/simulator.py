@@ -346,8 +346,7 @@ class CommandSimulator:
         return found
 
     def __call__(self, conditions: protocol.Columns, parameters: protocol.Columns) -> Returned:
-        """Run R times, one after the other. Raises RunStopped, with the outcomes before, on a
-        failure."""
+        """Run R times, one after the other. On a failure RunStopped has the outcomes before it."""
         return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
 
     def fingerprint(self) -> str:

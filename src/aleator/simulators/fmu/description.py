@@ -25,7 +25,7 @@ INTERFACES: dict[Kind, str] = {"co_simulation": "CoSimulation", "model_exchange"
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of an FMU, from its model description; `items` are the values of an enumeration.
+    """One variable in the model description of an FMU; `items` are the values of an enumeration.
 
     >>> str(Variable("k", "Real", "parameter", "fixed", "exact", unit="N/mm"))
     "'k' (parameter, fixed Real in N/mm)"
@@ -82,7 +82,7 @@ class Description:
     internal_step: float | None = None
 
     def variable(self, name: str, what: str) -> Variable:
-        """The variable of this name. Raises SimulatorError if there is none, with the nearest name.
+        """The variable of this name. Raises SimulatorError, with a similar name, if there is none.
         """
         if name in self.variables:
             return self.variables[name]
@@ -283,8 +283,7 @@ class Binding:
         return asked
 
     def values(self, cells: Mapping[str, Any]) -> dict[str, Value]:
-        """Start values by variable, for the conditions and parameters of a run. Raises RunFailed.
-        """
+        """Start values by variable, for one run's conditions and parameters. Raises RunFailed."""
         return {
             self.names.get(name, name): start_value(self.variable(name), cell, f"{name} = {cell!r}")
             for name, cell in cells.items()

@@ -38,7 +38,7 @@ class FMUInProcess:
             raise Failed(*said, fatal=True) from None
 
     def run(self, job: FMURun, _timeout: float | None, logging: bool = False) -> Trajectory:
-        """The trajectory of a run. Raises Failed."""
+        """The trajectory of a run; raises Failed if there is none."""
         self.runs += 1
         trajectory = self._session.run(job, logging)
         self.note = self._session.note
@@ -232,7 +232,7 @@ class Engine:
                 raise RunFailed(failure.message, self._logged(job)) from None
 
     def close(self) -> None:
-        """End the process; a later run starts another."""
+        """End the process of the FMU; a later run starts another one."""
         self._finalizer()
         self._process = None
 
@@ -263,7 +263,8 @@ class Engine:
         return trajectory
 
     def _logged(self, job: FMURun) -> str:
-        """The log of a failed run without one: the run is repeated with the FMU's log turned on."""
+        """The log of a failed run that had none: the run is repeated with the FMU's log turned on.
+        """
         try:
             self._run(job, logging=True)
         except RunFailed as failure:

@@ -77,7 +77,7 @@ class Final(_OfSignal):
     signal: str
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The value at the stop time."""
+        """The value of the signal at the stop time."""
         return float(self._values(trajectory)[-1])
 
 
@@ -95,7 +95,7 @@ class Extreme(_OfSignal):
     largest: bool = True
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The largest or the smallest value over all communication points."""
+        """The largest or the smallest value of the signal."""
         values = self._values(trajectory)
         return float(np.max(values) if self.largest else np.min(values))
 
@@ -122,7 +122,7 @@ class Crossing(_OfSignal):
     cubic: bool = True
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The time of the first crossing."""
+        """The time in s of the first crossing."""
         time = np.asarray(trajectory["time"], dtype=np.float64)
         offset = self._values(trajectory) - self.value
         up = (offset[:-1] < 0.0) & (offset[1:] >= 0.0)
@@ -147,7 +147,7 @@ def _root(time: Array, offset: Array, k: int, cubic: bool) -> float:
     smooth = k >= 1 and k + 2 < len(time) and np.all(np.diff(time[four]) > 0.0)
     if not cubic or not smooth:
         return float(t0 - y0 * (t1 - t0) / (y1 - y0))
-    # The cubic is in Newton's form, in units of the step; bisection finds its zero inside.
+    # The cubic is in Newton's form, in units of the step. Bisection finds its zero in the step.
     h = t1 - t0
     x = (time[four] - t0) / h
     table = offset[four].copy()

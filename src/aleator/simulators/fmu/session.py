@@ -53,9 +53,10 @@ class SessionSettings:
     ended: float = 1e-6
     """The relative distance to the stop time within which a run has reached it."""
     same: float = 1e-9
-    """The relative difference below which two trajectories are equal in the check of a reset."""
+    """The relative difference below which the trajectories with and without a reset are equal."""
     zero: float = 1e-12
-    """The difference of small values that counts as none in that check, over the largest value."""
+    """The difference, over the largest value, below which values near zero are equal in that check.
+    """
 
 
 SETTINGS = SessionSettings()
@@ -232,8 +233,8 @@ class FMUSession:
         return trajectory
 
     def _inputs(self, values: Values) -> NDArray[Any] | None:
-        """The input signals, with a constant column for each other input: FMPy needs all or none.
-        """
+        """The input signals, with a constant column for each other input, as FMPy needs all or
+        none."""
         signals = self.setup["signals"]
         if signals is None:
             return None
@@ -259,7 +260,7 @@ class FMUSession:
         return Failed(" ".join(str(error).split()), "\n".join(self._log), status == FATAL)
 
     def _listen(self, *message: Any) -> None:
-        # FMI 2.0 gives environment, instance, status, category and text; 3.0 gives no instance.
+        # The arguments are environment, instance, status, category, text; FMI 3.0 has no instance.
         status, text = message[-3], message[-1]
         labels = ("ok", "warning", "discard", "error", "fatal", "pending")
         label = labels[status] if status in range(len(labels)) else status

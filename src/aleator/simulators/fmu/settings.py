@@ -120,7 +120,7 @@ class ResolvedSettings:
         return tuple(t for t in (self.start_time, self.stop_time) if isinstance(t, str))
 
     def __str__(self) -> str:
-        """The kind of steps and the times, in words.
+        """The times and the step of a run, in words.
 
         >>> print(ResolvedSettings("co_simulation", 0.0, "duration", 0.1, None))
         from 0 to 'duration' s in steps of 0.1 s
@@ -216,7 +216,7 @@ def _points(start: float, stop: float, step: float, times: Array) -> Array:
 
 
 def _neighbours(start: float, step: float, times: Array) -> Array:
-    """The begin and end (2 m,) of the internal steps that contain `times` (m,).
+    """The begin and end times (2 m,) of the solver steps that contain `times` (m,).
 
     Between them an FMU may return the values of the last internal step, an error of first order.
     """

@@ -224,7 +224,7 @@ class FMUSimulator:
 
     @property
     def description(self) -> str:
-        """The FMU and its outcomes, as one text."""
+        """The name of the FMU and its outcomes, as one text."""
         parts = (
             f"{type(one).__name__}({getattr(one, 'signal', getattr(one, 'reference', ''))})"
             for one in self.outcomes.values()
@@ -237,7 +237,7 @@ class FMUSimulator:
         return "\n".join(f"{v}  {v.description}".rstrip() for v in chosen)
 
     def close(self) -> None:
-        """End the FMU's process; a later run starts another."""
+        """End the process of the FMU; a later run starts another one."""
         self._engine.close()
 
     def __getstate__(self) -> dict[str, Any]:
