@@ -308,8 +308,7 @@ class Dispatcher:
         return os.cpu_count() or 1
 
     def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
-        """Yield runs as made; after Ctrl-C, `stopping` is called with the number of running
-        batches."""
+        """Yield runs as made; after Ctrl-C, call `stopping` with the number of running batches."""
         self._waiting = deque([runs] if len(runs) else [])
         with interruptions_noted() as interrupted:
             self._ending = interrupted

@@ -169,8 +169,7 @@ class RunCache:
         return [row[:size].tobytes() for row, size in zip(whole, sizes.tolist(), strict=True)]
 
     def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
-        """The distinct cases of some runs, and for each run its case's position and its bytes of x.
-        """
+        """The distinct cases of some runs, and for each run the number of its case and its x."""
         chosen, position = np.unique(runs.case, return_inverse=True)
         x = row_bytes(runs.x[:, self._order])
         cases = [self._case(named, k) for k in chosen.tolist()]

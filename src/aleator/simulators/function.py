@@ -308,8 +308,7 @@ class FunctionSimulator:
         return tuple(name for name in conditions if anything or name in taken)
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
-        """Run R times. Raises what the function raises; unless vectorized, wrapped in RunStopped.
-        """
+        """Run R times. What the function raises is raised in a RunStopped, unless vectorized."""
         with np.errstate(all="ignore"):  # values that are not finite are reported later
             if self.vectorized:
                 return self._timed({**conditions, **parameters})  # type: ignore[no-any-return]

@@ -34,8 +34,7 @@ LAST_MOMENT = (datetime.max - timedelta(days=1)).replace(tzinfo=UTC).timestamp()
 
 
 def _as_number(value: object) -> object:
-    """The value of a cell; a text with underscores is made invalid, because Python reads 1_0 as 10.
-    """
+    """The value of a cell; underscores in a text become invalid, as Python reads 1_0 as 10."""
     return value.replace("_", "?") if isinstance(value, str) else value
 
 

@@ -202,8 +202,7 @@ class Confined:
 
 
 def by_calls(runner: Runner) -> Run:
-    """A `Run` that calls a runner by the number of distinct conditions; a failed run raises an
-    error."""
+    """A `Run` of the distinct conditions by calls of a runner; a failed run raises an error."""
     first = runner.cases.first
     return lambda index, x: runner(first[index], x)
 

@@ -96,7 +96,7 @@ class Runs:
         return row_bytes(np.column_stack([self.case, self.x]))
 
     def some(self, rows: slice | Indices | Flags) -> Self:
-        """Some of the runs, to be made again."""
+        """Some of the runs, as runs that are to be made."""
         return type(self).planned(self.case[rows], self.x[rows], self.outcome.shape[1])
 
     def halves(self) -> list[Self]:
@@ -167,7 +167,7 @@ class Memory:
         return values
 
     def planned(self, keys: Sequence[bytes]) -> Runs:
-        """The runs with these keys, to be made."""
+        """The runs with these keys, as runs that are to be made."""
         return Runs.of_keys(keys, self._parameters, self._values.shape[1])
 
     def remembered(self, keys: Sequence[bytes]) -> Runs:

@@ -181,8 +181,7 @@ class Limits:
         require_pattern(self.stop_on)
 
     def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
-        """The failure of a run in `folder` with its log, or the error if the machine is at fault.
-        """
+        """The failure of a run in `folder` with its log, or the error for a machine at fault."""
         said = failure.log or log(folder)
         fault = printed(said, self.stop_on) or full_disk(folder)
         return fault or RunFailed(failure.message, said)

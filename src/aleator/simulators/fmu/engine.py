@@ -263,8 +263,7 @@ class Engine:
         return trajectory
 
     def _logged(self, job: FMURun) -> str:
-        """The log of a failed run that had none: the run is repeated with the FMU's log turned on.
-        """
+        """The log of a failed run that had none: the run is repeated with the FMU's log on."""
         try:
             self._run(job, logging=True)
         except RunFailed as failure:

@@ -55,8 +55,7 @@ class SessionSettings:
     same: float = 1e-9
     """The relative difference below which the trajectories with and without a reset are equal."""
     zero: float = 1e-12
-    """The difference, over the largest value, below which values near zero are equal in that check.
-    """
+    """The difference, over the largest value, below which small values are equal in that check."""
 
 
 SETTINGS = SessionSettings()
@@ -233,8 +232,7 @@ class FMUSession:
         return trajectory
 
     def _inputs(self, values: Values) -> NDArray[Any] | None:
-        """The input signals, with a constant column for each other input, as FMPy needs all or
-        none."""
+        """The input signals, and a constant column for each other input: FMPy needs all or none."""
         signals = self.setup["signals"]
         if signals is None:
             return None
