@@ -16,8 +16,7 @@ class Progress(Protocol):
         """Begin the stage `name`, such as "search"; the stage before it is complete."""
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
-        """Report `text` about the present stage, with `done` of `total` steps complete, if known.
-        """
+        """Report `text` about the present stage, with `done` of `total` steps made, if known."""
 
 
 class Silent:

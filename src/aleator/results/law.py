@@ -55,7 +55,7 @@ class Marginal:
         return found.reshape(at.shape)[()]
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """The quantile for each probability: the value up to which the parameter has it."""
+        """The value that the parameter does not exceed, with each given probability."""
         at = np.asarray(probability, dtype=np.float64)
         return self.family.quantile(self.values, at.ravel()).reshape(at.shape)[()]
 

@@ -121,8 +121,8 @@ class StoreSettings:
     milliseconds. Chosen by judgement."""
     cache: int = 65_536
     """Kibibytes of the file that are kept in memory. New runs belong at scattered places of its
-    index; without this memory, three times as much was written for a store of a million runs (seen
-    once; `python -m benchmarks runs` measures the cost of a million runs)."""
+    index; without this memory, a store of a million runs was written to disk three times as often
+    (seen once; `python -m benchmarks runs` measures the cost of a million runs)."""
     unsynced: float = 1.0
     """Seconds of simulator work after which a commit waits until the disk has the data. A power cut
     loses no more. Chosen by judgement."""

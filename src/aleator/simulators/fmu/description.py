@@ -82,7 +82,7 @@ class Description:
     internal_step: float | None = None
 
     def variable(self, name: str, what: str) -> Variable:
-        """The variable of this name; SimulatorError, with a similar name, if there is none."""
+        """The variable of this name. If there is none, SimulatorError suggests a similar one."""
         if name in self.variables:
             return self.variables[name]
         raise SimulatorError(
