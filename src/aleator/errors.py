@@ -62,7 +62,7 @@ def installing(extra: str) -> str:
     >>> installing("report")
     "pip install 'bokeh>=...'"
     """
-    from importlib import metadata  # imported here because this import is slow
+    from importlib import metadata  # This import is slow, and is made only when it is needed.
 
     declared = (line.partition(";") for line in metadata.requires("aleator") or ())
     named = re.compile(rf"""\bextra\s*==\s*["']{extra}["']""")
@@ -113,7 +113,7 @@ def short(path: Path) -> str:
     """
     try:
         here = Path.cwd()
-    except OSError:  # the current folder was removed
+    except OSError:  # The current folder does not exist any more.
         return str(path)
     return str(path.relative_to(here) if path.is_relative_to(here) else path)
 

@@ -80,7 +80,7 @@ def tree(text: str, bounds: Bounds = Bounds()) -> ast.expr:
         found = ast.parse(text, mode="eval").body
     except (RecursionError, MemoryError):
         raise too_deep from None
-    except (SyntaxError, ValueError):  # ValueError means that the text has a zero byte
+    except (SyntaxError, ValueError):  # ValueError means that the text contains a zero byte.
         raise NoArithmeticError("is no arithmetic") from None
     level: list[ast.AST] = [found]
     for _ in range(bounds.depth):

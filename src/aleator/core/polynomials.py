@@ -222,7 +222,7 @@ def polished_rule(a: Array, b: Array, degree: int) -> tuple[Array, Array, Array]
     """
     q = degree // 2 + 1
     t = np.asarray(gauss(a[:q], b[:q])[0], dtype=float)
-    for _ in range(2):  # each Newton step doubles the correct digits; most are correct already
+    for _ in range(2):  # Each Newton step doubles the correct digits, and most are correct before.
         p = evaluate(a, b, t, q - 1)
         below = np.sqrt(b[q - 1]) * p[:, q - 2] if q > 1 else 0.0
         t = t - ((t - a[q - 1]) * p[:, -1] - below) * p[:, -1] / np.sum(p**2, axis=1)

@@ -223,7 +223,8 @@ def warnings(document: Document) -> tuple[Sentence, ...]:
         said, remedy = str(entry.get("message", "")), entry.get("remedy") or ""
         warned.append(Sentence(said, "warning", head, remedy))
     second = document.get("consistency") or {}
-    for row in second.get("discrepancies", ()):  # for pages; a short report has them in its verdict
+    # Only a page shows these sentences; a shorter report has them in its verdict.
+    for row in second.get("discrepancies", ()):
         said, remedy = _contradiction(row), row["remedy"]
         warned.append(Sentence(said, "warning", "Not consistent", remedy, depth=PAGE))
     if outliers := second.get("outliers"):

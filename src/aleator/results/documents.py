@@ -83,7 +83,7 @@ def study_file(document: Mapping[str, Any], path: Path) -> Path:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # the name is too long, or is no valid name
+    except (OSError, ValueError):  # The name of the file is too long or invalid.
         return False
 
 
@@ -133,7 +133,7 @@ def write_text(text: str, path: str | Path) -> None:
         draft.write_text(text, encoding="utf-8")
         draft.replace(path)
     except OSError as error:
-        with suppress(OSError):  # unlink fails too if the name is too long
+        with suppress(OSError):  # The file cannot be removed either if its name is too long.
             draft.unlink(missing_ok=True)
         raise AleatorError(
             f"{short(path)}: the file cannot be written: {error.strerror}",

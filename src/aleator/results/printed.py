@@ -173,7 +173,7 @@ class Amounts:
     worst: int = 3
     """The most experiments, or observations, that are named as the most improbable ones."""
     experiments: int = 1000
-    """The most rows of the table of experiments on a page: those of the most improbable ones."""
+    """The most rows of the table of experiments on a page; the most improbable ones are kept."""
     conditions: int = 8
     """The most columns of conditions in the table of experiments on a page."""
     failed: int = 20
@@ -232,7 +232,7 @@ class Thresholds:
     unlikely: float = 0.05
     """The family of the law is doubted if its p value is below this."""
     gain: float = 1.5
-    """Leaving an experiment out is suggested if it enlarges the box by at least this factor."""
+    """Leaving an experiment out is suggested if it enlarges the feasible box by this factor."""
     rare: float = 1e-3
     """Probabilities below this are written with a power of ten."""
     missed: float = 0.01

@@ -39,7 +39,7 @@ Number = Finite | None
 Series = list[Number]
 Grid = list[Series]
 FORMER = (Any, None)
-"""The type of a key that only earlier versions wrote; its value is not read."""
+"""The type of a key that only earlier versions of Aleator wrote; its value is not read."""
 NEEDED = ("alpha", "log_likelihood", "experiments")
 """The keys that every identification has."""
 
@@ -158,7 +158,7 @@ class BestPossible(DocumentEntry):
 
 
 class StudyEntry(DocumentEntry):
-    """The study file that was identified, with its hash."""
+    """The study file that was identified: its name and a hash of its content."""
 
     file: str | None = None
     sha256: str | None = None

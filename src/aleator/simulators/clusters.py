@@ -91,12 +91,12 @@ class DaskExecutor(Executor):
         settings: ClusterSettings = SETTINGS,
     ) -> None:
         self._cluster, self._say, self._settings = cluster, say, settings
-        # Only the thread `_serve` uses these.
+        # Only the thread that runs `_serve` uses these variables.
         self._waiting: deque[_Call] = deque()
         self._running: dict[str, tuple[_Call, Future[Any]]] = {}
         self._judged: dict[str, str] = {}
         self._silent: Set[str] = frozenset()
-        # Other threads use these too: events for `_serve`, and whether it still handles them.
+        # Other threads use these too: they send events, which the thread of `_serve` handles.
         self._events: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._workers: Set[str] = frozenset()
         self._open: set[Future[Any]] = set()
@@ -240,7 +240,7 @@ class DaskExecutor(Executor):
         if call is None or mine is not inner:
             return
         del self._running[worker]
-        if inner.cancelled():  # the cluster cancelled it: it was restarted, or is lost
+        if inner.cancelled():  # The cluster cancelled the call, as it was restarted or is lost.
             self._waiting.appendleft(call)
             return
         error = inner.exception()
@@ -366,7 +366,7 @@ class _DaskCluster:
         for answer in self._version_answers.values():
             answer.cancel()
         if self._connected_here:
-            with suppress(TimeoutError, OSError):  # the scheduler may not answer
+            with suppress(TimeoutError, OSError):  # The scheduler may not answer any more.
                 self._client.close(timeout=self._settings.leave)
 
 
@@ -404,7 +404,7 @@ def _connected(address: str, settings: ClusterSettings) -> Any:
             name="aleator",
             set_as_default=False,
         )
-    except Exception as error:  # another kind of server may listen at this address
+    except Exception as error:  # A server of another kind may listen at this address.
         text = " ".join(str(error).split()) or type(error).__name__
         raise ClusterError(
             f"no Dask scheduler answers at {address} ({text})",

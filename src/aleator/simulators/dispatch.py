@@ -53,7 +53,8 @@ class Batching:
 
 
 BATCHING = Batching()
-_INSTANT = float(np.finfo(np.float64).tiny)  # the least duration in s, to divide by
+# The least duration of a run in s. It is used so that no division by zero occurs.
+_INSTANT = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,7 +371,7 @@ class Dispatcher:
                 made = future.result()
             except WorkerLost as death:
                 if self._ending():
-                    continue  # this process is ending, and its workers with it: no run failed
+                    continue  # This process ends and its workers with it, so no run is at fault.
                 if len(batch) == 1:
                     yield _dead(batch, death)
                 else:
@@ -390,7 +391,8 @@ class Dispatcher:
             except AleatorError:
                 raise
             except BaseException as error:
-                if future.exception() is not error:  # Ctrl-C in this process, no worker's error
+                # The error did not come from the worker: the user pressed Ctrl-C here.
+                if future.exception() is not error:
                     raise
                 raise SimulatorError(
                     f"simulator '{self._simulator.name}' cannot run on a worker: {describe(error)}",
@@ -405,7 +407,7 @@ class Dispatcher:
             yield made
 
     def _require_life(self) -> None:
-        """Raise SurroundingsError if workers die even without a run."""
+        """Raise SurroundingsError if workers die even if they are given no run."""
         try:
             self._executor.submit(os.getpid).result()
         except BrokenExecutor as death:
@@ -430,7 +432,7 @@ def interruptions_noted() -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
-        yield lambda: False  # only the main thread receives Ctrl-C
+        yield lambda: False  # Only the main thread of a process receives Ctrl-C.
         return
     before = signal.signal(signal.SIGINT, note)
     try:

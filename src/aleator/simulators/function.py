@@ -102,7 +102,8 @@ def _run_file(file: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ImportError(f"{file.name} is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # before it runs, because its dataclasses look it up here
+    # The module is registered before it runs, because its dataclasses look it up there.
+    sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
     except BaseException:
@@ -116,7 +117,7 @@ def source(function: Callable[..., Any]) -> str:
     try:
         return inspect.getsource(function)
     except (OSError, TypeError):
-        return ""  # the function is written in C, or was typed at a prompt
+        return ""  # The function is written in C, or was typed at a prompt.
 
 
 def sources(function: Callable[..., Any]) -> dict[str, Path]:
@@ -309,7 +310,7 @@ class FunctionSimulator:
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
         """Run R times. What the function raises is raised in a RunStopped, unless vectorized."""
-        with np.errstate(all="ignore"):  # values that are not finite are reported later
+        with np.errstate(all="ignore"):  # Values that are not finite are reported later.
             if self.vectorized:
                 return self._timed({**conditions, **parameters})  # type: ignore[no-any-return]
             return one_by_one(self._series if self.series else self._row, conditions, parameters)

@@ -76,7 +76,7 @@ def _no_interruption() -> Iterator[None]:
 
     A worker that starts within the block inherits that, and so is not interrupted by Ctrl-C.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows has no such function
+    if not hasattr(signal, "pthread_sigmask"):  # Windows cannot block signals.
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

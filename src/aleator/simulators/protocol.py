@@ -243,7 +243,7 @@ def describe(error: BaseException) -> str:
         return said(error)
     text = " ".join(said(error).split())
     kind = readable(type(error).__name__)
-    if isinstance(error, SyntaxError):  # its text names the file and line already
+    if isinstance(error, SyntaxError):  # Its text already names the file and the line.
         return f"{kind}: {text}"
     frames = [
         frame

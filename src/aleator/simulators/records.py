@@ -332,7 +332,7 @@ def write(runs: Iterable[StoredRun], path: Path) -> int:
             f"{path}: a Parquet file needs pyarrow, which is not installed",
             "pip install pyarrow, or write a .csv file",
         )
-    if os.path.exists(path):  # Path.exists raises an error for a name that is too long
+    if os.path.exists(path):  # Path.exists would raise an error for a name that is too long.
         raise AleatorError(f"{path} is there already", "name another file, or delete it")
     frame = table(runs)
     try:
@@ -429,7 +429,8 @@ def _parsed(path: Path, simulator: Identity | None) -> Iterable[tuple[int, Store
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise StoreError(f"{path}: the file cannot be read: {reason}", "name a CSV file") from None
-    csv.field_size_limit(max(csv.field_size_limit(), len(text)))  # one cell may hold a long series
+    # The limit is raised because one cell may hold a long series.
+    csv.field_size_limit(max(csv.field_size_limit(), len(text)))
     reader = csv.DictReader(io.StringIO(text, newline=""))
     try:
         _check_columns(path, [*(reader.fieldnames or ())], simulator)

@@ -65,7 +65,8 @@ class OutcomeDistribution(Protocol):
 
     @property
     def standardized(self) -> Array:
-        """Standardized moments of orders zero to four of the outcome of each experiment (N, 5)."""
+        """Standardized moments (N, 5) of orders zero to four, for the outcome of each experiment.
+        """
 
     @property
     def status(self) -> NDArray[np.int64]:

@@ -79,7 +79,7 @@ class Account:
 
     @property
     def made(self) -> int:
-        """The number of new runs made so far."""
+        """The number of new runs that were made since the budget was set."""
         return self._by.tried - self._before
 
     def _left(self) -> float:
@@ -237,7 +237,7 @@ class Runner:
 
     @property
     def fresh(self) -> int:
-        """The number of runs that were made here and have an outcome."""
+        """The number of runs that were made by this runner and have an outcome."""
         return self._execution.fresh
 
     def allow(self, budget: Budget) -> None:

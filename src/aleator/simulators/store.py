@@ -221,7 +221,7 @@ def _opened(path: Path, mode: str, settings: StoreSettings) -> sqlite3.Connectio
         f"{path.resolve().as_uri()}?mode={mode}",
         uri=True,
         timeout=settings.patience,
-        isolation_level=None,  # the code itself begins and ends transactions
+        isolation_level=None,  # Transactions are begun and ended explicitly.
     )
     # Checks of foreign keys are off: they take a third of the time, and a run is added in the
     # transaction in which the number of its case was read.
@@ -251,7 +251,8 @@ def _read_only(path: Path, settings: StoreSettings) -> sqlite3.Connection:
 
 def _check(connection: sqlite3.Connection, path: Path) -> None:
     """Raise StoreError unless the file is empty or is a store that this version can read."""
-    with transaction(connection, writing=False):  # another process may be making the store
+    # A transaction is needed because another process may be making the store now.
+    with transaction(connection, writing=False):
         version, mark = _number(connection, "user_version"), _number(connection, "application_id")
         tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
     if mark != _MARK and (mark or version or tables):
@@ -320,7 +321,7 @@ def sqlite_errors(path: Path) -> Iterator[None]:
         usual = f"{error}", "see that the file can be written"
         problem, remedy = _TROUBLES.get(_code(error), usual)
         raise StoreError(f"{short(path)}: {problem}", remedy) from error
-    except UnicodeDecodeError as error:  # the message of SQLite contains the damaged bytes
+    except UnicodeDecodeError as error:  # The message of SQLite contains the damaged bytes.
         raise StoreError(f"{short(path)}: the store of runs is damaged", MOVE_ASIDE) from error
 
 
@@ -416,7 +417,7 @@ class Store:
     """
 
     def __init__(self, path: str | Path, settings: StoreSettings = SETTINGS) -> None:
-        self.path = Path(path).absolute()  # a simulator may change the current folder
+        self.path = Path(path).absolute()  # A simulator may change the current folder.
         self.settings = settings
         self.connection, self.writable = connected(self.path, settings)
         self._unsynced = 0.0

@@ -26,8 +26,8 @@ _PACKAGE = Path(__file__).parents[1]
 _ERRORS = frozenset(
     {
         errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO,  # errors of disks
-        errno.EAGAIN, errno.ENOMEM, errno.EMFILE, errno.ENFILE,  # processes, memory, open files
-        errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH,  # license servers
+        errno.EAGAIN, errno.ENOMEM, errno.EMFILE, errno.ENFILE,  # errors of processes and memory
+        errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH,  # errors of servers
     }
 )  # fmt: skip
 
@@ -122,7 +122,7 @@ def full_disk(folder: Path, most: int = 2**20) -> SurroundingsError | None:
     """
     try:
         disk = os.statvfs(folder)
-    except (OSError, AttributeError):  # Windows has no such function
+    except (OSError, AttributeError):  # Windows has no function `statvfs`.
         return None
     blocks = disk.f_bfree if os.geteuid() == 0 else disk.f_bavail
     free = blocks * disk.f_frsize
@@ -216,7 +216,8 @@ def _ended_worker(seconds: float) -> Iterator[None]:
             faulthandler.cancel_dump_traceback_later()
 
 
-_RETURNED = 77  # the exit code of the copied process if the call returned or raised an exception
+# The exit code of the copied process if the call returned or raised an exception.
+_RETURNED = 77
 # A line on the pipe means success. If the pipe ends without a line, its writer has ended.
 _WATCH = 'read -r _ || printf "%s\\n" "$1" >&2'
 
@@ -247,7 +248,8 @@ def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
         return None
     copy = multiprocessing.get_context("fork").Process(target=_end_with, args=(call,))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # a copy blocked by threads is ended
+        # Python warns that threads may block a forked process; a blocked one is ended below.
+        warnings.simplefilter("ignore", DeprecationWarning)
         copy.start()
     try:
         copy.join(patience)

@@ -187,7 +187,7 @@ def filled(text: Text, values: Values) -> str:
             raise _read_by_the_shell(piece.name, str(value))
         shown = piece.write(value)
         written += shlex.quote(shown) if bare else shown
-        before += "x"  # stands for the value, which opens no quotes
+        before += "x"  # This letter stands for the value, which opens no quotes.
     return written
 
 
@@ -355,5 +355,5 @@ def write_input(path: Path, feed: Feed, plain: Columns, values: Values) -> None:
     """
     text = feed.write(plain if feed.names is None else values)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)  # A link to a file of the study must not lead to that file.
+    path.unlink(missing_ok=True)  # If it is a link, the file of the study must not be changed.
     path.write_bytes(text.encode("utf-8", "surrogateescape"))

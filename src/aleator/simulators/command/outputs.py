@@ -183,7 +183,7 @@ class HookOutput:
         """None, because the function may read any file."""
 
     def read(self, folder: Path, series: bool) -> float | list[float]:
-        """The number that the function returns, or the numbers of a series."""
+        """The number that the user's function returns, or the numbers of a series."""
         function = load_function(self.reference, self.base)
         try:
             found = function(folder, read_text(folder / STDOUT))

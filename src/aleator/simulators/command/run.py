@@ -39,7 +39,7 @@ def _signals_deferred() -> Iterator[None]:
     The signals are not blocked, because a process started in the block would inherit that.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # handlers are called in the main thread only
+        yield  # Python calls signal handlers in the main thread only.
         return
     signals: list[int] = [*signal.valid_signals()]
     handlers = {one: to for one in signals if callable(to := signal.getsignal(one))}
@@ -87,7 +87,7 @@ class _Janitor:
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 cwd="/",
-                start_new_session=True,  # so that Ctrl-C does not end it
+                start_new_session=True,  # Ctrl-C must not end the helper process.
             )
         try:
             self.home.mkdir(mode=0o700)
@@ -243,7 +243,8 @@ def _not_started(program: str, error: OSError | ValueError) -> RunFailed | Surro
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """Kill the remaining processes of the program's process group."""
-    with suppress(ProcessLookupError, PermissionError):  # macOS denies it if all have ended
+    # macOS raises PermissionError if all processes of the group have ended.
+    with suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
 

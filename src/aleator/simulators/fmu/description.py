@@ -214,7 +214,7 @@ def _start(raw: Any) -> float | None:
     try:
         return float(raw.start) if raw.type in REALS and raw.start is not None else None
     except ValueError:
-        return None  # the variable is an array and has several start values
+        return None  # The variable is an array and has several start values.
 
 
 def _number(text: Any) -> float | None:

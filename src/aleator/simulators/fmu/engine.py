@@ -140,7 +140,8 @@ class FMUProcess:
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
-                with contextlib.suppress(OSError):  # data that the process never read
+                # Closing fails if the process never read all data.
+                with contextlib.suppress(OSError):
                     pipe.close()
         self._printed.close()
         shutil.rmtree(self._folder, ignore_errors=True)
@@ -171,7 +172,7 @@ class FMUProcess:
                 f"its process ended with {exit_status(code)}", self._tail(0), True
             ) from None
         except BaseException:
-            self.kill()  # After Ctrl-C a late answer could be mistaken for that of the next run.
+            self.kill()  # After Ctrl-C a late answer could be taken for the next run's answer.
             raise
         finally:
             timer.cancel()
@@ -271,7 +272,7 @@ class Engine:
         return ""
 
     def _opened(self) -> FMUProcess | FMUInProcess:
-        if self._pid != os.getpid():  # in a fork: the child process belongs to the original
+        if self._pid != os.getpid():  # In a fork, the child process belongs to the original.
             self._idle()
         process = self._process
         if process is not None and process.alive and process.runs < self._operation.recycle:

@@ -189,7 +189,8 @@ class Hook:
         return self.record or fmu.outputs()
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The number that the function returns. Raises RunFailed if the function raises."""
+        """The number that the user's function returns. Raises RunFailed if it raises an exception.
+        """
         try:
             return float(self._function()(dict(trajectory)))
         except Exception as error:

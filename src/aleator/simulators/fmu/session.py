@@ -158,7 +158,8 @@ class FMUSession:
             return trajectory
         anew = self._anew(job)
         same = _same(trajectory, anew, self._settings)
-        self._trusted = same and other  # a run with equal values would not test the reset
+        # A run with the same values as the run before would not test the reset.
+        self._trusted = same and other
         if not same:
             self._reset = False
             self.note = (
@@ -179,7 +180,7 @@ class FMUSession:
     def _created(self) -> Any:
         import fmpy
 
-        here = os.getcwd()  # FMPy changes the folder to load a library, and may not go back
+        here = os.getcwd()  # FMPy changes the current folder to load a library.
         try:
             instance = fmpy.instantiate_fmu(
                 self.setup["folder"],
@@ -263,7 +264,7 @@ class FMUSession:
         labels = ("ok", "warning", "discard", "error", "fatal", "pending")
         label = labels[status] if status in range(len(labels)) else status
         line = f"[{label}] {(text or b'').decode(errors='replace')}"
-        if not self._log or self._log[-1] != line:  # a repeated message is kept once
+        if not self._log or self._log[-1] != line:  # A repeated message is kept only once.
             self._log.append(line)
 
 
@@ -381,7 +382,7 @@ def _end_with(asker: int, folder: str, soon: float = SETTINGS.soon) -> None:
     """End this process soon after the calling process has ended, even if the FMU hangs."""
     while os.getppid() == asker:
         time.sleep(soon)
-    time.sleep(soon)  # meanwhile an FMU that does not hang is freed
+    time.sleep(soon)  # Meanwhile an FMU that does not hang is freed.
     shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)
 
@@ -391,7 +392,7 @@ def serve() -> None:
 
     Text that the FMU prints goes to stderr.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the calling process handles Ctrl-C
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The calling process handles Ctrl-C.
     requests = os.fdopen(os.dup(0), "rb")
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

@@ -303,7 +303,7 @@ def read_signal(reference: str, folder: Path, variable: str) -> Signal:
     The file needs a column `time`. Raises SimulatorError for a file that is not such a table.
     """
     name, colon, column = reference.rpartition(":")
-    # "C:\\drive.csv" has a colon, and no column.
+    # The path "C:\\drive.csv" has a colon, but names no column.
     if not colon or column.lower().endswith(".csv"):
         name, column = reference, variable
     file = folder / name

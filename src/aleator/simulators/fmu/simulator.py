@@ -69,7 +69,7 @@ class FMUSimulator:
     """
 
     block = BLOCKS.single
-    vectorized = False  # so that slow runs are stored one by one
+    vectorized = False  # Then each slow run is stored as soon as it is made.
 
     def __init__(
         self,
