@@ -65,8 +65,7 @@ class OutcomeDistribution(Protocol):
 
     @property
     def standardized(self) -> Array:
-        """Standardized moments (N, 5) of orders zero to four, for the outcome of each experiment.
-        """
+        """Standardized moments (N, 5) of orders zero to four of each experiment's outcome."""
 
     @property
     def status(self) -> NDArray[np.int64]:

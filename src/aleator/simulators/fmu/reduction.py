@@ -189,8 +189,7 @@ class Hook:
         return self.record or fmu.outputs()
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The number that the user's function returns. Raises RunFailed if it raises an exception.
-        """
+        """The number that the user's function returns. Raises RunFailed if that raises an error."""
         try:
             return float(self._function()(dict(trajectory)))
         except Exception as error:
