@@ -1,6 +1,6 @@
-"""Misuse of Aleator, reported in one message: what is wrong, where, and what to do.
+"""Errors that the user can correct, each in one message: what is wrong, where, and what to do.
 
-Failures of numerics are not exceptions: they are a status on the result.
+A failure of a numerical method is not an exception: it is a status on the result.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ class AleatorError(Exception):
 
 
 class StudyError(AleatorError):
-    """The study file has a missing, unknown or inadmissible key."""
+    """The study file lacks a key, or has an unknown key or a key with an inadmissible value."""
 
 
 class ExperimentsError(AleatorError):
-    """The table of experiments cannot be used as it is."""
+    """The table of experiments cannot be used: a cell, a column or an id in it is wrong."""
 
 
 class SimulatorError(AleatorError):
-    """The simulator cannot be imported, raised, or returned something that is not an outcome."""
+    """The simulator cannot be used, raised an exception, or returned no valid outcome."""
 
 
 class SurroundingsError(AleatorError):
-    """A run could not be made: a full disk, no process, no memory, a license that is refused."""
+    """The machine prevented a run: full disk, no new process, no memory, or no license."""
 
 
 class StoreError(AleatorError):
@@ -49,20 +49,20 @@ class StoreError(AleatorError):
 
 
 class ClusterError(AleatorError):
-    """The workers of a cluster cannot be reached or used, or its scheduler was lost."""
+    """The workers of a cluster cannot be used, or the connection to its scheduler is lost."""
 
 
 class InputsError(AleatorError):
-    """A law, a hyperparameter, a bound or a box is inadmissible."""
+    """A law, a hyperparameter, or the range of a value is inadmissible."""
 
 
 def installing(extra: str) -> str:
-    """The command that installs the packages of an extra of Aleator.
+    """The `pip` command that installs the packages of an optional extra of Aleator.
 
     >>> installing("report")
     "pip install 'bokeh>=...'"
     """
-    from importlib import metadata  # takes longer to import than all else that is needed here
+    from importlib import metadata  # This import is slow, and is made only when it is needed.
 
     declared = (line.partition(";") for line in metadata.requires("aleator") or ())
     named = re.compile(rf"""\bextra\s*==\s*["']{extra}["']""")
@@ -72,7 +72,7 @@ def installing(extra: str) -> str:
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:
-    """Return `` (did you mean 'x'?)`` for the candidate most like `name`, or an empty string.
+    """A hint `` (did you mean 'x'?)`` with the candidate most like `name`, or an empty text.
 
     >>> nearest("outcom", ["outcome", "id"])
     " (did you mean 'outcome'?)"
@@ -84,7 +84,10 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
 
 
 def key_path(location: Sequence[str | int], document: Mapping[str, Any], missing: bool) -> str:
-    """The path of a key in a file, without the parts that pydantic adds for alternatives.
+    """The path of a key in a file, such as `box[1]`, from the location of a pydantic error.
+
+    pydantic adds parts for alternative types, which are no keys of the file. They are left out.
+    `missing` says that the last key of the location is the one that the file lacks.
 
     >>> key_path(("box", "list", 1), {"box": [0.5, "a"]}, missing=False)
     'box[1]'
@@ -103,22 +106,23 @@ def key_path(location: Sequence[str | int], document: Mapping[str, Any], missing
 
 
 def short(path: Path) -> str:
-    """A path as messages write it: relative to the current folder if it lies in it.
+    """A path as messages show it: relative to the current folder where it lies inside.
 
     >>> short(Path.cwd() / "out" / "runs.sqlite"), short(Path("/elsewhere/runs.sqlite"))
     ('out/runs.sqlite', '/elsewhere/runs.sqlite')
     """
     try:
         here = Path.cwd()
-    except OSError:  # it was removed
+    except OSError:  # The current folder does not exist any more.
         return str(path)
     return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 def require_filled(value: object, interface: type, place: str) -> None:
-    """Check that a value has all members of an interface, before any of them is used.
+    """Check that a value has all public members of a protocol class, before any of them is used.
 
-    Raises InputsError that names the members it lacks, and for a class in place of its instance.
+    Raises InputsError with the names of missing members, and for a class given in place of an
+    instance.
 
     >>> from collections.abc import Sized
     >>> require_filled([1.0], Sized, "x")

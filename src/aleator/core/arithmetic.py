@@ -1,8 +1,8 @@
-"""Arithmetic in a text of the user: its syntax tree is checked before anything is computed.
+"""Arithmetic that the user writes as text: its syntax tree is checked before anything is computed.
 
-It has numbers, + - * / **, parentheses and the functions of `FUNCTIONS`. The caller decides which
-names and calls are allowed as well: expressions of `[derived]` and of FMUs, and formulas of
-covariates.
+The text has numbers, + - * / **, parentheses and the functions of `FUNCTIONS`. The caller decides
+which names and calls are allowed besides. It is used for the expressions of `[derived]` and of
+FMUs, and for formulas of covariates.
 """
 
 from __future__ import annotations
@@ -39,15 +39,16 @@ _PAIRS = ("min", "max")
 
 @dataclass(frozen=True)
 class Bounds:
-    """How large a text of arithmetic may be; chosen by `python -m hardening formulas`."""
+    """The largest size of a formula. The limit was chosen with `python -m hardening formulas`."""
 
     depth: int = 250
-    """Nested operations, at most. A sum is nested in the sum before it, so this limits its terms as
-    well. Python's own limit is 1,000 nested calls."""
+    """The largest number of nested operations. In a sum of many terms each addition is nested in
+    the next one, so this also limits the number of terms. Python itself allows 1,000 nested calls.
+    """
 
 
 class NoArithmeticError(AleatorError):
-    """An error in a text of arithmetic, with the node of its tree if that is known."""
+    """An error in a formula, with the node of its syntax tree where the error is known to be."""
 
     def __init__(self, problem: str, remedy: str = "", node: ast.expr | None = None) -> None:
         super().__init__(problem, remedy)
@@ -55,7 +56,7 @@ class NoArithmeticError(AleatorError):
 
 
 def in_short(text: str) -> str:
-    """A text in quotes, cut to what a message holds.
+    """A text in quotes for a message, cut to at most 80 characters.
 
     >>> in_short("a + b"), len(in_short("-" * 3000))
     ("'a + b'", 82)
@@ -64,9 +65,9 @@ def in_short(text: str) -> str:
 
 
 def tree(text: str, bounds: Bounds = Bounds()) -> ast.expr:
-    """The syntax tree of an expression, of bounded depth; nothing is computed.
+    """The syntax tree of an expression; nothing is computed.
 
-    Raises NoArithmeticError.
+    Raises NoArithmeticError for invalid syntax and for more nested operations than `bounds` allows.
 
     >>> type(tree("a + 2*b")).__name__
     'BinOp'
@@ -79,7 +80,7 @@ def tree(text: str, bounds: Bounds = Bounds()) -> ast.expr:
         found = ast.parse(text, mode="eval").body
     except (RecursionError, MemoryError):
         raise too_deep from None
-    except (SyntaxError, ValueError):  # ValueError: a zero byte
+    except (SyntaxError, ValueError):  # ValueError means that the text contains a zero byte.
         raise NoArithmeticError("is no arithmetic") from None
     level: list[ast.AST] = [found]
     for _ in range(bounds.depth):
@@ -90,10 +91,10 @@ def tree(text: str, bounds: Bounds = Bounds()) -> ast.expr:
 
 
 def require_arithmetic(node: ast.expr, is_leaf: Callable[[ast.expr], bool]) -> float | None:
-    """Check a tree of numbers, operators, functions and variables; its value if it has no variable.
+    """Check that a syntax tree is arithmetic, and return its value, or None if it has a variable.
 
-    `is_leaf` says whether the caller allows a node as a variable. Numbers are floats, and a part
-    without variables must have a finite value (9**9**9 has none). Raises NoArithmeticError.
+    `is_leaf` says whether the caller accepts a node as a variable. Numbers are floats. A part
+    without variables must have a finite value: 9**9**9 is refused. Raises NoArithmeticError.
 
     >>> require_arithmetic(tree("2*3"), lambda node: False)
     6.0
@@ -122,7 +123,7 @@ def require_arithmetic(node: ast.expr, is_leaf: Callable[[ast.expr], bool]) -> f
 
 
 def number(node: ast.Constant) -> np.float64:
-    """The number of a constant; infinite where it is too large for a float."""
+    """The value of a constant as a float; infinite where it is too large for one."""
     try:
         return np.float64(cast(float, node.value))
     except OverflowError:
@@ -130,7 +131,7 @@ def number(node: ast.Constant) -> np.float64:
 
 
 def function(node: ast.Call) -> Callable[..., Any]:
-    """The function that a call of arithmetic calls."""
+    """The NumPy function that a function call in a formula stands for."""
     return FUNCTIONS[node.func.id]  # type: ignore[attr-defined]
 
 

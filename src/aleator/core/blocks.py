@@ -1,10 +1,12 @@
-"""Rows of large arrays in blocks that fit the memory, or a core's cache."""
+"""How a large array is cut into blocks of rows that fit the memory or a processor's cache."""
 
 from __future__ import annotations
 
 
 def blocks(rows: int, width: int, most: int) -> list[slice]:
-    """Slices of rows of `width` numbers: at most `most` numbers in each, and at least one row.
+    """Slices that cut `rows` rows of `width` numbers each into blocks of at most `most` numbers.
+
+    A block has at least one row, even where that row has more than `most` numbers.
 
     >>> blocks(5, 10, 20)
     [slice(0, 2, None), slice(2, 4, None), slice(4, 5, None)]

@@ -1,6 +1,6 @@
 """Orthogonal polynomials of one variable by their three-term recurrence, and their Gauss rules.
 
-Every family is known by the coefficients of
+A family of polynomials is given by the coefficients a_k and b_k of
     sqrt(b_(k+1)) p_(k+1)(t) = (t - a_k) p_k(t) - sqrt(b_k) p_(k-1)(t),   p_0 = 1,
 for a weight that integrates to one (Gautschi, Orthogonal Polynomials, 2004, sec. 1.3).
 """
@@ -43,12 +43,12 @@ def legendre_recurrence(count: int) -> tuple[Array, Array]:
 
 
 def laguerre_recurrence(count: int, variation: Value) -> tuple[Coefficients, Coefficients]:
-    """The generalized Laguerre family in the gamma law's own units: its weight has mean 0 and sd 1.
+    """Recurrence coefficients of the generalized Laguerre family, for a standardized gamma law.
 
-    t = (g - k)/sqrt(k) with g of a gamma law of shape k = 1/variation^2 has a_n = 2 n c and
-    b_n = n (1 + (n - 1) c^2), c = `variation` (Gautschi, table 1.1, shifted and scaled). Nothing
-    cancels for large k: c = 0 is the Hermite family. Complex c serves derivatives by a complex
-    step.
+    The variable t = (g - k)/sqrt(k) has mean 0 and sd 1, where g has a gamma law of shape k = 1/c^2
+    and c = `variation` is its coefficient of variation. Then a_n = 2 n c and b_n = n (1 + (n - 1)
+    c^2) (Gautschi, table 1.1, shifted and scaled). There is no cancellation for large k; c = 0
+    gives the Hermite family. A complex c serves derivatives by a complex step.
 
     >>> laguerre_recurrence(3, 1.0)[0].tolist()      # exponential law: 2 n + 1, less its mean 1
     [0.0, 2.0, 4.0]
@@ -60,12 +60,13 @@ def laguerre_recurrence(count: int, variation: Value) -> tuple[Coefficients, Coe
 
 
 def jacobi_recurrence(count: int, p: Value, q: Value) -> tuple[Coefficients, Coefficients]:
-    """The Jacobi family in the beta law's own units: its weight has mean 0 and sd 1.
+    """Recurrence coefficients of the Jacobi family, for a standardized beta law.
 
-    The beta law has density x^(p-1) (1-x)^(q-1)/B(p, q) on [0, 1], p, q > 0. With s = p + q, in
-    the coordinate (x - E x)/sd x, a_n = -(sd t)^-1 4 n (p - q)(n + s - 1)/(s (2n+s-2)(2n+s)) with
-    sd t = sqrt(4 p q/(s^2 (s + 1))) (Gautschi, table 1.1, shifted and scaled so that nothing
-    cancels for large p and q). Complex p, q serve derivatives by a complex step.
+    The beta law has density x^(p-1) (1-x)^(q-1)/B(p, q) on [0, 1], p, q > 0. The variable is (x - E
+    x)/sd x, with mean 0 and sd 1. With s = p + q and t = 2 x - 1, a_n = -(sd t)^-1 4 n (p - q)(n +
+    s - 1)/(s (2n+s-2)(2n+s)), where sd t = sqrt(4 p q/(s^2 (s + 1))) (Gautschi, table 1.1, shifted
+    and scaled so that there is no cancellation for large p and q). Complex p, q serve derivatives
+    by a complex step.
 
     >>> legendre = legendre_recurrence(4)[1]
     >>> bool(np.allclose(jacobi_recurrence(4, 1.0, 1.0)[1][1:], 3.0 * legendre[1:]))
@@ -88,9 +89,10 @@ def recurrence_with_gradient(
     count: int,
     parameters: Sequence[float],
 ) -> tuple[Array, Array, Array, Array]:
-    """A family's coefficients (count,), (count,) and derivatives (count, k) by its k parameters.
+    """Recurrence coefficients a and b (count,) of a family, and their derivatives (count, k).
 
-    A complex step of 1e-30 makes the derivatives exact to rounding; the family must be analytic.
+    The derivatives are those by the k parameters of the family. A complex step of 1e-30 makes them
+    exact to rounding; the family must be analytic in its parameters.
 
     >>> recurrence_with_gradient(laguerre_recurrence, 3, [0.5])[2].tolist()
     [[0.0], [2.0], [4.0]]
@@ -104,12 +106,12 @@ def recurrence_with_gradient(
 
 
 def stieltjes(t: Array, weights: Array, count: int) -> tuple[Array, Array]:
-    """Recurrence coefficients of the weights on the points t, by the Stieltjes procedure.
+    """Recurrence coefficients for the discrete weight on points t, by the Stieltjes procedure.
 
-    a_k = <t p_k, p_k> and b_k = |the next polynomial before scaling|^2 (Gautschi, sec. 2.2).
-    `t` and `weights` are (..., Q) with weights that sum to one along the last axis; returns
-    a (..., count), b (..., count). Needs count well below Q; orthogonality is lost otherwise.
-    Cost O(count Q).
+    a_k = <t p_k, p_k>, and b_k is the squared norm of p_k before it is scaled (Gautschi, sec. 2.2).
+    `t` and `weights` are (..., Q) with weights that sum to one along the last axis; the
+    coefficients a and b are (..., count). `count` must be well below Q; orthogonality is lost
+    otherwise. Cost O(count Q).
 
     >>> t, w = np.polynomial.legendre.leggauss(50)
     >>> a, b = stieltjes(t, w / 2, 3)            # Legendre: b_k = k^2/(4 k^2 - 1)
@@ -174,12 +176,13 @@ def gauss(a: Array, b: Array) -> tuple[Array, Array]:
 def gauss_with_gradient(
     a: Array, b: Array, da: Array, db: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """The q-point Gauss rule and its exact derivatives: nodes, weights (q,), and both (q, k).
+    """The q-point Gauss rule and its exact derivatives by k parameters.
 
-    `da` and `db` (q, k) are the derivatives of the recurrence coefficients. For a symmetric
-    matrix J with eigenvectors v_i and simple eigenvalues t_i,
-    dt_i = v_i' dJ v_i and dv_i = sum_(j != i) v_j (v_j' dJ v_i)/(t_i - t_j); a Jacobi matrix has
-    simple eigenvalues (Golub and Welsch, 1969). Cost O(k q^3).
+    Returns nodes (q,), weights (q,), and the derivatives of both (q, k). `da` and `db` (q, k) are
+    the derivatives of the recurrence coefficients a and b (q,). For a symmetric matrix J with
+    eigenvectors v_i and simple eigenvalues t_i, dt_i = v_i' dJ v_i and dv_i = sum_(j != i) v_j
+    (v_j' dJ v_i)/(t_i - t_j). A Jacobi matrix has simple eigenvalues (Golub and Welsch, 1969). Cost
+    O(k q^3).
 
     >>> a, b = hermite_recurrence(2)                   # scaled by c: nodes c and -c, weights stay
     >>> parts = gauss_with_gradient(a, b, np.zeros((2, 1)), np.array([[0.0], [2.0]]))
@@ -201,16 +204,17 @@ def gauss_with_gradient(
 def polished_rule(a: Array, b: Array, degree: int) -> tuple[Array, Array, Array]:
     """Gauss rule exact to `degree`: nodes t (q,), weights w (q,), values p_k(t_j) (q, q).
 
-    Its weights keep their digits where high powers of a polynomial are integrated. The squared
-    component of an eigenvector, as `gauss` takes it, has an absolute error of 1e-16 or so. An outer
-    node of a 17-point Hermite rule weighs 1e-13, and the eighth power of a polynomial of degree
-    four multiplies it by more than 1e20. So the nodes are polished and the weights taken from the
+    The weights keep their relative accuracy, which matters where high powers of a polynomial are
+    integrated. `gauss` takes a weight from the squared component of an eigenvector, with an
+    absolute error of about 1e-16. But an outer node of a 17-point Hermite rule has the weight
+    1e-13, and the eighth power of a polynomial of degree four multiplies it by more than 1e20. So
+    here the nodes are improved by Newton's method, and the weights are computed from the
     polynomials.
 
-    q = floor(degree/2) + 1. With S(t) = sum_(k<q) p_k(t)^2 the weights are w_j = 1/S(t_j), and by
-    the Christoffel-Darboux formula a step of Newton's method is r(t) p_(q-1)(t)/S(t), where r is
-    p_q before it is scaled (Gautschi, Orthogonal Polynomials, 2004, sec. 1.3.3 and 1.4.2).
-    `a` and `b` hold at least q recurrence coefficients. Cost O(q^3).
+    q = floor(degree/2) + 1. With S(t) = sum_(k<q) p_k(t)^2 the weights are w_j = 1/S(t_j). By the
+    Christoffel-Darboux formula a step of Newton's method is r(t) p_(q-1)(t)/S(t), where r is p_q
+    before it is scaled (Gautschi, Orthogonal Polynomials, 2004, sec. 1.3.3 and 1.4.2). `a` and `b`
+    hold at least q recurrence coefficients. Cost O(q^3).
 
     >>> t, w, p = polished_rule(*hermite_recurrence(3), 4)
     >>> t.round(6).tolist(), w.round(6).tolist()
@@ -218,7 +222,7 @@ def polished_rule(a: Array, b: Array, degree: int) -> tuple[Array, Array, Array]
     """
     q = degree // 2 + 1
     t = np.asarray(gauss(a[:q], b[:q])[0], dtype=float)
-    for _ in range(2):  # each doubles the digits, and most are there
+    for _ in range(2):  # Each Newton step doubles the correct digits, and most are correct before.
         p = evaluate(a, b, t, q - 1)
         below = np.sqrt(b[q - 1]) * p[:, q - 2] if q > 1 else 0.0
         t = t - ((t - a[q - 1]) * p[:, -1] - below) * p[:, -1] / np.sum(p**2, axis=1)
@@ -227,7 +231,7 @@ def polished_rule(a: Array, b: Array, degree: int) -> tuple[Array, Array, Array]
 
 
 def _tridiagonal(diagonal: Array, off: Array) -> Array:
-    """The symmetric matrices (..., q, q) of a diagonal (..., q) and the one beside it."""
+    """Tridiagonal matrices (..., q, q) from diagonals (..., q) and off-diagonals (..., q - 1)."""
     q = diagonal.shape[-1]
     matrix = np.zeros((*diagonal.shape, q))
     rows = np.arange(q)
@@ -261,7 +265,7 @@ def gauss_legendre(q: int) -> tuple[Array, Array]:
 
 
 def tensor(sizes: tuple[int, ...]) -> Indices:
-    """Indices (J, n) of all combinations of one-dimensional nodes, J = product of sizes.
+    """Index tuples (J, n) of a tensor product of n one-dimensional rules, J = product of sizes.
 
     >>> tensor((2, 2)).tolist()
     [[0, 0], [0, 1], [1, 0], [1, 1]]

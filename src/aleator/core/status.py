@@ -1,15 +1,15 @@
-"""Status of the density of one experiment, and the value for a search if there is no density."""
+"""How the computation of an experiment's density ended, and the value for a search without one."""
 
 from __future__ import annotations
 
 import enum
 
 DEGENERATE_VALUE = -1e8
-"""Log-density for a search where there is no density; finite, and far below any honest value."""
+"""The log-density for a search where no density exists: finite, and far below any real value."""
 
 
 class Status(enum.IntEnum):
-    """Status of the density of one experiment; every one but SOLVED has a remedy.
+    """How the computation of the density of one experiment ended; SOLVED is the only success.
 
     >>> Status.SOLVED.explanation
     'the density has the moments asked for'
@@ -24,7 +24,7 @@ class Status(enum.IntEnum):
 
     @property
     def explanation(self) -> str:
-        """One sentence: what happened, and what to do about it."""
+        """One sentence for the user: what happened, and what to do about it."""
         return _EXPLANATIONS[self]
 
 

@@ -1,8 +1,8 @@
 """One thread for the linear algebra of small matrices.
 
-Aleator's matrices are small and many. A BLAS that splits each of them over all cores gains nothing,
-and on a machine whose cores are busy it waits for itself: on two busy cores the surfaces of the wet
-clutch took 121 s with two BLAS threads and 3.0 s with one.
+Aleator's matrices are small and many. A linear-algebra library (BLAS) that splits each of them over
+all cores gains nothing, and on busy cores its threads wait for each other. On two busy cores the
+response surfaces of the wet-clutch example took 121 s with two BLAS threads and 3.0 s with one.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ def _controller() -> ThreadpoolController:
 
 
 def single_threaded(function: Callable[P, T]) -> Callable[P, T]:
-    """Run a function with one BLAS thread, and give the threads back after it.
+    """Make a function use one thread for linear algebra; the former number is restored after it.
 
-    Not for functions that call the user's simulator: its threads are its own. Cost: some tens of
-    microseconds a call.
+    Not for functions that call the user's simulator, which decides about its own threads. Cost:
+    some tens of microseconds a call.
 
     >>> single_threaded(abs)(-1)
     1

@@ -1,4 +1,4 @@
-"""Arrays by what they hold; shapes stand in the docstrings."""
+"""Types of arrays, by what their entries are; the shapes are written in the docstrings."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-"""Numbers."""
+"""An array of floating-point numbers."""
 Indices = NDArray[np.intp]
-"""Positions in another array."""
+"""An array of positions in another array."""
 Flags = NDArray[np.bool_]
-"""One truth value for each entry."""
+"""An array of truth values."""

@@ -1,10 +1,10 @@
 """The result of an identification as plain data: its values, its law, its document, its text.
 
-Three nouns: a `Result` holds all values, and is equal to what is read back from its file
-(`result`, `values`); a *document* is the content of such a file, as dictionaries and lists, checked
-when it is read (`documents`, `schema`); a `Content` is what a reader is shown, sentences and tables
+Three nouns. A `Result` holds all values, and equals what is read back from its file (`result`,
+`values`). A *document* is the content of such a file, as dictionaries and lists, which are checked
+when they are read (`documents`, `schema`). A `Content` is what a reader sees: sentences and tables
 made from a document (`printed`, `answer`).
 
-`law` is the identified joint law, to sample from; `units` says how names appear with their units.
-Nothing here can run a simulator or evaluate a likelihood.
+`law` is the identified joint law, from which values can be drawn. `units` decides how names are
+shown with their units. Nothing in this package runs a simulator or evaluates a likelihood.
 """

@@ -1,7 +1,7 @@
 """The short report of an identification, from its document: estimates, warnings, verdicts.
 
-`answer` is shown by `print` and in a notebook. The long report (`aleator.views.identification`)
-begins with the same sentences and tables.
+`print` and notebooks show the report that `answer` makes. The long report
+(`aleator.views.identification`) begins with the same sentences and tables.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ COLUMNS = heads("alpha", ">estimate", ">std. error", ">95 % interval", "~note")
 
 
 def answer(document: Document) -> Content:
-    """The short report: alpha, log-likelihood, warnings, verdicts."""
+    """The short report of an identification: estimates, log-likelihood, warnings and verdicts."""
     return Content(
         str(document.get("title") or ""),
         lead(document),
@@ -49,7 +49,7 @@ def is_individual(document: Document) -> bool:
 
 
 def words(name: object) -> str:
-    """The name of a method or a status as words, "-" for none."""
+    """The name of a method or a status with blanks for its underscores; "-" where there is none."""
     return str(name or NONE).replace("_", " ")
 
 
@@ -98,7 +98,11 @@ def _method(document: Document) -> str:
 
 
 def estimates(document: Document) -> TextTable:
-    """A row for each hyperparameter: name with unit, estimate, standard error, interval, note."""
+    """The table of estimates: a row for each hyperparameter.
+
+    Its columns are the name with its unit, the estimate, the standard error, the 95 % interval, and
+    a note, such as "fixed".
+    """
     rows: list[Sequence[str]] = []
     for name, entry in document["alpha"].items():
         error = entry.get("standard_error")
@@ -127,7 +131,9 @@ def _note(entry: Document, thresholds: Thresholds = THRESHOLDS) -> str:
 
 
 def _to_limit(cut: str, drops: Sequence[float] | None) -> str:
-    """A note on ends of an interval that are limits, with the drop of the profile there.
+    """A note on an interval that ends at a limit of the hyperparameter.
+
+    It gives the drop of the profile log-likelihood at the limit, which is 1.92 at an inner end.
 
     >>> _to_limit("lower", (1.263, 1.92)), _to_limit("both", (0.5, 0.004))
     ('to its lower limit (drop 1.26)', 'from limit to limit (drops 0.50, 0.00)')
@@ -139,7 +145,10 @@ def _to_limit(cut: str, drops: Sequence[float] | None) -> str:
 
 
 def log_likelihood(document: Document) -> Sentence:
-    """A sentence with the log-likelihood, its error, the log prior and the check."""
+    """A sentence with the log-likelihood, its numerical error, the log prior, and its verification.
+
+    The verification is the log-likelihood from runs of the simulator itself, where these were made.
+    """
     value, density = document["log_likelihood"], document.get("density")
     line = f"log-likelihood {to_three(value.get('estimated'))}"
     line += "" if value.get("error") is None else f" +- {number(value['error'], 2)}"
@@ -189,7 +198,7 @@ def _soundness(document: Document) -> Sentence:
 
 
 def _agreement(document: Document) -> Sentence:
-    """The verdict on consistency; its probability is that of all tests together."""
+    """The verdict on consistency, with the probability of all tests together."""
     second, verdict = document["consistency"], document["consistent"]
     if verdict is None:
         reason = second["reason"]
@@ -207,14 +216,15 @@ def _agreement(document: Document) -> Sentence:
 
 
 def warnings(document: Document) -> tuple[Sentence, ...]:
-    """All warnings, contradictions and outliers, each with its remedy."""
+    """All warnings, contradictions of the model and outliers, with remedies where there are any."""
     warned: list[Sentence] = []
     for entry in document.get("warnings") or ():
         head = f"Warning, {entry.get('about', '')}"
         said, remedy = str(entry.get("message", "")), entry.get("remedy") or ""
         warned.append(Sentence(said, "warning", head, remedy))
     second = document.get("consistency") or {}
-    for row in second.get("discrepancies", ()):  # the verdict says them where it comes last
+    # Only a page shows these sentences; a shorter report has them in its verdict.
+    for row in second.get("discrepancies", ()):
         said, remedy = _contradiction(row), row["remedy"]
         warned.append(Sentence(said, "warning", "Not consistent", remedy, depth=PAGE))
     if outliers := second.get("outliers"):
@@ -239,7 +249,7 @@ def _contradiction(row: Document) -> str:
 
 
 def _numbered(rows: Sequence[Document]) -> Iterator[tuple[str, Document]]:
-    """Rows, each with its number in parentheses; a single row has none."""
+    """Discrepancies, each with its number such as "(1) "; a single one has no number."""
     for place, row in enumerate(rows, start=1):
         yield f"({place}) " if len(rows) > 1 else "", row
 

@@ -1,4 +1,4 @@
-"""Results as JSON files, whose keys have a fixed order: equal numbers give equal bytes."""
+"""Results as JSON files: keys have a fixed order, so equal numbers give files with equal bytes."""
 
 from __future__ import annotations
 
@@ -25,9 +25,7 @@ _ORDER = (
 
 
 def plain(value: Any) -> Any:
-    """A value in the types of JSON: NumPy's numbers become Python's, NaN and infinity None.
-
-    Raises TypeError for anything that is not a mapping, a sequence, a number, a text or None.
+    """A value converted to JSON types: NumPy numbers become Python's; NaN and infinity become None.
 
     >>> plain({"x": np.array([1.0, np.nan]), "n": np.int64(3)})
     {'x': [1.0, None], 'n': 3}
@@ -62,15 +60,15 @@ def to_json(result: Mapping[str, Any]) -> str:
 
 
 def study_entry(document: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The entry `study` of a document; empty where it is missing or damaged."""
+    """The entry `study` of a document, which names the study file; empty if missing or damaged."""
     entry = document.get("study")
     return entry if isinstance(entry, Mapping) else {}
 
 
 def study_file(document: Mapping[str, Any], path: Path) -> Path:
-    """The study file of a document that was read from `path`.
+    """The path of the study file named in a document that was read from `path`.
 
-    Raises AleatorError where it is not named, or no longer there.
+    Raises AleatorError if the document names no study file, or the file does not exist any more.
     """
     file = study_entry(document).get("file")
     found = path.parent / file if isinstance(file, str) else None
@@ -85,14 +83,14 @@ def study_file(document: Mapping[str, Any], path: Path) -> Path:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # a name that is too long, or no name at all
+    except (OSError, ValueError):  # The name of the file is too long or invalid.
         return False
 
 
 def replaced(path: Path, study: Path | None = None) -> str | None:
-    """A note that an older file will be replaced; None where there is no such file.
+    """A note that an older result file will be replaced; None if there is no such file.
 
-    Raises AleatorError where the older file is the result of another study.
+    Raises AleatorError if the older file is the result of a study other than `study`.
     """
     try:
         older = study_entry(json.loads(path.read_text(encoding="utf-8"))).get("file")
@@ -110,9 +108,9 @@ def replaced(path: Path, study: Path | None = None) -> str | None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder of results. Commands do so before they compute anything.
+    """Make the folder for results, if needed. Commands do so before they compute anything.
 
-    Raises AleatorError where that is not possible.
+    Raises AleatorError if the folder cannot be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -124,9 +122,9 @@ def make_folder(folder: Path) -> None:
 
 
 def write_text(text: str, path: str | Path) -> None:
-    """Write a file completely or not at all, and make its folder.
+    """Write a text file completely or not at all, and make its folder if needed.
 
-    Raises AleatorError where the file cannot be written.
+    Raises AleatorError if the file cannot be written.
     """
     path = Path(path)
     make_folder(path.parent)
@@ -135,7 +133,7 @@ def write_text(text: str, path: str | Path) -> None:
         draft.write_text(text, encoding="utf-8")
         draft.replace(path)
     except OSError as error:
-        with suppress(OSError):  # its name may be too long for this too
+        with suppress(OSError):  # The file cannot be removed either if its name is too long.
             draft.unlink(missing_ok=True)
         raise AleatorError(
             f"{short(path)}: the file cannot be written: {error.strerror}",
@@ -146,6 +144,6 @@ def write_text(text: str, path: str | Path) -> None:
 def write_json(result: Mapping[str, Any], path: str | Path) -> None:
     """Write a result as a JSON file, completely or not at all.
 
-    Raises AleatorError where the file cannot be written.
+    Raises AleatorError if the file cannot be written.
     """
     write_text(to_json(result), path)

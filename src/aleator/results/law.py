@@ -24,7 +24,7 @@ Points = Mapping[str, ArrayLike] | pd.DataFrame | ArrayLike
 class Marginal:
     """The law of one parameter: its family, and the values (k,) of its hyperparameters.
 
-    A constant has a probability in place of a density: one at its value.
+    A parameter that is a known constant has no density: `pdf` gives 1 at its value, a probability.
     """
 
     family: Law
@@ -47,7 +47,7 @@ class Marginal:
         return found.reshape(at.shape)[()]
 
     def cdf(self, x: ArrayLike) -> Any:
-        """The probability of a value up to each x."""
+        """The cumulative probability at each x: that the parameter is at most x."""
         at = np.asarray(x, dtype=np.float64)
         if not self.family.scatters:
             return np.where(at >= self.values[0], 1.0, 0.0)[()]
@@ -55,7 +55,7 @@ class Marginal:
         return found.reshape(at.shape)[()]
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """The value that is not exceeded with each probability."""
+        """The value that the parameter does not exceed, with each given probability."""
         at = np.asarray(probability, dtype=np.float64)
         return self.family.quantile(self.values, at.ravel()).reshape(at.shape)[()]
 
@@ -64,10 +64,11 @@ class Marginal:
 class JointLaw:
     """The joint law of n parameters at given hyperparameters alpha (K,): P_X(alpha).
 
-    `marginals` are the parameters' own laws by name. Points x are named columns, a mapping or a
-    data frame, of numbers or of arrays of one shape, where a constant parameter may be left out; or
-    an array (..., n) in the order of the parameters. A value per point comes back, in that shape.
-    Raises InputsError for a parameter that is unknown or missing.
+    `marginals` are the laws of the single parameters by name. Methods take points x in one of two
+    forms. The first is a mapping or a data frame with a column for each parameter; its entries are
+    numbers or arrays of one shape, and a constant parameter may be left out. The second is an array
+    (..., n) in the order of the parameters. The methods return one value for each point, in the
+    shape of the points. Raises InputsError for a parameter that is unknown or missing.
 
     >>> from aleator.laws import Constant, Normal
     >>> law = JointLaw(Inputs({"v": Normal(1.0, 2.0), "b": Constant(3.0)}), np.array([1., 2., 3.]))
@@ -82,28 +83,29 @@ class JointLaw:
 
     @cached_property
     def marginals(self) -> Mapping[str, Marginal]:
-        """The law of each parameter by itself."""
+        """The law of each single parameter, by name."""
         parts = zip(self.inputs.laws.items(), self.inputs.slices, strict=True)
         return {name: Marginal(law, self.alpha[part]) for (name, law), part in parts}
 
     def sample(self, size: int, seed: int = 0) -> pd.DataFrame:
-        """`size` independent draws, a row each; the same seed gives the same draws."""
+        """`size` independent draws of the parameters, one a row; equal seeds give equal draws."""
         uniform = np.random.default_rng(seed).random((size, len(self.inputs.names)))
         return pd.DataFrame(self.inputs.sample(self.alpha, uniform), columns=[*self.inputs.names])
 
     def pdf(self, x: Points) -> Any:
         """The joint density of the parameters that scatter, at each point x.
 
-        Zero outside the support, and where a constant parameter has another value than its own.
+        The density is zero outside the support, and where a constant parameter is given another
+        value.
         """
         points, shape = self._points(x)
         return np.exp(self.inputs.log_density(self.alpha, points)).reshape(shape)[()]
 
     def cdf(self, x: Points) -> Any:
-        """The probability that no parameter exceeds its value in x, at each point x.
+        """The probability that every parameter is at most its value in x, at each point x.
 
-        Exact for independent parameters and for one correlated pair; a numerical integral to 1e-5
-        for three or more correlated parameters (Genz, 1992).
+        Exact for independent parameters and for one correlated pair. For three or more correlated
+        parameters it is a numerical integral with an error of about 1e-5 (Genz, 1992).
         """
         points, shape = self._points(x)
         found = np.ones(len(points))
@@ -115,7 +117,7 @@ class JointLaw:
         return found.reshape(shape)[()]
 
     def _correlated_cdf(self, points: Array, far: float = 40.0) -> Array:
-        """The joint cdf of the correlated parameters; `far` stands for an infinite normal score."""
+        """The joint cdf of the correlated parameters; normal scores are limited to +-`far`."""
         tied = list(self.inputs.correlated)
         marginals = [*self.marginals.values()]
         scores = [marginals[i].family.normal_score(marginals[i].values, points[:, i]) for i in tied]
@@ -125,7 +127,7 @@ class JointLaw:
         return found
 
     def _points(self, x: Points) -> tuple[Array, tuple[int, ...]]:
-        """Points (J, n) in the order of the parameters, and the shape that they came in."""
+        """Points (J, n) in the order of the parameters, and the shape of the given points."""
         names = self.inputs.names
         if not isinstance(x, Mapping | pd.DataFrame):
             x = _by_name(np.asarray(x, dtype=np.float64), names)
@@ -148,7 +150,7 @@ class JointLaw:
 
 
 def _by_name(points: Array, names: tuple[str, ...]) -> dict[str, Array]:
-    """The columns of points (..., n). Raises InputsError where there are not n of them."""
+    """The columns of points (..., n) by name. Raises InputsError if there are not n columns."""
     if points.ndim == 0 or points.shape[-1] != len(names):
         raise InputsError(
             f"x has shape {points.shape}, and there are {len(names)} parameters",

@@ -1,7 +1,7 @@
-"""Contents: sentences and tables in sections, and their writers as plain text and as HTML.
+"""Reports as sentences and tables in sections, and how these are written as text and as HTML.
 
-Pure functions make a `Content` from a document. Here it becomes text of a given width, and HTML for
-a notebook; `aleator.views` prints it on a terminal, and makes pages with charts.
+Pure functions make a `Content` from a document. This module turns it into text of a given width,
+and into HTML for a notebook. `aleator.views` prints it on a terminal, and makes pages with charts.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ NONE = "-"
 
 @dataclass(frozen=True)
 class TextSettings:
-    """How numbers and tables are written, all by judgement: no answer depends on it."""
+    """Settings of how numbers and tables are written. The values are chosen by judgement."""
 
     whole: float = 1e7
-    """A number below this that has more digits than are shown is written whole."""
+    """A number below this keeps all digits before the point, even if fewer are asked for."""
     least: float = 1e-4
-    """A value below this is written with an exponent, in place of the digits of its error."""
+    """A value below this is written with an exponent, not rounded to the digits of its error."""
     largest: float = 1e6
-    """A value above this is written with an exponent, too."""
+    """A value above this is written with an exponent, not rounded to the digits of its error."""
     decimals: int = 9
-    """The most decimals of a value with an error."""
+    """The largest number of decimals of a value with an error."""
     gap: int = 2
     """Blanks between two columns of a table."""
     indent: int = 4
-    """Columns by which what does not fit beside the first cell stands under it."""
+    """Blanks before a text that did not fit beside the first cell and stands below it."""
     narrowest: int = 16
-    """A column that folds is no narrower, if its cells are as long: else it stands below."""
+    """The least width of a column whose text is wrapped; without that much room it stands below."""
 
 
 TEXT = TextSettings()
@@ -48,7 +48,7 @@ TEXT = TextSettings()
 
 
 def number(value: float | None, digits: int = 4, settings: TextSettings = TEXT) -> str:
-    """A number with so many significant digits, "-" for none.
+    """A number with the given number of significant digits, "-" for None.
 
     >>> number(0.91234), number(None), number(123456.0), number(1.5e-7)
     ('0.9123', '-', '123456', '1.5e-07')
@@ -63,9 +63,9 @@ def number(value: float | None, digits: int = 4, settings: TextSettings = TEXT) 
 def with_error(
     value: float, error: float | None, *, estimate: bool = False, settings: TextSettings = TEXT
 ) -> tuple[str, str]:
-    """A value and its standard error, both to the second digit of the error.
+    """A value and its standard error as texts, both to the second significant digit of the error.
 
-    An `estimate` keeps two digits of its own where the error is larger than itself.
+    An `estimate` keeps two digits of its own where the error is larger than the value.
 
     >>> with_error(0.912345, 0.01234), with_error(-9.37012, 0.2149), with_error(2.0, None)
     (('0.912', '0.012'), ('-9.37', '0.21'), ('2', '-'))
@@ -79,7 +79,7 @@ def with_error(
 
 
 def between(ends: Sequence[float | None] | None, error: float | None) -> str:
-    """An interval, its ends rounded as an estimate with this standard error; "-" for none.
+    """An interval as text, its ends rounded by the standard error of the estimate; "-" for none.
 
     >>> between((0.88816, 0.93653), 0.01234), between(None, 0.1), between((None, 1.0), 0.1)
     ('0.888 .. 0.937', '-', '-')
@@ -91,7 +91,7 @@ def between(ends: Sequence[float | None] | None, error: float | None) -> str:
 
 
 def percent(share: float | None, digits: int = 0) -> str:
-    """A share in percent, "-" for none.
+    """A share in percent as text, "-" for none.
 
     >>> percent(0.4284), percent(0.4284, 1), percent(0.00004, 1), percent(None)
     ('43 %', '42.8 %', '<0.1 %', '-')
@@ -105,7 +105,7 @@ def percent(share: float | None, digits: int = 0) -> str:
 
 
 def to_three(value: float | None) -> str:
-    """A log-likelihood, "-" for none.
+    """A log-likelihood with three decimals, "-" for none.
 
     >>> to_three(262.51234), to_three(None)
     ('262.512', '-')
@@ -114,7 +114,7 @@ def to_three(value: float | None) -> str:
 
 
 def count(size: int, what: str) -> str:
-    """A count with its noun, in the plural where needed.
+    """A number with its noun, which is in the plural unless the number is one.
 
     >>> count(1, "experiment"), count(1200, "run")
     ('1 experiment', '1,200 runs')
@@ -125,8 +125,8 @@ def count(size: int, what: str) -> str:
 def outside(probabilities: Sequence[float], share: float = 0.05) -> str:
     """A sentence on how many values lie in the outer `share` of their predicted laws.
 
-    `probabilities` are the predicted ones of smaller values. If the laws are right the count is
-    binomial: the sentence has its 95 % range.
+    `probabilities` are the predicted probabilities of a smaller value. If the predicted laws are
+    right the number of outer values is binomial, and the sentence gives its 95 % range.
 
     >>> outside([0.01, 0.5, 0.99, 0.6])
     '2 of 4 are, and 0 to 1 would be of a right model, in 95 % of all cases.'
@@ -144,11 +144,11 @@ def outside(probabilities: Sequence[float], share: float = 0.05) -> str:
 
 Side = Literal["left", "right", "fold"]
 Column = tuple[str, Side]
-"""The head of a column and the side of its cells; the last column may "fold" at words."""
+"""The head of a column and the alignment of its cells; the last column may be wrapped ("fold")."""
 
 
 def heads(*names: str) -> list[Column]:
-    """Columns by their heads: ">" marks a column of numbers, "~" one whose sentences fold.
+    """Columns by their heads: ">" marks a column of numbers, "~" one whose text is wrapped.
 
     >>> heads("alpha", ">estimate", "~note")
     [('alpha', 'left'), ('estimate', 'right'), ('note', 'fold')]
@@ -159,53 +159,53 @@ def heads(*names: str) -> list[Column]:
 
 Depth = int
 SHORT, WHOLE, DETAILS, PAGE = range(4)
-"""How much is shown: a short report, a report, a report with details, a page."""
+"""How detailed a report is: short, whole, with details, or a page with everything."""
 Kind = Literal["plain", "strong", "good", "bad", "open", "warning", "missing", "heading", "code"]
-"""The role of a sentence, which decides its look."""
+"""The role of a sentence, which decides how it is shown."""
 
 
 @dataclass(frozen=True)
 class Amounts:
-    """How many entries tables and charts show at most; by judgement, no answer depends on it."""
+    """The most entries that tables and charts show. The values are chosen by judgement."""
 
     notebook: int = 20
-    """Rows of a table in a notebook."""
+    """The most rows of a table in a notebook."""
     worst: int = 3
-    """Experiments, or observations, that are named as the least expected."""
+    """The most experiments, or observations, that are named as the most improbable ones."""
     experiments: int = 1000
-    """Rows of the table of experiments on a page; of more, the least expected."""
+    """The most rows of the table of experiments on a page; the most improbable ones are kept."""
     conditions: int = 8
-    """Conditions in the table of experiments on a page."""
+    """The most columns of conditions in the table of experiments on a page."""
     failed: int = 20
-    """Experiments with failed runs that are named."""
+    """The most experiments with failed runs that are named."""
     gaining: int = 5
-    """Experiments named as those that gain most by the best possible law."""
+    """The most experiments that are named because the best possible law fits them much better."""
     pairs: int = 5
-    """Pairs of parameters in the report of a sensitivity."""
+    """The most pairs of parameters in the report of a sensitivity analysis."""
     candidates: int = 10
-    """Candidates in the report on the next experiment."""
+    """The most candidates in the report on the next experiment."""
     chosen: int = 30
-    """Experiments of a chosen set in that report."""
+    """The most experiments of a recommended set in the report on the next experiment."""
     failure: int = 10_000
-    """Characters of the message or the log of a run."""
+    """The most characters of the message or the log of a failed run."""
     marks: int = 600
-    """Marks in a chart."""
+    """The most marks (points) in a chart."""
     farthest: int = 150
-    """Marks of a chart that are kept because they lie farthest out."""
+    """The most marks of a crowded chart that are kept because they are outermost."""
     hovered: int = 6
-    """Conditions in the tooltip of a mark."""
+    """The most conditions in the tooltip of a mark in a chart."""
     series: int = 200
-    """Experiments whose series a page shows."""
+    """The most experiments whose curves over time a page shows."""
     observations: int = 20_000
-    """Observations in all series of a page."""
+    """The most observations in all curves of a page together."""
     named: int = 12
-    """Experiments, points of a law or panels that a table or a figure has room for."""
+    """The most experiments, points of a law or subplots that a table or a figure shows."""
     across: int = 4
-    """Panels in a row of a figure."""
+    """The number of subplots in a row of a figure."""
     farthest_panels: int = 4
-    """Panels that are kept because of their large residuals."""
+    """The most subplots that are kept because of their large residuals."""
     letters: int = 18
-    """Characters of an id over a panel."""
+    """The most characters of an experiment's id above a subplot."""
 
 
 AMOUNTS = Amounts()
@@ -213,34 +213,34 @@ AMOUNTS = Amounts()
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Thresholds beyond which a report mentions a fact; by judgement unless a source is named."""
+    """Thresholds beyond which a report mentions a fact. Those without a source are by judgement."""
 
     sandwich: tuple[float, float] = (0.7, 1.4)
-    """Ratios of the sandwich error to the standard error between which it is not mentioned."""
+    """A ratio of the sandwich error to the standard error outside these limits is mentioned."""
     strong: float = 0.9
-    """Correlation of two estimates that a report names."""
+    """A correlation of two estimates is mentioned from this absolute value on."""
     chance: float = 3.0
-    """Standard errors that chance hardly ever exceeds: 0.3 % of normal values do."""
+    """A difference beyond this many standard errors is hardly due to chance (0.3 % of cases)."""
     large: float = 0.25
-    """Bias over the standard error from which 95 % intervals hold 94 % or less."""
+    """A bias of this many standard errors lowers the coverage of 95 % intervals to 94 %."""
     piled: float = 0.01
-    """Share of replicates on a limit from which on it is mentioned."""
+    """The share of replicates with their estimate on a limit from which on it is mentioned."""
     small: float = 4.0
-    """Difference of models that is small, whatever its error (Sivula, Magnusson, Vehtari 2020)."""
+    """A log-score difference of models below this is small (Sivula, Magnusson, Vehtari 2020)."""
     paired: float = 2.0
-    """Standard errors within which such a difference may be chance: 5 % of normal values exceed."""
+    """A difference of two models within this many standard errors may be due to chance."""
     unlikely: float = 0.05
-    """A p value below which the family of the law is doubted."""
+    """The family of the law is doubted if its p value is below this."""
     gain: float = 1.5
-    """Times the volume of the box from which leaving an experiment out is worth a thought."""
+    """Leaving an experiment out is suggested if it enlarges the feasible box by this factor."""
     rare: float = 1e-3
-    """Probabilities below are written with a power of ten."""
+    """Probabilities below this are written with a power of ten."""
     missed: float = 0.01
-    """Share of the variance that a good expansion of a screening misses at most."""
+    """The largest share of the variance that a good polynomial expansion may miss."""
     confounded: float = 0.96
-    """Alignment above which two parameters are hard to tell apart: their collinearity index
-    1/sqrt(1 - |alignment|) is then above 5, from where on Brun, Reichert and Kuensch (Water Resour.
-    Res. 37 (2001)) see trouble."""
+    """Two parameters with an alignment above this are hard to distinguish. Their collinearity index
+    1/sqrt(1 - |alignment|) is then above 5, beyond which Brun, Reichert and Kuensch (Water Resour.
+    Res. 37 (2001)) expect poor identifiability."""
 
 
 THRESHOLDS = Thresholds()
@@ -248,10 +248,10 @@ THRESHOLDS = Thresholds()
 
 @dataclass(frozen=True)
 class Sentence:
-    """A sentence, with a `head` before it and a `remedy` after it.
+    """A sentence of a report, with a `head` before it and a `remedy` after it.
 
-    `ids` are experiments that a page can mark in its charts. `depth` is the least depth of a report
-    that shows the sentence.
+    `ids` are experiments that a page can mark in its charts. A report shows the sentence if its
+    level of detail is at least `depth`.
     """
 
     text: str
@@ -268,7 +268,7 @@ class Sentence:
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table of texts. On a page a `folded` table is closed until a reader opens it.
+    """A table of texts; a `folded` table on a page is closed until the reader opens it.
 
     Columns without any text are left out, except the first.
     """
@@ -286,12 +286,12 @@ class Part(Protocol):
 
     @property
     def depth(self) -> Depth:
-        """The least depth of a report that shows the part."""
+        """The lowest level of detail of a report that shows this part."""
 
 
 @dataclass(frozen=True)
 class Chapter:
-    """A section: parts under a heading, which only a page shows."""
+    """A section of a report: parts under a heading, which only a page shows."""
 
     name: str
     title: str
@@ -300,7 +300,7 @@ class Chapter:
 
 @dataclass(frozen=True)
 class Content:
-    """A whole report: title, lead, sections, warnings, verdicts."""
+    """A whole report: title, introduction, sections, warnings, verdicts."""
 
     title: str
     lead: Sequence[Sentence] = ()
@@ -310,18 +310,18 @@ class Content:
 
     @classmethod
     def of(cls, title: str, lead: str, parts: Sequence[Part], verdict: str) -> Content:
-        """A content of one section and one verdict."""
+        """A report with one section and one verdict."""
         section = Chapter("all", title, parts)
         return cls(title, [Sentence(lead)], [section], (), [Sentence(verdict, "strong")])
 
     @property
     def verdict(self) -> str:
-        """The verdicts alone, a line each."""
+        """The text of the verdicts alone, a line each."""
         return "\n".join(sentence.text for sentence in self.verdicts)
 
 
 def paragraphs(content: Content, depth: Depth) -> Iterator[list[Sentence | TextTable]]:
-    """The sentences and tables of a report, in the order of reading: the verdicts come last."""
+    """The sentences and tables of a report in the order of reading; the verdicts come last."""
 
     def shown(parts: Sequence[Part]) -> list[Sentence | TextTable]:
         return [
@@ -340,7 +340,7 @@ def paragraphs(content: Content, depth: Depth) -> Iterator[list[Sentence | TextT
 
 
 def text(content: Content, width: int = 80, depth: Depth = SHORT) -> str:
-    """The content as plain text that fits a width."""
+    """A report as plain text with lines of at most `width` characters."""
     lines: list[str] = []
     for paragraph in paragraphs(content, depth):
         for part in paragraph:
@@ -367,7 +367,7 @@ def prose(words: str) -> str:
 
 
 def cells(table: TextTable) -> str:
-    """The head and the rows of a table as HTML, without empty columns.
+    """The head and the rows of a table as HTML; columns without any text are left out.
 
     >>> '<td class="n">2</td>' in cells(TextTable([("a", "left"), ("b", "right")], [["1", "2"]]))
     True
@@ -388,7 +388,7 @@ def cells(table: TextTable) -> str:
 
 
 def fragment(content: Content) -> str:
-    """The content in short for a notebook."""
+    """The short report as HTML for a notebook."""
     parts = [part for paragraph in paragraphs(content, SHORT) for part in paragraph]
     return "".join(
         f"<table>{cells(part)}</table>" if isinstance(part, TextTable) else _paragraph(part)
@@ -406,7 +406,7 @@ def _paragraph(part: Sentence) -> str:
 
 
 def shown(head: str, table: pd.DataFrame, *sentences: str, amounts: Amounts = AMOUNTS) -> str:
-    """HTML of a head, the first rows of a table, and sentences, of which the last is bold.
+    """HTML of a heading, the first rows of a table, and sentences, of which the last is bold.
 
     >>> import pandas as pd
     >>> text = shown("40 replicates", pd.DataFrame({"bias": [0.123456]}, ["a <b>"]), "No bias.")
@@ -430,7 +430,7 @@ def shown(head: str, table: pd.DataFrame, *sentences: str, amounts: Amounts = AM
 def _filled(
     columns: Sequence[Column], rows: Sequence[Sequence[str]]
 ) -> tuple[Sequence[Column], Sequence[Sequence[str]]]:
-    """Columns and rows without the columns that are empty, except the first."""
+    """The table without the columns that have no text in any row; the first column is kept."""
     kept = [k for k in range(len(columns)) if not k or any(row[k] for row in rows)]
     return [columns[k] for k in kept], [[row[k] for k in kept] for row in rows]
 
@@ -441,11 +441,12 @@ def laid_out(
     width: int = 80,
     settings: TextSettings = TEXT,
 ) -> tuple[list[str], list[str]]:
-    """The head and the rows of a table, each as lines of at most `width` letters.
+    """The head and the rows of a table, each as lines of at most `width` characters.
 
-    A first cell too long for its column has a line of its own; so has a folding cell where there
-    is no room beside the others. Where even the other columns do not fit, each cell has a line
-    and there is no head. Only a word that is longer than a line is cut.
+    A first cell that is too long for its column has a line of its own. A wrapped cell also has
+    lines of its own if there is no room beside the other cells. If even the other columns do not
+    fit, each cell has its own line and there is no head. Only a word that is longer than a line is
+    cut.
 
     >>> head, body = laid_out([("law", "left"), ("mean", "right")],
     ...                       [("v", "1.5"), ("a_long_name", "2")], width=14)
@@ -477,7 +478,7 @@ def laid_out(
 
 
 def _least(cells: Sequence[str], settings: TextSettings) -> int:
-    """The least width of a folding column, at least that of its longest word."""
+    """The least width of a wrapped column: at least the length of its longest word."""
     words = [len(word) for cell in cells for word in cell.split()]
     return max(min(settings.narrowest, max(map(len, cells))), *words)
 
@@ -490,7 +491,7 @@ def _row(
     width: int,
     settings: TextSettings = TEXT,
 ) -> list[str]:
-    """The lines of a row, whose folding cell begins at the column `beside`, or on a new line."""
+    """The lines of one row; its wrapped cell begins at column `beside`, or on a new line."""
     fixed = len(wide)
     note = row[-1] if fixed < len(columns) else ""
     cells = [*row[:fixed]]
@@ -512,7 +513,7 @@ def _row(
 def _stacked(
     names: Sequence[str], row: Sequence[str], width: int, settings: TextSettings = TEXT
 ) -> list[str]:
-    """The lines of a row with one line for each cell."""
+    """The lines of a row in which each cell has a line of its own."""
     lines = _folded(row[0], 0, width)
     for name, cell in zip(names[1:], row[1:], strict=True):
         lines += (

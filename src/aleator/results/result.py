@@ -31,7 +31,7 @@ from aleator.results.values import (
 )
 
 Entry = Mapping[str, Any]
-"""A JSON object of a document."""
+"""A JSON object in a document, as a mapping."""
 NOT_TESTED = Consistency.untested("it was not asked for")
 
 
@@ -39,15 +39,16 @@ NOT_TESTED = Consistency.untested("it was not asked for")
 class Result(Plain):
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
 
-    `sound` is true only if the search converged, every density was solved with every outcome in its
-    support, and the check on the simulator, where it was made, agrees; `consistency` says whether
-    the experiments look as the identified model says. `density` names the likelihood, `quadrature`
-    its nodes, `log_likelihood` has its error. `correlation` (F, F) is that of the estimates that
-    have an error, `correlation_names`. `search`, `surface`, `baselines`, `best_possible` and
-    `pictures` are as a document has them: None stands for a number that JSON cannot hold.
+    `sound` is true only if three things hold: the search converged; every density was solved, with
+    the outcome in its support; and the verification on the simulator agrees, if it was made.
+    `consistency` says whether the experiments contradict the identified model. `density` names the
+    likelihood method and `quadrature` its number of nodes. `correlation` (F, F) is the correlation
+    of the estimates that have a standard error; `correlation_names` are their names. `search`,
+    `surface`, `baselines`, `best_possible` and `pictures` are dictionaries as in the JSON document,
+    with None for a number that JSON cannot hold.
 
-    Every field is made what is read back from its document: Python's numbers, tuples, dicts. Two
-    results are equal where their documents are.
+    Each field has the form in which it is read back from a document: Python's numbers, tuples,
+    dictionaries. Two results are equal if their documents are equal.
     """
 
     alpha: Mapping[str, Estimate]
@@ -95,9 +96,10 @@ class Result(Plain):
 
     @classmethod
     def from_document(cls, document: Entry) -> Self:
-        """The result that a document describes; null, for what JSON cannot hold, becomes NaN.
+        """The result that a document describes; a number that is null in JSON becomes NaN.
 
-        A log-density that is null because the outcome lies outside the support is minus infinity.
+        A log-density that is null because the outcome lies outside the support becomes minus
+        infinity.
         """
         known = {name: document[name] for name in plain_fields(Result) if name in document}
         correlation = document["correlation"]
@@ -116,7 +118,7 @@ class Result(Plain):
         return printed.text(answer(self.to_dict()))
 
     def _repr_html_(self) -> str:
-        """The report in a notebook."""
+        """The short report as HTML for a notebook."""
         return printed.fragment(answer(self.to_dict()))
 
     @property
@@ -126,7 +128,7 @@ class Result(Plain):
 
     @property
     def values(self) -> pd.Series[float]:
-        """The estimates (K,) by the name of the hyperparameter, fixed ones included."""
+        """The estimates (K,) by the name of the hyperparameter, including fixed ones."""
         return pd.Series({name: e.estimate for name, e in self.alpha.items()}, dtype=float)
 
     @property
@@ -145,7 +147,7 @@ class Result(Plain):
 
     @property
     def covariance(self) -> pd.DataFrame:
-        """The covariance (F, F) of those estimates that have a standard error, by name."""
+        """The covariance matrix (F, F) of the estimates that have a standard error, by name."""
         names = [*self.correlation_names]
         errors = self.errors[names].to_numpy()
         matrix = np.reshape(self.correlation, (len(names), len(names))) * np.outer(errors, errors)
@@ -153,11 +155,12 @@ class Result(Plain):
 
     @property
     def individuals(self) -> pd.DataFrame:
-        """A row for each experiment with individual parameters, by its id.
+        """A data frame with a row for each experiment with individual parameters, by its id.
 
-        Columns ``observations``, ``log_density``, and ``x.mode``, ``x.mean``, ``x.sd`` of each
-        parameter x given the observations of the experiment; ``x.1.probability`` and so on of the
-        components of a mixture. Without columns for experiments of one outcome.
+        Its columns are ``observations``, ``log_density``, and for each parameter x ``x.mode``,
+        ``x.mean`` and ``x.sd`` given the observations of the experiment. For a mixture,
+        ``x.1.probability`` and so on are the probabilities of its components. Empty if each
+        experiment has one outcome.
         """
         own = [e for e in self.experiments if isinstance(e, IndividualReport)]
         rows = [
@@ -178,10 +181,10 @@ class Result(Plain):
 
     @property
     def residuals(self) -> pd.DataFrame:
-        """A row for each observation: its experiment and place, its bounds and its prediction.
+        """A data frame with a row for each observation: its place, bounds and prediction.
 
-        See `ObservationReport` for the columns; of the conditions those that vary within
-        experiments have one each. Without columns for experiments of one outcome.
+        `ObservationReport` explains the columns. Each condition that varies within experiments has
+        a column too. Empty if each experiment has one outcome.
         """
         rows = [{**vars(o), **o.conditions} for o in self.observations]
         return pd.DataFrame(rows).drop(columns="conditions", errors="ignore")
@@ -194,7 +197,7 @@ class Result(Plain):
         documents.write_json(self.to_dict(), path)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document identification.json as plain dictionaries, lists, numbers and texts."""
+        """The content of identification.json as plain dictionaries, lists, numbers and texts."""
         document: dict[str, Any] = {
             name: _in_document(getattr(self, name))
             for name in plain_fields(Result)
@@ -209,7 +212,7 @@ class Result(Plain):
 
 
 def _in_document(value: Any) -> Any:
-    """Data classes as entries, tuples as lists."""
+    """A value as a JSON document has it: data classes become dictionaries, tuples become lists."""
     if is_dataclass(value):
         value = vars(value)
     if isinstance(value, Mapping):

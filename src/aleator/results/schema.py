@@ -1,7 +1,7 @@
 """The keys and types of identification.json and ceiling.json, checked when a file is read.
 
-Entries that have a data class are checked against its fields. In JSON null stands for a number that
-JSON cannot hold, NaN or infinity.
+An entry that belongs to a data class is checked against the fields of that class. In JSON null
+stands for a number that JSON cannot hold: NaN or infinity.
 """
 
 from __future__ import annotations
@@ -39,37 +39,37 @@ Number = Finite | None
 Series = list[Number]
 Grid = list[Series]
 FORMER = (Any, None)
-"""The type of a key that only earlier versions wrote, and that is not read."""
+"""The type of a key that only earlier versions of Aleator wrote; its value is not read."""
 NEEDED = ("alpha", "log_likelihood", "experiments")
-"""Keys that every identification has."""
+"""The keys that every identification has."""
 
 
 def fault(key: str, problem: str) -> PydanticCustomError:
-    """A pydantic error about a key of an entry."""
+    """A pydantic error about a key of an entry, with the problem in words."""
     return PydanticCustomError("disagrees", "{problem}", {"key": key, "problem": problem})
 
 
 class DocumentEntry(BaseModel):
-    """A JSON object of a document; further keys are allowed."""
+    """A JSON object in a document; keys that are not declared here are allowed."""
 
     model_config = ConfigDict(strict=True, extra="allow")
 
 
 class ExactEntry(DocumentEntry):
-    """A JSON object that is the entry of a data class; each key is one of its fields."""
+    """A JSON object that belongs to a data class: only fields of the class are allowed as keys."""
 
     model_config = ConfigDict(extra="forbid")
 
 
 def require_equal(key: str, *columns: Sequence[Any] | None) -> None:
-    """Raise a fault unless all columns that are given have the same length."""
+    """Raise an error about `key` unless all the given columns have the same length."""
     lengths = {len(column) for column in columns if column is not None}
     if len(lengths) > 1:
         raise fault(key, f"has series of unequal lengths: {', '.join(map(str, sorted(lengths)))}")
 
 
 def require_shape(key: str, grid: Grid | None, rows: int, columns: int) -> None:
-    """Raise a fault unless a grid has this shape."""
+    """Raise an error about `key` unless the grid has this number of rows and columns."""
     if grid is None or [len(row) for row in grid] != [columns] * rows:
         raise fault(key, f"is no grid of {rows} x {columns} numbers")
 
@@ -78,7 +78,7 @@ def require_shape(key: str, grid: Grid | None, rows: int, columns: int) -> None:
 
 
 class CorrelationEntry(DocumentEntry):
-    """The estimates that have an error, and a number for each pair of them."""
+    """The correlation matrix of the estimates that have a standard error, and their names."""
 
     names: list[str]
     matrix: Grid
@@ -90,7 +90,7 @@ class CorrelationEntry(DocumentEntry):
 
 
 class OptimumEntry(DocumentEntry):
-    """A maximum that the search met."""
+    """A local maximum that the search found, and from how many starts."""
 
     log_likelihood: Number
     starts: int
@@ -98,7 +98,7 @@ class OptimumEntry(DocumentEntry):
 
 
 class SearchEntry(DocumentEntry):
-    """How the maximum was searched."""
+    """How the maximum of the likelihood was searched: method, starts, evaluations, local maxima."""
 
     method: str = ""
     starts: int = 0
@@ -108,7 +108,7 @@ class SearchEntry(DocumentEntry):
 
 
 class Surfaces(DocumentEntry):
-    """The surfaces that stood for the simulator."""
+    """The response surfaces that replaced the simulator: their number, runs and errors."""
 
     converged: int = 0
     experiments: int = 0
@@ -120,7 +120,7 @@ class Surfaces(DocumentEntry):
 
 
 class LeastSquaresEntry(DocumentEntry):
-    """One value of each parameter for all experiments."""
+    """The fit by least squares, with one value of each parameter for all experiments."""
 
     parameters: dict[str, Number]
     rmse: Number
@@ -128,28 +128,28 @@ class LeastSquaresEntry(DocumentEntry):
 
 
 class Circe(DocumentEntry):
-    """The law by linearization."""
+    """The law that is identified by linearization of the simulator (the CIRCE method)."""
 
     alpha: dict[str, Number]
     log_likelihood: Number
 
 
 class Baselines(DocumentEntry):
-    """The results of simpler methods."""
+    """The results of simpler methods, for comparison."""
 
     least_squares: LeastSquaresEntry | None = None
     circe: Circe | None = None
 
 
 class Quadrature(DocumentEntry):
-    """The nodes of the individual integrals."""
+    """The quadrature of the individual integrals: its nodes, and what finer nodes change."""
 
     nodes: Finite
     gap: Number
 
 
 class BestPossible(DocumentEntry):
-    """The best possible law of any family."""
+    """The log-likelihood of the best law of any family, and its gap to the identified law."""
 
     log_likelihood: Number
     gap: Number
@@ -158,7 +158,7 @@ class BestPossible(DocumentEntry):
 
 
 class StudyEntry(DocumentEntry):
-    """The study file that was identified."""
+    """The study file that was identified: its name and a hash of its content."""
 
     file: str | None = None
     sha256: str | None = None
@@ -166,7 +166,7 @@ class StudyEntry(DocumentEntry):
 
 
 class SimulatorEntry(DocumentEntry):
-    """The simulator of the study."""
+    """The simulator of the study: its name, its fingerprint, and notes about its runs."""
 
     name: str
     fingerprint: str | None = None
@@ -177,7 +177,7 @@ class SimulatorEntry(DocumentEntry):
 
 
 class Curve(DocumentEntry):
-    """A density, and the ends of its band."""
+    """The curve of a density, and the lower and upper curve of its uncertainty band."""
 
     x: Series
     density: Series
@@ -193,7 +193,7 @@ class Curve(DocumentEntry):
 
 
 class Contour(DocumentEntry):
-    """Closed curves that hold shares of the law of two parameters: x and y of each."""
+    """Contours of the joint law of two parameters, that hold 50 % and 95 %: x and y of each."""
 
     between: tuple[str, str]
     curves: dict[Literal["0.5", "0.95"], tuple[Series, Series]]
@@ -206,7 +206,7 @@ class Contour(DocumentEntry):
 
 
 class ProfileEntry(DocumentEntry):
-    """A profile of the likelihood."""
+    """The profile likelihood of one hyperparameter: its values, and the drop below the maximum."""
 
     at: Series
     below: Series
@@ -218,7 +218,7 @@ class ProfileEntry(DocumentEntry):
 
 
 class SurfaceEntry(DocumentEntry):
-    """The likelihood over two estimates, on a square grid of at least four points a side."""
+    """The likelihood over two hyperparameters, on a square grid of at least four points a side."""
 
     between: tuple[str, str]
     correlation: Finite
@@ -235,7 +235,7 @@ class SurfaceEntry(DocumentEntry):
 
 
 class Shown(DocumentEntry):
-    """An observation whose simulated values are drawn."""
+    """One observation for which a chart shows the simulated outcome."""
 
     id: str
     response: str
@@ -248,7 +248,7 @@ class Shown(DocumentEntry):
 
 
 class Simulated(DocumentEntry):
-    """The simulator over its parameters: curves and a map, or its values at nodes."""
+    """The simulated outcome over the parameters: curves and a map, or values at nodes."""
 
     over: dict[str, list[Finite]] = {}
     map: dict[str, list[Finite]] = {}
@@ -274,7 +274,7 @@ class Simulated(DocumentEntry):
 
 
 class Pictures(DocumentEntry):
-    """The data of the charts of a report."""
+    """The data of the charts in a report."""
 
     conditions: dict[str, list[Number | str]] = {}
     laws: dict[str, Curve] = {}
@@ -290,7 +290,7 @@ class Pictures(DocumentEntry):
 
 
 class _AnswerDocument(DocumentEntry):
-    """The keys of identification.json that are no fields of `Result`, and checks of agreement."""
+    """The keys of identification.json that are not fields of `Result`, and checks across keys."""
 
     title: str = ""
     study: StudyEntry | None = None
@@ -307,7 +307,7 @@ class _AnswerDocument(DocumentEntry):
 
 
 def _disagreement(answer: Any) -> tuple[str, str] | None:
-    """The first key whose names or lengths disagree with another key, and what is wrong."""
+    """The first key that contradicts another key, with the problem; None if all agree."""
     pictures, seen = answer.pictures, answer.observations or ()
     for key, names in (
         ("correlation.names", answer.correlation.names),
@@ -349,7 +349,7 @@ def _disagreement(answer: Any) -> tuple[str, str] | None:
 
 
 class _CeilingDocument(DocumentEntry):
-    """The keys of ceiling.json that a report uses."""
+    """The keys of ceiling.json that a report uses; the file has the best law of any family."""
 
     study: StudyEntry = StudyEntry()
     log_likelihood: dict[str, Number] = {}
@@ -372,7 +372,8 @@ def entry_of(
 ) -> type[DocumentEntry]:
     """The pydantic model of a data class; fields with a default may be missing in a document.
 
-    `own` holds types and defaults of keys that differ from the fields; None for a missing key.
+    `required` are fields that must not be missing. `own` gives the type and default of keys that
+    differ from the fields; None means that the document has no such key.
     """
     hints = hints_of(kind)
     known = {
@@ -388,12 +389,12 @@ def entry_of(
 
 
 def _default(field: Field[Any]) -> Any:
-    """The default of a key that an earlier version did not write."""
+    """The default of a key, for documents of an earlier version that did not write it."""
     return ... if (field.default, field.default_factory) == (MISSING, MISSING) else None
 
 
 def _in_json(hint: Any) -> Any:
-    """The type of a key, by the type of its field."""
+    """The type of a key in JSON, from the type of the field."""
     if hint is float:
         return Number
     if isinstance(hint, type) and is_dataclass(hint):
@@ -409,7 +410,10 @@ def _in_json(hint: Any) -> Any:
 
 @cache
 def _answer(individual: bool) -> type[DocumentEntry]:
-    """The model of identification.json, for one or several observations an experiment."""
+    """The pydantic model of identification.json.
+
+    `individual` says that experiments have several observations each.
+    """
     estimate = entry_of(
         Estimate, estimate=(Finite, ...), interval=(tuple[Number, Number] | None, None)
     )
@@ -440,8 +444,8 @@ def _answer(individual: bool) -> type[DocumentEntry]:
 def read_answer(path: str | Path) -> Document:
     """Read the document of an identification, and check all of its keys.
 
-    Raises AleatorError, naming the file and the key, where it is absent, not JSON, no
-    identification, or not as an identification writes it.
+    Raises AleatorError, naming the file and the key, if the file is absent, not JSON, no
+    identification, or has a key that an identification does not write so.
     """
     document = _read(Path(path), "identify")
     missing = [key for key in NEEDED if key not in document]
@@ -455,7 +459,7 @@ def read_answer(path: str | Path) -> Document:
 
 
 def read_ceiling(path: Path) -> Document:
-    """Read the document of a ceiling, and check the keys that a report uses."""
+    """Read the document that `aleator ceiling` wrote, and check the keys that a report uses."""
     document = _read(path, "ceiling")
     _check(_CeilingDocument, document, path, "ceiling")
     return document
@@ -477,12 +481,12 @@ def _read(path: Path, command: str) -> Document:
 
 
 def _whole(digits: str, most: int = 19) -> float:
-    """A whole number of a JSON file; infinity for one with very many digits."""
+    """A whole number from a JSON file; infinity for one of more than `most` digits."""
     return int(digits) if len(digits) <= most else math.inf
 
 
 def _check(entry: type[DocumentEntry], document: Document, path: str | Path, command: str) -> None:
-    """Raise AleatorError, naming the key, where a document does not match its model."""
+    """Raise AleatorError, naming the key, if a document does not match its pydantic model."""
     try:
         entry.model_validate_json(json.dumps(document))
     except ValidationError as error:

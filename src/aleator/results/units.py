@@ -1,4 +1,4 @@
-"""Names with their units, `stiffness [N/mm]`, as tables and axes show them."""
+"""Names with their units, such as `stiffness [N/mm]`, for tables and the axes of charts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?sd$")
 
 
 def with_unit(name: str, unit: str | None) -> str:
-    """A name with its unit, if it has one.
+    """A name followed by its unit in brackets, if it has a unit.
 
     >>> with_unit("stiffness", "N/mm"), with_unit("ratio", None)
     ('stiffness [N/mm]', 'ratio')
@@ -27,7 +27,7 @@ def with_unit(name: str, unit: str | None) -> str:
 
 
 def label(document: Document, name: str) -> str:
-    """The name of an outcome, condition, parameter or hyperparameter, with its unit.
+    """The name of an outcome, condition, parameter or hyperparameter, with its unit if known.
 
     >>> document = {"units": {"travel": "mm", "k": "N/mm"}, "outcome": "travel"}
     >>> [label(document, name) for name in ("travel", "k.sd", "noise.sd", "k.mean[t]", "force")]
@@ -37,7 +37,7 @@ def label(document: Document, name: str) -> str:
 
 
 def seen_label(document: Document, name: str) -> str:
-    """The name of an outcome on the scale of the likelihood, such as `log(cycles / kcycles)`.
+    """The name of an outcome on the scale of the likelihood, for example `log(cycles / kcycles)`.
 
     >>> document = {"units": {"cycles": "kcycles"}, "outcome": "cycles", "transform": "log"}
     >>> seen_label(document, "cycles"), seen_label({**document, "transform": "none"}, "cycles")
@@ -50,7 +50,7 @@ def seen_label(document: Document, name: str) -> str:
 
 
 def unit_of(document: Document, name: str) -> str | None:
-    """The unit that belongs to a name; None where there is none."""
+    """The unit of the quantity with this name; None if it has none."""
     known = units(document)
     if not known or name in known:
         return known.get(name)
@@ -61,13 +61,13 @@ def unit_of(document: Document, name: str) -> str | None:
     law = _OF_LAW.match(name)
     if law is None or law["of"] not in known:
         return None
-    # a slope has the unit of the parameter over that of its column, which may be a product
+    # A slope has another unit: the parameter's over the covariate's. It is not shown.
     term = law["term"]
     return known[law["of"]] if term in (None, "Intercept") or "=" in term else None
 
 
 def units(document: Document) -> Units:
-    """The units of a document; empty for one of an earlier version."""
+    """The units by name that a document has; empty for a document of an earlier version."""
     found = document.get("units")
     return found if isinstance(found, Mapping) else {}
 
@@ -80,9 +80,9 @@ def transforms(document: Document) -> Mapping[str, str]:
 
 
 def checked_units(units: Units | None, names: Iterable[str]) -> dict[str, str]:
-    """The units of a user, checked, without empty ones.
+    """Units that the user states by name, checked; empty ones are left out.
 
-    Raises InputsError for a name that is none of the `known` ones, and for a unit that is no text.
+    Raises InputsError for a unit that is no text, and for a name that is not among `names`.
 
     >>> checked_units({"travel": "mm", "ratio": ""}, ["travel", "ratio"])
     {'travel': 'mm'}

@@ -1,4 +1,4 @@
-"""The parts of a result as data classes; their fields are the keys of its document."""
+"""The parts of a result as data classes. The fields of a class are the keys of a result file."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from aleator.results import documents
 
 @dataclass(frozen=True)
 class ReportedSettings:
-    """What a result reports and takes back; by judgement."""
+    """Settings of what a result reports and accepts. The values are chosen by judgement."""
 
     quantiles: tuple[float, ...] = (0.025, 0.25, 0.5, 0.75, 0.975)
     """Probabilities of the quantiles of predicted outcomes."""
     level: float = 0.05
-    """The model is inconsistent where the probability of all tests together is below this."""
+    """The model is called inconsistent if the probability of all tests together is below this."""
     rounding: float = 1e-9
-    """Share of a limit by which a value may lie beyond it, as it may have been written down."""
+    """A value may exceed a limit by this share of it, because written numbers are rounded."""
 
 
 REPORTED = ReportedSettings()
@@ -37,10 +37,10 @@ OUTSIDE = Status.OUTSIDE_SUPPORT.name.lower()
 
 
 class Plain:
-    """Base of data classes that are equal to what is read back from their JSON file.
+    """Base of data classes whose instances equal what is read back from their JSON file.
 
-    On creation NumPy's numbers become Python's, sequences become tuples, and numbers that JSON
-    cannot hold become NaN, or None where the type of the field allows it.
+    On creation NumPy's numbers become Python's, and sequences become tuples. Numbers that JSON
+    cannot hold become NaN, or None where the type of the field allows None.
     """
 
     def __post_init__(self) -> None:
@@ -51,13 +51,13 @@ class Plain:
 
 @cache
 def plain_fields(kind: Any) -> Mapping[str, Any]:
-    """The fields of a data class with their types, except those that are left out of comparison."""
+    """The fields of a data class with their types, except those that == does not compare."""
     known = hints_of(kind)
     return {f.name: known[f.name] for f in fields(kind) if f.compare}
 
 
 def typed(hint: Any, value: Any) -> Any:
-    """A value converted to the type of a field, from a program or from a document.
+    """A value converted to the type of a field; the value comes from a program or from a document.
 
     >>> typed(tuple[float, ...], [1.0, None]), typed(float | None, np.inf), typed(Any, np.int64(3))
     ((1.0, nan), None, 3)
@@ -97,11 +97,12 @@ def _one_of(parts: tuple[Any, ...], value: Any) -> Any:
 class Estimate(Plain):
     """One hyperparameter: estimate, standard errors, 95 % interval; None where undetermined.
 
-    `standard_error` from the observed information, `sandwich_error` valid also for a wrong model;
-    `at_bound` is "lower" or "upper" where the estimate lies on its limit, and `cut` "lower",
-    "upper" or "both" where the interval ends on a limit, at which the profile of the likelihood was
-    evaluated and found within the interval. `drops` say how far the profile has dropped at its
-    ends: 1.92, or less at a limit. A fixed hyperparameter has neither error nor interval.
+    `standard_error` is computed from the observed information; `sandwich_error` is valid also for a
+    wrong model. `at_bound` is "lower" or "upper" if the estimate lies on that limit. `cut` is
+    "lower", "upper" or "both" if the interval ends at that limit of the hyperparameter, because the
+    profile likelihood has not dropped far enough there. `drops` are the drops of the profile
+    log-likelihood at the two ends: 1.92 at an inner end, less at a limit. A fixed hyperparameter
+    has neither errors nor interval.
     """
 
     estimate: float
@@ -116,10 +117,12 @@ class Estimate(Plain):
 
 @dataclass(frozen=True)
 class ParameterCorrelation(Plain):
-    """Correlation of two parameters under the identified law, whatever it was identified by.
+    """The correlation of two parameters under the identified law.
 
-    That of their standard normal variates, theirs too where both laws are normal. `standard_error`
-    by the delta method; None where the correlation is known, or rests on an estimate without one.
+    It is the correlation of the standard normal variates of the parameters. If both laws are normal
+    it is also the correlation of the parameters themselves. `standard_error` is computed by the
+    delta method. It is None if the correlation is fixed, or depends on an estimate without a
+    standard error.
     """
 
     between: tuple[str, str]
@@ -131,10 +134,11 @@ class ParameterCorrelation(Plain):
 class LogLikelihoodReport(Plain):
     """The log-likelihood as `estimated`, and as `verified` by runs of the simulator itself.
 
-    `error` is that of `estimated`: its difference from what was verified and the standard error of
-    that together, or without a check what finer nodes change; None where neither is known.
-    `verified` is None without a check. `log_prior` is that of the priors, where a hyperparameter
-    has one: the sum of both is what was maximized.
+    `verified` is None if no such runs were made. `error` is the numerical error of `estimated`.
+    With a verification it combines the difference of the two values with the standard error of that
+    difference; without one it is the change by a finer quadrature; None if neither is known.
+    `log_prior` is the log prior density, if a hyperparameter has a prior: then the sum of
+    log-likelihood and log prior was maximized.
     """
 
     estimated: float
@@ -152,11 +156,12 @@ class LogLikelihoodReport(Plain):
 
 @dataclass(frozen=True)
 class ExperimentReport(Plain):
-    """What the identified law says of one experiment; moments include measurement noise.
+    """The outcome that the identified law predicts for one experiment, beside the measured outcome.
 
-    `kurtosis` is not in excess (3 for a normal outcome); `pit` is the probability of an outcome
-    below the measured one; `surface_error` the root mean square of what the response surface has
-    wrong at the runs of the check, over the outcome's standard deviation; None without a check.
+    Moments include the measurement noise. `kurtosis` is 3 for a normal outcome. `pit` is the
+    predicted probability of an outcome below the measured one. `surface_error` is the
+    root-mean-square error of the response surface at the verification runs, divided by the standard
+    deviation of the outcome; None without a verification.
     """
 
     id: str
@@ -180,9 +185,10 @@ class ExperimentReport(Plain):
 class IndividualReport(Plain):
     """The individual law of one experiment with several observations.
 
-    `log_density` is the logarithm of the density of all its observations together. `mode`, `mean`
-    and `sd` are those of its parameters given its observations (the individual law), by name;
-    `components` has the probability of each component of a mixture given them (latent classes).
+    The individual law is the law of the experiment's parameters given its observations. `mode`,
+    `mean` and `sd` describe it, by the name of the parameter. `log_density` is the logarithm of the
+    joint density of all observations. If a parameter has a mixture law, `components` has the
+    probability of each component given the observations (latent classes).
     """
 
     id: str
@@ -200,21 +206,23 @@ class IndividualReport(Plain):
 
 
 def _log_density(value: float, status: str) -> float:
-    """A log-density; minus infinity where the outcome lies outside the support."""
+    """The log-density; minus infinity where NaN stands for an outcome outside the support."""
     return -math.inf if math.isnan(value) and status == OUTSIDE else value
 
 
 @dataclass(frozen=True)
 class ObservationReport(Plain):
-    """One measured value, and what was predicted for it under its experiment's individual law.
+    """One measured value, and its prediction under the individual law of its experiment.
 
-    `lower` and `upper` are equal where it was measured exactly, else the bounds that are known;
-    values are those that the likelihood sees. `row` counts the rows of the table from 1, and
-    `conditions` are those that vary within experiments. `scale` is that of the measurement error,
-    and `residual` the measured value minus the predicted one over it; of a censored value the
-    distance to its nearer bound, zero between them. `pit` is the probability of a smaller value
-    given the earlier observations of the same experiment: under the right law they are independent
-    and uniform. A censored value has a random one between those of its bounds.
+    Values are on the scale of the likelihood (after a transform). `lower` and `upper` are equal for
+    an exact measurement; otherwise the value is censored, and they are its known bounds. `row`
+    counts the rows of the table from 1. `conditions` are those that vary within experiments.
+    `scale` is the scale of the measurement error: its standard deviation, where the error is
+    normal. `residual` is the measured minus the predicted value, divided by `scale`; for a censored
+    value it is the distance to the nearer bound, zero between the bounds. `pit` is the predicted
+    probability of a smaller value, given the earlier observations of the same experiment. If the
+    model is right these probabilities are independent and uniform on [0, 1]. For a censored value
+    `pit` is drawn at random between the probabilities of its bounds.
     """
 
     id: str
@@ -229,7 +237,7 @@ class ObservationReport(Plain):
     pit: float | None = None
 
     def __post_init__(self) -> None:
-        # only of a bound, and on its open side, can an infinite prediction have a likelihood
+        # An infinite prediction has a likelihood only for a censored value without that bound.
         super().__post_init__()
         if math.isnan(self.predicted) and self.censored and None in (self.lower, self.upper):
             without_end = math.inf if self.upper is None else -math.inf
@@ -237,15 +245,15 @@ class ObservationReport(Plain):
 
     @property
     def censored(self) -> bool:
-        """Whether only bounds of the value are known."""
+        """Whether the value is censored: only bounds of it are known."""
         return self.lower is None or self.lower != self.upper
 
 
 @dataclass(frozen=True)
 class Diagnostic(Plain):
-    """A warning: its subject, a message, and a remedy.
+    """A warning about a result: its subject, a message, and a remedy.
 
-    `concerns` names the experiments, hyperparameters or parameters of the simulator concerned.
+    `concerns` names the experiments, hyperparameters or parameters that it is about.
     """
 
     about: str
@@ -256,10 +264,11 @@ class Diagnostic(Plain):
 
 @dataclass(frozen=True)
 class FailureReport(Plain):
-    """Runs without an outcome: `runs` of the `needed`, in `experiments`, all within `region`.
+    """The failed runs: `runs` of the `needed` ones failed, in `experiments`, all within `region`.
 
-    `region` is a box, [lowest, highest] of each parameter; `message` is what the first one said.
-    `points` has the values of each parameter at which runs failed, of some hundreds at most.
+    `region` has the lowest and the highest value of each parameter among the failed runs. `message`
+    is the error of the first one. `points` has the parameter values of failed runs, a few hundred
+    at most.
     """
 
     runs: int
@@ -272,11 +281,11 @@ class FailureReport(Plain):
 
 @dataclass(frozen=True)
 class DensityDistance(Plain):
-    """A density fitted to moments against the exact one of the outcome, at the answer.
+    """How far a density fitted to moments is from the exact density, at the estimates.
 
-    `log_likelihood` is the difference of the log-likelihoods, `mean` and `worst` the earth mover's
-    distance over the outcome's standard deviation, averaged over experiments and the largest;
-    `failed` the number of experiments whose density could not be fitted.
+    `log_likelihood` is the difference of the log-likelihoods. `mean` and `worst` are the average
+    and the largest earth mover's distance over the experiments, in standard deviations of the
+    outcome. `failed` is the number of experiments whose density could not be fitted.
     """
 
     density: str
@@ -293,10 +302,12 @@ class DensityDistance(Plain):
 class Statistic(Plain):
     """One test of consistency, with its probability under the model.
 
-    `kind` is its statistic and `of` what of the model it looks at: "outcomes", "scatter" or a
-    hyperparameter. `column` and `where` say on what that may depend; None: on nothing, or along
-    the whole column. `z` is the statistic in standard deviations of the replicates, `p` its
-    probability, `corrected` the probability that any of the tests says as much.
+    `kind` names the test statistic. `of` is the part of the model that is tested: "outcomes",
+    "scatter" or a hyperparameter. `column` is the quantity on which the tested part may depend
+    (None: no quantity), and `where` the part of that column that is looked at (None: all of it).
+    `z` is the statistic in standard deviations over simulated replicates, and `p` its probability
+    if the model is right. `corrected` is the probability that at least one of all tests has so
+    small a `p` (correction for multiple tests).
     """
 
     kind: str
@@ -319,7 +330,10 @@ class Discrepancy(Plain):
 
 @dataclass(frozen=True)
 class Outlier(Plain):
-    """An unexpected observation: its probability `p`, and `corrected` for the number of tests."""
+    """An observation that is improbable under the model, with its probability `p`.
+
+    `corrected` is the probability after correction for the number of observations tested.
+    """
 
     id: str
     row: int
@@ -330,11 +344,12 @@ class Outlier(Plain):
 
 @dataclass(frozen=True)
 class Relation(Plain):
-    """The correlation of a parameter's individual means with a column, or with another parameter.
+    """A correlation of a parameter's individual means with a column or with another parameter.
 
-    `other` is the name of either, and `pair` tells whether it is a parameter's. Shrinkage makes
-    such a correlation smaller or larger than that of the parameters themselves; `p` accounts for
-    it: the probability that a right model, whose replicates shrink as much, has one as strong.
+    `other` is the name of that column or parameter; `pair` says whether it is a parameter.
+    Individual means are shrunk towards the population mean, so their correlation differs from the
+    correlation of the parameters themselves. `p` allows for that: it is the probability that a
+    right model, whose replicates are shrunk alike, has a correlation as strong.
     """
 
     parameter: str
@@ -348,12 +363,13 @@ class Relation(Plain):
 class Consistency(Plain):
     """Whether the model is consistent with the experiments.
 
-    `p` is the probability that a right model looks as bad in any of the `tests`. `consistent` is
-    whether it is at least 0.05, and None where that could not be tested: `reason` says why.
-    `discrepancies` are the strongest of those that contradict it, `outliers` the observations that
-    one in twenty right models would not have. `replicates` under the fitted model say what is
-    usual. `relations` are those of the individual parameters of experiments with several
-    observations. `copies` are columns that the outcome determines: left out.
+    `p` is the probability that a right model looks as bad in any of the `tests`. `consistent` says
+    whether `p` is at least 0.05; it is None if that could not be tested, and `reason` says why.
+    `discrepancies` are the tests that contradict the model most strongly. `outliers` are
+    observations so improbable that only one in twenty right models would have any. `replicates` is
+    the number of data sets simulated under the fitted model, with which the tests compare.
+    `relations` are correlations of individual parameters. `copies` are columns that are determined
+    by the outcome, and are therefore not used in tests.
     """
 
     consistent: bool | None
@@ -367,7 +383,7 @@ class Consistency(Plain):
     copies: tuple[str, ...] = ()
 
     def table(self) -> pd.DataFrame:
-        """A row for each test, the one that says most first.
+        """A data frame with a row for each test, the smallest probability first.
 
         >>> Consistency.untested("it was not asked for").table().empty
         True
@@ -377,7 +393,7 @@ class Consistency(Plain):
 
     @classmethod
     def untested(cls, reason: str) -> Consistency:
-        """A consistency without verdict, for a reason.
+        """A consistency without a verdict; `reason` says why nothing was tested.
 
         >>> Consistency.untested("it was not asked for").consistent is None
         True
@@ -393,8 +409,8 @@ def in_order(
 ) -> Array:
     """The values (K,) of hyperparameters given by name, in the order of the model.
 
-    Raises InputsError where one is missing or unknown, and for a value beyond its limits: surfaces
-    and nodes are made for what lies between these.
+    Raises InputsError for a missing or unknown name, and for a value beyond its limits, because
+    response surfaces and quadrature nodes are made for values within the limits.
     """
     names = [h.name for h in hyperparameters]
     for name in alpha:

@@ -1,13 +1,13 @@
-"""How a simulator is called: by name, checked, counted, and every completed run kept.
+"""How a simulator is called: by names, checked, counted, and every completed run stored.
 
-Three nouns: a `Simulator` (conditions and parameters in, an outcome out), a `Runner` (the only way
-to one, for the units of a table: it checks, counts and remembers), a `Store` (the file that keeps
-every run by the simulator's fingerprint, its conditions and its parameters).
+Three nouns. A `Simulator` computes an outcome from conditions and parameters. A `Runner` is the
+only way to call one, for the rows of a table: it checks, counts and remembers runs. A `Store` is
+the file that keeps every run, by the simulator's fingerprint, the conditions and the parameters.
 
 Simulators are functions (`function`), programs (`command`), FMUs (`fmu`), and any of them with
-parameters that follow from others (`derived`). Runs are made in batches (`dispatch`) in this
-process, by worker processes (`pool`) or by a cluster (`clusters`); `surroundings` tells what the
-machine did to a run from what the simulator answered.
+parameters that are computed from others (`derived`). Runs are made in batches (`dispatch`), in this
+process, by worker processes (`pool`) or by a cluster (`clusters`). `surroundings` distinguishes a
+fault of the machine from a failure of the simulator.
 """
 
 from aleator.simulators.function import FunctionSimulator, as_simulator, load_function

@@ -1,4 +1,4 @@
-"""The workers of a Dask cluster, or of an MPI job, as an executor."""
+"""The workers of a Dask cluster or of an MPI job, with the interface of a Python executor."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ _SAME = "install there the same Python and the same Aleator as here"
 
 @dataclass(frozen=True)
 class ClusterSettings:
-    """How long a cluster is waited for, in seconds; all by judgement."""
+    """Settings of how long a cluster is waited for. The values are chosen by judgement."""
 
     lives: int = 3
-    """Workers that may be lost with one call before the call is taken for the cause."""
+    """If this many workers are lost during one call, the call is taken for the cause."""
     look: float = 0.5
-    """Seconds between two looks at which workers there are."""
+    """Seconds between two queries of which workers exist."""
     introduction: float = 10.0
-    """Seconds in which the first workers have to tell their versions; later they are used then."""
+    """Seconds to wait at first for the versions of workers; slower ones are used later."""
     connect: float = 10.0
-    """Seconds in which a scheduler has to answer at first."""
+    """Seconds within which a scheduler must answer the first time."""
     answer: float = 60.0
-    """Seconds in which a scheduler has to answer later, when it may be busy."""
+    """Seconds within which a scheduler must answer later, when it may be busy."""
     leave: float = 2.0
-    """Seconds that closing the connection may take."""
+    """The longest time in s that closing the connection may take."""
     port: int = 8786
-    """Where a scheduler listens if the address has no port: Dask's default."""
+    """The port of a scheduler whose address has none: Dask's default."""
 
 
 SETTINGS = ClusterSettings()
@@ -67,21 +67,21 @@ class _Call:
     begun: bool = False
 
     def begin(self) -> bool:
-        """Begin the call unless it was cancelled, and say whether it begins."""
+        """Mark the call as begun unless it was cancelled; returns whether it begins."""
         self.begun = self.begun or self.future.set_running_or_notify_cancel()
         return self.begun
 
 
 class DaskExecutor(Executor):
-    """Executor on the workers of a Dask cluster, which may come and go; made by `dask_executor`.
+    """An executor on the workers of a Dask cluster, which may come and go; see `dask_executor`.
 
     Each worker process has one call at a time, so that a simulator runs in one thread only, and the
-    call of a lost worker is known. That call goes to another worker, before all that wait; if
-    `lives` workers are lost with it, its future raises WorkerLost. Calls wait while there is no
-    worker. If the scheduler is lost, all futures and `submit` raise ClusterError.
+    call of a lost worker is known. That call goes to another worker before all waiting calls. If
+    `lives` workers are lost with the same call, its future raises WorkerLost. Calls wait while
+    there is no worker. If the scheduler is lost, all futures and `submit` raise ClusterError.
 
-    Messages about workers that are lost, missing, or cannot be used go to `say`. Raises
-    ClusterError if there are workers and none can be used.
+    The function `say` gets messages about workers that are lost, missing or unusable. Raises
+    ClusterError if there are workers but none is usable.
     """
 
     def __init__(
@@ -91,12 +91,12 @@ class DaskExecutor(Executor):
         settings: ClusterSettings = SETTINGS,
     ) -> None:
         self._cluster, self._say, self._settings = cluster, say, settings
-        # What only the one thread `_serve` touches.
+        # Only the thread that runs `_serve` uses these variables.
         self._waiting: deque[_Call] = deque()
         self._running: dict[str, tuple[_Call, Future[Any]]] = {}
         self._judged: dict[str, str] = {}
         self._silent: Set[str] = frozenset()
-        # What it shares: events for it, and whether there is any use in them.
+        # Other threads use these too: they send events, which the thread of `_serve` handles.
         self._events: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._workers: Set[str] = frozenset()
         self._open: set[Future[Any]] = set()
@@ -114,11 +114,11 @@ class DaskExecutor(Executor):
 
     @property
     def slots(self) -> int:
-        """Calls that run at once: one for each worker of this moment, at least 1."""
+        """The number of calls that run at once: one for each present worker, at least 1."""
         return max(len(self._workers), 1)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Have a worker call `fn`, which is pickled at once."""
+        """Let a worker call `fn`; function and arguments are pickled at once."""
         import cloudpickle
 
         call = _Call(cloudpickle.dumps(partial(fn, *args, **kwargs)), Future())
@@ -131,7 +131,7 @@ class DaskExecutor(Executor):
         return call.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster; without `wait` running calls are given up and their outcomes lost."""
+        """Leave the cluster; without `wait` running calls are abandoned and their results lost."""
         with self._lock:
             self._end = self._end or RuntimeError("the executor was shut down")
             pending = [*self._open]
@@ -145,7 +145,7 @@ class DaskExecutor(Executor):
         self._cluster.close()
 
     def _meet(self) -> None:
-        """Wait, but not for long, until the first workers have told their versions."""
+        """Wait for the versions of the first workers, for `introduction` seconds at most."""
         end = time.monotonic() + self._settings.introduction
         self._look()
         while self._silent and time.monotonic() < end:
@@ -153,7 +153,7 @@ class DaskExecutor(Executor):
             self._look()
 
     def _serve(self) -> None:
-        """Handle events, see now and then which workers there are, and give all of them calls."""
+        """Handle events, check regularly which workers exist, and give free workers calls."""
         due = 0.0
         while not self._stopped:
             with suppress(Empty):
@@ -176,7 +176,7 @@ class DaskExecutor(Executor):
         self._stopped = True
 
     def _give_up(self, error: Exception) -> None:
-        """Let all open calls raise this error."""
+        """End all open calls with this error."""
         with self._lock:
             self._end = self._end or error
             while not self._events.empty():
@@ -232,7 +232,7 @@ class DaskExecutor(Executor):
         return None
 
     def _tell(self, worker: str, inner: Future[Any]) -> None:
-        """Note that a call was made; this runs in another thread."""
+        """Queue the event that a worker has ended its call; this runs in a thread of Dask."""
         self._events.put(partial(self._done, worker, inner))
 
     def _done(self, worker: str, inner: Future[Any]) -> None:
@@ -240,7 +240,7 @@ class DaskExecutor(Executor):
         if call is None or mine is not inner:
             return
         del self._running[worker]
-        if inner.cancelled():  # by the cluster: it was restarted, or is lost
+        if inner.cancelled():  # The cluster cancelled the call, as it was restarted or is lost.
             self._waiting.appendleft(call)
             return
         error = inner.exception()
@@ -265,12 +265,13 @@ def dask_executor(
 ) -> Iterator[DaskExecutor]:
     """The workers of the Dask cluster at `address`, as an executor for a Runner.
 
-    `address` is that of the scheduler ("tcp://host:8786"), its scheduler file, or a Client that is
-    connected, such as one of dask-jobqueue. Messages about workers that are lost or cannot be used
-    go to `say`. The cluster is left running; after an exception running calls are given up.
+    `address` is the address of the scheduler ("tcp://host:8786"), its scheduler file, or a
+    connected Client, for example of dask-jobqueue. The function `say` gets messages about workers
+    that are lost or unusable. The cluster is left running; after an exception running calls are
+    abandoned.
 
-    Raises ClusterError within some `connect` seconds if nobody answers there, at once if there are
-    workers but none has this Python (major and minor version) and this Aleator.
+    Raises ClusterError if nobody answers there within about `connect` seconds. Raises it at once if
+    there are workers, but none has this version of Python (major and minor) and of Aleator.
 
     >>> with dask_executor("tcp://127.0.0.1:1") as executor:
     ...     runner = Runner(simulator, experiments, ["stiffness"], executor=executor)
@@ -298,7 +299,7 @@ def dask_executor(
 
 
 class _DaskCluster:
-    """A connected client; one thread of DaskExecutor calls all its methods but `lost`."""
+    """A connected Dask client; only one thread of DaskExecutor calls its methods, except `lost`."""
 
     def __init__(self, address: str | Path | Client, settings: ClusterSettings) -> None:
         self._settings = settings
@@ -318,7 +319,10 @@ class _DaskCluster:
         return frozenset(self._client.nthreads(callback_timeout=self._settings.answer))
 
     def faults(self, workers: Iterable[str]) -> Mapping[str, str]:
-        """The reason why each worker cannot be used, "" if it can; none of a silent worker."""
+        """The reason why a worker is unusable, by worker; "" for a usable one.
+
+        A worker that has not yet answered is left out.
+        """
         found = {}
         for worker in workers:
             answer = self._version_answers.get(worker)
@@ -362,12 +366,12 @@ class _DaskCluster:
         for answer in self._version_answers.values():
             answer.cancel()
         if self._connected_here:
-            with suppress(TimeoutError, OSError):  # of a scheduler that does not answer
+            with suppress(TimeoutError, OSError):  # The scheduler may not answer any more.
                 self._client.close(timeout=self._settings.leave)
 
 
 def _caller() -> Callable[[bytes], Any]:
-    """The function that a worker calls; pickled as a whole, so that nobody has to import it."""
+    """The function that a worker calls; pickled with its code, so that no worker must import it."""
 
     def call(parcel: bytes) -> Any:
         import pickle
@@ -387,11 +391,11 @@ def _connected(address: str, settings: ClusterSettings) -> Any:
             f"the scheduler file {file} does not exist",
             "start the scheduler so: dask scheduler --scheduler-file FILE",
         )
-    # A simulator that carries large tables is meant to.
+    # Dask warns of large calls, but a simulator may well contain large tables.
     dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"})
     client: Any = distributed.Client
     try:
-        # A client that finds nobody complains once more, and late, when it is collected.
+        # A client without a scheduler would warn again later, when Python deletes it.
         _knock(json.loads(Path(file).read_text())["address"] if file else address, settings)
         return client(
             None if file else address,
@@ -400,7 +404,7 @@ def _connected(address: str, settings: ClusterSettings) -> Any:
             name="aleator",
             set_as_default=False,
         )
-    except Exception as error:  # whatever else may listen there
+    except Exception as error:  # A server of another kind may listen at this address.
         text = " ".join(str(error).split()) or type(error).__name__
         raise ClusterError(
             f"no Dask scheduler answers at {address} ({text})",
@@ -409,7 +413,7 @@ def _connected(address: str, settings: ClusterSettings) -> Any:
 
 
 def _knock(address: str, settings: ClusterSettings) -> None:
-    """Raise an OSError or a ValueError if nobody listens at this address."""
+    """Raise an OSError or a ValueError if no process listens at this address."""
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
     place = parts.hostname or "", parts.port or settings.port
     with socket.create_connection(place, settings.connect):
@@ -417,7 +421,7 @@ def _knock(address: str, settings: ClusterSettings) -> None:
 
 
 def _fault(packages: Mapping[str, Any]) -> str:
-    """The reason why a worker with these versions cannot be used, as the end of a sentence."""
+    """Why a worker with these package versions is unusable, as the end of a sentence; else ""."""
     here = {"python": sys.version.split()[0], "aleator": version("aleator")}
     python = str(packages["python"]).split(".")
     if python[:2] != here["python"].split(".")[:2]:
@@ -431,7 +435,7 @@ def _fault(packages: Mapping[str, Any]) -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask's log off the terminal; what matters of it becomes one message."""
+    """Keep Dask's log messages off the terminal; one error message replaces them."""
     import distributed  # noqa: F401  # its import sets the levels of its loggers
 
     loggers = [logging.getLogger(name) for name in _LOGGERS]
@@ -450,12 +454,12 @@ _START = "mpiexec -n N python -m mpi4py.futures -m aleator ... --mpi (or a scrip
 
 @contextmanager
 def mpi_executor() -> Iterator[Executor]:
-    """Executor on all processes of this MPI job but the first, which runs the study.
+    """An executor on all processes of this MPI job except the first, which runs the study.
 
-    The job is to be started by `mpiexec -n N python -m mpi4py.futures SCRIPT`. Where one of its
-    processes dies MPI ends all of them: the runs that a store holds are kept.
+    The job must be started by `mpiexec -n N python -m mpi4py.futures SCRIPT`. If one of its
+    processes dies, MPI ends all of them; runs that are in a store are kept.
 
-    Raises ClusterError if the job was not started so, or if there is no mpi4py or no MPI library.
+    Raises ClusterError if the job was not started so, or without mpi4py or an MPI library.
 
     >>> with mpi_executor() as executor:
     ...     runner = Runner(simulator, experiments, ["stiffness"], executor=executor)
@@ -469,7 +473,7 @@ def mpi_executor() -> Iterator[Executor]:
         raise ClusterError(
             "this process is not the first of an MPI job with workers", f"start it so: {_START}"
         )
-    # Workers get what they need with each call, not by importing this program.
+    # Workers get the function with each call; they do not import this program.
     from mpi4py.futures import MPIPoolExecutor
 
     executor: Executor = MPIPoolExecutor(main=False)

@@ -1,4 +1,4 @@
-"""Arithmetic written as text, and parameters of a simulator that are computed by it from others."""
+"""Parameters of a simulator that are computed from others, by arithmetic written as text."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from aleator.simulators.function import FunctionSimulator, as_simulator
 from aleator.simulators.protocol import Columns, Returned, Simulator
 
 LEAVES = (ast.Name, ast.Attribute, ast.Subscript, ast.Call)
-"""Syntax that the name of a variable may have: `w`, `gear.w`, `gear.flange[1].w`, `der(x)`."""
+"""Syntax that may be the name of a variable: `w`, `gear.w`, `gear.flange[1].w`, `der(x)`."""
 
 
 @dataclass(frozen=True)
 class Words:
-    """Words of messages: for the expression, for its variables, and for the remedies."""
+    """The words of error messages: for the expression, for its variables, and for the remedies."""
 
     subject: str = "the outcome"
     variable: str = "variable of the FMU"
@@ -43,7 +43,7 @@ class Words:
 
 @dataclass(frozen=True)
 class Expression:
-    """A parsed expression: called with arrays by variable name, it gives an array or a number."""
+    """A parsed expression; called with arrays by variable name, it returns an array or a number."""
 
     text: str
     names: tuple[str, ...]
@@ -51,8 +51,8 @@ class Expression:
     _leaves: Mapping[ast.expr, str]
 
     def __call__(self, values: Mapping[str, NDArray[Any]]) -> Any:
-        """The value of the expression."""
-        with np.errstate(all="ignore"):  # an outcome that is not finite is a failed run
+        """The value of the expression for these values of its variables."""
+        with np.errstate(all="ignore"):  # A run with an outcome that is not finite fails later.
             return self._value(self._tree, values)
 
     def _value(self, node: ast.expr, values: Mapping[str, NDArray[Any]]) -> Any:
@@ -71,11 +71,11 @@ class Expression:
 def parse(text: str, variables: Sequence[str], words: Words = Words()) -> Expression:
     """Parse an expression of variables: + - * / **, numbers, parentheses, and functions.
 
-    Functions are abs, exp, log (natural), log10, sqrt, sin, cos, tan, tanh, and min, max of two.
-    Names may be structured as in an FMU (`gear.flange[1].w`, `der(x)`). A text that is as a whole
-    one of the `variables` is that variable.
+    The functions are abs, exp, log (natural), log10, sqrt, sin, cos, tan, tanh, and min and max of
+    two values. Names may be structured as in an FMU (`gear.flange[1].w`, `der(x)`). If the whole
+    text is the name of one of the `variables`, it is that variable.
 
-    Raises SimulatorError, in these `words`, for other syntax and for unknown names.
+    Raises SimulatorError for other syntax and for unknown names; `words` go into its message.
 
     >>> slip = parse("shaft.w[1] - 2*shaft.w[2]", ["shaft.w[1]", "shaft.w[2]"])
     >>> slip.names
@@ -104,14 +104,14 @@ def parse(text: str, variables: Sequence[str], words: Words = Words()) -> Expres
 
 
 def _source(text: str, node: ast.expr) -> str:
-    """The text of a node without its blanks."""
+    """The source text of a node of the syntax tree, without blanks."""
     return (ast.get_source_segment(text, node) or "").replace(" ", "")
 
 
 def _refused(
     text: str, error: NoArithmeticError, variables: Sequence[str], words: Words
 ) -> SimulatorError:
-    """The error for an expression, in the words of its caller."""
+    """The error for an expression that was refused; `words` go into its message."""
     start, place = f"{words.subject} {in_short(text)}", error.node
     if place is None:
         return SimulatorError(
@@ -132,14 +132,15 @@ def _refused(
 
 
 def derived(simulator: Simulator | Callable[..., Any], expressions: Mapping[str, str]) -> Simulator:
-    """The simulator with parameters that are computed from the study's parameters and conditions.
+    """A simulator with parameters that are computed from the study's parameters and conditions.
 
-    `expressions` are arithmetic by the name of the parameter that they compute; they may use those
-    before them. Variables of an expression are given to the simulator as well if it takes them. In
-    a function of series an expression may use a condition that varies, and makes an array then.
+    `expressions` has an arithmetic text for each computed parameter, by its name; a text may use
+    the parameters computed before it. A variable of an expression is also passed to the simulator,
+    if the simulator takes it. In a simulator of series an expression may use a condition that
+    varies within an experiment; its value is then an array.
 
-    Raises SimulatorError for a name that is no identifier and for a text that is no arithmetic.
-    Unknown variables raise it later, when conditions and parameters are known.
+    Raises SimulatorError for a name that is no identifier and for a text that is no arithmetic. For
+    an unknown variable it is raised later, when conditions and parameters are known.
 
     >>> import numpy as np
     >>> stiffer = derived(lambda load, e: load / e, {"e": "a + b*(humidity - 1)"})
@@ -165,13 +166,16 @@ def derived(simulator: Simulator | Callable[..., Any], expressions: Mapping[str,
 
 @dataclass(frozen=True)
 class Derivation:
-    """Expressions in order, each with the name of the parameter that it computes."""
+    """Expressions in the order of their evaluation, each with the parameter that it computes."""
 
     expressions: tuple[tuple[str, Expression], ...]
 
     @classmethod
     def of(cls, texts: Mapping[str, str], variables: Sequence[str]) -> Derivation:
-        """Raises SimulatorError for an unknown variable, and for a name that is used already."""
+        """Parse the text for each parameter; it may use `variables` and parameters before it.
+
+        Raises SimulatorError for an unknown variable, and for a name that is used already.
+        """
         names, found = [*variables], []
         for name, text in texts.items():
             if name in names:
@@ -189,13 +193,14 @@ class Derivation:
 
     @property
     def used(self) -> frozenset[str]:
-        """The variables of all expressions."""
+        """The names of the variables in all expressions."""
         return frozenset(name for _, expression in self.expressions for name in expression.names)
 
     def made(self, inputs: Mapping[str, Any]) -> dict[str, Any]:
-        """The computed parameters by name, from columns or from the values of one run.
+        """The computed parameters by name, from arrays (R,) or from the values of one run.
 
-        Raises SimulatorError for a condition that is a text, or a series in a simulator of one row.
+        Raises SimulatorError for a condition that is a text, and for one that varies within an
+        experiment if the simulator makes a single row in a run.
         """
         values, made = dict(inputs), {}
         for name, expression in self.expressions:
@@ -216,7 +221,7 @@ def _derivation(texts: tuple[tuple[str, str], ...], variables: tuple[str, ...]) 
 
 
 class _Calculated:
-    """A function that computes derived parameters and then calls the user's function."""
+    """A function that computes the derived parameters and then calls the user's function."""
 
     def __init__(self, inner: FunctionSimulator, texts: Mapping[str, str]) -> None:
         self._inner, self._texts = inner, tuple(texts.items())
@@ -237,11 +242,11 @@ class DerivedFunction(FunctionSimulator):
         self.description = inner.description
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the function in its own way, and the expressions."""
+        """Pickle the wrapped function and the expressions."""
         return DerivedFunction, (self.inner, self.expressions)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """Conditions that the function takes, or that an expression uses."""
+        """The conditions that the function takes or that an expression uses."""
         found = Derivation.of(self.expressions, (*conditions, *parameters))
         names = (*parameters, *self.expressions)
         passed = [name for name in names if name not in found.used or self.inner.takes(name)]
@@ -249,14 +254,14 @@ class DerivedFunction(FunctionSimulator):
         return tuple(name for name in conditions if name in asked or name in found.used)
 
     def fingerprint(self) -> str:
-        """That of the function, and the expressions."""
+        """A hash of the function's fingerprint and of the expressions."""
         return _fingerprint(self.inner, self.expressions)
 
 
 class Derived:
     """A program, an FMU or another simulator with derived parameters (see `derived`).
 
-    Further members are those of the simulator itself, `inner`.
+    All other attributes are those of the wrapped simulator `inner`.
     """
 
     def __init__(self, inner: Simulator, expressions: Mapping[str, str]) -> None:
@@ -264,13 +269,13 @@ class Derived:
         self._passed_names: dict[tuple[tuple[str, ...], ...], tuple[str, ...]] = {}
 
     def __getattr__(self, name: str) -> Any:
-        """A member of the simulator itself."""
+        """An attribute of the wrapped simulator."""
         if name in ("inner", "expressions") or name.startswith("__"):
             raise AttributeError(name)
         return getattr(self.inner, name)
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """Conditions that the simulator takes, or that an expression uses."""
+        """The conditions that the simulator takes or that an expression uses."""
         used = self._of(conditions, parameters).used
         asked = self.inner.asks(conditions, self.passed(conditions, parameters))
         return tuple(name for name in conditions if name in asked or name in used)
@@ -286,11 +291,11 @@ class Derived:
         )
 
     def fingerprint(self) -> str:
-        """That of the simulator, and the expressions."""
+        """A hash of the wrapped simulator's fingerprint and of the expressions."""
         return _fingerprint(self.inner, self.expressions)
 
     def passed(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The parameters that are passed to the simulator itself: all that it accepts."""
+        """The parameters that are passed to the wrapped simulator: all that it accepts."""
         names = tuple(conditions), tuple(parameters)
         if names not in self._passed_names:
             used = self._of(conditions, parameters).used
@@ -311,8 +316,8 @@ def _passed(
 ) -> tuple[str, ...]:
     """The parameters that the simulator accepts, as many as possible.
 
-    A variable of an expression may be unknown to the simulator, and is not passed then. If no
-    choice is accepted, none of these variables is passed.
+    The simulator may not know a variable that an expression uses; such a variable is then not
+    passed. If the simulator accepts no choice, none of these variables is passed.
     """
     optional = [name for name in parameters if name in used]
     for left_out in range(len(optional)):

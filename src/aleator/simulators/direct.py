@@ -1,4 +1,4 @@
-"""Runs that cost less than remembering them: made in this process, many by one call with arrays."""
+"""Runs that are cheaper to make than to store: made in this process, many of them by one call."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from aleator.simulators.units import Bound
 
 @dataclass(frozen=True)
 class DirectSettings:
-    """How runs are made that are not remembered; all by judgement."""
+    """Settings for runs that are not remembered. The values are chosen by judgement."""
 
     checked: int = 16
-    """Runs, at most, at which calls with numbers are compared with one call with arrays. They
-    differ in the case and in every parameter."""
+    """The largest number of test runs in which calls with single numbers are compared with one call
+    with arrays. The test runs differ in their conditions and in every parameter."""
     digits: float = 16.0
-    """Units of the last place that may differ: other code computes powers and exponentials of
-    arrays, and may change the last four bits."""
+    """The tolerated difference in units of the last place (rounding units). Powers and exponentials
+    of arrays are computed by other code, which may change the last four bits."""
     remembered: int = 1000
-    """Runs without an outcome whose reasons are kept for messages."""
+    """The largest number of failed runs whose reasons are kept for messages."""
 
 
 SETTINGS = DirectSettings()
 
 
 class ArrayCalls:
-    """Calls an `elementwise` function once for many runs, with the rows of all runs in one array.
+    """Calls an elementwise function once for many runs, with the rows of all runs in one array.
 
     >>> import pandas as pd
     >>> from aleator.simulators.units import Cases
@@ -61,10 +61,10 @@ class ArrayCalls:
         self._each = most if np.all(self._rows == most) else 0
 
     def __call__(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of runs of `case` (R,) at x (R, n).
+        """Values (R, W) of runs under conditions number `case` (R,) with parameters `x` (R, n).
 
-        Raises what the function raises, and TypeError if it returns neither an array of the rows
-        nor a number. Cost: some 15 ns a value, and the function itself.
+        Raises whatever the function raises, and TypeError if the function returns neither an array
+        with a value for each row nor a number. Cost: some 15 ns a value, and the function itself.
         """
         size = len(self._form.responses)
         values = np.full((len(case), self._form.width), np.nan)
@@ -84,7 +84,7 @@ class ArrayCalls:
         return values
 
     def _parts(self, rows: Indices, x: Array) -> list[Array]:
-        """The function's value of each response at x (n, rows): an array, or a number."""
+        """The function's value for each response at x (n, rows): an array (rows,) or one number."""
         columns = {name: column[rows] for name, column in self._columns.items()}
         simulator: Any = self._bound.simulator
         with np.errstate(all="ignore"):
@@ -99,10 +99,12 @@ class ArrayCalls:
 
 
 def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings = SETTINGS) -> bool:
-    """Whether one call with arrays gives what a function gives for runs of `case` (R,) at x (R, n).
+    """Whether one call of a function with arrays gives the same values as a call for each run.
 
-    Up to `checked` runs are compared, which should differ in case and x, except for the last
-    `digits`. A function that raises either way is not elementwise. Cost: checked + 1 calls.
+    Up to `checked` runs are compared, out of those under conditions number `case` (R,) with
+    parameters `x` (R, n); they should differ in both. Differences up to `digits` units of the last
+    place are tolerated. A function that raises an exception in either way is not elementwise. Cost:
+    checked + 1 calls.
 
     >>> from aleator.simulators.units import Cases
     >>> from aleator.simulators.function import FunctionSimulator
@@ -126,7 +128,7 @@ def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings 
 
 
 def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
-    """A column with an entry for each case, as one with an entry for each row of all cases."""
+    """A column (C,) over distinct conditions, expanded to an entry for each row of their series."""
     if column.dtype == object and len(column) and isinstance(column[0], np.ndarray):
         return np.concatenate([*column])
     return np.repeat(column, rows)
@@ -143,10 +145,11 @@ Failures = Mapping[int, Failure]
 
 
 class DirectRuns:
-    """Makes runs that nobody remembers, and counts them: `count` of all, `lost` of those in vain.
+    """Makes runs that are not remembered: `count` counts them, `lost` counts the failed ones.
 
-    A run is lost that lacks a measured value; `failures` are the first of them. After `find_arrays`
-    a function of numbers is called with arrays, if it gives the same then.
+    A run has failed if it lacks a measured value; `failures` has the first failed runs. After a
+    call of `find_arrays`, a function of single numbers is called with arrays, if its values are the
+    same then.
 
     >>> inverse = FunctionSimulator(lambda x: 1.0 / x, vectorized=True)
     >>> from aleator.simulators.units import Cases
@@ -165,11 +168,11 @@ class DirectRuns:
         self.failures = Runs.planned(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
 
     def __call__(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of runs of `case` (R,) with parameters `x` (R, n), as they were returned.
+        """Values (R, W) of runs under conditions number `case` (R,) with parameters `x` (R, n).
 
-        A run that raises is NaN; a number that is not finite is kept. Raises SimulatorError for a
-        wrong shape or type, SurroundingsError for what the machine did to a run. Cost: some 20 ns a
-        run of a vectorized function, and the function itself.
+        The values of a run that raises an exception are NaN; an infinite value is kept. Raises
+        SimulatorError for a wrong shape or type, and SurroundingsError for a fault of the machine.
+        Cost: some 20 ns a run of a vectorized function, and the function itself.
         """
         self.count += len(case)
         values = np.empty((len(case), self._form.width))
@@ -179,7 +182,7 @@ class DirectRuns:
         return values
 
     def again(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of runs that are made once more and not counted."""
+        """Values (R, W) of runs that are made once more, as a check, and not counted."""
         parts = blocks(len(case), 1, self._size)
         return np.concatenate([self._block(case[rows], x[rows])[0] for rows in parts])
 
@@ -189,9 +192,10 @@ class DirectRuns:
         return together if self._together else self._simulator.block
 
     def find_arrays(self, region: Array) -> bool:
-        """Whether the simulator takes arrays: it is vectorized, or an `elementwise` function.
+        """Whether the simulator takes arrays: it is vectorized, or an elementwise function.
 
-        That is tried at some points of the region (n, 2), under as many cases.
+        An unvectorized function is tried at some points of the parameter region (n, 2), each under
+        other conditions.
         """
         simulator = self._simulator
         if not isinstance(simulator, FunctionSimulator) or simulator.vectorized:
@@ -206,7 +210,7 @@ class DirectRuns:
         return found
 
     def _note(self, case: Indices, x: Array, values: Array, failures: Failures) -> None:
-        """Remember why runs have no outcome."""
+        """Remember the reasons of the runs that have no outcome."""
         form = self._form.some(case)
         gone = np.isnan(values) if form.observed is None else np.isnan(values) & form.observed
         runs = np.flatnonzero(gone.any(axis=1))
@@ -235,7 +239,7 @@ class DirectRuns:
             return self._carefully(case, x)
 
     def _carefully(self, case: Indices, x: Array) -> tuple[Array, Failures]:
-        """The same values if some run raises, which is then NaN."""
+        """Values (R, W) of runs of which some raise an exception; the values of these are NaN."""
         runs = Runs.planned(case, x, self._form.width)
         made = make(self._simulator, Batch.of(self._unmeasured, runs), np.inf)
         if made.stopped:

@@ -1,4 +1,4 @@
-"""Runs made in batches, in this process or by the workers of an executor."""
+"""How runs are made in batches, in this process or by the workers of an executor."""
 
 from __future__ import annotations
 
@@ -34,34 +34,35 @@ from aleator.simulators.units import Bound, Form, is_named
 
 @dataclass(frozen=True)
 class Batching:
-    """How runs are cut into batches, and how many batches are submitted at once."""
+    """Settings of how runs are divided into batches, and of how many batches are submitted."""
 
     here: float = 0.02
-    """Seconds of runs in this process after which completed runs are stored; a run that takes
-    longer is timed by itself. By judgement: an interruption loses so much."""
+    """Seconds of work in this process after which completed runs are stored; an interruption loses
+    no more. A run that takes longer is a batch of its own. Chosen by judgement."""
     workers: float = 0.5
-    """Seconds of runs in a worker's batch. A batch costs 11 to 14 ms more through Dask (measured
-    once: docs/evidence.md, "Cost of workers")."""
+    """Seconds of work in a worker's batch. With Dask a batch costs an additional 11 to 14 ms
+    (measured once: docs/evidence.md, "Cost of workers")."""
     most_here: int = 8192
-    """The most runs of a batch in this process; by judgement, for the memory of their columns."""
+    """The most runs of a batch in this process. It limits memory, and is chosen by judgement."""
     most: int = 65_536
-    """The most runs of a worker's batch; by judgement, for the memory of their columns."""
+    """The most runs of a worker's batch. It limits memory, and is chosen by judgement."""
     waiting: int = 2
-    """Batches that are submitted for each worker: one runs, one waits."""
+    """Batches submitted for each worker: one is running, the others wait."""
     listening: float = 0.2
-    """Seconds after which it is seen whether Ctrl-C came; by judgement."""
+    """Seconds between two checks whether the user pressed Ctrl-C. Chosen by judgement."""
 
 
 BATCHING = Batching()
-_INSTANT = float(np.finfo(np.float64).tiny)  # seconds; keeps a division by a time finite
+# The least duration of a run in s. It is used so that no division by zero occurs.
+_INSTANT = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """R runs that are to be made, with all that a worker needs beside the simulator.
+    """R runs that are to be made, with all that a worker needs besides the simulator.
 
-    `conditions` are columns (R,) by name, `parameters` names the columns of x, and `form` says
-    which values the runs return.
+    `conditions` has an array (R,) for each condition, by name. `parameters` are the names of the
+    columns of x. `form` says which values the runs return.
     """
 
     conditions: Columns
@@ -71,7 +72,7 @@ class Batch:
 
     @classmethod
     def of(cls, bound: Bound, runs: Runs) -> Batch:
-        """The runs of a simulator on the cases of a table."""
+        """A batch of these runs, with the conditions of each run."""
         form = bound.form.some(runs.case)
         return cls(bound.cases.at(runs.case), bound.parameters, form, runs)
 
@@ -79,22 +80,23 @@ class Batch:
         return len(self.runs)
 
     def some(self, rows: slice) -> Batch:
-        """Some of the runs."""
+        """A batch of some of the runs."""
         conditions = {name: column[rows] for name, column in self.conditions.items()}
         return Batch(conditions, self.parameters, self.form.some(rows), self.runs.some(rows))
 
     def stopped(self, by: BaseException) -> Runs:
-        """No runs: `by` ended the batch before the first of them."""
+        """An empty set of runs, because the exception `by` ended the batch before its first run."""
         return replace(self.runs.some(slice(0)), stopped=by)
 
     def failed(self, seconds: float, error: BaseException) -> Runs:
-        """The run of a batch of one, which raised an exception."""
+        """The only run of this batch, as a failed run that raised `error`."""
         return replace(self.runs, seconds=np.array([seconds]), failures={0: Failure.of(error)})
 
     def made(self, simulator: Simulator, returned: Any, seconds: float) -> Runs:
-        """The runs with what the simulator returned; a run that lacks a measured value has failed.
+        """The runs with the values that the simulator returned.
 
-        Raises SimulatorError for a wrong shape or type.
+        A run without a measured value has failed. Raises SimulatorError for a returned value of a
+        wrong shape or type.
         """
         values = self.form.shaped(simulator, returned, len(self))
         each = np.full(len(values), seconds / max(len(values), 1))
@@ -106,9 +108,10 @@ class Batch:
 def without_outcome(
     runs: Runs, form: Form, lost: Flags, why: Callable[[int, float], str] = lambda *_: ""
 ) -> Runs:
-    """The runs, with a failure for each that has `lost` (R, W) a measured value.
+    """The runs, of which each that lacks a measured value becomes a failure.
 
-    `why` of a column and its value is added to the message.
+    `lost` (R, W) marks the lacking values. The function `why`, of a column and its value, adds a
+    reason to the message.
     """
     if not np.any(lost):
         return runs
@@ -123,14 +126,14 @@ def without_outcome(
 
 
 def make(simulator: Simulator, batch: Batch, budget: float, timed: float = BATCHING.here) -> Runs:
-    """Make the runs of a batch, as many as begin within `budget` s.
+    """Make the runs of a batch; no run begins after `budget` seconds.
 
-    Several runs that together take less than `timed` s are made by one call. An exception is the
-    failure of one run, which is found by halves if the simulator takes many at once. What the
-    machine did to a run (see `surroundings`) is no failure: it ends the batch before that run, as
-    Ctrl-C does, and becomes `stopped` of the result. Raises SimulatorError for what no other
-    parameters would mend: a wrong shape or type, and a simulator that raises for many runs but for
-    none of them alone.
+    Several runs that together take less than `timed` seconds are made by one call. An exception is
+    the failure of one run; if the simulator takes many runs at once, that run is found by
+    bisection. A fault of the machine (see `surroundings`) or Ctrl-C is no failure: it ends the
+    batch before that run, and becomes `stopped` of the result. Raises SimulatorError for errors
+    that do not depend on the parameters: a wrong shape or type, and a simulator that raises for
+    many runs but for none of them alone.
 
     >>> from aleator.simulators.function import FunctionSimulator
     >>> def inverse(x):
@@ -159,15 +162,15 @@ def make(simulator: Simulator, batch: Batch, budget: float, timed: float = BATCH
 def make_packed(parcel: bytes, batch: Batch, budget: float) -> Runs:
     """Make runs in a worker process; `parcel` is the pickled simulator, unpacked once a process.
 
-    Ctrl-C is answered by the process that submitted the batch. A KeyboardInterrupt in a worker was
-    raised by the simulator, and is the failure of that run.
+    Ctrl-C is handled by the process that submitted the batch. So a KeyboardInterrupt in a worker
+    was raised by the simulator, and is the failure of that run.
     """
     simulator: Any = _Uninterrupted(_unpacked(parcel))
     return make(simulator, batch, budget)
 
 
 class _Uninterrupted:
-    """A simulator that raises RunFailed for KeyboardInterrupt."""
+    """A simulator that raises RunFailed in place of KeyboardInterrupt."""
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
@@ -195,7 +198,7 @@ def _unpacked(parcel: bytes) -> Simulator:
 
 
 def _attempted(simulator: Simulator, batch: Batch) -> Runs:
-    """The runs of one call; if it raised, those that completed and the run at fault."""
+    """The runs of one call; if it raised, the runs completed before it and the failed one."""
     began = time.perf_counter()
     columns = batch.runs.x.T.copy()
     try:
@@ -217,7 +220,7 @@ def _attempted(simulator: Simulator, batch: Batch) -> Runs:
 
 
 def _before(simulator: Simulator, stop: RunStopped, batch: Batch, took: float) -> Runs:
-    """The runs of a simulator that runs one at a time, up to the run that stopped it."""
+    """The runs of a simulator that makes one at a time, up to the run that raised an exception."""
     done, error = len(stop.completed), stop.__cause__ or stop
     stopping = error if isinstance(error, KeyboardInterrupt) else cause(error)
     if isinstance(error, AleatorError) and not stopping:
@@ -247,7 +250,7 @@ def _halves(simulator: Simulator, batch: Batch, error: BaseException) -> Runs:
 
 
 def made_here(bound: Bound, runs: Runs, batching: Batching = BATCHING) -> Iterator[Runs]:
-    """Make runs in this process, and yield them in their order as they are done.
+    """Make runs in this process, and yield them in order, a batch at a time.
 
     >>> import numpy as np
     >>> from aleator.simulators.function import FunctionSimulator
@@ -269,17 +272,19 @@ def made_here(bound: Bound, runs: Runs, batching: Batching = BATCHING) -> Iterat
 
 
 class Dispatcher:
-    """Has runs made in batches by the workers of an executor.
+    """Lets the workers of an executor make runs in batches.
 
-    `make` yields runs as batches complete, in any order. A batch whose worker died is run again by
-    halves until the run at fault is found, which then is a failure like any other. Halves run one
-    at a time, unless the executor said which batch it was (WorkerLost). After Ctrl-C nothing more
-    is submitted, the running batches are waited for and yielded, and KeyboardInterrupt is raised; a
-    second Ctrl-C raises it at once. What stops one batch (see the function `make`) stops the others
-    in the same way. `rest` yields the running batches and takes back the others.
+    `make` yields runs as batches complete, in any order. If a worker dies, its batch is halved and
+    repeated until the run at fault is found, which then counts as a failed run. These halves run
+    one at a time, unless the executor reports which batch killed the worker (WorkerLost).
 
-    Raises SurroundingsError for workers that end before they run anything, SimulatorError for a
-    simulator that cannot be sent to another process, or be unpacked there.
+    After Ctrl-C no more batches are submitted; the running ones are waited for and yielded, and
+    then KeyboardInterrupt is raised. A second Ctrl-C raises it at once. An error that stops one
+    batch (see the function `make`) stops the others in the same way. `rest` yields the running
+    batches and cancels the others.
+
+    Raises SurroundingsError for workers that end before they run anything, and SimulatorError for a
+    simulator that cannot be sent to another process or unpacked there.
     """
 
     def __init__(self, bound: Bound, executor: Executor, batching: Batching = BATCHING) -> None:
@@ -296,7 +301,7 @@ class Dispatcher:
 
     @property
     def slots(self) -> int:
-        """Runs that can be at work at once, as far as the executor tells."""
+        """The number of batches that can run at once, as far as the executor states it."""
         for name in ("slots", "num_workers", "_max_workers"):
             number = getattr(self._executor, name, None)
             if isinstance(number, int) and number > 0:
@@ -304,7 +309,7 @@ class Dispatcher:
         return os.cpu_count() or 1
 
     def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
-        """Have runs made; after Ctrl-C `stopping` is called with the number of running batches."""
+        """Yield runs as made; after Ctrl-C, call `stopping` with the number of running batches."""
         self._waiting = deque([runs] if len(runs) else [])
         with interruptions_noted() as interrupted:
             self._ending = interrupted
@@ -323,7 +328,7 @@ class Dispatcher:
                     raise self._stopped
 
     def rest(self) -> Iterator[Runs]:
-        """The running batches as they complete; batches that have not begun are taken back."""
+        """Yield the running batches as they complete; batches that have not begun are cancelled."""
         self._waiting.clear()
         self._suspect.clear()
         self._running = {f: runs for f, runs in self._running.items() if not f.cancel()}
@@ -336,10 +341,11 @@ class Dispatcher:
         return len(self._running) < self._batching.waiting * self.slots
 
     def _next(self) -> Runs:
-        """The next batch: half a second of runs, fewer at the end so that all workers end together.
+        """The next batch: half a second of work, or less near the end.
 
-        A simulator that takes arrays gets whole blocks: last digits may depend on the length of
-        arrays, and must not depend on the time that runs took.
+        Smaller batches let all workers end together. A simulator that takes arrays gets whole
+        blocks: the last digits of its outcomes may depend on the length of the arrays, and must not
+        depend on how long runs take.
         """
         runs, block = self._waiting.popleft(), self._simulator.block
         left = len(runs) + sum(map(len, self._waiting))
@@ -358,14 +364,14 @@ class Dispatcher:
 
     def _completed(self) -> Iterator[Runs]:
         ready, _ = wait(self._running, self._batching.listening, return_when=FIRST_COMPLETED)
-        # those with outcomes first: an executor that is lost must not take them along
+        # Batches with outcomes come first, so that the loss of an executor does not lose them.
         for future in sorted(ready, key=lambda future: future.exception() is not None):
             batch = self._running.pop(future)
             try:
                 made = future.result()
             except WorkerLost as death:
                 if self._ending():
-                    continue  # what ends this process may end its workers: no run is at fault
+                    continue  # This process ends and its workers with it, so no run is at fault.
                 if len(batch) == 1:
                     yield _dead(batch, death)
                 else:
@@ -374,7 +380,7 @@ class Dispatcher:
             except BrokenExecutor as death:
                 if self._ending():
                     continue
-                # small batches for a while: the next death then costs fewer runs
+                # Batches are smaller for a while, so that the next death costs fewer runs.
                 self._most = max(1, len(batch) // 4)
                 if len(batch) == 1 and not self._running and len(ready) == 1:
                     self._require_life()
@@ -385,7 +391,8 @@ class Dispatcher:
             except AleatorError:
                 raise
             except BaseException as error:
-                if future.exception() is not error:  # Ctrl-C here, and not the worker's trouble
+                # The error did not come from the worker: the user pressed Ctrl-C here.
+                if future.exception() is not error:
                     raise
                 raise SimulatorError(
                     f"simulator '{self._simulator.name}' cannot run on a worker: {describe(error)}",
@@ -400,7 +407,7 @@ class Dispatcher:
             yield made
 
     def _require_life(self) -> None:
-        """Raise SurroundingsError if workers die even without a run."""
+        """Raise SurroundingsError if workers die even if they are given no run."""
         try:
             self._executor.submit(os.getpid).result()
         except BrokenExecutor as death:
@@ -413,9 +420,9 @@ class Dispatcher:
 
 @contextmanager
 def interruptions_noted() -> Iterator[Callable[[], bool]]:
-    """Note the first Ctrl-C, so that no run is lost between its end and its storage.
+    """Record the first Ctrl-C, so that a run that has just ended can still be stored.
 
-    The second one raises KeyboardInterrupt.
+    A second Ctrl-C raises KeyboardInterrupt at once. The block can ask whether one came.
     """
     noted: list[int] = []
 
@@ -425,7 +432,7 @@ def interruptions_noted() -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
-        yield lambda: False  # Ctrl-C is the main thread's
+        yield lambda: False  # Only the main thread of a process receives Ctrl-C.
         return
     before = signal.signal(signal.SIGINT, note)
     try:

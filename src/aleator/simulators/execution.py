@@ -1,4 +1,4 @@
-"""Execution of runs: made, tried again if they fail, remembered, and stored."""
+"""How runs are executed: made, tried again if they fail, remembered, and stored."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ from aleator.simulators.units import Bound, Units
 
 
 class RunProgress:
-    """Reports to `progress` how many of `total` new runs are done, from `patience` s on.
+    """Reports to `progress` how many of `total` new runs are done, after some `patience` seconds.
+
+    `reused` is the number of runs that were known before.
 
     >>> RunProgress.text(30, 100, reused=10, failed=2, retried=0, rate=4.0)
     '30 of 100 runs, 10 of them known, 2 failed, 4 runs/s, about 18 s left'
@@ -41,7 +43,7 @@ class RunProgress:
         self._began = time.monotonic()
 
     def count(self, done: int, failed: int) -> None:
-        """Count runs that were just done, `failed` of them without an outcome."""
+        """Count `done` more runs, of which `failed` have no outcome."""
         self._done, self._failed = self._done + done, self._failed + failed
         seconds = time.monotonic() - self._began
         if seconds > self._patience and self._done + self._reused < self._total:
@@ -52,12 +54,12 @@ class RunProgress:
             self._progress.update(text, self._done + self._reused, self._total)
 
     def retry(self, number: int) -> None:
-        """Count that so many failed runs are tried again."""
+        """Record that this number of failed runs is tried again."""
         self._retried = number
         self._done, self._failed = self._done - number, self._failed - number
 
     def stopping(self, batches: int) -> None:
-        """Say after Ctrl-C that so many running batches are waited for."""
+        """Report after Ctrl-C how many running batches are still waited for."""
         self._progress.update(
             f"stopping: {batches} batches of runs are still at work and will be kept; Ctrl-C "
             "again leaves them"
@@ -65,7 +67,7 @@ class RunProgress:
 
     @staticmethod
     def text(done: int, total: int, reused: int, failed: int, retried: int, rate: float) -> str:
-        """The line of progress."""
+        """The progress as one line of text; `rate` is in runs a second."""
         parts = [f"{done:,} of {total:,} runs"]
         parts += [f"{reused:,} of them known"] if reused else []
         parts += [f"{failed:,} failed"] if failed else []
@@ -83,12 +85,12 @@ def _duration(seconds: float) -> str:
 
 
 class RunCache:
-    """The runs of one simulator under the cases of one table, in a store.
+    """The stored runs of one simulator, for the conditions of one table.
 
-    `at_start` are the counts of its runs when the store was opened, `added` counts the new ones. A
-    run whose responses were named by the simulator is stored under a case with these names, so that
-    a study of another response does not use it. One query is about `together` runs (by judgement,
-    for little memory).
+    `at_start` has the counts of its runs when the store was opened, and `added` counts new ones. If
+    the simulator named its responses, a run is stored with these names, so that a study of another
+    response does not use it. One query asks for up to `together` runs (by judgement, to limit
+    memory).
     """
 
     def __init__(self, store: Store, bound: Bound, units: Units, together: int = 8192) -> None:
@@ -100,14 +102,14 @@ class RunCache:
         self._rows = units.rows[bound.cases.first]
         self._sizes = self._rows * len(units.responses)
         self._series = units.series
-        # The outcome of a single response may have been returned without its name.
+        # A simulator may return a single response with or without its name: look for both.
         self._ways = (False, True) if len(units.responses) == 1 else (True,)
         self._cases: dict[tuple[bool, int], Case] = {}
         self.at_start = store.counts(self.identity)
         self.added = 0
 
     def find(self, runs: Runs) -> Runs:
-        """The same runs with outcomes and failures where the store has them."""
+        """The given runs with their outcomes and failures, as far as the store has them."""
         outcome, failures = runs.outcome.copy(), dict[int, Failure]()
         for named in self._ways:
             for start in range(0, len(runs), self._together):
@@ -124,7 +126,7 @@ class RunCache:
         return replace(runs, outcome=outcome, failures=worked)
 
     def _read(self, value: float | bytes | None, width: int) -> Array:
-        """The stored values of a run, filled up with NaN; raises StoreError for a damaged run."""
+        """The stored values of a run, padded with NaN; raises StoreError if they are damaged."""
         values = np.full(width, np.nan)
         try:
             found = np.frombuffer(value, "<f8") if isinstance(value, bytes) else np.array([value])
@@ -137,7 +139,7 @@ class RunCache:
         return values
 
     def add(self, made: Runs) -> None:
-        """Commit runs as they were made."""
+        """Commit runs to the store after they were made."""
         if not self.store.writable or not len(made):
             return
         now = time.time()
@@ -154,12 +156,12 @@ class RunCache:
         try:
             self.added += self.store.add(self.identity, cases, rows)
         except KeyboardInterrupt:
-            # Ctrl-C came while they were written, and the transaction was rolled back.
+            # Ctrl-C came during the writing, and the transaction was undone: write again.
             self.added += self.store.add(self.identity, cases, rows)
             raise
 
     def _values(self, made: Runs) -> list[float | bytes]:
-        """The outcome of each run as it is stored: a number, or the bytes of several."""
+        """The outcome of each run as it is stored: a number, or the bytes of several numbers."""
         sizes = self._sizes[made.case]
         if np.all(sizes == 1):
             return made.outcome[:, 0].tolist()  # type: ignore[no-any-return]
@@ -167,14 +169,14 @@ class RunCache:
         return [row[:size].tobytes() for row, size in zip(whole, sizes.tolist(), strict=True)]
 
     def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
-        """The distinct cases of some runs; and of each run the position of its case, and x."""
+        """The distinct cases of some runs, and for each run the number of its case and its x."""
         chosen, position = np.unique(runs.case, return_inverse=True)
         x = row_bytes(runs.x[:, self._order])
         cases = [self._case(named, k) for k in chosen.tolist()]
         return cases, [*zip(position.tolist(), x, strict=True)]
 
     def _case(self, named: bool, case: int) -> Case:
-        """A case as it is stored."""
+        """The conditions of one case, in the form of the store."""
         if (named, case) not in self._cases:
             self._cases[named, case] = Case.of(
                 self._bound.cases.at(case),
@@ -188,9 +190,9 @@ class RunCache:
 class Execution:
     """Makes the runs of a `bound` simulator in this process, or by the workers of an `executor`.
 
-    They are remembered in `memory` and, with a `cache`, stored. A run that fails is tried again
-    `retries` times. `tried` counts all that were made, `fresh` those of them with an outcome;
-    together they took `seconds` of their workers and `waited` seconds of the clock.
+    Runs are remembered in `memory` and, with a `cache`, stored. A run that fails is tried again up
+    to `retries` times. `tried` counts all runs that were made, `fresh` those of them with an
+    outcome. `seconds` is the work of all of them together, `waited` the time that passed meanwhile.
     """
 
     def __init__(
@@ -210,7 +212,10 @@ class Execution:
         self.seconds = self.waited = 0.0
 
     def recall(self, keys: Sequence[bytes], failures: bool) -> None:
-        """Remember what is stored of some runs; and `failures`, unless retries are left."""
+        """Take the stored results of runs into memory, with failures if `failures` is true.
+
+        A failed run that may still be tried again is not taken.
+        """
         if self._cache is None:
             return
         known = self.memory if failures else self.memory.places
@@ -224,7 +229,7 @@ class Execution:
         self.memory.keep(unknown, replace(found, failures=settled))
 
     def make(self, keys: Sequence[bytes], progress: RunProgress) -> Generator[Runs, None, None]:
-        """Make runs and remember them; yield those that are not tried again."""
+        """Make runs and remember them; yield each run whose result is final."""
         began = time.perf_counter()
         for left in reversed(range(1 + self._retries)):
             with closing(self.made(self.memory.planned(keys), progress)) as batches:
@@ -240,7 +245,7 @@ class Execution:
             progress.retry(len(keys))
 
     def made(self, runs: Runs, progress: RunProgress | None = None) -> Generator[Runs, None, None]:
-        """The runs as they are made; after Ctrl-C the running ones are waited for."""
+        """Yield runs as they are made; after Ctrl-C the running batches are waited for."""
         if self._executor is None:
             yield from made_here(self._bound, runs, self._batching)
             return
@@ -253,7 +258,7 @@ class Execution:
             raise
 
     def again(self, runs: Runs) -> Array:
-        """Outcomes (R, W) of runs that are made once more and not remembered; NaN if they fail."""
+        """Outcomes (R, W) of runs that are made again and not remembered; NaN for failures."""
         found = {
             key: row
             for made in self.made(runs.some(slice(None)))
@@ -263,7 +268,7 @@ class Execution:
         return np.array([found.get(key, lost) for key in runs.keys()])  # noqa: SIM118  a method
 
     def _received(self, made: Runs) -> Runs:
-        """Store and remember runs that were made; those that no transform takes have failed."""
+        """Store and remember new runs; one with a value that its transform refuses has failed."""
         if self._cache is not None:
             self._cache.add(made)
         judged = self._judged(made)
@@ -274,9 +279,9 @@ class Execution:
         return judged
 
     def _judged(self, runs: Runs) -> Runs:
-        """The runs, with a failure for each value that is measured and missing, or not transformed.
+        """The runs, with a failure for each that lacks a measured value or cannot be transformed.
 
-        A store may have such runs without failures, of a study that measures something else.
+        A store may have such a run as a success, from a study that measures another response.
         """
         form, responses = self._bound.form.some(runs.case), self._units.responses
         lost = form.missing(self._units.transformed(runs.outcome)) & ~runs.empty[:, None]

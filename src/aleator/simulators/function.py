@@ -1,4 +1,4 @@
-"""A Python function as a simulator: found by its name, called, and known by its source."""
+"""A Python function as a simulator: found by its name, called, and recognized by its source."""
 
 from __future__ import annotations
 
@@ -31,16 +31,17 @@ from aleator.simulators.protocol import (
 from aleator.simulators.surroundings import checked_limit, limited
 
 _loaded: dict[str, str] = {}
-"""Digests of modules at the time when this process loaded them for simulators of another one."""
+"""Hashes of source files at the time when this process loaded them for a received simulator."""
 
 
 def load_function(reference: str, base_dir: str | Path = ".") -> Callable[..., Any]:
-    """The function that "module:name" or "file.py:name" (relative to `base_dir`) refers to.
+    """The function named by "module:name" or by "file.py:name" (relative to `base_dir`).
 
-    `name` may be dotted. Modules beside the file, or in `base_dir`, can be imported by it.
+    `name` may be dotted. The function can import modules that lie beside its file, or in
+    `base_dir`.
 
-    Raises SimulatorError if the reference has no name after a colon, the file does not exist, the
-    module cannot be imported, has no such name, or what has the name is not callable.
+    Raises SimulatorError if the reference has no name after a colon, if the file does not exist, if
+    the module cannot be imported or lacks the name, or if the named object cannot be called.
 
     >>> load_function("math:hypot")
     <built-in function hypot>
@@ -95,13 +96,14 @@ def _import(module_name: str, base: Path) -> ModuleType:
 
 
 def _run_file(file: Path) -> ModuleType:
-    # A name of its own: two studies may each have a model.py.
+    # The module gets a unique name, because two studies may each have a model.py.
     name = f"{file.stem}_{hashlib.sha256(str(file).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
         raise ImportError(f"{file.name} is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # before it runs, as dataclasses and pickles in it look it up
+    # The module is registered before it runs, because its dataclasses look it up there.
+    sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
     except BaseException:
@@ -111,15 +113,17 @@ def _run_file(file: Path) -> ModuleType:
 
 
 def source(function: Callable[..., Any]) -> str:
-    """The text of one function, "" where nobody kept it."""
+    """The source text of one function; "" where it is not available."""
     try:
         return inspect.getsource(function)
     except (OSError, TypeError):
-        return ""  # written in C, or typed
+        return ""  # The function is written in C, or was typed at a prompt.
 
 
 def sources(function: Callable[..., Any]) -> dict[str, Path]:
-    """Files of the loaded modules of the function's package or folder; none of a script's.
+    """The source files of the function's module and of loaded modules of its package or folder.
+
+    They are given by module name. A function of a script or a notebook has none.
 
     >>> from statistics import fmean
     >>> sources(fmean)["statistics"].name
@@ -141,18 +145,18 @@ def sources(function: Callable[..., Any]) -> dict[str, Path]:
 
 
 def digests(function: Callable[..., Any]) -> dict[str, str]:
-    """A hash of each source file of a function (see `sources`), by the name of its module."""
+    """A hash of each source file of a function (see `sources`), by the name of the module."""
     return {name: _digest(path) for name, path in sources(function).items()}
 
 
 def require_same(
     function: Callable[..., Any], expected: Mapping[str, str], read_again: bool
 ) -> None:
-    """Compare the files of a function with the digests that came with it from another process.
+    """Check that the files of a function equal those in the process that the function came from.
 
-    `read_again` says that the function's file was read just now. Raises SimulatorError for a file
-    that differs, and for one that has changed since this process loaded it: its runs would be
-    stored as those of another simulator.
+    `expected` has the digests of that process. `read_again` says that the function's file was read
+    just now. Raises SimulatorError for a file that differs, and for a file that was changed after
+    this process loaded it, because its runs would be stored as runs of another simulator.
 
     >>> from statistics import fmean
     >>> require_same(fmean, digests(fmean), read_again=False)
@@ -183,22 +187,22 @@ def _digest(path: Path) -> str:
 class FunctionSimulator:
     """A function that takes conditions and parameters by name and returns the outcome.
 
-    `vectorized=False`: the function is called once a run and gets floats (a text condition stays a
-    text). `vectorized=True`: it is called with arrays (R,) and returns an array (R,); it must treat
-    the runs independently of each other. `series=True`: it is called once for a whole experiment of
-    m rows; conditions that vary within any experiment are arrays (m,), the others and the
-    parameters are floats; it returns an array (m,), or a number for all rows. For several responses
-    it returns a mapping from their names to what it would return for one.
+    `vectorized=False`: the function is called once for each run and gets floats (a text condition
+    stays a text). `vectorized=True`: it is called with arrays (R,) for R runs and returns an array
+    (R,); it must treat the runs independently of each other. `series=True`: it is called once for a
+    whole experiment of m rows. Conditions that vary within any experiment are then arrays (m,), the
+    others and the parameters are floats; it returns an array (m,), or one number for all rows. For
+    several responses the function returns a mapping from their names to such values.
 
-    The arguments are conditions or parameters; one with a default may be neither. Every parameter
-    of the study is an argument; of the conditions only those that the function names (all of them
-    if it has **kwargs). `version` stands for the source in the fingerprint: stored runs stay valid
-    until the user changes it. `block` is the most runs of one call with arrays (default 8192); last
-    digits may depend on it. A call that takes longer than `timeout` seconds is stopped (see
-    `limited`), and the run has failed.
+    Every argument is a condition or a parameter; an argument with a default may be neither. Every
+    parameter of the study must be an argument. Conditions are passed only if the function names
+    them (all of them if it has **kwargs). `version` replaces the source in the fingerprint: stored
+    runs stay valid until the user changes it. `block` is the most runs of one call with arrays
+    (default 8192); last digits may depend on it. A call that takes longer than `timeout` seconds is
+    stopped (see `limited`), and the run has failed.
 
-    Raises SimulatorError if `function` is not callable or has arguments without a name, and for
-    a series that is vectorized.
+    Raises SimulatorError if `function` is not callable or has arguments without a name, and for a
+    series that is vectorized.
 
     >>> def model(load, stiffness):
     ...     return load / stiffness
@@ -246,11 +250,12 @@ class FunctionSimulator:
     def named(
         cls, reference: str, base_dir: str | Path = ".", *options: Any, **more: Any
     ) -> FunctionSimulator:
-        """The function that a reference names (see `load_function`), also in other processes.
+        """A simulator of the function that a reference names (see `load_function`).
 
-        Further arguments are those of the class after the function. Another process imports the
-        function from the same file, which it must see. Raises SimulatorError there if that file, or
-        one beside it, is not as it was here when it was loaded.
+        Further arguments are those of the class after `function`. If the simulator is sent to
+        another process, that process imports the function from the same file, which it must be able
+        to read. It raises SimulatorError if that file, or one beside it, has changed since it was
+        loaded here.
 
         >>> FunctionSimulator.named("statistics:fmean").name
         'fmean'
@@ -262,11 +267,11 @@ class FunctionSimulator:
 
     @property
     def options(self) -> tuple[Any, ...]:
-        """The arguments of the class after the function."""
+        """The arguments that the class takes after `function`."""
         return self.vectorized, self.version, self.block, self.series, self.timeout
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """By name where it was named; else the function itself, as far as it can be pickled."""
+        """Pickle by reference if the function was named by one; else the function itself."""
         origin: tuple[Any, ...] = self._reference or (self.function,)
         expected = digests(self.function) if self._digests is None else self._digests
         return _arrived, (expected, *origin, *self.options)
@@ -277,7 +282,7 @@ class FunctionSimulator:
         return anything or name in required or name in optional
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The conditions that the function has an argument for, in the order of `conditions`.
+        """The conditions for which the function has an argument, in the order of `conditions`.
 
         Raises SimulatorError for a parameter that the function does not take, and for an argument
         without a default that is neither a condition nor a parameter.
@@ -304,8 +309,8 @@ class FunctionSimulator:
         return tuple(name for name in conditions if anything or name in taken)
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
-        """Run R times; raises what the function raises, in a RunStopped unless vectorized."""
-        with np.errstate(all="ignore"):  # what is not finite is reported with its experiment
+        """Run R times. What the function raises is raised in a RunStopped, unless vectorized."""
+        with np.errstate(all="ignore"):  # Values that are not finite are reported later.
             if self.vectorized:
                 return self._timed({**conditions, **parameters})  # type: ignore[no-any-return]
             return one_by_one(self._series if self.series else self._row, conditions, parameters)
@@ -314,7 +319,7 @@ class FunctionSimulator:
         return _answer(self._timed(cells), _scalar)
 
     def _series(self, cells: dict[str, Any]) -> Any:
-        # Copies: a function that changes its arguments must not change those of the next run.
+        # The arrays are copied, because a function may change them and the next run needs them.
         copies = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in cells.items()}
         return _answer(self._timed(copies), _array)
 
@@ -327,10 +332,10 @@ class FunctionSimulator:
     def fingerprint(self) -> str:
         """A hash that changes with the source of the function and of the modules beside it.
 
-        Those are the loaded modules of the same package or, for a file, of the same folder; for a
-        script or a notebook, the function alone counts. Files that they read, imports from
-        elsewhere, and variables that the function has captured are not seen. A `version` takes the
-        place of all that.
+        These are the loaded modules of the same package or, for a file, of the same folder. For a
+        script or a notebook only the function itself counts. Changes in data files, in imports from
+        elsewhere, and in variables that the function has captured are not noticed. A `version`
+        replaces all that.
         """
         kind = "series" if self.series else self.vectorized
         digest = hashlib.sha256(f"{self.name} {kind}".encode())
@@ -346,7 +351,7 @@ class FunctionSimulator:
 
 
 def _arrived(expected: dict[str, str], origin: Any, *rest: Any) -> FunctionSimulator:
-    """A simulator of another process, whose files are compared with those that it came from."""
+    """A simulator received from another process, after its files were compared with those there."""
     named = isinstance(origin, str)
     simulator = (FunctionSimulator.named if named else FunctionSimulator)(origin, *rest)
     is_file = named and origin.rpartition(":")[0].endswith(".py")
@@ -355,14 +360,14 @@ def _arrived(expected: dict[str, str], origin: Any, *rest: Any) -> FunctionSimul
 
 
 def _answer(value: Any, part: Callable[[Any], Any]) -> Any:
-    """A number, or the parts of each response."""
+    """The checked return value: a number or an array, or a mapping of these by response."""
     if isinstance(value, Mapping):
         return {str(name): part(one) for name, one in value.items()}
     return part(value)
 
 
 def _array(value: Any) -> float | Array:
-    """The value of a series: an array (m,), or one number for all rows."""
+    """The returned value of a series: an array (m,), or one number for all rows."""
     if value is None or isinstance(value, (str, bytes)) or np.ndim(value) == 0:
         return _scalar(value)
     try:
@@ -395,7 +400,7 @@ def _scalar(value: Any) -> float:
 def _arguments(
     function: Callable[..., Any], name: str
 ) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
-    """Names of the arguments without and with a default, and whether there is **kwargs."""
+    """The names of arguments without and with a default, and whether there is **kwargs."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):
@@ -423,7 +428,7 @@ def _arguments(
 
 
 def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
-    """A plain function as a simulator, called once a run or `vectorized`; a simulator as it is.
+    """A simulator unchanged, or a plain function as a simulator, called once a run or `vectorized`.
 
     >>> as_simulator(lambda load, stiffness: load / stiffness).vectorized
     False

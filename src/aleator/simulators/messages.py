@@ -19,7 +19,7 @@ from aleator.simulators.units import Cases, Units
 
 @dataclass(frozen=True, eq=False)
 class Messages:
-    """Errors in the words of the user: names, ids and values instead of positions."""
+    """Makes errors about runs that name the experiments, conditions and parameters concerned."""
 
     simulator: Simulator
     ids: Sequence[str]
@@ -28,7 +28,7 @@ class Messages:
     units: Units
 
     def first(self, tried: Runs) -> SimulatorError:
-        """The error of the first run that failed, where every run is needed."""
+        """The error about the first failed run, for callers that need every run."""
         row = min(tried.failures)
         failure = tried.failures[row]
         if failure.kind == NOT_FINITE:
@@ -44,7 +44,7 @@ class Messages:
         )
 
     def excess(self, tried: Runs, failed: int, total: int) -> SimulatorError:
-        """The error where too large a share of all runs failed."""
+        """The error that too large a share of all runs failed."""
         row = min(tried.failures)
         hint = "mend the simulator: no run of it worked" if failed == total else ""
         return self._no_outcome(
@@ -57,7 +57,7 @@ class Messages:
         )
 
     def not_repeatable(self, runs: Runs, row: int, first: float, again: float) -> SimulatorError:
-        """The error of a run that had two outcomes."""
+        """The error that the same run had two different outcomes."""
         return SimulatorError(
             f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
             f"same run: {self._run(runs, row)}",
@@ -88,12 +88,12 @@ class Messages:
         )
 
     def _run(self, runs: Runs, row: int) -> str:
-        """A run by its experiment and its parameters."""
+        """A run in words: its experiment and the values of its parameters."""
         unit = int(self.cases.first[runs.case[row]])
         return f"{self._unit(unit)} with {self._parameters(runs.x[row])}"
 
     def _unit(self, unit: int) -> str:
-        """A unit by its experiment, and by its row there where a run serves one of several."""
+        """What a run serves, in words: an experiment, or one row of an experiment."""
         experiment = self.units.experiment[unit]
         name = f"experiment '{self.ids[experiment]}'"
         rows = int(np.sum(self.units.experiment == experiment))
@@ -108,7 +108,11 @@ class Messages:
         )
 
     def _narrower(self, tried: Runs, row: int) -> str:
-        """The remedy: the parameter to narrow whose runs all fail on one side, or any parameter."""
+        """The remedy: narrow the range of a parameter.
+
+        If all failed runs lie on one side of the successful ones in one parameter, it is that
+        parameter. Otherwise all parameters are named.
+        """
         mine, failed = tried.case == tried.case[row], _failed(tried)
         for k, name in enumerate(self.parameters):
             fails, works = tried.x[mine & failed, k], tried.x[mine & ~failed, k]
@@ -120,7 +124,7 @@ class Messages:
 
 
 def _failed(runs: Runs) -> Flags:
-    """(R,) which runs have no outcome."""
+    """Which of R runs have no outcome (R,)."""
     return np.isin(np.arange(len(runs)), list(runs.failures))
 
 
@@ -129,7 +133,7 @@ def _with_log(failure: Failure) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A condition as a message writes it; the first and the last value of a series."""
+    """The value of a condition in a message; for a series its first and its last value."""
     if isinstance(value, np.ndarray):
         first, *_, last = (_shown(one) for one in (value[0], *value.tolist()))
         return f"{first}...{last}"
@@ -140,9 +144,10 @@ def _shown(value: Any) -> str:
 def notified(
     cache: RunCache | None, study: str, say: Callable[[str], None] | None = None
 ) -> Iterator[None]:
-    """Say what a store has for a runner, and how many new runs it has when an exception comes.
+    """Tell the user what the store has for this simulator, and after an exception what was added.
 
-    `study` is the file that messages name for the commands `aleator runs ...`.
+    `say` prints a message. `study` is the study file, for the commands `aleator runs ...` in
+    messages.
     """
     if cache is None or say is None:
         yield

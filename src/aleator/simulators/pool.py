@@ -1,4 +1,4 @@
-"""Worker processes on this machine."""
+"""Worker processes on this machine that make runs in parallel."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class ProcessPool(Executor):
     """A ProcessPoolExecutor of `slots` processes that survives the death of one of them.
 
     If a worker dies (out of memory, a crash in compiled code, a kill), all open futures raise
-    BrokenProcessPool, and the next submission starts new workers. Workers are started afresh, not
-    forked. They leave Ctrl-C to this process, end when it ends, and use one thread each for linear
-    algebra. Raises InputsError for fewer than one worker, and SurroundingsError if the system
-    starts none.
+    BrokenProcessPool, and the next submission starts new workers. Workers are new Python processes,
+    not forks of this one. They ignore Ctrl-C, end when this process ends, and use one thread each
+    for linear algebra. Raises InputsError for fewer than one worker, and SurroundingsError if the
+    system refuses to start a process.
 
     >>> with ProcessPool(1) as pool:
     ...     pool.submit(divmod, 7, 2).result()
@@ -44,7 +44,7 @@ class ProcessPool(Executor):
         self._inner = self._started()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Hand a call to a worker; new workers are started if the last ones died."""
+        """Give a call to a worker; new workers are started if the previous ones died."""
         with _no_interruption():
             try:
                 try:
@@ -57,8 +57,8 @@ class ProcessPool(Executor):
                 raise prevented(error, "a worker process could not be started") from error
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the workers; without `wait` those that are busy are killed."""
-        # Only these workers: the caller may have other children. Python 3.14 has a public name.
+        """End the workers; without `wait` busy workers are killed."""
+        # Only these workers are killed. Python 3.14 has a public method for that.
         workers = [*(self._inner._processes or {}).values()]
         self._inner.shutdown(wait=wait, cancel_futures=cancel_futures)
         if not wait:
@@ -72,8 +72,11 @@ class ProcessPool(Executor):
 
 @contextmanager
 def _no_interruption() -> Iterator[None]:
-    """Block Ctrl-C: a worker that starts in the block inherits that, this process answers later."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    """Block Ctrl-C in this process, which handles it after the block.
+
+    A worker that starts within the block inherits that, and so is not interrupted by Ctrl-C.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows cannot block signals.
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -87,9 +90,9 @@ _limits: list[Any] = []
 
 
 def _end_with_parent() -> None:
-    """End this worker, whatever it does, when the process that started it has ended.
+    """End this worker process as soon as the process that started it has ended.
 
-    Programs and folders of its runs are removed then, too (see `command.run`).
+    The programs and folders of its runs are then removed, too (see `command.run`).
     """
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
@@ -105,7 +108,7 @@ def _begin() -> None:
 
 
 def packed(work: object) -> bytes | None:
-    """The pickled work with its simulator; None if it cannot be pickled."""
+    """An object as pickled bytes; None if it cannot be pickled."""
     try:
         return cloudpickle.dumps(work)  # type: ignore[no-any-return]
     except (pickle.PicklingError, AttributeError, TypeError):

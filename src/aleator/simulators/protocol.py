@@ -1,4 +1,4 @@
-"""What a simulator is to the rest of Aleator, and how a run of it fails."""
+"""The interface of a simulator for the rest of Aleator, and how a run of it fails."""
 
 from __future__ import annotations
 
@@ -18,62 +18,65 @@ from aleator.errors import SimulatorError, nearest
 
 @dataclass(frozen=True)
 class Blocks:
-    """The most runs of one call of a function that does not say itself; by judgement."""
+    """The default number of runs in one call of a function. The values are chosen by judgement."""
 
     arrays: int = 8192
-    """Runs of one call with arrays: enough that arrays pay, few enough that an interruption loses
-    little. Fixed, because the last digits of an array operation may depend on its length."""
+    """The most runs of one call with arrays: enough to profit from arrays, few enough that an
+    interruption loses little. The number is fixed, because the last digits of an array operation
+    may depend on the length of the arrays."""
     single: int = 256
-    """Runs that are made one by one and timed together."""
+    """The most runs of one call that makes them one by one; such runs are timed together."""
 
 
 BLOCKS = Blocks()
 
 Columns = Mapping[str, NDArray[Any]]
 Returned = NDArray[np.float64] | Mapping[str, NDArray[np.float64]] | list[Any]
-"""What a call returned: an array, arrays by response, or the answers one by one."""
+"""What a call returned: an array (R,), an array for each response, or a list of R values."""
 
 
 class Simulator(Protocol):
-    """The user's deterministic model: conditions and parameters to the outcome of a run.
+    """The user's deterministic model: from conditions and parameters to the outcome of a run.
 
-    FunctionSimulator makes one of a function; further kinds of simulator fill the same members. One
-    more is optional: where `series` is true one run serves a whole experiment. Conditions that vary
-    within any experiment then come as object arrays (R,) of arrays (m,).
+    `FunctionSimulator` makes one from a function; other kinds of simulator have the same members.
+    One more member is optional: if `series` is true, one run makes all rows of an experiment.
+    Conditions that vary within any experiment are then object arrays (R,), whose entries are arrays
+    (m,).
     """
 
     @property
     def name(self) -> str:
-        """What messages call the simulator."""
+        """The name of the simulator in messages."""
 
     @property
     def block(self) -> int:
-        """The most runs of one call; what completed before a call is never lost."""
+        """The most runs of one call; runs that completed in earlier calls are never lost."""
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """Those of the conditions that the simulator is called with.
+        """The conditions that the simulator needs, out of the given ones.
 
         Raises SimulatorError if it cannot be called with these conditions and parameters.
         """
 
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
-        """Run R times, with arrays (R,) of the conditions of `asks` and of the parameters.
+        """Run R times, with arrays (R,) of the conditions that `asks` names and of the parameters.
 
-        Returns outcomes (R,); or for several responses a mapping from their names to arrays (R,);
-        or a list of what each run returned: a number, an array (m,) of a series, or a mapping from
-        responses to such.
+        Returns the outcomes in one of three forms: an array (R,); for several responses a mapping
+        from their names to arrays (R,); or a list with what each run returned, which is a number,
+        an array (m,) of a series, or a mapping from responses to these.
 
-        May raise anything; RunStopped hands over the runs that completed before.
+        It may raise any exception; RunStopped contains the outcomes of the runs that completed
+        before.
         """
 
     def fingerprint(self) -> str:
-        """A text that changes when the simulator does: runs are reused only if it is the same."""
+        """A text that changes when the simulator changes, so that old runs are not reused then."""
 
 
 class RunStopped(Exception):
     """A simulator that runs one at a time stopped after k runs, whose outcomes are `completed`.
 
-    Its `__cause__` is what stopped the next run.
+    Its `__cause__` is the exception that the next run raised.
     """
 
     def __init__(self, completed: NDArray[np.float64] | list[Any]) -> None:
@@ -84,10 +87,10 @@ class RunStopped(Exception):
 def one_by_one(
     run: Callable[[dict[str, Any]], Any], conditions: Columns, parameters: Columns
 ) -> NDArray[np.float64] | list[Any]:
-    """Outcomes of `run`, which is called for one run after the other with its values by name.
+    """Outcomes of R calls of `run`, one after the other, each with its values by name.
 
-    They are an array (R,) if all are numbers, else a list. Raises RunStopped, with the outcomes
-    before, where `run` raises.
+    The outcomes are an array (R,) if all are numbers, else a list. If `run` raises an exception,
+    RunStopped is raised with the outcomes completed before.
 
     >>> one_by_one(lambda cells: cells["a"] * cells["x"], {"a": np.ones(2)}, {"x": np.arange(2.0)})
     array([0., 1.])
@@ -97,7 +100,7 @@ def one_by_one(
     try:
         for cells in zip(*(column.tolist() for column in columns.values()), strict=True):
             outcome = run(dict(zip(columns, cells, strict=True)))
-            # One by one: an exception finds in the list what completed before it.
+            # Appended at once, so that an exception leaves the outcomes before it in the list.
             outcomes.append(outcome)
     except BaseException as cause:
         raise RunStopped(_packed(outcomes)) from cause
@@ -124,7 +127,7 @@ def require_distinct(simulator: str, conditions: Sequence[str], parameters: Sequ
 
 
 def name_lists(conditions: Sequence[str], parameters: Sequence[str]) -> str:
-    """The names of conditions and parameters as a remedy lists them.
+    """The names of conditions and parameters as a list for a remedy in a message.
 
     >>> name_lists(["load"], [])
     'conditions: load; parameters: none'
@@ -136,16 +139,16 @@ def name_lists(conditions: Sequence[str], parameters: Sequence[str]) -> str:
 def require_file(
     path: Path, what: str, kind: str = "*", remedy: str = "name it relative to the study file"
 ) -> None:
-    """Raise SimulatorError for a path that does not exist, with the nearest name of that `kind`."""
+    """Raise SimulatorError if a path does not exist; suggest the nearest name of that `kind`."""
     if not path.exists():
         close = nearest(path.name, [one.name for one in path.parent.glob(kind)])
         raise SimulatorError(f"{what} does not exist{close}", remedy)
 
 
 class RunFailed(Exception):
-    """A run gave no outcome: `message` says why in one line, `log` is what it printed last.
+    """A run has no outcome: `message` is the reason in one line, `log` the end of its output.
 
-    It can be pickled, and so reaches this process from a worker as it was raised.
+    The exception can be pickled, so that it reaches this process from a worker unchanged.
 
     >>> failure = RunFailed("it ended with exit code 3", "pressure too high")
     >>> print(failure)
@@ -164,13 +167,13 @@ class RunFailed(Exception):
 
 
 def with_log(message: str, log: str) -> str:
-    """A message with the end of what the run printed, if it printed anything."""
+    """A message with the end of the run's output, if there is any."""
     last = " ".join(log.split())[-300:]
     return f"{message}; its log ends: {last}" if last else message
 
 
 class WorkerLost(BrokenExecutor):
-    """Several workers were lost with the same call; the executor serves other calls still."""
+    """Several workers were lost during the same call; the executor still serves other calls."""
 
 
 class NoOutcome(SimulatorError):
@@ -182,11 +185,11 @@ class NoOutcome(SimulatorError):
 
 
 def working_box(worked: Array, failed: Array, open_ended: Sequence[int]) -> Array:
-    """A box (n, 2) of points that worked (W, n), without those that failed (F, n).
+    """A box (n, 2) around points that worked (W, n), which excludes points that failed (F, n).
 
-    It is the smallest box of all points that worked, made smaller for each failure in it: by the
-    limit of one of the parameters `open_ended` that costs the fewest points that worked. A failure
-    that no such limit excludes may remain inside.
+    It begins as the smallest box around all points that worked. Each failure inside makes it
+    smaller, by a new limit of one parameter: of those in `open_ended`, the one that costs the
+    fewest points that worked. A failure that no such limit excludes may remain inside.
 
     >>> worked = np.array([[-1.0], [0.0], [1.0], [2.0]])
     >>> working_box(worked, np.array([[-1.5], [-0.9]]), [0]).tolist()
@@ -211,7 +214,7 @@ def working_box(worked: Array, failed: Array, open_ended: Sequence[int]) -> Arra
 
 
 def said(error: BaseException) -> str:
-    """The text of an exception, as every file can hold it; "" of one whose text raises.
+    """The text of an exception in characters that any file can hold; "" if it has no text.
 
     >>> said(ValueError("a path with \\udcff in it"))
     'a path with \\\\udcff in it'
@@ -226,12 +229,12 @@ def said(error: BaseException) -> str:
 
 
 def readable(text: str) -> str:
-    """A text that UTF-8 can hold: halves of a character (in names of files) are written out."""
+    """A text that UTF-8 can hold: invalid half characters, as in file names, become escapes."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def describe(error: BaseException) -> str:
-    """An exception as one line: kind, message, and the user's file and line that raised it.
+    """An exception as one line: its type, its message, and the user's file and line that raised it.
 
     >>> describe(ValueError("too cold"))
     'ValueError: too cold'
@@ -240,7 +243,7 @@ def describe(error: BaseException) -> str:
         return said(error)
     text = " ".join(said(error).split())
     kind = readable(type(error).__name__)
-    if isinstance(error, SyntaxError):  # its own text has the place
+    if isinstance(error, SyntaxError):  # Its text already names the file and the line.
         return f"{kind}: {text}"
     frames = [
         frame

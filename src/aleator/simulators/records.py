@@ -1,4 +1,4 @@
-"""The records of a store, run by run: listed, forgotten, written to a table, and read from one."""
+"""The records of a store, run by run: listed, deleted, exported to a table, and imported."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
 
 LAST_MOMENT = (datetime.max - timedelta(days=1)).replace(tzinfo=UTC).timestamp()
-"""The last moment, in seconds since 1970, that a date can tell in every time zone."""
+"""The latest time that a date can express in every time zone, in seconds since 1970."""
 
 
 def _as_number(value: object) -> object:
-    """A text without underscores: Python takes 1_0 for a number, a table does not."""
+    """The value of a cell; underscores in a text become invalid, as Python reads 1_0 as 10."""
     return value.replace("_", "?") if isinstance(value, str) else value
 
 
 def _as_moment(value: object) -> object:
-    """Seconds since 1970 of a date with a time."""
+    """The seconds since 1970 of a date and time in text form."""
     try:
         return datetime.fromisoformat(value).timestamp() if isinstance(value, str) else value
     except (ValueError, OverflowError, OSError):
@@ -47,7 +47,7 @@ def _as_moment(value: object) -> object:
 
 
 def _as_outcome(value: Any) -> Any:
-    """A number, or several: as a list of JSON in a cell, as bytes in a store."""
+    """An outcome as a number or as several: a JSON list in a cell of a table, bytes in a store."""
     if isinstance(value, str):
         if not value.startswith("["):
             return _FINITE.validate_python(_as_number(value))
@@ -62,7 +62,7 @@ def _as_outcome(value: Any) -> Any:
 
 
 def _as_names(value: object) -> object:
-    """Names that differ, as a list of JSON in a cell."""
+    """A list of different names, from JSON text in a cell of a table."""
     names: Any = from_cell(value) if isinstance(value, str) else value
     if not isinstance(names, list | tuple) or "" in names or len({*names}) < len(names):
         raise ValueError("it is not a list of names")
@@ -79,7 +79,7 @@ Outcome = Annotated[float | tuple[float, ...] | None, BeforeValidator(_as_outcom
 
 @dataclass(frozen=True)
 class SimulatorRuns:
-    """The runs of one simulator: how many, what they took in seconds, from when to when."""
+    """The runs of one simulator: their number, failures, total seconds, and first and last time."""
 
     simulator: Identity
     runs: int
@@ -91,11 +91,11 @@ class SimulatorRuns:
 
 @dataclass(frozen=True)
 class StoredRun:
-    """One run as the store has it; `number` names it there, `time` is in seconds since 1970.
+    """One run as the store has it; `number` is its number there, `time` is in seconds since 1970.
 
-    `outcome` is a number; or several values, row by row and of each row the `responses`, if the
-    simulator named them. `rows` is how many rows a series has, None where a run is one row. Raises
-    a ValueError for what no store can have.
+    `outcome` is a number or several values: row by row, and in each row one for each of the
+    `responses`, if the simulator named them. `rows` is the number of rows of a series, None if a
+    run makes one row. Raises a ValueError for values that no store can have.
     """
 
     number: int
@@ -114,7 +114,7 @@ class StoredRun:
 
     @property
     def made(self) -> tuple[Any, ...]:
-        """What came of it, in the order of `Store.add`."""
+        """The result of the run, as a tuple in the order that `Store.add` expects."""
         outcome = self.outcome
         return (
             np.array(outcome, "<f8").tobytes() if isinstance(outcome, tuple) else outcome,
@@ -135,7 +135,7 @@ _FORGET = (
 
 
 def runs_by_simulator(store: Store) -> list[SimulatorRuns]:
-    """Every simulator that the store knows, the last seen first."""
+    """Summaries of all simulators in the store, the most recently used first."""
     with sqlite_errors(store.path):
         rows = store.connection.execute(
             f"SELECT {_OF_SIMULATOR}, count(runs.id), total(failure IS NOT NULL), total(seconds), "
@@ -167,7 +167,11 @@ def stored_runs(
     failures: bool = False,
     last: int | None = None,
 ) -> Iterator[StoredRun]:
-    """Runs in the order in which they came: of one simulator, one of them, failures, the last."""
+    """Stored runs in the order in which they were added, one after the other.
+
+    They can be restricted to one simulator (`fingerprint`), one run (`number`), to `failures`, or
+    to the `last` few.
+    """
     clauses = {"fingerprint = ?": fingerprint, "runs.id = ?": number}
     chosen = {clause: value for clause, value in clauses.items() if value is not None}
     where = " AND ".join([*chosen, *(["failure IS NOT NULL"] if failures else [])])
@@ -188,13 +192,13 @@ def stored_runs(
             yield run
 
 
-# Runs of one case come together: its texts are read once, and a million runs share them.
+# Runs with equal conditions follow each other, so that their texts are read only once.
 _read = lru_cache(json.loads)
 _identity = lru_cache(Identity)
 
 
 def _stored_run(row: Sequence[Any]) -> StoredRun:
-    """One row of the file; raises TypeError or ValueError where it is not what was written."""
+    """A run from one row of the database. Raises TypeError or ValueError if the row is damaged."""
     number, *texts, written, names, x, outcome, failure, log, seconds, host, moment, attempt = row
     if not all(isinstance(text, str) for text in texts) or isinstance(outcome, str):
         raise TypeError
@@ -209,7 +213,7 @@ def _stored_run(row: Sequence[Any]) -> StoredRun:
 
 
 def retry(store: Store, fingerprint: str | None = None) -> int:
-    """Forget the failures, of one simulator or of all, so that they run again: their number."""
+    """Delete failed runs, of one simulator or of all, so that they run again; returns how many."""
     of_one = f' AND "case" IN ({_CASES_OF_ONE})'
     with sqlite_errors(store.path), transaction(store.connection):
         return store.connection.execute(
@@ -219,7 +223,7 @@ def retry(store: Store, fingerprint: str | None = None) -> int:
 
 
 def forget(store: Store, fingerprints: Sequence[str]) -> int:
-    """Forget simulators with all their runs: the number of the runs."""
+    """Delete simulators with all their runs from the store; returns the number of the runs."""
     gone = sum(
         of.runs for of in runs_by_simulator(store) if of.simulator.fingerprint in fingerprints
     )
@@ -239,7 +243,7 @@ OF_RUN = ("outcome", "failure", "log", "seconds", "host", "time", "attempt")
 
 
 def table(runs: Iterable[StoredRun]) -> pd.DataFrame:
-    """Runs as a data frame, a row a run; text conditions are as they are in a CSV file."""
+    """Runs as a data frame with a row for each; text conditions are written as in a CSV file."""
     import pandas as pd
 
     columns: dict[str, list[Any]] = {}
@@ -280,7 +284,7 @@ def _cells(run: StoredRun) -> dict[str, Any]:
 
 
 def as_cell(value: Any) -> Any:
-    """A condition as a cell: a number, or a text that `from_cell` takes for nothing else.
+    """A condition as a cell of a table: a number, or a text that `from_cell` reads back exactly.
 
     >>> as_cell(2.0), as_cell("bench"), as_cell("007.0"), as_cell("7")
     (2.0, 'bench', '007.0', '"7"')
@@ -292,7 +296,7 @@ def as_cell(value: Any) -> Any:
 
 
 def from_cell(text: str) -> Any:
-    """The condition that a cell with some text in it stands for; every number is a float.
+    """The value of a condition from the text in a cell; every number becomes a float.
 
     >>> from_cell("2"), from_cell("bench"), from_cell('"7"')
     (2.0, 'bench', '7')
@@ -301,7 +305,7 @@ def from_cell(text: str) -> Any:
 
 
 def _is_json(text: str) -> bool:
-    """Whether a text is JSON without half a character, which no file can hold."""
+    """Whether a text is valid JSON, without characters that no file can hold."""
     try:
         _json(json.loads(text)).encode()
     except (ValueError, RecursionError):
@@ -314,10 +318,10 @@ def _json(value: Any) -> str:
 
 
 def write(runs: Iterable[StoredRun], path: Path) -> int:
-    """Write runs to a CSV or a Parquet file, which its name tells: their number.
+    """Write runs to a CSV or Parquet file, by the ending of its name; returns their number.
 
-    Raises AleatorError for another ending, for Parquet without pyarrow, and for a file that is
-    there or cannot be written.
+    Raises AleatorError for another ending, for Parquet without the package pyarrow, for a file that
+    exists already, and for one that cannot be written.
     """
     if path.suffix not in (".csv", ".parquet"):
         raise AleatorError(
@@ -328,7 +332,7 @@ def write(runs: Iterable[StoredRun], path: Path) -> int:
             f"{path}: a Parquet file needs pyarrow, which is not installed",
             "pip install pyarrow, or write a .csv file",
         )
-    if os.path.exists(path):  # of a name that is too long too, where that of a path raises
+    if os.path.exists(path):  # Path.exists would raise an error for a name that is too long.
         raise AleatorError(f"{path} is there already", "name another file, or delete it")
     frame = table(runs)
     try:
@@ -347,7 +351,7 @@ def write(runs: Iterable[StoredRun], path: Path) -> int:
 
 @dataclass(frozen=True)
 class Imported:
-    """Runs that were new, that were there already, and that are there with another outcome."""
+    """The numbers of imported runs: added, already present, and present with another outcome."""
 
     added: int
     present: int
@@ -357,11 +361,12 @@ class Imported:
 def read(store: Store, path: Path, simulator: Simulator | None = None) -> Imported:
     """Add the runs of a CSV file that `write` wrote, or that has the same columns.
 
-    Without the column `fingerprint` they are runs of `simulator`; `parameter.NAME` and `outcome`
-    are needed, the rest is not. A run that the store has already stays as it is.
+    Without the column `fingerprint` they are runs of `simulator`. Columns `parameter.NAME` and
+    `outcome` are required, the others are optional. A run that the store already has is not
+    changed.
 
-    Raises StoreError, with the line, for anything that is not a run, and for a run of `simulator`
-    that it can never be asked for; nothing is then added.
+    Raises StoreError, with the line, for a line that is not a run, and for a run of `simulator`
+    with conditions or parameters that the simulator never uses. In that case nothing is added.
     """
     own = None if simulator is None else Identity.of(simulator)
     of_simulator: dict[Identity, dict[Case, list[StoredRun]]] = {}
@@ -391,7 +396,7 @@ def _x(case: Case, run: StoredRun) -> bytes:
 
 
 def _require_usable(where: str, simulator: Simulator, run: StoredRun) -> None:
-    """Raise StoreError for a run with names that the simulator is never called with."""
+    """Raise StoreError for a run with conditions or parameters that the simulator never uses."""
     remedy = "correct the names of the columns; nothing was imported"
     try:
         asked = simulator.asks([*run.conditions], [*run.parameters])
@@ -417,14 +422,15 @@ def _require_usable(where: str, simulator: Simulator, run: StoredRun) -> None:
 
 
 def _parsed(path: Path, simulator: Identity | None) -> Iterable[tuple[int, StoredRun]]:
-    """The runs of a file, each with the line that it ends at."""
+    """The runs of a CSV file, each with the number of the line at which it ends."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             text = file.read()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise StoreError(f"{path}: the file cannot be read: {reason}", "name a CSV file") from None
-    csv.field_size_limit(max(csv.field_size_limit(), len(text)))  # a long series is one cell
+    # The limit is raised because one cell may hold a long series.
+    csv.field_size_limit(max(csv.field_size_limit(), len(text)))
     reader = csv.DictReader(io.StringIO(text, newline=""))
     try:
         _check_columns(path, [*(reader.fieldnames or ())], simulator)
@@ -462,14 +468,14 @@ def _check_columns(path: Path, columns: list[str], simulator: Identity | None) -
 
 
 def _fault(error: ValidationError) -> str:
-    """The first cell that cannot be what its column holds."""
+    """The problem of the first cell whose value is invalid for its column."""
     first = error.errors()[0]
     column = ".".join(map(str, first["loc"])).replace("parameters.", PARAMETER)
     return f"column '{column}': '{str(first['input'])[:40]}': {first['msg']}"
 
 
 def _run(cells: Mapping[str | None, str | None], simulator: Identity | None) -> StoredRun:
-    """One row, with the number 0; raises ValueError for what is not a run."""
+    """The run in one line of a table, with the number 0. Raises ValueError if it is not a run."""
     if None in cells or None in cells.values():
         raise ValueError("it has another number of cells than the header")
     filled = {str(name): cell for name, cell in cells.items() if cell}

@@ -1,8 +1,9 @@
 """Outcomes of experiments as functions of the parameters, and their distributions under a law.
 
-A `Run` gives the outcomes of pairs of an experiment and a point; a `ResponseFunction` those of all
-experiments at the same points. The simulator itself is one (`DirectResponse`), surfaces are others,
-and both may be `Confined` to a region.
+A `Run` computes outcomes for pairs of an experiment and a point of the parameters. A
+`ResponseFunction` computes the outcomes of all experiments at the same points. The simulator itself
+is one (`DirectResponse`), response surfaces are others, and both may be `Confined` to a region of
+the parameters.
 """
 
 from __future__ import annotations
@@ -20,28 +21,30 @@ from aleator.errors import InputsError
 from aleator.simulators.runner import Runner
 
 Run = Callable[[Indices, Array], Array]
-"""Outcomes (R,) of experiments index (R,), each at a point x (R, n) of its own."""
+"""A function that returns outcomes (R,) of experiments index (R,), each at a point x (R, n)."""
 
 
 class ResponseFunction(Protocol):
-    """Outcomes of all N experiments at the same points of the box."""
+    """The outcomes of all N experiments as functions of the n parameters, at common points."""
 
     def evaluate(self, x: Array) -> Array:
-        """Outcomes (N, J) at points x (J, n)."""
+        """Outcomes (N, J) of all N experiments at J points x (J, n)."""
         ...
 
     def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
-        """Outcomes (N, J) and their derivatives (N, J, n) at points x (J, n)."""
+        """Outcomes (N, J) at points x (J, n), and their derivatives (N, J, n) by the parameters."""
         ...
 
 
 @runtime_checkable
 class Divisible(ResponseFunction, Protocol):
-    """A response that also gives outcomes of some experiments only, or of each at a point of its
-    own."""
+    """A response function that can also be evaluated for some of the experiments only.
+
+    Each experiment may then have its own point of the parameters.
+    """
 
     def take(self, rows: Indices) -> Divisible:
-        """The response of the experiments `rows`, each at most once."""
+        """The response function of the experiments `rows` only, each at most once."""
         ...
 
     def at(self, index: Indices, x: Array) -> Array:
@@ -50,38 +53,39 @@ class Divisible(ResponseFunction, Protocol):
 
 
 class OutcomeDistribution(Protocol):
-    """The distributions of N outcomes under a law."""
+    """The distributions of the outcomes of N experiments under a law of the parameters."""
 
     @property
     def mean(self) -> Array:
-        """(N,)."""
+        """The mean outcome of each experiment (N,)."""
 
     @property
     def sd(self) -> Array:
-        """(N,)."""
+        """The standard deviation of the outcome of each experiment (N,)."""
 
     @property
     def standardized(self) -> Array:
-        """Standardized moments (N, 5) of orders zero to four."""
+        """Standardized moments (N, 5) of orders zero to four of each experiment's outcome."""
 
     @property
     def status(self) -> NDArray[np.int64]:
-        """(N,) `Status` codes."""
+        """The `Status` code of the distribution of each experiment (N,)."""
 
     def cdf(self, y: Array) -> Array:
-        """P(outcome < y) at y (N,) or (N, G), of the same shape."""
+        """The probability of an outcome below y (N,) or (N, G), in the shape of y."""
 
     def quantile(self, p: ArrayLike) -> Array:
-        """Outcomes (N, Q) that are not exceeded with probabilities p (Q,)."""
+        """Quantiles (N, Q): outcomes that are not exceeded with probabilities p (Q,)."""
 
 
 @dataclass(frozen=True)
 class DirectResponse:
-    """The simulator itself: every call runs it, gradients by central differences.
+    """The simulator itself as a response function; gradients are central differences.
 
-    `run(index (R,), x (R, n))` runs it, `box` (n, 2) keeps the differences inside.
-    A difference is `difference_step` times the spread of the points, for which a constant has
-    `constant_spread` times the width of its box.
+    `run(index (R,), x (R, n))` calls the simulator. The points of the differences stay inside `box`
+    (n, 2), the range of each parameter. The step is `difference_step` times the standard deviation
+    of the points. For a parameter that is constant over the points, the step is `difference_step`
+    times `constant_spread` times the width of its range.
     """
 
     run: Run
@@ -91,28 +95,28 @@ class DirectResponse:
     constant_spread: float = 0.1
 
     def take(self, rows: Indices) -> DirectResponse:
-        """The simulator of the experiments `rows`."""
+        """The response function of the experiments `rows` only."""
         run = self.run
         return replace(self, run=lambda index, x: run(rows[index], x), experiments=rows.size)
 
     def at(self, index: Indices, x: Array) -> Array:
-        """Outcomes (R,) of R runs."""
+        """Outcomes (R,) of R runs, each of its own experiment and point."""
         return self.run(index, x)
 
     def evaluate(self, x: Array) -> Array:
-        """Outcomes (N, J) of N J runs."""
+        """Outcomes (N, J) of N experiments at J points, by N J runs."""
         index = np.repeat(np.arange(self.experiments), x.shape[0])
         outcome = self.run(index, np.tile(x, (self.experiments, 1)))
         return outcome.reshape(self.experiments, x.shape[0])
 
     def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
-        """Outcomes and central differences, from N J (2 n + 1) runs in one call.
+        """Outcomes (N, J) at points x (J, n), and derivatives (N, J, n) by central differences.
 
-        The step is relative to the spread of the points, or to the box of a constant; where it
-        would leave the box the point moves less far on that side.
+        One call makes the N J (2 n + 1) runs. At the edge of the range of a parameter the step on
+        that side is shorter.
         """
         count, n = x.shape
-        # exactly zero for a constant, which np.std of equal numbers is not
+        # The spread of a constant is exactly zero here; np.std of equal numbers may not be.
         spread = np.where(np.ptp(x, axis=0) > 0.0, np.std(x, axis=0), 0.0)
         width = self.box[:, 1] - self.box[:, 0]
         step = self.difference_step * np.where(spread > 0.0, spread, self.constant_spread * width)
@@ -122,7 +126,7 @@ class DirectResponse:
             ends = []
             for sign in (1.0, -1.0):
                 shifted = x.copy()
-                # a node of a rule with many nodes may itself lie beyond the box of an open law
+                # For a law without finite limits, a node may itself lie outside the box.
                 low, high = np.minimum(x[:, i], self.box[i, 0]), np.maximum(x[:, i], self.box[i, 1])
                 shifted[:, i] = np.clip(x[:, i] + sign * step[i], low, high)
                 ends.append(shifted)
@@ -137,12 +141,15 @@ class DirectResponse:
 
 
 def moving_parameters(region: Array) -> Indices:
-    """Indices of the parameters whose region (n, 2) has a width; the others are known."""
+    """Indices of the parameters whose range in `region` (n, 2) has a width; others are constant."""
     return np.flatnonzero(region[:, 1] > region[:, 0])
 
 
 def completed(region: Array, x: Array) -> Array:
-    """Parameters (R, n): x (R, moving) of those whose region (n, 2) has a width, and the others."""
+    """Points (R, n) of all parameters, from x (R, moving) of those that are not constant.
+
+    A parameter is constant if its range in `region` (n, 2) has no width.
+    """
     full = np.tile(region[:, 0], (len(x), 1))
     full[:, moving_parameters(region)] = x
     return full
@@ -150,35 +157,38 @@ def completed(region: Array, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Confined:
-    """A response known only inside a region (n, 2): outside, the value at its nearest point.
+    """A response known only inside a region (n, 2); outside it has the value at the nearest point.
 
-    Surfaces explode when extrapolated; a search that is still far away must not see that. An
-    answer is sound only if its law stays inside. A parameter whose region has no width is
-    known: the inner response is one of the others alone.
+    A response surface is useless when extrapolated, and a search may begin far outside the region.
+    An identified law is sound only if it stays inside. A parameter whose range has no width is
+    constant: the inner response does not depend on it.
     """
 
     inner: Divisible
     region: Array
 
     def take(self, rows: Indices) -> Confined:
-        """The response of the experiments `rows`."""
+        """The confined response of the experiments `rows` only."""
         return Confined(self.inner.take(rows), self.region)
 
     @cached_property
     def moving(self) -> Indices:
-        """The parameters that the inner response takes."""
+        """The indices of the parameters on which the inner response depends."""
         return moving_parameters(self.region)
 
     def at(self, index: Indices, x: Array) -> Array:
-        """Outcomes (R,) of experiments index[r] at points x[r] moved into the region."""
+        """Outcomes (R,) of experiments index[r] at points x[r], which are moved into the region."""
         return self.inner.at(index, self._inside(x)[:, self.moving])
 
     def evaluate(self, x: Array) -> Array:
-        """Outcomes (N, J) at points x (J, n) moved into the region."""
+        """Outcomes (N, J) at points x (J, n), which are moved into the region."""
         return self.inner.evaluate(self._inside(x)[:, self.moving])
 
     def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
-        """Outcomes and derivatives; the derivative by a coordinate that was moved is zero."""
+        """Outcomes (N, J) and derivatives (N, J, n) at points x (J, n), moved into the region.
+
+        The derivative by a coordinate that had to be moved is zero.
+        """
         inside = self._inside(x)
         value, slope = self.inner.evaluate_with_gradient(inside[:, self.moving])
         if self.moving.size == x.shape[1] and np.array_equal(inside, x):
@@ -192,14 +202,16 @@ class Confined:
 
 
 def by_calls(runner: Runner) -> Run:
-    """`run(index (R,), x (R, n)) -> (R,)` of the distinct conditions; a run that fails raises."""
+    """A `Run` of the distinct conditions by calls of a runner; a failed run raises an error."""
     first = runner.cases.first
     return lambda index, x: runner(first[index], x)
 
 
 def straight(runner: Runner) -> Run:
-    """Outcomes (R,) of the distinct conditions, by runs that are neither remembered nor stored; NaN
-    where a run has no finite value."""
+    """A `Run` whose runs are neither remembered nor stored; NaN where a run has no finite value.
+
+    Its index is the number of a distinct set of conditions.
+    """
     first = runner.cases.first
 
     def run(index: Indices, x: Array) -> Array:
@@ -210,10 +222,10 @@ def straight(runner: Runner) -> Run:
 
 
 def attempts(runner: Runner, region: Array) -> Run:
-    """`run(index (R,), x (R, moving)) -> (R,)` of the distinct conditions, NaN where it fails.
+    """A `Run` of the parameters that are not constant: x is (R, moving); NaN where a run fails.
 
-    Of the parameters whose region (n, 2) has a width; the others are known. Raises InputsError
-    where all are.
+    Its index is the number of a distinct set of conditions. A parameter is constant if its range in
+    `region` (n, 2) has no width. Raises InputsError if all parameters are constant.
     """
     if moving_parameters(region).size == 0:
         raise InputsError(

@@ -1,4 +1,4 @@
-"""The only way to a simulator: it checks, counts and remembers every run."""
+"""The only way to call a simulator: the runner checks, counts and remembers every run."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Budget:
-    """The most that an identification may take: new runs of the simulator, and hours of the clock.
+    """The most that an identification may take: new runs of the simulator, and hours of real time.
 
-    Stored runs cost nothing, so that the same identification with the same budget gets further each
-    time. None is no limit. Raises SimulatorError for what is not positive.
+    Stored runs cost nothing, so that the same identification, repeated with the same budget, gets
+    further each time. None is no limit. Raises SimulatorError for a limit that is not positive.
 
     >>> Budget(runs=500)
     Budget(runs=500, hours=None)
@@ -48,22 +48,22 @@ class Budget:
     hours: float | None = None
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
+        """Check the limits at once, so that a mistake is reported where it was made."""
         for name, value in (("runs", self.runs), ("hours", self.hours)):
             if value is not None and not 0.0 < value < math.inf:
                 raise SimulatorError(f"budget: {name} {value}", "choose a positive number")
 
     def __str__(self) -> str:
-        """The budget as it stands in messages."""
+        """The budget in words, for messages."""
         runs = [] if self.runs is None else [f"{self.runs:,} runs"]
         hours = [] if self.hours is None else [f"{self.hours:g} h"]
         return " and ".join(runs + hours)
 
 
 class Account:
-    """What is left of a budget, from now on: the runs that `by` makes are taken from it.
+    """What is left of a budget from now on; the runs that `by` makes are subtracted.
 
-    `refused` says whether any request was cut.
+    `refused` says whether a request for runs was ever reduced.
     """
 
     def __init__(self, budget: Budget, by: Execution) -> None:
@@ -72,18 +72,18 @@ class Account:
         self._began = time.monotonic()
 
     def granted(self, runs: int, reserve: int = 0) -> int:
-        """How many of so many requested runs may be made, so that a reserve is left."""
+        """How many of the requested `runs` may be made, so that `reserve` runs are left."""
         granted = int(max(0, min(runs, self._left() - reserve)))
         self.refused |= granted < runs
         return granted
 
     @property
     def made(self) -> int:
-        """New runs so far."""
+        """The number of new runs that were made since the budget was set."""
         return self._by.tried - self._before
 
     def _left(self) -> float:
-        """Runs that are left; hours count once the first run has shown how long runs take."""
+        """The number of runs left; the limit of hours counts from the first timed run on."""
         left = math.inf if self.budget.runs is None else self.budget.runs - self.made
         if self.budget.hours is None or not self._by.waited:
             return left
@@ -93,7 +93,7 @@ class Account:
 
 
 MAX_FAILED = 0.2
-"""Share of failed runs beyond which a study stops; by judgement."""
+"""The share of failed runs beyond which a study stops. Chosen by judgement."""
 _APART = "with --workers 1 such a run is one that failed"
 
 
@@ -104,7 +104,9 @@ def as_runner(
     vectorized: bool = False,
     executor: Executor | None = None,
 ) -> Runner:
-    """A runner as it is; a simulator or a function (see `as_simulator`) on the experiments.
+    """A runner for a simulator or a function (see `as_simulator`) on the experiments.
+
+    A runner is returned unchanged.
 
     >>> import pandas as pd
     >>> from aleator.observations.experiments import Conditions
@@ -121,29 +123,31 @@ def as_runner(
 class Runner:
     """`run(index (R,), x (R, n)) -> outcome (R,)`: runs of a simulator on experiments.
 
-    `parameters` names the n columns of x. What one run serves is a unit: a row of the table, or a
-    whole experiment where the simulator makes series. It returns W values, of which column
-    `column[k]` of unit `unit[k]` is observation k of M. Outcomes are what the likelihood sees:
-    after the transforms. A run is a case (see `cases`: units under equal conditions are one) and an
-    x, every bit of it; the runner remembers it, and makes none twice. With a `store` it takes runs
-    from there, and commits every new one as soon as it is known, one that failed with its message.
-    `used_conditions` are those that the simulator takes; a series gets those of `varying` as arrays
-    even if they are constant in the table.
+    `parameters` names the n columns of x. A unit is what one run serves: a row of the table, or a
+    whole experiment if the simulator makes series. A run returns W values; observation k of M is
+    column `column[k]` of the run of unit `unit[k]`. Outcomes are on the scale of the likelihood,
+    after the transforms.
+
+    Units under equal conditions are one case (see `cases`). A run is determined by its case and by
+    every bit of x; the runner remembers it, and makes no run twice. With a `store` it takes known
+    runs from there, and commits every new one at once; a failed run is stored with its message.
+    `used_conditions` are the conditions that the simulator takes. In a series the conditions
+    `varying` are arrays even if they are constant in the table.
 
     Runs are made in this process, one batch after the other, or by the workers of an `executor`
     (any concurrent.futures.Executor); outcomes do not depend on it. A run that fails is tried again
-    `retries` times. `attempt` stops where more than the share `max_failed` of all runs failed, and
-    at least `min_failed` (by judgement). `batching` says how many runs travel at once.
+    `retries` times. `attempt` stops if at least `min_failed` runs, and more than the share
+    `max_failed` of all runs, have failed (both by judgement). `batching` has the sizes of batches.
 
-    `runs` counts the distinct runs that were needed, stored ones included, so that an interrupted
-    identification reports the same number as an undisturbed one. `fresh` counts the new ones with
+    `runs` counts the distinct runs that were needed, including stored ones, so that an interrupted
+    identification reports the same number as an undisturbed one. `fresh` counts the new runs with
     an outcome. `completed` are all runs with an outcome, `failures` those without. Memory: some 150
     bytes a run.
 
-    Raises SimulatorError at once if the simulator does not take these conditions and parameters;
-    in a run for an exception, an outcome that is not a finite number, or a wrong shape; StoreError
-    if the store cannot be read or written. A call tries runs that failed before once more, as
-    their cause may have been mended.
+    Raises SimulatorError at once if the simulator does not take these conditions and parameters.
+    During a run it is raised for an exception, an outcome that is not a finite number, or a wrong
+    shape. StoreError is raised if the store cannot be read or written. A call of the runner tries
+    runs that failed before once more, as their cause may have been corrected.
 
     >>> import pandas as pd
     >>> from aleator.observations.experiments import Conditions
@@ -195,7 +199,7 @@ class Runner:
         self.account = Account(Budget(), self._execution)
 
     def __getstate__(self) -> dict[str, Any]:
-        """The runner as another process gets it: without store, workers, and progress."""
+        """The runner for another process: without store, workers, and progress reports."""
         alone = Execution(self._bound, self._served, None, None, self.retries, self._batching)
         here = {"cache": None, "executor": None, "progress": Silent()}
         made = {"_execution": alone, "_memory": alone.memory, "account": Account(Budget(), alone)}
@@ -208,22 +212,22 @@ class Runner:
 
     @property
     def unit(self) -> Indices:
-        """(M,) the unit whose run makes each observation."""
+        """The unit whose run makes each observation (M,)."""
         return self._served.unit
 
     @property
     def column(self) -> Indices:
-        """(M,) which of the W values of that run each observation is."""
+        """The position of each observation among the W values of its run (M,)."""
         return self._served.column
 
     @property
     def experiment(self) -> Indices:
-        """(U,) the experiment that each unit belongs to."""
+        """The experiment to which each unit belongs (U,)."""
         return self._served.experiment
 
     @property
     def transform(self) -> Transform:
-        """That of the one response, or of the first."""
+        """The transform of the only response, or of the first one."""
         return self._served.responses[0].transform
 
     @property
@@ -233,18 +237,19 @@ class Runner:
 
     @property
     def fresh(self) -> int:
-        """The number of runs that were made here and have an outcome."""
+        """The number of runs that were made by this runner and have an outcome."""
         return self._execution.fresh
 
     def allow(self, budget: Budget) -> None:
-        """Count new runs, and hours from now on, against a budget; see `account`."""
+        """Limit new runs, and hours from now on, by a budget; see `account`."""
         self.account = Account(budget, self._execution)
 
     @property
     def seconds(self) -> float:
-        """Mean duration of a run: of those made here, else of those stored; NaN if there is none.
+        """The mean duration of a run in seconds; NaN if none is known.
 
-        Runs that are made by one call have equal shares of its duration.
+        It is the mean of runs made here, or else of stored runs. Runs that are made by one call
+        have equal shares of its duration.
         """
         tried, took = self._execution.tried, self._execution.seconds
         if not tried and self.cache is not None:
@@ -264,11 +269,11 @@ class Runner:
 
     @property
     def lost(self) -> tuple[int, Runs]:
-        """How many runs of `straight` had no outcome, and the first 1000 of them with reasons."""
+        """How many runs of `straight` had no outcome, and the first 1000 of these with reasons."""
         return self._direct.lost, self._direct.failures
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
-        """Run unit `index` (R,) with parameters `x` (R, n): outcomes (R,), transformed."""
+        """Transformed outcomes (R,) of units `index` (R,) with parameters `x` (R, n)."""
         keys, distinct = self._keys(index, x)
         self._execution.recall(distinct, failures=False)
         missing = [key for key in distinct if key not in self._memory.places]
@@ -283,26 +288,29 @@ class Runner:
         return self._single(self._memory.values(keys))
 
     def attempt(self, index: ArrayLike, x: ArrayLike, most: float | None = None) -> Array:
-        """Run as a call does, but a run that raises or is not finite is NaN and stops nothing.
+        """Outcomes (R,) as from a call, but NaN for a run that raises an error or is not finite.
 
-        A run that was made before, even one that failed, is not repeated. Raises SimulatorError for
-        a wrong shape, and NoOutcome if more than the share `most` (default `max_failed`) failed.
+        A run that was made before is not repeated, even if it failed. Raises SimulatorError for a
+        wrong shape, and NoOutcome if more than the share `most` (default `max_failed`) of the runs
+        failed.
         """
         return self._single(self._attempted(index, x, most))
 
     def values(self, unit: ArrayLike, x: ArrayLike, most: float | None = None) -> Array:
-        """All values (R, W) of runs of `unit` (R,) with parameters `x` (R, n), transformed.
+        """All transformed values (R, W) of runs of units `unit` (R,) with parameters `x` (R, n).
 
-        All values of a run that failed are NaN, as with `attempt`, and so are those beyond the last
-        row of a shorter series. A value that no experiment measured is what the simulator returned.
+        All values of a failed run are NaN, as with `attempt`. In a series shorter than others the
+        values beyond its last row are NaN. A value that no experiment measured may be anything that
+        the simulator returned.
         """
         return self._served.transformed(self._attempted(unit, x, most))
 
     def straight(self, unit: ArrayLike, x: ArrayLike) -> Array:
-        """Values (R, W) as `values` has them, made here, neither remembered nor stored.
+        """Values (R, W) like those of `values`, by runs that are neither remembered nor stored.
 
-        This serves functions that cost less than remembering. `runs` counts all of them. A run that
-        raises is NaN. An infinite outcome, such as a life without a limit, is kept.
+        This is for functions that cost less than remembering does; the runs are made in this
+        process. `runs` counts all of them. A run that raises an exception is NaN. An infinite
+        outcome, such as a life without a limit, is kept.
         """
         case, x = self.cases.condition[np.asarray(unit, dtype=np.intp)], np.asarray(x, np.float64)
         values = self._direct(case, x)
@@ -313,14 +321,15 @@ class Runner:
 
     @property
     def vectorized(self) -> bool:
-        """Whether the simulator is said to take arrays of runs."""
+        """Whether the simulator is declared to take arrays of runs."""
         return getattr(self.simulator, "vectorized", False) is True
 
     def takes_arrays(self, region: Array) -> bool:
         """Whether `straight` makes many runs in one call; tried at 16 points of `region` (n, 2).
 
-        It does for a vectorized function, and for a function of numbers that returns the same
-        values for arrays (see `elementwise`), which from now on is called with arrays.
+        It does so for a vectorized function, and for a function of single numbers that returns the
+        same values when called with arrays (see `elementwise`). From now on such a function is
+        called with arrays.
         """
         return self._direct.find_arrays(region)
 
@@ -342,7 +351,7 @@ class Runner:
         return memory.values(keys)
 
     def _single(self, values: Array) -> Array:
-        """Transformed outcomes (R,) of runs with one value."""
+        """Transformed outcomes (R,) of runs that have a single value."""
         if values.shape[1] != 1:
             raise SimulatorError(
                 f"a run of simulator '{self.simulator.name}' returns {values.shape[1]} values",
@@ -353,10 +362,10 @@ class Runner:
     def require_repeatable(self, x: ArrayLike) -> None:
         """Check that the first experiment at x (n,) has the same outcome when it is run again.
 
-        If that run is stored, a simulator that has changed since is discovered, too. Nothing is
-        compared if it fails. Raises SimulatorError where the outcomes differ by more than a
-        millionth: a simulator that draws random numbers has neither a response surface nor runs
-        that can be reused.
+        If that run is stored, a simulator that has changed since then is noticed, too. Nothing is
+        compared if the run fails. Raises SimulatorError if the outcomes differ by more than a
+        millionth. A simulator that draws random numbers cannot have a response surface, and its
+        runs cannot be reused.
         """
         point, at = np.atleast_2d(np.asarray(x, dtype=np.float64)), np.zeros(1, np.intp)
         first = self.values(at, point)[0]
@@ -376,11 +385,11 @@ class Runner:
     def survived(self, x: ArrayLike) -> Iterator[None]:
         """Report it if a Python function ends this process within the block.
 
-        A function may do that by `os._exit`, a crash of compiled code, or its STOP. Unless runs are
-        stored, the first experiment at x (n,) is tried in a copy of the process: raises
-        SimulatorError if that ends the copy (see `ending`). A later end is reported on the standard
-        error (see `end_reported`). Workers and other simulators run in processes of their own, and
-        nothing is done.
+        A function may do so by `os._exit`, by a crash of compiled code, or by a Fortran STOP. If no
+        runs are stored, the first experiment at x (n,) is tried in a copy of the process;
+        SimulatorError is raised if that ends the copy (see `ending`). A later end is reported on
+        the standard error (see `end_reported`). Workers and simulators other than functions run in
+        separate processes, and need no such check.
         """
         if self.executor or not isinstance(self.simulator, FunctionSimulator):
             yield
@@ -402,14 +411,14 @@ class Runner:
             yield
 
     def repeat_some(self) -> None:
-        """Make some of the runs from now on twice, at most 24; their cost hardly matters.
+        """From now on make some of the runs twice, at most 24, to check that outcomes repeat.
 
-        A call that makes runs raises SimulatorError where a repeated run has another outcome.
+        A call that makes runs raises SimulatorError if a repeated run has another outcome.
         """
         self._repeats.begin()
 
     def _repeat(self, keys: Sequence[bytes]) -> None:
-        """Make some of these runs again, which were just made."""
+        """Make some of these runs, which were just made, once more, and compare the outcomes."""
         made = [key for key in keys if key in self._memory.places]
         first = self._memory.remembered([made[k] for k in self._repeats.chosen(len(made)).tolist()])
         if len(first):
@@ -423,7 +432,7 @@ class Runner:
             )
 
     def _keys(self, index: ArrayLike, x: ArrayLike) -> tuple[list[bytes], list[bytes]]:
-        """The key of each run, and the distinct ones in the order of their first appearance."""
+        """The key of each run, and the distinct keys in the order of their first appearance."""
         case = self.cases.condition[np.asarray(index, dtype=np.intp)]
         keys = Runs.planned(case, np.asarray(x, dtype=np.float64)).keys()
         return keys, [*dict.fromkeys(keys)]
@@ -431,26 +440,27 @@ class Runner:
     def _making(
         self, missing: Sequence[bytes], requested: int
     ) -> closing[Generator[Runs, None, None]]:
-        """The missing ones of so many requested runs, as they are made."""
+        """The missing runs as they are made; `requested` is the number of all requested runs."""
         progress = RunProgress(self.progress, len(missing), requested - len(missing))
         return closing(self._execution.make(missing, progress))
 
     def _too_many(self, before: int, most: float, whole: int) -> bool:
-        """Whether there are more failures than `before`, and they are too large a share of `whole`.
+        """Whether there are new failures since `before`, and their share of `whole` exceeds `most`.
 
-        Those are all runs, with the ones that are not made yet, so that batches do not matter.
+        `whole` counts all runs, including those not yet made, so that the order of batches does not
+        matter.
         """
         failed = len(self._memory.failures)
         return failed > before and failed >= self.min_failed and failed > most * whole
 
     def _works_nowhere(self) -> bool:
-        """Whether no run worked, of ten units or more."""
+        """Whether all runs failed so far, under ten different conditions or under all."""
         if self._memory.places or len(self._memory.failures) < self.min_failed:
             return False
         return bool(np.unique(self.failures.case).size >= min(self.min_failed, len(self.cases)))
 
     def _each_unit_first(self, keys: list[bytes]) -> list[bytes]:
-        """The same runs in another order: one of each case first, to see early if any works."""
+        """The same runs reordered: one under each condition first, to see early if any succeeds."""
         if not keys:
             return keys
         first = np.unique(self._memory.planned(keys).case, return_index=True)[1]

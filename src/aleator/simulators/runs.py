@@ -1,4 +1,4 @@
-"""Runs of a simulator: planned, made, remembered, and made again to see that they repeat."""
+"""Runs of a simulator: planned, made, remembered, and made again to check that they repeat."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from aleator.core.types import Array, Flags, Indices
 from aleator.simulators.protocol import RunFailed, describe, readable
 
 NOT_FINITE = "NotFinite"
-"""The kind of a failure whose run returned a number that is not finite."""
+"""The kind of a failure in which the run returned a number that is not finite."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a run has no outcome: a message, the end of its log, the kind of exception, attempts."""
+    """Why a run has no outcome: message, end of its output, type of exception, attempts."""
 
     message: str
     log: str | None = None
@@ -39,7 +39,7 @@ class Failure:
 
 
 def row_bytes(values: Array) -> list[bytes]:
-    """The bytes of each row of values (R, n), as a store has them.
+    """The bytes of each row of values (R, n), in the form of a store.
 
     >>> row_bytes(np.array([[1.0], [-0.0]]))[1]
     b'\\x00\\x00\\x00\\x00\\x00\\x00\\x00\\x80'
@@ -51,13 +51,13 @@ def row_bytes(values: Array) -> list[bytes]:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """R runs: their `case` (R,) of the conditions and parameters `x` (R, n); later their outcomes.
+    """R runs: the `case` (R,) of their conditions, their parameters `x` (R, n), and their outcomes.
 
-    `outcome` (R, W) are the values of each run in the simulator's units, all NaN where it failed or
-    is not made yet; `failures` says by run why it failed. `seconds` (R,) is what each run took on
-    `host`; `named` says whether the simulator named its responses. Where fewer runs were made than
-    were planned, `stopped` is what ended them (Ctrl-C, or the surroundings), or None if the time
-    was up.
+    `outcome` (R, W) has the values of each run in the simulator's units. They are all NaN for a run
+    that failed or is not made yet; `failures` has the reason of each failed run, by its position.
+    `seconds` (R,) is the duration of each run, and `host` the computer. `named` says whether the
+    simulator named its responses. If fewer runs were made than planned, `stopped` is the exception
+    that ended them (Ctrl-C or a fault of the machine); None means that the time limit was reached.
 
     >>> planned = Runs.planned(np.array([0, 2]), np.array([[0.5], [0.7]]))
     >>> len(planned), planned.outcome.tolist()
@@ -78,12 +78,12 @@ class Runs:
 
     @classmethod
     def planned(cls, case: Indices, x: Array, width: int = 1) -> Self:
-        """Runs that are to be made, with `width` values each."""
+        """Runs that are to be made, with `width` values each, still NaN."""
         return cls(case, x, np.full((len(case), width), np.nan), np.zeros(len(case)))
 
     @classmethod
     def of_keys(cls, keys: Sequence[bytes], parameters: int, width: int = 1) -> Self:
-        """Runs that are to be made, by their keys.
+        """Runs that are to be made, from the keys that `keys` returned.
 
         >>> Runs.of_keys(Runs.planned(np.array([3]), np.array([[0.5]])).keys(), 1).case
         array([3])
@@ -92,22 +92,22 @@ class Runs:
         return cls.planned(rows[:, 0].astype(np.intp), rows[:, 1:], width)
 
     def keys(self) -> list[bytes]:
-        """R texts that tell one run from another: the case and every bit of the parameters."""
+        """R byte strings that identify the runs: the case and every bit of the parameters."""
         return row_bytes(np.column_stack([self.case, self.x]))
 
     def some(self, rows: slice | Indices | Flags) -> Self:
-        """Some of the runs, to be made."""
+        """Some of the runs, as runs that are to be made."""
         return type(self).planned(self.case[rows], self.x[rows], self.outcome.shape[1])
 
     def halves(self) -> list[Self]:
-        """The first half and the second, to be made; a single run is one half."""
+        """The first and the second half, as runs that are to be made; a single run is one half."""
         middle = (len(self) + 1) // 2
         parts = [self.some(slice(middle)), self.some(slice(middle, None))]
         return [part for part in parts if len(part)]
 
     @classmethod
     def joined(cls, parts: Sequence[Runs]) -> Self:
-        """The runs of all parts (at least one) in their order."""
+        """All runs of the parts (at least one part), in their order."""
         starts = np.cumsum([0, *map(len, parts)]).tolist()
         return cls(
             np.concatenate([part.case for part in parts]),
@@ -125,17 +125,17 @@ class Runs:
 
     @property
     def empty(self) -> Flags:
-        """(R,) which runs have no value: those that failed, and those that are not made yet."""
+        """Which runs have no value (R,): those that failed, and those that are not made yet."""
         return np.all(np.isnan(self.outcome), axis=1)  # type: ignore[no-any-return]
 
     @property
     def region(self) -> Array:
-        """The smallest box (n, 2) that holds the parameters of all runs (one at least)."""
+        """The smallest box (n, 2) around the parameters of all runs (at least one)."""
         return np.stack([self.x.min(axis=0), self.x.max(axis=0)], axis=1)
 
 
 class Memory:
-    """The runs of this process by their keys: W values of each that worked, failures of others.
+    """The runs of this process by their keys: W values of each success, and the failures.
 
     `parameters` is the number of columns of x. Cost: some 150 bytes a run and 8 a value.
 
@@ -160,23 +160,23 @@ class Memory:
         return key in self.places or key in self.failures
 
     def values(self, keys: Sequence[bytes]) -> Array:
-        """Values (R, W), NaN where there are none."""
+        """Values (R, W) of the runs with these keys; NaN for a run without values."""
         places = np.array([self.places.get(key, -1) for key in keys], dtype=np.intp)
         values = self._values[places]
         values[places < 0] = np.nan
         return values
 
     def planned(self, keys: Sequence[bytes]) -> Runs:
-        """Runs that are to be made."""
+        """The runs with these keys, as runs that are to be made."""
         return Runs.of_keys(keys, self._parameters, self._values.shape[1])
 
     def remembered(self, keys: Sequence[bytes]) -> Runs:
-        """Some runs with their outcomes and failures, as far as they were made."""
+        """The runs with these keys, with outcomes and failures as far as they were made."""
         failures = {k: self.failures[key] for k, key in enumerate(keys) if key in self.failures}
         return replace(self.planned(keys), outcome=self.values(keys), failures=failures)
 
     def keep(self, keys: Sequence[bytes], runs: Runs) -> None:
-        """Remember runs with values or a failure; others are not made yet."""
+        """Remember the runs that have values or a failure; the others are not made yet."""
         self.failures |= {keys[k]: failure for k, failure in runs.failures.items()}
         good = np.flatnonzero(~runs.empty).tolist()
         worked = keys if len(good) == len(keys) else [keys[k] for k in good]
@@ -192,21 +192,23 @@ class Memory:
 
 @dataclass(frozen=True)
 class Repeatability:
-    """How it is seen whether a run that is made again has the same outcome."""
+    """Settings of the check that a run that is made again has the same outcome."""
 
     relative: float = 1e-6
-    """Difference of two outcomes that counts as none, relative to the outcome or to the median of
-    all. By judgement: far above rounding, far below any measurement."""
+    """The difference of two outcomes that is tolerated, relative to the outcome or to the median of
+    all outcomes. Chosen by judgement: far above rounding, far below any measurement error."""
     most: int = 24
-    """Runs that are made again, at most. If one run in ten is random, 24 of them show it in 92 of
-    100 studies (1 - 0.9^24)."""
+    """The most runs that are made again. If one run in ten is random, 24 repeated runs discover
+    that in 92 of 100 studies (1 - 0.9^24)."""
 
 
 REPEATABILITY = Repeatability()
 
 
 class Repeats:
-    """Chooses the runs that are made again, from `begin` on: the root of their number, at most 24.
+    """Chooses runs that are made again: the square root of their number, at most 24.
+
+    It counts the runs that are made after `begin`.
 
     >>> repeats = Repeats()
     >>> repeats.begin()
@@ -219,11 +221,11 @@ class Repeats:
         self._made = self._again = 0
 
     def begin(self) -> None:
-        """Choose among the runs that are made from now on."""
+        """From now on choose among the runs that are made."""
         self._begun = True
 
     def chosen(self, new: int) -> Indices:
-        """Positions among `new` runs that were just made; far apart, so that conditions differ."""
+        """Positions among `new` runs that were just made; far apart, to vary the conditions."""
         if not self._begun:
             return np.empty(0, np.intp)
         self._made += new
@@ -238,10 +240,10 @@ class Repeats:
 def differing(
     first: Array, again: Array, settings: Repeatability = REPEATABILITY
 ) -> tuple[int, int] | None:
-    """Run and column of the first outcome (R, W) that differs when the same runs are made again.
+    """The row and the column of the first outcome (R, W) that differs when the runs are made again.
 
-    Differences up to `settings.relative` of the value, or of the median of all values, count as
-    none. Runs that failed one of the two times are not compared.
+    Differences up to `settings.relative` of the value, or of the median of all values, are
+    tolerated. A run that failed either time is not compared. None if nothing differs.
 
     >>> differing(np.array([[1.0], [2.0]]), np.array([[1.0], [2.1]]))
     (1, 0)

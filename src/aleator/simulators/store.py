@@ -1,7 +1,7 @@
 """The store of runs: one SQLite file, to which each run is committed as soon as it is made.
 
-The key of a run is the simulator's fingerprint, the values of the conditions that the simulator
-takes, and the parameters, all exact. Nothing of the study is part of it: experiments under equal
+The key of a run is the simulator's fingerprint, the exact values of the conditions that the
+simulator takes, and the exact parameters. It contains nothing of the study: experiments under equal
 conditions share their runs, and so do studies with the same simulator.
 """
 
@@ -28,9 +28,9 @@ from aleator.simulators.protocol import Simulator
 
 @dataclass(frozen=True)
 class Identity:
-    """Which simulator it is: runs are reused only under the same `fingerprint`.
+    """The identity of a simulator: runs are reused only under the same `fingerprint`.
 
-    `name` and `description` are for people; `version` is the user's own, or empty.
+    `name` and `description` are for readers. `version` is the text that the user gave, or empty.
     """
 
     fingerprint: str
@@ -40,7 +40,7 @@ class Identity:
 
     @classmethod
     def of(cls, simulator: Simulator) -> Identity:
-        """The identity of a simulator.
+        """The identity of a simulator: its fingerprint, name, description and version.
 
         >>> from aleator.simulators.function import FunctionSimulator
         >>> def length(load, stiffness):
@@ -59,11 +59,12 @@ class Identity:
 
 @dataclass(frozen=True)
 class Case:
-    """What many runs have in common: values of conditions (as JSON), names of parameters.
+    """The common key of many runs: values of conditions (as JSON) and names of parameters.
 
-    The parameters are in the order of the alphabet, so that a study may list them in any. A series
-    has lists of values among its conditions. Its number of rows, and the responses that a simulator
-    named, stand under the empty name, which no condition has.
+    The parameters are in alphabetical order, so that their order in a study does not matter. For a
+    series the conditions contain lists of values. The number of its rows, and the names of the
+    responses if the simulator returned them, are stored under the empty name, which no condition
+    has.
     """
 
     conditions: str
@@ -77,7 +78,7 @@ class Case:
         rows: int | None = None,
         responses: Sequence[str] = (),
     ) -> Case:
-        """The case of some conditions; their floats are written with all digits.
+        """The case of these conditions; floats are written with all digits.
 
         >>> Case.of({"load": 1.0, "bench": "A"}, ["y", "x"])
         Case(conditions='{"bench": "A", "load": 1.0}', parameters=('x', 'y'))
@@ -90,41 +91,41 @@ class Case:
 
     @property
     def names(self) -> str:
-        """The names of the parameters as JSON."""
+        """The names of the parameters as a JSON list."""
         return json.dumps(self.parameters, ensure_ascii=False)
 
     @cached_property
     def hash(self) -> str:
-        """A short text that no other case of the simulator has."""
+        """A short text that identifies the case among all cases of its simulator."""
         return hashlib.sha256(f"{self.conditions}\n{self.names}".encode()).hexdigest()[:32]
 
 
 def _plain(value: Any) -> Any:
-    """A condition as JSON knows it; 2 is the same condition as 2.0."""
+    """The value of a condition in a form that JSON can hold; the numbers 2 and 2.0 are the same."""
     value = value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
     return float(value) if type(value) is int else value
 
 
 FORMAT = 1
-"""The version of the tables below; a store of a higher version is not opened."""
+"""The version of the database tables; a store of a higher version is not opened."""
 
-_MARK = 0x414C4541  # "ALEA": no other database is written to
+_MARK = 0x414C4541  # The letters "ALEA" mark a store, so that no other database is changed.
 
 
 @dataclass(frozen=True)
 class StoreSettings:
-    """How a store uses its file."""
+    """Settings of how a store of runs uses its file."""
 
     patience: float = 60.0
-    """Seconds that a process waits for another that is writing; one transaction takes milliseconds.
-    By judgement."""
+    """Seconds that a process waits for another one that is writing. A transaction takes
+    milliseconds. Chosen by judgement."""
     cache: int = 65_536
-    """Kibibytes of the file in memory. Without them a store of a million runs was written three
-    times as often, because new runs belong all over its index (seen once; `python -m benchmarks
-    runs` measures what a million runs cost)."""
+    """Kibibytes of the file that are kept in memory. New runs belong at scattered places of its
+    index; without this memory, a store of a million runs was written to disk three times as often
+    (seen once; `python -m benchmarks runs` measures the cost of a million runs)."""
     unsynced: float = 1.0
-    """Seconds of the simulator's work after which a commit waits for the disk: a power cut may cost
-    so much. By judgement."""
+    """Seconds of simulator work after which a commit waits until the disk has the data. A power cut
+    loses no more. Chosen by judgement."""
 
 
 SETTINGS = StoreSettings()
@@ -162,9 +163,9 @@ CREATE TABLE runs (
     CHECK ((outcome IS NULL) = (failure IS NOT NULL))
 )
 """
-# `outcome` has no type: a column of reals keeps -0.0 as the integer 0.
+# The column `outcome` has no type, because SQLite would change -0.0 to 0 in a column of reals.
 
-# Results of searches: stores that were made before there were any get their table when opened.
+# Results of searches. A store of an earlier version gets this table when it is opened.
 _SEARCHES = """
 CREATE TABLE IF NOT EXISTS searches (
     fingerprint TEXT NOT NULL,
@@ -175,7 +176,7 @@ CREATE TABLE IF NOT EXISTS searches (
 )
 """
 
-# What a query is about, in the memory of the process: a join with it is one query for thousands.
+# Temporary tables in memory hold the keys of a query, so that one query serves thousands of keys.
 _SOUGHT = """
 PRAGMA temp_store = MEMORY;
 CREATE TEMP TABLE sought_cases (place INTEGER PRIMARY KEY, hash TEXT);
@@ -184,12 +185,12 @@ CREATE TEMP TABLE sought_runs (place INTEGER PRIMARY KEY, "case" INTEGER, x BLOB
 
 
 def connected(path: Path, settings: StoreSettings = SETTINGS) -> tuple[sqlite3.Connection, bool]:
-    """A connection to the store at `path`, made if it is not there, and whether it can be written.
+    """A connection to the store at `path`, and whether it can be written; a new file if needed.
 
-    Raises StoreError for a file that is not a store, is damaged, of a newer format, or can be
+    Raises StoreError for a file that is not a store, is damaged, has a newer format, or can be
     neither written nor read.
     """
-    # os.path, because the methods of a Path raise for a name that is too long.
+    # os.path is used, because methods of Path raise an error for a name that is too long.
     there, above = os.path.exists(path), os.path.isdir(path.parent)
     if os.path.isdir(path):
         raise StoreError(f"{short(path)} is a folder, not a store of runs", "name a file in it")
@@ -220,17 +221,20 @@ def _opened(path: Path, mode: str, settings: StoreSettings) -> sqlite3.Connectio
         f"{path.resolve().as_uri()}?mode={mode}",
         uri=True,
         timeout=settings.patience,
-        isolation_level=None,  # transactions begin and end where they are written
+        isolation_level=None,  # Transactions are begun and ended explicitly.
     )
-    # Who adds a run has the number of its case from the same transaction: to ask again at every
-    # run takes a third of the time.
+    # Checks of foreign keys are off: they take a third of the time, and a run is added in the
+    # transaction in which the number of its case was read.
     connection.execute("PRAGMA foreign_keys = OFF")
     connection.execute(f"PRAGMA cache_size = -{settings.cache}")
     return connection
 
 
 def _read_only(path: Path, settings: StoreSettings) -> sqlite3.Connection:
-    """A store that cannot be written; without a write-ahead log no file beside it is needed."""
+    """A connection to a store that cannot be written.
+
+    If the store has no write-ahead log, it is opened so that SQLite needs no other file beside it.
+    """
     log = path.with_name(f"{path.name}-wal")
     unwritten = not log.exists() or log.stat().st_size == 0
     connection = _opened(path, "ro&immutable=1" if unwritten else "ro", settings)
@@ -246,8 +250,9 @@ def _read_only(path: Path, settings: StoreSettings) -> sqlite3.Connection:
 
 
 def _check(connection: sqlite3.Connection, path: Path) -> None:
-    """Raise StoreError unless the file is empty or a store that this version can read."""
-    with transaction(connection, writing=False):  # another process may make the store just now
+    """Raise StoreError unless the file is empty or is a store that this version can read."""
+    # A transaction is needed because another process may be making the store now.
+    with transaction(connection, writing=False):
         version, mark = _number(connection, "user_version"), _number(connection, "application_id")
         tables = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
     if mark != _MARK and (mark or version or tables):
@@ -268,7 +273,10 @@ def _number(connection: sqlite3.Connection, pragma: str) -> int:
 
 
 def _write_ahead(connection: sqlite3.Connection, patience: float, pause: float = 0.01) -> None:
-    """Let readers read while one process writes; SQLite does not wait for the lock by itself."""
+    """Let others read while one process writes (write-ahead log), with a wait for the lock.
+
+    SQLite itself does not wait for this lock, so it is requested again until `patience` is over.
+    """
     give_up = time.monotonic() + patience
     while True:
         try:
@@ -282,7 +290,7 @@ def _write_ahead(connection: sqlite3.Connection, patience: float, pause: float =
 
 def _make_tables(connection: sqlite3.Connection) -> None:
     with transaction(connection):
-        # Seen within the transaction: another process may have made the tables meanwhile.
+        # This is read within the transaction, as another process may have made the tables.
         if _number(connection, "user_version") == 0:
             for statement in _TABLES.split(";"):
                 connection.execute(statement)
@@ -293,7 +301,7 @@ def _make_tables(connection: sqlite3.Connection) -> None:
 
 @contextmanager
 def transaction(connection: sqlite3.Connection, writing: bool = True) -> Iterator[None]:
-    """Commit all that the block writes, or nothing; all that it reads is of one moment."""
+    """Commit all that the block writes, or nothing; all that it reads belongs to one moment."""
     connection.execute("BEGIN IMMEDIATE" if writing else "BEGIN")
     try:
         yield
@@ -306,19 +314,19 @@ def transaction(connection: sqlite3.Connection, writing: bool = True) -> Iterato
 
 @contextmanager
 def sqlite_errors(path: Path) -> Iterator[None]:
-    """Turn an error of SQLite into a StoreError that says what is wrong with the file `path`."""
+    """Turn an SQLite error into a StoreError that says what is wrong with the file `path`."""
     try:
         yield
     except sqlite3.Error as error:
         usual = f"{error}", "see that the file can be written"
         problem, remedy = _TROUBLES.get(_code(error), usual)
         raise StoreError(f"{short(path)}: {problem}", remedy) from error
-    except UnicodeDecodeError as error:  # SQLite quotes the damaged bytes
+    except UnicodeDecodeError as error:  # The message of SQLite contains the damaged bytes.
         raise StoreError(f"{short(path)}: the store of runs is damaged", MOVE_ASIDE) from error
 
 
 def _code(error: sqlite3.Error) -> int:
-    """The kind of an error, in the lowest byte of its code."""
+    """The kind of an SQLite error: the lowest byte of its code."""
     return getattr(error, "sqlite_errorcode", 0) % 256
 
 
@@ -352,7 +360,7 @@ _TROUBLES = {
 }
 
 
-# A cross join is done in the order in which it is written.
+# SQLite evaluates a cross join in the order in which it is written, which is the fast one here.
 _NUMBERED = (
     "SELECT place, cases.id FROM simulators CROSS JOIN sought_cases CROSS JOIN cases "
     "ON cases.simulator = simulators.id AND cases.hash = sought_cases.hash WHERE fingerprint = ?"
@@ -374,9 +382,10 @@ _AGAIN = (
 
 @dataclass(frozen=True)
 class Counts:
-    """Runs of one simulator, the failures among them, their seconds, and runs of it as it was.
+    """Numbers of stored runs of one simulator: all, failures, their seconds, and older ones.
 
-    The latter (`other`) have its name and description, but another fingerprint.
+    `other` counts runs of an earlier state of the simulator: they have the same name and
+    description, but another fingerprint.
     """
 
     runs: int
@@ -386,15 +395,16 @@ class Counts:
 
 
 class Store:
-    """The runs of any number of simulators in the file `path`, made if it is not there.
+    """The runs of any number of simulators in the file `path`, which is made if it does not exist.
 
     A process that is killed loses nothing that was added. A power cut loses at most the last second
-    of the simulator's work (`settings.unsynced`), because only then a commit waits for the disk,
-    which takes milliseconds. Any number of processes may use the file at once. `writable` is false
-    where file or folder cannot be written: runs are then used, not added.
+    of the simulator's work (`settings.unsynced`): a commit waits for the disk, which takes
+    milliseconds, only after that much work. Any number of processes may use the file at once.
+    `writable` is false if the file or its folder cannot be written: stored runs are then used, but
+    none are added.
 
-    Raises StoreError, here and below, for a file that is not a store, is damaged, is of a newer
-    format or cannot be read, and for a full disk; the file is then left as it is.
+    All methods raise StoreError for a file that is not a store, is damaged, has a newer format or
+    cannot be read, and for a full disk. The file is then left as it is.
 
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
@@ -407,13 +417,13 @@ class Store:
     """
 
     def __init__(self, path: str | Path, settings: StoreSettings = SETTINGS) -> None:
-        self.path = Path(path).absolute()  # a simulator may change the current folder
+        self.path = Path(path).absolute()  # A simulator may change the current folder.
         self.settings = settings
         self.connection, self.writable = connected(self.path, settings)
         self._unsynced = 0.0
 
     def __reduce__(self) -> tuple[type[Store], tuple[str, StoreSettings]]:
-        """Another process gets a connection of its own."""
+        """Pickle path and settings only: another process opens its own connection."""
         return Store, (str(self.path), self.settings)
 
     def __enter__(self) -> Self:
@@ -428,17 +438,18 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Bring everything into the one file."""
+        """Close the connection, so that all data are in the one file."""
         with sqlite_errors(self.path):
             self.connection.close()
 
     def find(
         self, fingerprint: str, cases: Sequence[Case], keys: Iterable[tuple[int, bytes]]
     ) -> list[tuple[int, float | bytes | None, str | None, int]]:
-        """The stored runs of these keys: place in `keys`, outcome (see `add`), failure, attempts.
+        """The stored runs of these keys: position in `keys`, outcome, failure, attempts.
 
-        A key is the position of the run's case and its x. Cost: some 3 microseconds a stored run,
-        next to none for a case that is not stored.
+        A key is the position of the run's case in `cases`, and the bytes of its x. An outcome has
+        the form that `add` describes. Cost: some 3 microseconds a stored run, almost none for a
+        case that is not stored.
         """
         run = self.connection.execute
         with sqlite_errors(self.path), transaction(self.connection, writing=False):
@@ -457,12 +468,12 @@ class Store:
         rows: Sequence[tuple[Any, ...]],
         again: bool = True,
     ) -> int:
-        """Commit runs, and return the number of those that are new.
+        """Commit runs, and return the number of new ones.
 
-        A row is: position of the case, x, outcome, failure, log, seconds, host, time, attempt; one
-        of outcome and failure is None. Several values are the bytes of their float64. A run with an
-        outcome is never changed. With `again` a run that failed is replaced, and its attempts are
-        counted.
+        A row has the position of the case, x, outcome, failure, log, seconds, host, time and
+        attempt. Either outcome or failure is None. Several values are the bytes of their 64-bit
+        floats. A run with an outcome is never changed. With `again` a failed run is replaced, and
+        its attempts are counted.
         """
         conflict = _AGAIN if again else "DO NOTHING"
         self._unsynced += sum(seconds or 0.0 for *_, seconds, _, _, _ in rows)
@@ -486,7 +497,7 @@ class Store:
         return added
 
     def counts(self, simulator: Identity) -> Counts:
-        """How many runs there are of a simulator, with this fingerprint and with others."""
+        """Numbers of runs of a simulator, with this fingerprint and with others."""
         with sqlite_errors(self.path):
             rows = self.connection.execute(
                 "SELECT fingerprint = ?, count(*), sum(failure IS NOT NULL), total(seconds) "
@@ -504,11 +515,11 @@ class Store:
         return Counts(*found.get(True, nothing), found.get(False, nothing)[0])
 
     def _largest(self) -> int:
-        """The largest number of a run, whose growth in a transaction is the number of new runs."""
+        """The largest number of a run; its growth in a transaction is the number of new runs."""
         return int(self.connection.execute("SELECT coalesce(max(id), 0) FROM runs").fetchone()[0])
 
     def _numbers(self, fingerprint: str, cases: Sequence[Case]) -> dict[int, int]:
-        """The numbers in the file of those cases that are stored, by position.
+        """The database numbers of those cases that are stored, by position in `cases`.
 
         They are read every time, because another process may delete cases.
         """
@@ -520,7 +531,7 @@ class Store:
         return dict(run(_NUMBERED, (fingerprint,)))
 
     def _cases(self, simulator: Identity, cases: Sequence[Case]) -> dict[int, int]:
-        """The numbers of all cases in the file, by position; missing ones are added."""
+        """The database numbers of all cases, by position; missing cases are added."""
         run = self.connection.execute
         run(
             "INSERT INTO simulators (fingerprint, name, description, version, first_seen) "
@@ -549,9 +560,9 @@ class Store:
 
 
 def kept(store: Store, fingerprint: str, key: str) -> str | None:
-    """The text that was kept of a simulator under a key; None if there is none, or a damaged one.
+    """The text stored for a simulator under a key; None if there is none, or it is damaged.
 
-    A store that cannot be written is not read either.
+    From a store that cannot be written no such text is read.
     """
     if not store.writable:
         return None
@@ -564,7 +575,7 @@ def kept(store: Store, fingerprint: str, key: str) -> str | None:
 
 
 def keep(store: Store, fingerprint: str, key: str, text: str) -> None:
-    """Keep a text of a simulator under a key."""
+    """Store a text for a simulator under a key, in place of an earlier one."""
     if not store.writable:
         return
     with sqlite_errors(store.path), transaction(store.connection):

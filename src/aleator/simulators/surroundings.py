@@ -1,4 +1,4 @@
-"""Reasons outside a simulator that end a run: the machine, a time limit, a process that ends."""
+"""Causes outside a simulator that end a run: the machine, a time limit, the end of a process."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _PACKAGE = Path(__file__).parents[1]
 
 _ERRORS = frozenset(
     {
-        errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO,  # disks
-        errno.EAGAIN, errno.ENOMEM, errno.EMFILE, errno.ENFILE,  # processes, memory, open files
-        errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH,  # servers, of licenses say
+        errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO,  # errors of disks
+        errno.EAGAIN, errno.ENOMEM, errno.EMFILE, errno.ENFILE,  # errors of processes and memory
+        errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH,  # errors of servers
     }
 )  # fmt: skip
 
@@ -42,7 +42,7 @@ STOP_ON = (
     rf"| \b(?:{_REFUSED})\b [^\n.;]{{0,60}} \blicen[cs](?:e|es|ing)\b"
     r"| \bno\ (?:\w+\ ){0,3} licen[cs]es?\b"
 )
-"""What a program prints where a disk is full, processes run out, or a license is refused."""
+"""The texts that a program prints if a disk is full, processes run out, or a license is refused."""
 
 _NOT_MADE = "a run could not be made"
 _GO_ON = "every run that was made is kept, and this one is not taken for a failure"
@@ -50,11 +50,11 @@ _REMEDY = f"mend that, and give the same command again: {_GO_ON}"
 
 
 def cause(error: BaseException, what: str = _NOT_MADE) -> SurroundingsError | None:
-    """The error for what the machine did to a run that raised `error`; None if the run is at fault.
+    """The error for a run that the machine prevented; None if the run itself is at fault.
 
-    The machine is at fault for disks, processes, open files, servers that do not answer, and memory
-    that Aleator itself did not get. A simulator that asks for too much memory has failed. `what`
-    begins the message.
+    The machine is at fault for errors of disks, processes, open files and servers, and for memory
+    that Aleator itself could not get. A simulator that needs too much memory has failed. The
+    message begins with `what`.
 
     >>> print(cause(OSError(errno.ENOSPC, "No space left on device", "/tmp/run")))
     a run could not be made: No space left on device: '/tmp/run'
@@ -73,13 +73,13 @@ def cause(error: BaseException, what: str = _NOT_MADE) -> SurroundingsError | No
 
 
 def prevented(error: OSError, what: str = _NOT_MADE) -> SurroundingsError:
-    """The error for a call that the system refused, for whatever reason."""
+    """The error for a call that the operating system refused, for any reason."""
     place = f": {error.filename!r}" if error.filename else ""
     return SurroundingsError(f"{what}: {error.strerror or error}{place}", _REMEDY)
 
 
 def require_pattern(stop_on: str) -> None:
-    """Raise SimulatorError if `stop_on` is no regular expression."""
+    """Raise SimulatorError if `stop_on` is no valid regular expression."""
     try:
         re.compile(stop_on)
     except re.error as error:
@@ -90,7 +90,9 @@ def require_pattern(stop_on: str) -> None:
 
 
 def printed(log: str, stop_on: str = STOP_ON) -> SurroundingsError | None:
-    """The error for a failed run whose log matches `stop_on`, so that the machine is at fault.
+    """The error for a failed run whose output shows that the machine is at fault; else None.
+
+    The machine is at fault if the output `log` matches the regular expression `stop_on`.
 
     >>> str(printed("begun\\nERROR: could not connect to license server\\n")).splitlines()[0]
     'a run could not be made; it said: ERROR: could not connect to license server'
@@ -108,19 +110,19 @@ def printed(log: str, stop_on: str = STOP_ON) -> SurroundingsError | None:
 
 
 def require_space(folder: Path) -> None:
-    """Raise SurroundingsError for a disk without a free byte: an outcome on it may be cut off."""
+    """Raise SurroundingsError if the disk has no free byte: an outcome on it may be incomplete."""
     if full := full_disk(folder, 0):
         raise full
 
 
 def full_disk(folder: Path, most: int = 2**20) -> SurroundingsError | None:
-    """The error for a disk on which no more than `most` bytes are free, None for others.
+    """The error for a disk with at most `most` free bytes; None for any other disk.
 
     With less than a MiB (by judgement) the disk is taken for the cause of a failed run.
     """
     try:
         disk = os.statvfs(folder)
-    except (OSError, AttributeError):  # Windows has no such function
+    except (OSError, AttributeError):  # Windows has no function `statvfs`.
         return None
     blocks = disk.f_bfree if os.geteuid() == 0 else disk.f_bavail
     free = blocks * disk.f_frsize
@@ -139,12 +141,12 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
     while one is not None and id(one) not in seen:
         yield one
         seen.add(id(one))
-        # also what it was raised in answer to, unless `from None` says that this does not matter
+        # The exception being handled counts too, unless it was suppressed by `from None`.
         one = one.__cause__ or (None if one.__suppress_context__ else one.__context__)
 
 
 def _is_ours(error: MemoryError) -> bool:
-    """Whether the error was raised by a line of Aleator, and not of the simulator."""
+    """Whether a line of Aleator raised the error, and not a line of the simulator."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -152,7 +154,10 @@ def _is_ours(error: MemoryError) -> bool:
 
 
 def checked_limit(seconds: float | None) -> float | None:
-    """The time limit, None for no limit. Raises SimulatorError unless it is positive and finite."""
+    """The time limit in seconds; None means no limit.
+
+    Raises SimulatorError unless it is positive and finite.
+    """
     if seconds is not None and not 0.0 < seconds < math.inf:
         raise SimulatorError(
             f"timeout = {seconds:g} is no time", "give seconds, or leave it out: no limit"
@@ -162,12 +167,12 @@ def checked_limit(seconds: float | None) -> float | None:
 
 @contextmanager
 def limited(seconds: float | None, patience: float = 3.0) -> Iterator[None]:
-    """Raise RunFailed within a block that takes longer than so many seconds; None is no limit.
+    """Raise RunFailed within a block that takes longer than `seconds`; None is no limit.
 
-    Python code is interrupted as by Ctrl-C, and again if it goes on. If compiled code does not
-    return, its worker process is ended after `patience` times the limit and a second (by
-    judgement); this process cannot be. The limit needs the main thread and a system with SIGALRM;
-    elsewhere there is none. Cost: some microseconds.
+    Python code is interrupted as by Ctrl-C, and again if it continues. Compiled code may not react.
+    Then a worker process is ended after `patience` times the limit plus one second (by judgement);
+    the main process cannot be ended so. The limit needs the main thread and a system with the
+    signal SIGALRM; elsewhere there is no limit. Cost: some microseconds.
 
     >>> with limited(0.01):
     ...     while True:
@@ -199,7 +204,7 @@ def limited(seconds: float | None, patience: float = 3.0) -> Iterator[None]:
 
 @contextmanager
 def _ended_worker(seconds: float) -> Iterator[None]:
-    """End this process after so many seconds, whatever it does, if it is a worker process."""
+    """End this process after `seconds`, whatever it does, if it is a worker process."""
     if multiprocessing.parent_process() is None:
         yield
         return
@@ -211,13 +216,14 @@ def _ended_worker(seconds: float) -> Iterator[None]:
             faulthandler.cancel_dump_traceback_later()
 
 
-_RETURNED = 77  # the exit code of a copy in which the call returned or raised
-# A line on the pipe means that all is well; the end of the pipe without one, that its writer ended.
+# The exit code of the copied process if the call returned or raised an exception.
+_RETURNED = 77
+# A line on the pipe means success. If the pipe ends without a line, its writer has ended.
 _WATCH = 'read -r _ || printf "%s\\n" "$1" >&2'
 
 
 def exit_status(code: int) -> str:
-    """How a process ended, in words, by its exit code as Python reports it.
+    """How a process ended, in words, from the exit code that Python reports.
 
     >>> exit_status(3), exit_status(-9)
     ('exit code 3', 'signal SIGKILL')
@@ -228,11 +234,11 @@ def exit_status(code: int) -> str:
 
 
 def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
-    """How a call ends its process, tried in a copy of this one; None if it returns or raises.
+    """How a call ends its process, tried in a copy of the process; None if it returns or raises.
 
-    What the call prints is not shown, and what it changes in memory is lost. The answer is None as
-    well if it takes longer than `patience` s (by judgement), and on systems other than Linux, where
-    a process cannot be copied cheaply.
+    The copy prints nothing, and its changes in memory are lost. None is also returned if the call
+    takes longer than `patience` seconds (by judgement), and on systems other than Linux, where a
+    process cannot be copied cheaply.
 
     >>> ending(lambda: 1.0)
     >>> ending(lambda: os._exit(3)) if sys.platform == "linux" else "exit code 3"
@@ -242,7 +248,8 @@ def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
         return None
     copy = multiprocessing.get_context("fork").Process(target=_end_with, args=(call,))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # threads: a copy that waits is ended
+        # Python warns that threads may block a forked process; a blocked one is ended below.
+        warnings.simplefilter("ignore", DeprecationWarning)
         copy.start()
     try:
         copy.join(patience)
@@ -257,10 +264,10 @@ def ending(call: Callable[[], object], patience: float = 10.0) -> str | None:
 
 @contextmanager
 def end_reported(words: str) -> Iterator[None]:
-    """Have `words` written to the standard error if this process ends before the block does.
+    """Let `words` be written to the standard error if this process ends within the block.
 
-    A shell writes them that waits for a line of this process; the exit code is not changed. On
-    systems without a POSIX shell nothing is written.
+    A shell process writes them; it waits for a line from this process. The exit code is not
+    changed. On systems without a POSIX shell nothing is written.
     """
     if os.name != "posix":
         yield

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Cases:
-    """C cases of U units: units under equal conditions are one case, and share runs.
+    """The C distinct conditions (cases) of U units; units under equal conditions share their runs.
 
     A unit is what one run serves: a row of the table, or a whole experiment. `columns` has an array
-    (C,) for each condition, whose entries are arrays where one varies in a series; `first` (C,) is
-    the first unit of each case, `condition` (U,) the case of each unit.
+    (C,) for each condition; for a condition that varies within a series its entries are arrays.
+    `first` (C,) is the first unit of each case, and `condition` (U,) the case of each unit.
 
     >>> cases = Cases.of({"load": np.array([1.0, 2.0, 1.0])}, 3)
     >>> cases.first.tolist(), cases.condition.tolist(), cases.columns["load"].tolist()
@@ -45,7 +45,7 @@ class Cases:
     def of(
         cls, columns: Mapping[str, NDArray[Any]], units: int, rows: Indices | None = None
     ) -> Cases:
-        """The cases of so many units, whose conditions are the `columns` (U,).
+        """The cases of `units` units, from their conditions in the `columns` (U,).
 
         Units with different numbers of `rows` (U,) are different cases.
         """
@@ -54,7 +54,7 @@ class Cases:
             one = _numbered(column)
             _, code = np.unique(code * (one.max(initial=0) + 1) + one, return_inverse=True)
         _, first, code = np.unique(code, return_index=True, return_inverse=True)
-        # cases are numbered in the order of their first units
+        # Cases are numbered in the order of their first units.
         order = np.argsort(first)
         condition = np.argsort(order)[code]
         first = first[order]
@@ -62,12 +62,12 @@ class Cases:
         return cls(distinct, first.astype(np.intp), condition.astype(np.intp))
 
     def at(self, case: Indices | int) -> dict[str, Any]:
-        """The conditions by name of one case, or of runs whose cases are `case` (R,)."""
+        """The conditions by name, of one case or of R runs with the cases `case` (R,)."""
         return {name: column[case] for name, column in self.columns.items()}
 
 
 def _numbered(column: NDArray[Any]) -> Indices:
-    """A number (U,) for each entry of a column, the same for equal ones."""
+    """Numbers (U,) for the entries of a column; equal entries have equal numbers."""
     if column.dtype != object:
         return np.unique(column, return_inverse=True)[1].astype(np.intp)
     number: dict[Any, int] = {}
@@ -77,12 +77,13 @@ def _numbered(column: NDArray[Any]) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """U units, each served by one run: rows of a table, or experiments if there are `series`.
+    """U units, each served by one run: rows of the table, or whole experiments if `series`.
 
-    A run of a unit returns W values: its rows one after the other, and of each row the responses.
-    `experiment` (U,) is the experiment of each unit, `rows` (U,) how many rows of it a run serves.
-    Observation k of M is value `column[k]` of unit `unit[k]`. `place` (U,) is where the unit's
-    first row stands in its experiment, from 0; `row` (R,) are the table's rows, unit by unit.
+    A run of a unit returns W values: its rows one after the other, and in each row a value for each
+    response. `experiment` (U,) is the experiment of each unit, and `rows` (U,) its number of rows.
+    Observation k of M is value `column[k]` of unit `unit[k]`. `place` (U,) is the position of the
+    unit's first row in its experiment, from 0. `row` (R,) lists the rows of the table, unit by
+    unit.
     """
 
     series: bool
@@ -99,7 +100,7 @@ class Units:
 
     @classmethod
     def of(cls, table: Experiments | Conditions, series: bool = False) -> Units:
-        """The units of a table: experiments if one run makes a whole series, else rows.
+        """The units of a table: whole experiments if one run makes a series, else rows.
 
         >>> import pandas as pd
         >>> from aleator.observations.experiments import Conditions
@@ -125,21 +126,21 @@ class Units:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the responses."""
+        """The names of the responses, in the order of the values of a row."""
         return tuple(response.name for response in self.responses)
 
     @property
     def width(self) -> int:
-        """W, the most values of a run."""
+        """W, the largest number of values that a run returns."""
         return int(self.rows.max(initial=1)) * len(self.responses)
 
     def columns(
         self, frame: pd.DataFrame, names: Sequence[str], varying: Collection[str] = ()
     ) -> dict[str, NDArray[Any]]:
-        """Conditions by name, an entry (U,) for each unit.
+        """Arrays (U,) of the conditions by name, with an entry for each unit.
 
-        An entry of a series is an array (m,) where the condition varies in any experiment, or is
-        one of `varying`; else it is a number or a text.
+        In a series the entry is an array (m,) if the condition varies in any experiment, or is one
+        of `varying`; otherwise it is a number or a text.
         """
         columns = {name: frame[name].to_numpy()[self.row] for name in names}
         if not self.series:
@@ -155,7 +156,7 @@ class Units:
         }
 
     def transformed(self, values: Array) -> Array:
-        """Values (R, W) in the simulator's units as the likelihood sees them."""
+        """Values (R, W) on the scale of the likelihood, from values in the simulator's units."""
         if all(response.transform is Transform.NONE for response in self.responses):
             return values
         seen, size = values.copy(), len(self.responses)
@@ -172,16 +173,16 @@ def _cut(column: NDArray[Any], starts: Indices, ends: Indices) -> NDArray[Any]:
 
 
 RunValue = float | Array | Mapping[str, Any]
-"""What one run returned: a number, an array (m,) of a series, or one of them for each response."""
+"""The return value of one run: a number, an array (m,) of a series, or one of these by response."""
 
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """Which W values each of R runs returns: row by row, and of each row one of each response.
+    """Which of W values each of R runs returns: row by row, and in each row one for each response.
 
-    `rows` (R,) is how many rows a run serves, `experiments` (R,) the ids of the experiments; both
-    are None if every run is one row. `observed` (R, W) are the values that an experiment measured,
-    which must be finite; None is all of them.
+    `rows` (R,) is the number of rows of each run, and `experiments` (R,) the id of its experiment;
+    both are None if every run makes one row. `observed` (R, W) marks values that an experiment
+    measured; these must be finite. None means that all are measured.
     """
 
     responses: tuple[str, ...] = ("",)
@@ -192,7 +193,7 @@ class Form:
 
     @classmethod
     def of(cls, units: Units, cases: Cases, ids: Sequence[str]) -> Form:
-        """The form of the runs of all cases."""
+        """Which values a run under each of the distinct conditions returns."""
         observed = np.zeros((len(cases), units.width), dtype=np.bool_)
         observed[cases.condition[units.unit], units.column] = True
         experiments = np.array(ids, dtype=object)[units.experiment[cases.first]]
@@ -205,7 +206,7 @@ class Form:
         )
 
     def some(self, rows: slice | Indices) -> Form:
-        """The form of some of the runs."""
+        """Which values some of the runs return."""
         if self.rows is None and self.observed is None:
             return self
         return replace(
@@ -216,12 +217,12 @@ class Form:
         )
 
     def missing(self, values: Array) -> Flags:
-        """(R, W) which values are observed by an experiment and not finite."""
+        """Which values (R, W) are measured by an experiment but not finite."""
         wrong = ~np.isfinite(values)
         return wrong if self.observed is None else wrong & self.observed
 
     def fault(self, run: int, column: int, value: float) -> str:
-        """The message about a value that is not finite.
+        """The message about the value in this column of a run, which is not finite.
 
         >>> Form(("speed", "time"), 4, np.array([2])).fault(0, 3, np.nan)
         'it returned nan for time in row 2 of 2'
@@ -233,11 +234,11 @@ class Form:
         return f"it returned {value:g}{named}{placed}"
 
     def shaped(self, simulator: Simulator, returned: Any, count: int) -> Array:
-        """Values (count, W) of the first `count` runs, NaN where a run has fewer.
+        """Values (count, W) of the first `count` runs; NaN where a run returned fewer values.
 
         `returned` is an array (count,) of numbers, a mapping from responses to such arrays, or a
-        list with what each run returned. Raises SimulatorError for a wrong shape or type, a missing
-        response, and a series of the wrong length.
+        list with the return value of each run. Raises SimulatorError for a wrong shape or type, a
+        missing response, and a series of the wrong length.
         """
         if not count:
             return np.empty((0, self.width))
@@ -306,7 +307,7 @@ class Form:
 
 
 def is_named(returned: Any) -> bool:
-    """Whether the values came with the names of their responses."""
+    """Whether the returned values have the names of their responses."""
     first = returned[0] if isinstance(returned, list) and returned else returned
     return isinstance(first, Mapping)
 
@@ -336,9 +337,9 @@ def _real(simulator: Simulator, part: object) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """A simulator with the cases of a table, and with names for the n columns of x.
+    """A simulator with the distinct conditions of a table, and names for the n columns of x.
 
-    `form` is what one run of each case returns.
+    `form` says which values one run under each of the conditions returns.
 
     >>> from aleator.simulators.function import FunctionSimulator
     >>> cases = Cases.of({"load": np.array([1.0, 2.0])}, 2)
@@ -353,6 +354,6 @@ class Bound:
     form: Form = Form()
 
     def columns(self, case: Indices, x: Array) -> tuple[Columns, Columns]:
-        """Conditions and parameters of runs of `case` (R,) at x (R, n), by name."""
+        """Conditions and parameters by name, of runs of cases `case` (R,) at points x (R, n)."""
         columns = np.asarray(x, dtype=np.float64).T.copy()
         return self.cases.at(case), dict(zip(self.parameters, columns, strict=True))

@@ -1,8 +1,9 @@
-"""An external program as a simulator: what it is given, how it is run, where its outcome is.
+"""An external program as a simulator: its inputs, its process, and where its outcome is.
 
-Three nouns: an input (`inputs`: texts with placeholders, tables, JSON), a process (`run`: one
-run in a folder of its own, of which nothing is left), an output (`outputs`: a number, or a column
-for a series, in what the program wrote). `simulator` puts them together.
+Three nouns. An input (`inputs`) is what the program reads: texts with placeholders, tables, JSON. A
+process (`run`) makes one run in a folder of its own, of which nothing is left. An output
+(`outputs`) finds the result in what the program wrote: a number, or a column for a series. The
+module `simulator` combines them.
 """
 
 from aleator.simulators.command.inputs import (

@@ -1,4 +1,4 @@
-"""Inputs of a program: texts with placeholders, input files, and lines for a shell."""
+"""Inputs of a program: texts with placeholders, input files, and commands for a shell."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from aleator.simulators.protocol import RunFailed, require_file
 Value = float | str
 Values = Mapping[str, Value]
 Columns = Mapping[str, Value | list[Value]]
-"""Values of a run by name, with a list where one varies within an experiment."""
+"""The values of a run by name, with a list for a condition that varies within an experiment."""
 
 
 @dataclass(frozen=True)
 class Delimiters:
     """The marks before and after a placeholder.
 
-    Raises SimulatorError where one is empty or has a space, a colon, or a letter or digit.
+    Raises SimulatorError for a mark that is empty or has a space, a colon, a letter, a digit or an
+    underscore.
 
     >>> Text.parse("{keep} $x$", Delimiters("$", "$")).names
     ('x',)
@@ -44,7 +45,7 @@ class Delimiters:
 
     @property
     def pattern(self) -> str:
-        """A regular expression with the groups `name` and `spec` that matches within a line."""
+        """A regular expression for a placeholder in one line, with the groups `name` and `spec`."""
         opening, closing = re.escape(self.opening), re.escape(self.closing)
         inside = rf"(?!{opening}|{closing})"
         name, spec = rf"(?:{inside}[^:\n])+", rf"(?:{inside}[^\n])*"
@@ -53,13 +54,13 @@ class Delimiters:
 
 @dataclass(frozen=True)
 class Placeholder:
-    """A name and how its value is written: a format of Python, or "" for every digit."""
+    """The name of a value, and its format in Python's notation; "" writes all digits."""
 
     name: str
     spec: str = ""
 
     def write(self, value: Value) -> str:
-        """The value as text; raises RunFailed for a format that the value does not have.
+        """The value as text. Raises RunFailed if the format does not suit the value.
 
         >>> Placeholder("x").write(0.1), Placeholder("x", ".3e").write(0.1)
         ('0.1', '1.000e-01')
@@ -78,7 +79,7 @@ class Placeholder:
 
 @dataclass(frozen=True)
 class Text:
-    """A text in pieces, placeholders among them; `where` is its name in messages.
+    """A text divided into plain pieces and placeholders; `where` is its name in messages.
 
     >>> text = Text.parse("--load {load:.2f} {{as is}}", escapes=True)
     >>> text.names, text.fill({"load": 0.125})
@@ -96,9 +97,9 @@ class Text:
         where: str = "the text",
         escapes: bool = False,
     ) -> Text:
-        """Find the placeholders; with `escapes` a doubled delimiter stands for the delimiter.
+        """Find the placeholders in a text; with `escapes` a doubled mark stands for one mark.
 
-        Raises SimulatorError for a format that no number has.
+        Raises SimulatorError for a format that suits no number.
         """
         doubled = "|".join(re.escape(2 * mark) for mark in (marks.opening, marks.closing))
         pattern = f"(?P<doubled>{doubled})|{marks.pattern}" if escapes else marks.pattern
@@ -121,7 +122,7 @@ class Text:
         return tuple(dict.fromkeys(named))
 
     def fill(self, values: Values) -> str:
-        """The text with the values written in."""
+        """The text with the values in place of the placeholders."""
         return "".join(
             piece if isinstance(piece, str) else piece.write(values[piece.name])
             for piece in self.pieces
@@ -143,12 +144,12 @@ def _placeholder(match: re.Match[str], where: str) -> Placeholder:
     return found
 
 
-# Shell text after which a word is neither in quotes nor in a here-document. It may have closed
-# quotes and names of variables, but no escape, comment or substitution, which nest.
+# Shell text after which a word is certainly neither in quotes nor in a here-document. It may have
+# closed quotes and variables, but no escape, comment or substitution, because these can be nested.
 _BARE = re.compile(
     r"""(?: [^"'`\\$#<] | <(?!<) | \$\w | '[^']*' | "(?: [^"`\\$] | \$\w )*" )*""", re.VERBOSE
 )
-# Commands that have their words read by another shell, which does not see the quotes.
+# Commands that pass their arguments to another shell, which does not see the quotes.
 _TWICE = re.compile(
     r"\b(?: eval | trap | ssh | rsh | su | watch | parallel | (?:ba|da|k|z|a)?sh \s+ -\w*c) \b"
     r"| \| \s* (?:\S*/)? (?:ba|da|k|z|a)?sh \b",
@@ -156,15 +157,15 @@ _TWICE = re.compile(
 )
 _SHELL = re.compile(r"(?:ba|da|k|z|a)?sh")
 _SCRIPT = re.compile(r"-\w*c")
-# Characters without a meaning in any shell, besides letters and digits.
+# Besides letters and digits, these characters have no special meaning in any shell.
 _PLAIN = frozenset("@%+=:,./-_")
 
 
 def filled(text: Text, values: Values) -> str:
     """The text for a shell with the values in place; a value outside of quotes is quoted.
 
-    Between quotes, in a here-document, and wherever that is not certain, values may only be numbers
-    and texts of letters, digits and @%+=:,./-_. Raises SimulatorError for another text there.
+    Inside quotes, in a here-document, and wherever this is uncertain, a value must be a number or a
+    text of letters, digits and @%+=:,./-_. Raises SimulatorError for any other text there.
 
     >>> text = Text.parse("solve {bench} > '{bench}.txt'")
     >>> filled(text, {"bench": "B2"})
@@ -186,12 +187,12 @@ def filled(text: Text, values: Values) -> str:
             raise _read_by_the_shell(piece.name, str(value))
         shown = piece.write(value)
         written += shlex.quote(shown) if bare else shown
-        before += "x"  # any word: the value opens no quotes
+        before += "x"  # This letter stands for the value, which opens no quotes.
     return written
 
 
 def script(program: str, arguments: Sequence[str]) -> int | None:
-    """Position of the argument that is a script, if the program is a shell; else None.
+    """The position of the argument that is a script, if the program is a shell; else None.
 
     >>> script("bash", ["-ec", "solve $1", "solve", "B2"]), script("python3", ["-c", "print(1)"])
     (1, None)
@@ -222,29 +223,29 @@ class Feed(Protocol):
 
     @property
     def names(self) -> tuple[str, ...] | None:
-        """The conditions and parameters that it writes; None is all of them."""
+        """The conditions and parameters that the text contains; None means all of them."""
 
     @property
     def where(self) -> str:
-        """Its name in messages."""
+        """The name of the input in messages."""
 
     def write(self, values: Columns) -> str:
-        """The text; raises RunFailed for a value that cannot be written.
+        """The text of the input. Raises RunFailed for a value that cannot be written.
 
-        A feed that has `names` is given values, one without them lists too.
+        An input with `names` gets single values; an input of all values gets lists, too.
         """
 
 
 @dataclass(frozen=True)
 class Template:
-    """A file with placeholders, which is read at once; bytes that are not UTF-8 are kept.
+    """An input file with placeholders, read when it is created; bytes that are not UTF-8 are kept.
 
     `marks` are the delimiters of the placeholders in the file.
 
     Raises SimulatorError if the file cannot be read.
     """
 
-    # Not in repr, from which fingerprints are made: a study that is moved stays the same study.
+    # The path is left out of repr and so of the fingerprint: a study may be moved.
     file: Path = field(repr=False)
     marks: Delimiters = Delimiters()
     text: Text = field(init=False)
@@ -262,22 +263,22 @@ class Template:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its placeholders."""
+        """The names of the placeholders in the file."""
         return self.text.names
 
     @property
     def where(self) -> str:
-        """The template with its file's name."""
+        """The word "template" with the name of the file, for messages."""
         return self.text.where
 
     def write(self, values: Columns) -> str:
-        """The file with the values in place."""
+        """The text of the file with the values in place of the placeholders."""
         return self.text.fill(cast("Values", values))
 
 
 @dataclass(frozen=True)
 class JsonFeed:
-    """A JSON object of all values by name, with every digit; a series is a list.
+    """An input in JSON: one object with all values by name and all digits; a series is a list.
 
     >>> JsonFeed().write({"load": 0.1, "bench": "A"})
     '{"load": 0.1, "bench": "A"}\\n'
@@ -287,16 +288,18 @@ class JsonFeed:
 
     @property
     def names(self) -> None:
-        """All names."""
+        """None, which means that all values are written."""
 
     def write(self, values: Columns) -> str:
-        """A line of JSON."""
+        """The values as one line of JSON."""
         return json.dumps(dict(values)) + "\n"
 
 
 @dataclass(frozen=True)
 class CsvFeed:
-    """A line of names and a line of values with every digit; a series has a line for each row.
+    """An input in CSV: a line of names and a line of values, or for a series a line for each row.
+
+    All digits of the values are written.
 
     >>> CsvFeed().write({"load": 0.1, "bench": "A, left"})
     'load,bench\\n0.1,"A, left"\\n'
@@ -308,10 +311,10 @@ class CsvFeed:
 
     @property
     def names(self) -> None:
-        """All names."""
+        """None, which means that all values are written."""
 
     def write(self, values: Columns) -> str:
-        """The lines of CSV."""
+        """The values as lines of CSV."""
         rows = next((len(value) for value in values.values() if isinstance(value, list)), 1)
         columns = (v if isinstance(v, list) else [v] * rows for v in values.values())
         text = io.StringIO()
@@ -323,7 +326,7 @@ class CsvFeed:
 
 @dataclass(frozen=True)
 class InputFile:
-    """A feed written to the file `name` in the folder of a run.
+    """An input that is written to the file `name` in the folder of a run.
 
     Raises SimulatorError for a name that leads out of that folder.
     """
@@ -336,7 +339,7 @@ class InputFile:
 
 
 def within(name: str, what: str) -> None:
-    """Raise SimulatorError unless `name` lies in the folder of a run."""
+    """Raise SimulatorError unless `name` is a file inside the folder of a run."""
     path = Path(name)
     if not name.strip() or path.is_absolute() or ".." in path.parts or path == Path("."):
         raise SimulatorError(
@@ -352,5 +355,5 @@ def write_input(path: Path, feed: Feed, plain: Columns, values: Values) -> None:
     """
     text = feed.write(plain if feed.names is None else values)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)  # A link to a file of the study must not lead to that file.
+    path.unlink(missing_ok=True)  # If it is a link, the file of the study must not be changed.
     path.write_bytes(text.encode("utf-8", "surrogateescape"))

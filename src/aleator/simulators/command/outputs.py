@@ -1,4 +1,4 @@
-"""Outputs of a program: where its outcome stands in the files that it wrote."""
+"""Outputs of a program: how its outcome is found in the files that it wrote."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from aleator.simulators.protocol import RunFailed, describe
 
 
 def finite(text: str, where: str) -> float:
-    """A finite number in a text, also as Fortran writes it (1.0D+3). Raises RunFailed.
+    """A finite number from a text, also in Fortran's notation (1.0D+3). Raises RunFailed.
 
     >>> finite("1.5D+03", "result.txt")
     1500.0
@@ -33,13 +33,15 @@ def finite(text: str, where: str) -> float:
 
 
 def number(text: str, where: str) -> float:
-    """A number, finite or not: a series may lack values that no experiment measured.
+    """A number from a text, finite or not. Raises RunFailed if it is no number.
+
+    Values that are not finite are allowed because a series may lack values that were not measured.
 
     >>> number("NaN", "result.txt")
     nan
     """
     try:
-        # Python would take 1_000 for a number, which is no program's way of writing one.
+        # Python accepts 1_000 as a number, but no program writes one so.
         return float(re.sub(r"(?<=[\d.])[dD](?=[+-]?\d)", "e", text.replace("_", "?")))
     except ValueError:
         shown = f"'{text[:60]}'" if text else "empty"
@@ -50,16 +52,16 @@ _STREAMS = {"stdout": STDOUT, "stderr": STDERR}
 
 
 class Output(Protocol):
-    """Finds the outcome of a run that ended well."""
+    """Finds the outcome of a run of a program that ended successfully."""
 
     @property
     def file(self) -> str | None:
-        """The file that it reads, in the folder of the run; None if it may be any."""
+        """The file in the folder of the run that is read; None if it may be any file."""
 
     def read(self, folder: Path, series: bool) -> float | list[float]:
-        """The outcome, a finite number; of a series a number for each row, or one for all of them.
+        """The outcome, a finite number; for a series a number for each row, or one for all rows.
 
-        Raises RunFailed if there is none.
+        Raises RunFailed if there is no outcome.
         """
 
     def fingerprint(self) -> str:
@@ -68,10 +70,11 @@ class Output(Protocol):
 
 @dataclass(frozen=True)
 class OutputFile:
-    """A file in the folder of a run, or what was printed: "stdout" or "stderr".
+    """An outcome that is the whole text of a file in the folder of a run.
 
-    The file holds nothing but the number, or for a series numbers between white space. Raises
-    SimulatorError for a name that leads out of the folder.
+    The names "stdout" and "stderr" stand for what the program printed. The text is only the number,
+    or for a series numbers between white space. Raises SimulatorError for a name that leads out of
+    the folder.
     """
 
     file: str = "stdout"
@@ -110,17 +113,18 @@ class OutputFile:
         return text.split()
 
     def fingerprint(self) -> str:
-        """All settings by name."""
+        """A text with all settings of this output."""
         return repr(self)
 
 
 @dataclass(frozen=True)
 class RegexOutput(OutputFile):
-    """The one group of a regular expression; `match` counts from 0, and -1 is the last.
+    """An outcome that a regular expression with one group finds in a file.
 
-    `^` and `$` match at every line. In a series every match is a number.
+    `match` is the number of the match that counts: 0 is the first, -1 the last. `^` and `$` match
+    at every line. For a series every match is a number.
 
-    Raises SimulatorError for an expression that is wrong or does not have exactly one group.
+    Raises SimulatorError for an invalid expression, and unless it has exactly one group.
     """
 
     regex: str = r"(\S+)"
@@ -142,7 +146,7 @@ class RegexOutput(OutputFile):
             )
 
     def one(self, text: str) -> str:
-        """The group of the match."""
+        """The text of the group in match number `match`."""
         found = self.every(text)
         if not -len(found) <= self.match < len(found):
             raise RunFailed(
@@ -154,16 +158,16 @@ class RegexOutput(OutputFile):
         return found[self.match]
 
     def every(self, text: str) -> list[str]:
-        """The group of every match."""
+        """The texts of the group in all matches."""
         return re.findall(self.regex, text, re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class HookOutput:
-    """A Python function "module.py:name" that finds the outcome of a run.
+    """An outcome that a Python function "module.py:name" of the user finds.
 
-    It is called as `function(folder: Path, stdout: str) -> float`; for a series it returns an array
-    of a number for each row, or a number. `base` is the folder that the reference is relative to.
+    It is called as `function(folder: Path, stdout: str) -> float`. For a series it returns an array
+    with a number for each row, or one number. The reference is relative to the folder `base`.
     Raises SimulatorError if there is no such function.
     """
 
@@ -176,10 +180,10 @@ class HookOutput:
 
     @property
     def file(self) -> None:
-        """None: the function may read any file."""
+        """None, because the function may read any file."""
 
     def read(self, folder: Path, series: bool) -> float | list[float]:
-        """The number that the function returns, or the numbers of a series."""
+        """The number that the user's function returns, or the numbers of a series."""
         function = load_function(self.reference, self.base)
         try:
             found = function(folder, read_text(folder / STDOUT))
@@ -202,17 +206,18 @@ class HookOutput:
         return RunFailed(f"the output hook {self.reference} returned {found!r:.60}, not {kind}")
 
     def fingerprint(self) -> str:
-        """The hash of the function's source and of the modules beside it."""
+        """A hash of the function's source and of the modules beside it."""
         return FunctionSimulator(load_function(self.reference, self.base)).fingerprint()
 
 
 @dataclass(frozen=True)
 class CsvOutput(OutputFile):
-    """A cell of a table, or for a series a whole column.
+    """An outcome that is a cell of a table in a file, or for a series a whole column.
 
-    A column that is named stands in the header, the first line after `skip` lines. Columns that are
-    numbers count from 0, and the table then has no header. Rows count from 0 after the header, and
-    -1 is the last; empty lines do not count. `delimiter = " "` is any white space.
+    A `column` that is a name is looked up in the header, which is the first line after `skip`
+    lines. A column that is a number counts from 0, and the table then has no header. Rows count
+    from 0 after the header, and -1 is the last; empty lines do not count. The `delimiter` " " means
+    any white space.
 
     Raises SimulatorError for a delimiter of more than one character.
     """
@@ -231,19 +236,19 @@ class CsvOutput(OutputFile):
             )
 
     def one(self, text: str) -> str:
-        """The cell."""
+        """The text in the cell of the table."""
         rows, column = self._body(text)
         if not -len(rows) <= self.row < len(rows):
             raise RunFailed(f"'{self.file}' has {len(rows)} rows, row {self.row} is needed")
         return self._cell(rows, self.row, column)
 
     def every(self, text: str) -> list[str]:
-        """The column, row by row."""
+        """The texts in all cells of the column, row by row."""
         rows, column = self._body(text)
         return [self._cell(rows, k, column) for k in range(len(rows))]
 
     def _body(self, text: str) -> tuple[list[list[str]], int]:
-        """The rows after the header, and the position of the column."""
+        """The rows of the table after its header, and the position of the column."""
         lines, column = text.splitlines()[self.skip :], self.column
         try:
             rows = [
@@ -279,15 +284,15 @@ class CsvOutput(OutputFile):
 
 @dataclass(frozen=True)
 class JsonOutput(OutputFile):
-    """A place in a JSON document: keys and positions (from 0), separated by points.
+    """An outcome in a JSON file, at a path of keys and positions (from 0) separated by points.
 
-    For a series a list stands there, with null for a missing number.
+    For a series there is a list at that path, with null for a missing number.
     """
 
     path: str = ""
 
     def read(self, folder: Path, series: bool) -> float | list[float]:
-        """The number at that place, or the list of numbers of a series."""
+        """The number at that path, or the list of numbers of a series."""
         at = self._at(self.text(folder))
         if _is_number(at):
             return (number if series else finite)(str(at), self.file)
@@ -318,5 +323,5 @@ class JsonOutput(OutputFile):
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a number, or a text that `number` may read."""
+    """Whether a JSON value is a number, or a text that may stand for one."""
     return isinstance(value, (int, float, str)) and not isinstance(value, bool)

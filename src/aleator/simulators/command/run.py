@@ -34,12 +34,12 @@ from aleator.simulators.surroundings import (
 
 @contextmanager
 def _signals_deferred() -> Iterator[None]:
-    """Call the handlers of signals, such as Ctrl-C, only at the end of the block.
+    """Delay the handlers of signals, such as Ctrl-C, to the end of the block.
 
-    The signals are not blocked, because a process that is started in the block would inherit that.
+    The signals are not blocked, because a process started in the block would inherit that.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # handlers are called in the main thread only
+        yield  # Python calls signal handlers in the main thread only.
         return
     signals: list[int] = [*signal.valid_signals()]
     handlers = {one: to for one in signals if callable(to := signal.getsignal(one))}
@@ -59,7 +59,7 @@ def _signals_deferred() -> Iterator[None]:
             handlers[signum](signum, None)
 
 
-# The janitor's program. Its input ends when this process ends, in whatever way.
+# The shell program that removes folders. Its input ends when this process ends, in whatever way.
 _SCRIPT = """\
 cat > /dev/null
 for file in "$1"/*.pid; do
@@ -70,9 +70,10 @@ rm -rf "$1"
 
 
 class _Janitor:
-    """A process that removes `home`, the folder of this process's runs in `base`, when this ends.
+    """A helper process that removes the folders of runs when this process ends, in whatever way.
 
-    It kills the processes of the runs there, too. Raises OSError if there can be no folder.
+    The folders are in `home`, a folder in `base`. The helper process also kills the programs of
+    these runs. Raises OSError if the folder cannot be made.
     """
 
     def __init__(self, base: Path) -> None:
@@ -86,7 +87,7 @@ class _Janitor:
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 cwd="/",
-                start_new_session=True,  # it is not for Ctrl-C
+                start_new_session=True,  # Ctrl-C must not end the helper process.
             )
         try:
             self.home.mkdir(mode=0o700)
@@ -95,7 +96,7 @@ class _Janitor:
             raise
 
     def close(self) -> None:
-        """Let the janitor end; a fork of the process that started it does nothing."""
+        """End the helper process; in a fork of the process that started it nothing happens."""
         if self.pid != os.getpid():
             return
         if self._process is not None:
@@ -108,7 +109,7 @@ _janitors: list[_Janitor] = []
 
 
 def run_folder() -> Path:
-    """A new folder for a run, which the caller removes; it does not outlive this process.
+    """A new folder for a run; the caller removes it, or else the end of this process does.
 
     Raises OSError if it cannot be made.
     """
@@ -119,7 +120,7 @@ def run_folder() -> Path:
 
 @contextmanager
 def passing() -> Iterator[Path]:
-    """A temporary folder that is removed at the end of the block, or of this process."""
+    """A temporary folder that is removed at the end of the block, or when this process ends."""
     folder = run_folder()
     try:
         yield folder
@@ -129,7 +130,7 @@ def passing() -> Iterator[Path]:
 
 @contextmanager
 def leads(folder: Path, group: int) -> Iterator[None]:
-    """Within the block the janitor knows the process group of the run in `folder`."""
+    """Tell the helper process within the block which process group the run in `folder` has."""
     note = folder.with_name(f"{folder.name}.pid")
     try:
         note.write_text(str(group))
@@ -139,7 +140,7 @@ def leads(folder: Path, group: int) -> Iterator[None]:
 
 
 def _mine() -> _Janitor:
-    """The janitor of this process (forks have their own) for the present temporary folder."""
+    """The helper process that removes folders of this process; a fork has a helper of its own."""
     base = Path(tempfile.gettempdir())
     now = _janitors[0] if _janitors else None
     if now is None or (now.pid, now.base) != (os.getpid(), base) or not now.home.is_dir():
@@ -150,7 +151,7 @@ def _mine() -> _Janitor:
 
 @atexit.register
 def close() -> None:
-    """Let the janitor of this process end."""
+    """End the helper process that removes the folders of runs."""
     while _janitors:
         _janitors.pop().close()
 
@@ -160,12 +161,12 @@ STDIN, STDOUT, STDERR = "aleator.stdin", "aleator.stdout", "aleator.stderr"
 
 @dataclass(frozen=True)
 class Limits:
-    """When a run has succeeded: with one of these exit codes, within `timeout` seconds.
+    """When a run is successful: it ends with one of these exit codes within `timeout` seconds.
 
-    A failed run that printed `stop_on`, or left a full disk, was not made: the machine is at fault.
-    After its time limit a program has `grace` seconds to tidy up (by judgement).
+    A failed run that printed `stop_on`, or left a full disk, does not count as made: the machine is
+    at fault. After the time limit a program has `grace` seconds to end properly (by judgement).
 
-    Raises SimulatorError for a limit or codes that cannot be, or an invalid `stop_on`.
+    Raises SimulatorError for an invalid limit, no exit codes, or an invalid `stop_on`.
     """
 
     success_codes: tuple[int, ...] = (0,)
@@ -180,7 +181,7 @@ class Limits:
         require_pattern(self.stop_on)
 
     def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
-        """The failure of a run in `folder` with its log, or the error for what the machine did."""
+        """The failure of a run in `folder` with its log, or the error for a machine at fault."""
         said = failure.log or log(folder)
         fault = printed(said, self.stop_on) or full_disk(folder)
         return fault or RunFailed(failure.message, said)
@@ -189,13 +190,14 @@ class Limits:
 def run(
     arguments: Sequence[str], folder: Path, environment: Mapping[str, str], limits: Limits
 ) -> None:
-    """Run a program in `folder`; it reads STDIN there if that exists, and prints to files.
+    """Run a program in `folder`; it reads the file STDIN there if that exists.
 
-    Its whole process group ends with it, or with this process. It prints to files and not to pipes,
-    so that neither much output nor a child that keeps the pipe open can block it.
+    The whole process group of the program ends with it, or with this process. The program prints to
+    files and not to pipes, so that neither much output nor a child that keeps a pipe open can block
+    it.
 
     Raises RunFailed for arguments that no program can have, a run that takes too long, or another
-    exit code; SurroundingsError if the system does not start the program.
+    exit code. Raises SurroundingsError if the system does not start the program.
     """
     stdin = folder / STDIN
     source = stdin if stdin.exists() else Path(os.devnull)
@@ -240,14 +242,15 @@ def _not_started(program: str, error: OSError | ValueError) -> RunFailed | Surro
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Kill the processes of the group that are left."""
-    with suppress(ProcessLookupError, PermissionError):  # the latter: zombies only, on macOS
+    """Kill the remaining processes of the program's process group."""
+    # macOS raises PermissionError if all processes of the group have ended.
+    with suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
 
 
 def log(folder: Path, most: int = 4000) -> str:
-    """The end of a run's output and of its error output: `most` bytes of each (by judgement).
+    """The end of a run's output and error output, `most` bytes of each (chosen by judgement).
 
     >>> log(Path("nowhere"))
     ''
@@ -266,7 +269,7 @@ def _tail(path: Path, most: int) -> str:
 
 
 def read_text(path: Path) -> str:
-    """A file that a program wrote, as text; bytes that are not UTF-8 are replaced."""
+    """The text of a file that a program wrote; bytes that are not UTF-8 are replaced."""
     return path.read_bytes().decode("utf-8", "replace")
 
 
@@ -274,7 +277,7 @@ FAILED, COMPLETED, VALUES = "failed_runs", "completed_runs", "aleator.run.json"
 
 
 class Keep(Enum):
-    """Which runs' folders are kept, in `failed_runs/` and `completed_runs/` beside the study."""
+    """Which folders of runs are kept, in `failed_runs/` and `completed_runs/` beside the study."""
 
     FAILED = "failed"
     ALL = "all"
@@ -283,13 +286,14 @@ class Keep(Enum):
 
 @dataclass(frozen=True)
 class Folder:
-    """How a run's folder is made: with copies of the study's `files`; and whether it is kept.
+    """How the folder of a run is made, with copies of the study's `files`, and whether it is kept.
 
-    `base` is the study's folder. A folder among the files is copied as a whole. With `link` they
-    are links, which cost no time, but a program that writes to one changes the original. No more
-    than `most_failed` folders are kept (by judgement), so that they do not fill the disk.
+    `base` is the study's folder. A folder among the files is copied with all its contents. With
+    `link` the files are links, which cost no time; but a program that writes to one changes the
+    original. At most `most_failed` folders of failed runs are kept (by judgement), so that they do
+    not fill the disk.
 
-    Raises SimulatorError for a file that does not exist, and for two of one name.
+    Raises SimulatorError for a file that does not exist, and for two files with the same name.
     """
 
     base: Path = Path(".")
@@ -309,14 +313,14 @@ class Folder:
 
     @property
     def sources(self) -> tuple[Path, ...]:
-        """The files and folders, where they lie."""
+        """The absolute paths of the files and folders that are copied."""
         return tuple(Path(os.path.abspath(self.base / name)) for name in self.files)
 
     @contextmanager
     def made(self, values: Columns, outputs: Sequence[str] = ()) -> Iterator[Path]:
-        """A folder with the files, but without old `outputs` among them.
+        """A folder with the files, from which old `outputs` are removed.
 
-        A RunFailed that leaves the block gets the place where the folder is kept.
+        A RunFailed raised in the block gets the place where the folder is kept.
         """
         folder = run_folder()
         try:

@@ -1,4 +1,4 @@
-"""An external program as a simulator."""
+"""An external program as a simulator: how it is called, and where its outcome is."""
 
 from __future__ import annotations
 
@@ -40,17 +40,18 @@ from aleator.simulators.protocol import (
 )
 from aleator.simulators.surroundings import STOP_ON, prevented, require_space
 
-# The placeholder for the study's folder, which is not the folder that a program runs in.
+# The placeholder for the study's folder. A program runs in another folder.
 STUDY = "study"
 
 
 @dataclass(frozen=True)
 class Program:
-    """A command with placeholders, found before anything runs.
+    """A command with placeholders; its program is looked up before anything runs.
 
-    `command` is a list of arguments, or one text: cut into arguments as a shell does, and given to
-    a shell only if `shell`. A first argument with a slash is relative to `base`, one without is
-    looked for on the PATH. `environment` is added to what Aleator itself has.
+    `command` is a list of arguments, or one text. A text is cut into arguments as a shell does; it
+    is given to a shell only with `shell`. A program name with a slash is relative to the folder
+    `base`; a name without one is looked up on the PATH. `environment` is added to Aleator's own
+    environment.
 
     Raises SimulatorError if there is no such program or it cannot be executed.
     """
@@ -98,16 +99,16 @@ class Program:
 
     @property
     def name(self) -> str:
-        """The name in messages: "solver", or with its script "python3 model.py"."""
+        """The name for messages: "solver", or with its script "python3 model.py"."""
         text = self.texts[0].fill(_Unfilled())
         own = Path(text.split()[0] if self.shell else text).name
         named = [] if self.shell else [path.name for path in self.files()[1:] if path.name != own]
         return " ".join([own, *named[:1]])
 
     def arguments(self, values: Values) -> list[str]:
-        """The arguments of the process, with the values in place.
+        """The arguments of the process, with the values in place of the placeholders.
 
-        Raises SimulatorError for a value that a shell would read (see `filled`).
+        Raises SimulatorError for a value that a shell would interpret (see `filled`).
         """
         if self.shell:
             return [str(self.executable), "-c", filled(self.texts[0], values)]
@@ -118,7 +119,7 @@ class Program:
         return [str(self.executable), *given]
 
     def settings(self, values: Values) -> dict[str, str]:
-        """The environment variables with the values in place."""
+        """The environment variables, with the values in place of their placeholders."""
         return {
             name: text.fill(values)
             for name, text in zip(self.environment, self.variables, strict=True)
@@ -156,7 +157,7 @@ class Program:
 
 
 class _Unfilled(dict[str, str]):
-    """Every placeholder as it is written."""
+    """A mapping that gives every placeholder back as it is written."""
 
     def __missing__(self, name: str) -> str:
         return f"{{{name}}}"
@@ -177,33 +178,34 @@ def _executable(path: Path, name: str) -> Path:
     return path
 
 
-# The placeholder for the name of the input file, where there is exactly one.
+# The placeholder for the name of the input file, if there is exactly one input file.
 INPUT = "input"
-# The placeholder for the name of the table that a series reads.
+# The placeholder for the name of the table that the program reads for a series.
 ROWS = "rows"
 
 
 @dataclass(frozen=True)
 class CommandSimulator:
-    """A program that is started once a run, in a private folder, and writes its outcome.
+    """A program that is started once for each run, in a folder of its own, and writes its outcome.
 
-    For several responses `output` is a mapping from their names. With `series` a run is a whole
-    experiment: conditions that vary within any experiment are written as a table to the file `rows`
-    (CSV, `{rows}` is its name), constant ones fill placeholders, and each output is a whole column
-    in the order of the rows, or one number for all of them.
+    `command`, `shell`, `environment`: see `Program`. Placeholders are the names of conditions and
+    parameters, `{study}` (the folder `base`) and `{input}` (the only input file). The program reads
+    its arguments, its environment, the `inputs`, and `stdin`. `output` says where its outcome is;
+    for several responses it is a mapping from their names.
 
-    `command`, `shell`, `environment`: see `Program`; placeholders are the names of conditions and
-    parameters, `{study}` (the folder `base`) and `{input}` (the one input file). The program reads
-    its arguments, its environment, the `inputs`, and `stdin`. `output` says where its outcome is.
+    With `series` a run makes a whole experiment. Conditions that vary within any experiment are
+    written to the table `rows` (a CSV file, whose name is `{rows}`); constant ones replace
+    placeholders. Each output is then a column in the order of the rows, or one number for all rows.
+
     `files`, `link`, `keep`: see `Folder`. `timeout` is in seconds. `stop_on` is a regular
-    expression: a failed run that printed it was not made, and stops the study (default: full disks
-    and refused licenses; "": none). `version` is a text that the user changes when the program
-    changes in a way that its fingerprint does not see. Every parameter must appear somewhere,
-    unless `allow_unused`.
+    expression for messages of the machine: a failed run that printed it does not count as made, and
+    the study stops (default: full disks and refused licenses; "": none). `version` is a text that
+    the user changes when the program changes in a way that its fingerprint does not notice. Every
+    parameter must appear somewhere, unless `allow_unused`.
 
     The simulator can be pickled, and `run_one` may be called in any process. Raises SimulatorError,
-    before anything runs, for missing files and for settings that cannot be. Cost: besides the
-    program itself some 2 ms a run, for its folder and its files.
+    before anything runs, for missing files and for invalid settings. Cost: besides the program
+    itself some 2 ms a run, for its folder and its files.
 
     >>> add = CommandSimulator(["awk", "BEGIN {{print {load} / {stiffness}}}"])
     >>> add.asks(["load", "bench"], ["stiffness"])
@@ -232,11 +234,11 @@ class CommandSimulator:
     program: Program = field(init=False, repr=False)
     folder: Folder = field(init=False, repr=False)
     _limits: Limits = field(init=False, repr=False)
-    # One run a call, so that progress is told after every run.
+    # A call makes one run, so that progress is reported after every run.
     block: int = field(default=1, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        # a hook may change the current folder
+        # The path is made absolute, because a function of the user may change the folder.
         object.__setattr__(self, "base", self.base.absolute())
         folder = Folder(self.base, self.files, self.link, self.keep)
         program = Program(self.command, self.base, self.shell, self.environment)
@@ -256,7 +258,7 @@ class CommandSimulator:
 
     @property
     def name(self) -> str:
-        """The program without its folder."""
+        """The name of the program, without its folder."""
         return self.program.name
 
     @property
@@ -269,8 +271,8 @@ class CommandSimulator:
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
         """The conditions that have a placeholder; all of them for JSON, CSV and series.
 
-        Raises SimulatorError for a placeholder that is neither a condition nor a parameter, and
-        for a parameter without one.
+        Raises SimulatorError for a placeholder that is neither a condition nor a parameter, and for
+        a parameter that no placeholder uses.
         """
         known = (*conditions, *parameters)
         special = self._special()
@@ -301,11 +303,11 @@ class CommandSimulator:
         return tuple(c for c in conditions if everything or self.series or c in used)
 
     def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:
-        """The outcome of one run: a number, or one for each response; of a series a list.
+        """The outcome of one run: a number, or one for each response; for a series a list.
 
-        Raises RunFailed, with the end of what the program printed; SurroundingsError if the run
-        could not be made (`stop_on`, a full disk, no process); and SimulatorError for a placeholder
-        of a condition that varies within the experiment.
+        Raises RunFailed, with the end of what the program printed. Raises SurroundingsError if the
+        machine prevented the run (`stop_on`, a full disk, no new process), and SimulatorError for a
+        placeholder of a condition that varies within the experiment.
         """
         plain = _plain(conditions) | _plain(parameters)
         varying = {name: value for name, value in plain.items() if isinstance(value, list)}
@@ -323,7 +325,10 @@ class CommandSimulator:
     def _made(
         self, folder: Path, plain: Columns, values: Values, varying: Mapping[str, list[Value]]
     ) -> dict[str, Any]:
-        """The outcomes of a run in its folder by response, unless the surroundings are at fault."""
+        """The outcomes by response of a run in its folder.
+
+        Raises RunFailed, or SurroundingsError if the machine is at fault.
+        """
         try:
             if self.series:
                 (folder / self.rows).write_text(CsvFeed().write(varying), encoding="utf-8")
@@ -341,14 +346,15 @@ class CommandSimulator:
         return found
 
     def __call__(self, conditions: protocol.Columns, parameters: protocol.Columns) -> Returned:
-        """Run R times, one after the other; raises RunStopped with the outcomes before."""
+        """Run R times, one after the other. On a failure RunStopped has the outcomes before it."""
         return one_by_one(lambda cells: self.run_one(cells, {}), conditions, parameters)
 
     def fingerprint(self) -> str:
         """A hash of the command, its inputs and outputs, and every file that they name.
 
-        Those are the program itself, arguments that are paths of files, templates and `files`. Not
-        seen are libraries and files that the program opens by itself: change `version` for them.
+        These files are the program itself, arguments that are paths of files, templates and
+        `files`. Libraries and files that the program opens by itself are not noticed: change
+        `version` for them.
         """
         choices = (
             self.command if isinstance(self.command, str) else list(self.command),
@@ -371,7 +377,7 @@ class CommandSimulator:
         return digest.hexdigest()
 
     def _outputs(self) -> Mapping[str, Output]:
-        """The outputs by response; a single one has the name ""."""
+        """The outputs by response; a single output has the name ""."""
         return self.output if isinstance(self.output, Mapping) else {"": self.output}
 
     def _read(self, output: Output, folder: Path, varying: Mapping[str, list[Value]]) -> Any:
@@ -398,7 +404,7 @@ class CommandSimulator:
         return [*(file.feed for file in self.inputs), *([self.stdin] if self.stdin else [])]
 
     def _used(self) -> dict[str, str]:
-        """The place where each placeholder stands first, by name."""
+        """Where each placeholder appears first, by its name."""
         texts: list[Text] = [*self.program.texts, *self.program.variables]
         found = [(name, text.where) for text in texts for name in text.names]
         for feed in self._feeds():
@@ -406,7 +412,7 @@ class CommandSimulator:
         return dict(reversed(found))
 
     def _special(self) -> dict[str, str]:
-        """Placeholders that are neither conditions nor parameters, and their meanings."""
+        """Placeholders that are neither conditions nor parameters, with their meanings."""
         one = {INPUT: "input file"} if len(self.inputs) == 1 else {}
         rows = {ROWS: "table of the rows"} if self.series else {}
         return {STUDY: "folder of the study"} | one | rows
@@ -418,7 +424,7 @@ class CommandSimulator:
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Value | list[Value]]:
-    """Numbers as Python's floats, whose text has every digit; texts as they are; lists of them."""
+    """The values as Python floats, whose text has all digits; texts unchanged; series as lists."""
     return {
         name: v if isinstance(v, str) else v.tolist() if np.ndim(v) else float(v)
         for name, v in values.items()

@@ -1,9 +1,10 @@
-"""Functional Mock-up Units as simulators: FMI 2.0 and 3.0, co-simulation and model exchange.
+"""Functional Mock-up Units (FMUs) as simulators: FMI 2.0 and 3.0, co-simulation and model exchange.
 
-Three nouns: a `Course` (`settings`: from when to when, in what steps, with which inputs over time),
-a session (`session`: one instance in a process of its own, run after run; `engine` starts and ends
-that process), a `Reduction` (`reduction`: from the trajectory of a run to its outcome).
-`description` has what the FMU says of itself and which variable each name is.
+Three nouns. A `Course` (`settings`) says from when to when an FMU is simulated, in what steps, with
+which inputs over time. A session (`session`) is one instance of the FMU in a process of its own,
+which makes run after run; `engine` starts and ends that process. A `Reduction` (`reduction`)
+computes the outcome from the trajectory of a run. `description` reads the model description of the
+FMU, and finds the variable for each name.
 """
 
 from aleator.simulators.fmu.reduction import Crossing, Extreme, Final, Hook, Reduction

@@ -25,7 +25,7 @@ INTERFACES: dict[Kind, str] = {"co_simulation": "CoSimulation", "model_exchange"
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of an FMU by its model description; `items` are the values of an enumeration.
+    """One variable in the model description of an FMU; `items` are the values of an enumeration.
 
     >>> str(Variable("k", "Real", "parameter", "fixed", "exact", unit="N/mm"))
     "'k' (parameter, fixed Real in N/mm)"
@@ -50,7 +50,7 @@ class Variable:
 
     @property
     def settable(self) -> bool:
-        """Whether a value can be given to it before the FMU is initialized."""
+        """Whether the variable can be given a value before the FMU is initialized."""
         if self.variability == "constant" or not self.scalar:
             return False
         started = self.causality in ("local", "output") and self.initial == "exact"
@@ -58,16 +58,16 @@ class Variable:
 
     @property
     def recordable(self) -> bool:
-        """Whether it is a number whose values over time can be taken."""
+        """Whether the variable is a number whose values over time can be recorded."""
         return self.scalar and self.type in NUMBERS and self.name != "time"
 
 
 @dataclass(frozen=True)
 class Description:
-    """An FMU's version, interfaces, defaults and variables by name.
+    """The model description of an FMU: version, interfaces, defaults, and variables by name.
 
-    `fixed_step` is true if a co-simulation must have whole steps of one length; `internal_step`
-    (s) is that of the solver in the FMU, or None if the FMU does not state it.
+    `fixed_step` is true if all steps of a co-simulation must have one length. `internal_step` (s)
+    is the step of the solver inside the FMU, or None if the FMU does not state it.
     """
 
     file: Path
@@ -82,7 +82,7 @@ class Description:
     internal_step: float | None = None
 
     def variable(self, name: str, what: str) -> Variable:
-        """The variable of this name; raises SimulatorError, with the nearest, if there is none."""
+        """The variable of this name. If there is none, SimulatorError suggests a similar one."""
         if name in self.variables:
             return self.variables[name]
         raise SimulatorError(
@@ -92,7 +92,7 @@ class Description:
         )
 
     def outputs(self) -> tuple[str, ...]:
-        """The names of outputs that are numbers."""
+        """The names of the FMU's outputs that are numbers."""
         return tuple(
             v.name for v in self.variables.values() if v.causality == "output" and v.recordable
         )
@@ -146,7 +146,7 @@ def read_description(file: Path) -> Description:
 
 
 def _version(file: Path) -> str:
-    """The FMI version. Raises SimulatorError for a file that is no FMU."""
+    """The FMI version of an FMU. Raises SimulatorError for a file that is no FMU."""
     if zipfile.is_zipfile(file):
         with zipfile.ZipFile(file) as archive:
             if (name := "modelDescription.xml") in archive.namelist():
@@ -210,11 +210,11 @@ def _variable(raw: Any) -> Variable:
 
 
 def _start(raw: Any) -> float | None:
-    """The start value of a real number; None where there is none."""
+    """The start value of a real variable; None if it has none."""
     try:
         return float(raw.start) if raw.type in REALS and raw.start is not None else None
     except ValueError:
-        return None  # an array has several
+        return None  # The variable is an array and has several start values.
 
 
 def _number(text: Any) -> float | None:
@@ -226,10 +226,11 @@ Value = float | int | bool | str
 
 @dataclass(frozen=True, eq=False)
 class Binding:
-    """Which variable each condition and parameter sets: that of `names`, or the one of its name.
+    """Which variable of the FMU each condition and parameter sets.
 
+    `names` maps conditions and parameters to variables; others set the variable of the same name.
     `taken` are variables that have their value already: constants, and inputs over time. `times`
-    are the conditions that are start or stop times of a run.
+    are the conditions that are the start or stop time of a run.
 
     Raises SimulatorError for variables that do not exist, cannot be set, or are set twice.
     """
@@ -255,14 +256,15 @@ class Binding:
         return self.fmu.variables[self.names.get(name, name)]
 
     def units(self, names: Sequence[str]) -> dict[str, str]:
-        """The units of those names that are variables with a unit."""
+        """The units of those conditions and parameters whose variable has a unit."""
         units = {name: self.variable(name).unit for name in names if self._is_variable(name)}
         return {name: unit for name, unit in units.items() if unit}
 
     def asks(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """The conditions that are variables of the FMU. Raises SimulatorError as Simulator says.
+        """The conditions that are variables of the FMU.
 
-        A condition that is also a time counts only if its variable can be set.
+        A condition that is also a time counts only if its variable can be set. Raises
+        SimulatorError as `Simulator.asks` does.
         """
         for name in self.names:
             if name not in (*conditions, *parameters):
@@ -280,7 +282,7 @@ class Binding:
         return asked
 
     def values(self, cells: Mapping[str, Any]) -> dict[str, Value]:
-        """Start values by variable of one run's conditions and parameters. Raises RunFailed."""
+        """Start values by variable, for one run's conditions and parameters. Raises RunFailed."""
         return {
             self.names.get(name, name): start_value(self.variable(name), cell, f"{name} = {cell!r}")
             for name, cell in cells.items()
@@ -288,7 +290,7 @@ class Binding:
         }
 
     def described(self, names: Sequence[str]) -> str:
-        """Conditions or parameters with the variable of each where its name differs, and its unit.
+        """Conditions or parameters as text, each with its variable (if named differently) and unit.
 
         >>> from pathlib import Path
         >>> k = Variable("spring.k", "Real", "parameter", "fixed", "exact", unit="N/mm")
@@ -335,7 +337,7 @@ class Binding:
 
 
 def settable(variable: Variable, what: str) -> Variable:
-    """The variable itself; raises SimulatorError if no value can be given to it before a run."""
+    """The given variable. Raises SimulatorError if it cannot be given a value before a run."""
     if variable.settable:
         return variable
     if not variable.scalar:
@@ -357,7 +359,9 @@ def settable(variable: Variable, what: str) -> Variable:
 
 
 def start_value(variable: Variable, cell: Any, what: str) -> Value:
-    """A cell of a table in the type of the variable. Raises RunFailed if it does not fit.
+    """The value in a cell of a table, converted to the type of the variable.
+
+    Raises RunFailed if it does not suit the variable.
 
     >>> start_value(Variable("n", "Integer", "parameter", "fixed", "exact"), 3.0, "n")
     3

@@ -1,4 +1,4 @@
-"""The process of an FMU: started when it is needed, and ended after a number of runs."""
+"""The process in which an FMU runs: started when it is needed, ended after a number of runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from aleator.simulators.surroundings import exit_status
 
 
 class FMUInProcess:
-    """A session in this process, with the members of `FMUProcess`, but without a time limit."""
+    """An FMU session in this process; it has the members of `FMUProcess`, but no time limit."""
 
     def __init__(self, setup: Setup) -> None:
         self.runs, self.note, self.alive = 0, "", True
@@ -38,7 +38,7 @@ class FMUInProcess:
             raise Failed(*said, fatal=True) from None
 
     def run(self, job: FMURun, _timeout: float | None, logging: bool = False) -> Trajectory:
-        """The trajectory of a run; raises Failed."""
+        """The trajectory of a run; raises Failed if there is none."""
         self.runs += 1
         trajectory = self._session.run(job, logging)
         self.note = self._session.note
@@ -51,7 +51,7 @@ class FMUInProcess:
 
 
 def unusable(fmu: Path, failure: Failed, begun: bool = False) -> AleatorError:
-    """The error for an FMU that cannot be instantiated; `begun` says that it could be before."""
+    """The error for an FMU that cannot be instantiated; `begun` says that earlier it could be."""
     kind, again = (SurroundingsError, " again") if begun else (SimulatorError, "")
     said = with_log(failure.message, failure.log)
     return kind(
@@ -61,16 +61,16 @@ def unusable(fmu: Path, failure: Failed, begun: bool = False) -> AleatorError:
 
 
 class Hung(RunFailed):
-    """A run that was killed by its time limit."""
+    """A run that was killed because it exceeded its time limit."""
 
 
 class FMUProcess:
-    """A session in a child process; it ends when this is closed, or when this process ends.
+    """An FMU session in a child process, which ends when it is closed or when this process ends.
 
-    It is a program of its own and not of `multiprocessing`, which would need a main guard in the
-    user's script and does not work in daemonic workers. An FMU may take `start` s to be
-    instantiated, as some get a license first, and `end` s to be freed; a failure shows `log` bytes
-    of its output (all by judgement).
+    The child is a separate program, not a process of `multiprocessing`: that would need a main
+    guard in the user's script, and does not work in daemonic workers. An FMU may take `start`
+    seconds to be instantiated, since some request a license first, and `end` seconds to be freed. A
+    failure shows the last `log` bytes of its output. These values are chosen by judgement.
 
     Raises Failed if the FMU cannot be instantiated.
     """
@@ -98,10 +98,10 @@ class FMUProcess:
         assert answer == ("ready",)
 
     def run(self, job: FMURun, timeout: float | None, logging: bool = False) -> Trajectory:
-        """The trajectory of a run; raises Failed, or Hung.
+        """The trajectory of a run. Raises Failed, or Hung at the time limit.
 
-        Afterwards `alive` is false if the process had to be killed, ended by itself, or must not be
-        used any more.
+        Afterwards `alive` is false if the process was killed, ended by itself, or must not be used
+        any more.
         """
         before = self._printed.seek(0, 2)
         self.runs += 1
@@ -125,7 +125,7 @@ class FMUProcess:
         return self._process.poll() is None
 
     def close(self) -> None:
-        """Let the process free the FMU and remove its folder; kill it if that takes long."""
+        """Let the process free the FMU and remove its folder; kill it if that takes too long."""
         if self.alive and self._process.stdin is not None:
             try:
                 self._process.stdin.close()
@@ -140,7 +140,8 @@ class FMUProcess:
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
-                with contextlib.suppress(OSError):  # of what the process never read
+                # Closing fails if the process never read all data.
+                with contextlib.suppress(OSError):
                     pipe.close()
         self._printed.close()
         shutil.rmtree(self._folder, ignore_errors=True)
@@ -171,7 +172,7 @@ class FMUProcess:
                 f"its process ended with {exit_status(code)}", self._tail(0), True
             ) from None
         except BaseException:
-            self.kill()  # After Ctrl-C the late answer must not be taken for that of another run.
+            self.kill()  # After Ctrl-C a late answer could be taken for the next run's answer.
             raise
         finally:
             timer.cancel()
@@ -188,7 +189,7 @@ class FMUProcess:
 
 
 def _program() -> str:
-    """The program of the child: the file of `session`, with the search path of this process."""
+    """The program of the child process: the file of `session`, with this process's search path."""
     file = str(Path(session.__file__).resolve())
     path = [str(Path(entry).resolve()) if entry else str(Path.cwd()) for entry in sys.path]
     return (
@@ -197,7 +198,7 @@ def _program() -> str:
 
 
 class Engine:
-    """Runs of one FMU, one after the other, in a process that `operation` chooses.
+    """Makes runs of one FMU, one after the other, in the process that `operation` chooses.
 
     It can be pickled; each copy starts its own process.
     """
@@ -218,11 +219,11 @@ class Engine:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user about the runs: that resets were given up."""
+        """Notes for the user, for example that resets of the FMU were given up."""
         return tuple(self._notes)
 
     def run(self, job: FMURun) -> Trajectory:
-        """The trajectory of a run. Raises RunFailed, with what the FMU logged."""
+        """The trajectory of a run. Raises RunFailed, with the FMU's log messages."""
         with self._lock:
             try:
                 return self._run(job)
@@ -232,7 +233,7 @@ class Engine:
                 raise RunFailed(failure.message, self._logged(job)) from None
 
     def close(self) -> None:
-        """End the process; a later run starts another."""
+        """End the process of the FMU; a later run starts another one."""
         self._finalizer()
         self._process = None
 
@@ -263,7 +264,7 @@ class Engine:
         return trajectory
 
     def _logged(self, job: FMURun) -> str:
-        """The log of a run that failed without one: it is repeated with the FMU's log on."""
+        """The log of a failed run that had none: the run is repeated with the FMU's log on."""
         try:
             self._run(job, logging=True)
         except RunFailed as failure:
@@ -271,7 +272,7 @@ class Engine:
         return ""
 
     def _opened(self) -> FMUProcess | FMUInProcess:
-        if self._pid != os.getpid():  # forked: the process belongs to the one that opened it
+        if self._pid != os.getpid():  # In a fork, the child process belongs to the original.
             self._idle()
         process = self._process
         if process is not None and process.alive and process.runs < self._operation.recycle:

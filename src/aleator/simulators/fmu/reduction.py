@@ -1,4 +1,4 @@
-"""Outcomes of a run, computed from its trajectory."""
+"""How the outcome of a run is computed from its trajectory."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ Trajectory = Mapping[str, NDArray[Any]]
 
 
 class Reduction(Protocol):
-    """Computes one number from a trajectory."""
+    """Computes one number, the outcome, from the trajectory of a run."""
 
     def needs(self, fmu: Description) -> tuple[str, ...]:
-        """The variables that are recorded; raises SimulatorError if one cannot be."""
+        """The variables that must be recorded. Raises SimulatorError if one cannot be."""
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The outcome of a trajectory of "time" and variables (T,). Raises RunFailed."""
+        """The outcome of a trajectory: "time" and the variables, (T,) each. Raises RunFailed."""
 
     def fingerprint(self) -> str:
-        """A text that changes when the reduction does."""
+        """A text that changes when the reduction changes."""
 
 
 class _OfSignal:
-    """Base of reductions of one variable, or of one expression of variables."""
+    """Base of reductions that look at one variable, or at one expression of variables."""
 
     signal: str
 
     def needs(self, fmu: Description) -> tuple[str, ...]:
-        """The variables of the expression."""
+        """The variables in the expression. Raises SimulatorError unless all are numbers."""
         names = _expression(self.signal, fmu).names
         for name in names:
             if not fmu.variable(name, "the outcome").recordable:
@@ -53,7 +53,7 @@ class _OfSignal:
         return names
 
     def fingerprint(self) -> str:
-        """The reduction as Python writes it."""
+        """A text with all settings of the reduction."""
         return repr(self)
 
     def _values(self, trajectory: Trajectory) -> Array:
@@ -77,15 +77,15 @@ class Final(_OfSignal):
     signal: str
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The value at the stop time."""
+        """The value of the signal at the stop time."""
         return float(self._values(trajectory)[-1])
 
 
 @dataclass(frozen=True)
 class Extreme(_OfSignal):
-    """The largest value at any communication point, or the smallest.
+    """The largest or the smallest value of a signal over all communication points.
 
-    A larger value between two points is missed, an error of the order of the step squared.
+    A larger value between two points is missed; this error is of the order of the step squared.
 
     >>> Extreme("a", largest=False)({"time": np.arange(3.0), "a": np.array([0., -5., 1.])})
     -5.0
@@ -95,7 +95,7 @@ class Extreme(_OfSignal):
     largest: bool = True
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The extreme over all communication points."""
+        """The largest or the smallest value of the signal."""
         values = self._values(trajectory)
         return float(np.max(values) if self.largest else np.min(values))
 
@@ -105,10 +105,10 @@ class Crossing(_OfSignal):
     """The first time at which a variable or an expression crosses a value.
 
     Between communication points the signal is interpolated by a straight line (`cubic=False`), or
-    by the cubic through four points, whose error is of the fourth power of the step where the
-    signal is smooth. A signal that begins exactly at the value has not crossed it yet.
+    by the cubic through four points. The error of the cubic is of the fourth power of the step if
+    the signal is smooth. A signal that begins exactly at the value has not crossed it yet.
 
-    Raises RunFailed, with the range of the signal, if there is no crossing after `after`.
+    Raises RunFailed, with the range of the signal, if there is no crossing after the time `after`.
 
     >>> time = np.linspace(0.0, 2.0, 5)
     >>> Crossing("a", 1.0, "down")({"time": time, "a": 4.0 - time**3 - time}).__round__(3)
@@ -122,7 +122,7 @@ class Crossing(_OfSignal):
     cubic: bool = True
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The time of the crossing."""
+        """The time in s of the first crossing."""
         time = np.asarray(trajectory["time"], dtype=np.float64)
         offset = self._values(trajectory) - self.value
         up = (offset[:-1] < 0.0) & (offset[1:] >= 0.0)
@@ -141,13 +141,13 @@ class Crossing(_OfSignal):
 
 
 def _root(time: Array, offset: Array, k: int, cubic: bool) -> float:
-    """The zero of the interpolant in [time[k], time[k + 1]], whose ends have opposite signs."""
+    """The zero of the interpolated signal in [time[k], time[k + 1]], where its sign changes."""
     t0, t1, y0, y1 = time[k], time[k + 1], offset[k], offset[k + 1]
     four = slice(k - 1, k + 3)
     smooth = k >= 1 and k + 2 < len(time) and np.all(np.diff(time[four]) > 0.0)
     if not cubic or not smooth:
         return float(t0 - y0 * (t1 - t0) / (y1 - y0))
-    # Divided differences (Newton's form) in units of the step, and bisection, which stays inside.
+    # The cubic is in Newton's form, in units of the step. Bisection finds its zero in the step.
     h = t1 - t0
     x = (time[four] - t0) / h
     table = offset[four].copy()
@@ -165,10 +165,10 @@ def _root(time: Array, offset: Array, k: int, cubic: bool) -> float:
 
 @dataclass(frozen=True)
 class Hook:
-    """A Python function that computes the outcome from a dict of arrays (T,), "time" among them.
+    """A Python function of the user that computes the outcome from a dict of arrays (T,).
 
-    `reference` is "file.py:function" (relative to `folder`) or "package.module:function". The other
-    arrays are the variables in `record`, or every output of the FMU.
+    The dict has "time" and the variables in `record`, or every output of the FMU. `reference` is
+    "file.py:function" (relative to `folder`) or "package.module:function".
 
     >>> hook = Hook("numpy:ptp")
     """
@@ -178,7 +178,7 @@ class Hook:
     folder: str = "."
 
     def needs(self, fmu: Description) -> tuple[str, ...]:
-        """The variables to record; the function is imported to see that it can be."""
+        """The variables to record; the function is imported to check that this is possible."""
         self._function()
         for name in self.record:
             if not fmu.variable(name, "the outcome").recordable:
@@ -189,7 +189,7 @@ class Hook:
         return self.record or fmu.outputs()
 
     def __call__(self, trajectory: Trajectory) -> float:
-        """The number that the function returns. Raises RunFailed if the function raises."""
+        """The number that the user's function returns. Raises RunFailed if that raises an error."""
         try:
             return float(self._function()(dict(trajectory)))
         except Exception as error:
@@ -197,7 +197,7 @@ class Hook:
             raise RunFailed(f"'{self.reference}' raised {kind}: {error}") from error
 
     def fingerprint(self) -> str:
-        """The reference, and the fingerprint of the function as a simulator."""
+        """A text with the reference and a hash of the function's source."""
         source = FunctionSimulator(self._function()).fingerprint()
         return f"{self.reference} {self.record} {source}"
 
@@ -211,7 +211,7 @@ def _loaded(reference: str, folder: str) -> Callable[..., Any]:
 
 
 def sampled(reductions: Sequence[Reduction], trajectory: Trajectory, times: Array) -> Array:
-    """Outcomes (m, q): q reductions of the trajectory until each of `times` (m,).
+    """Outcomes (m, q): each of q reductions, applied to the trajectory up to each of `times` (m,).
 
     An outcome that does not exist yet at a time, such as a later crossing, is NaN there. Raises
     RunFailed if no outcome is a finite number at any time.
@@ -236,7 +236,7 @@ def sampled(reductions: Sequence[Reduction], trajectory: Trajectory, times: Arra
 
 
 def until(trajectory: Trajectory, time: float, close: float = SETTINGS.close) -> Trajectory:
-    """The trajectory until a time, with an interpolated sample there if it has none.
+    """The trajectory up to a time, with an interpolated sample at that time if it has none.
 
     >>> run = {"time": np.array([0.0, 1.0]), "h": np.array([4.0, 8.0]), "n": np.array([1, 2])}
     >>> {name: values.tolist() for name, values in until(run, 0.25).items()}
@@ -259,7 +259,7 @@ def until(trajectory: Trajectory, time: float, close: float = SETTINGS.close) ->
 
 
 def require_constant(conditions: Columns, time: str) -> None:
-    """Raise SimulatorError for a condition other than the time that varies in an experiment."""
+    """Raise SimulatorError if a condition other than the time varies within an experiment."""
     for name, column in conditions.items():
         if name != time and any(np.ndim(cell) for cell in column.tolist()):
             raise SimulatorError(
@@ -271,7 +271,7 @@ def require_constant(conditions: Columns, time: str) -> None:
 
 
 def require_times(course: ResolvedSettings, conditions: Columns) -> None:
-    """Raise SimulatorError if the times of any run are impossible, whatever its parameters."""
+    """Raise SimulatorError if the start and stop times of any run are impossible."""
     names = course.conditions
     for cells in zip(*(conditions[name].tolist() for name in names), strict=True):
         course.span(dict(zip(names, cells, strict=True)))

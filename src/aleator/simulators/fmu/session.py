@@ -1,7 +1,7 @@
-"""One FMU instance in one process, run after run.
+"""One FMU instance in one process, which makes run after run.
 
-This file is also the program of the process that an FMU runs in (see `engine`). So that such a
-process starts in a third of a second, it imports nothing of Aleator.
+This file is also the program of the process in which an FMU runs (see `engine`). It imports nothing
+of Aleator, so that such a process starts in a third of a second.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Trajectory = dict[str, NDArray[Any]]
 Values = dict[str, float | int | bool | str]
 
 FATAL = 4  #: The status of FMI after which no function of the FMU may be called any more.
-# What the solver of a model exchange calls from C, where an exception would be lost.
+# The solver of a model exchange calls these functions from C, where an exception would be lost.
 _CALLED_BACK = (
     "setTime",
     "setContinuousStates",
@@ -39,29 +39,30 @@ _DERIVATIVES = _CALLED_BACK[-2:]
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """When a run of an FMU is complete, and when it is given up; by judgement but for `close`."""
+    """Settings of when a run is complete and when it is given up; by judgement, except `close`."""
 
     logged: int = 50
-    """Messages of the FMU that are kept, the last ones."""
+    """The number of log messages of the FMU that are kept: the last ones."""
     stalled: int = 1000
-    """Events without any advance of time after which a run is given up."""
+    """The number of events without an advance of time after which a run is given up."""
     soon: float = 1.0
-    """Seconds between two looks whether the calling process still exists, and until the end."""
+    """Seconds between two checks whether the calling process still exists; after its end this
+    process ends in as many seconds."""
     close: float = 2e-9
-    """Relative difference of times that count as equal: twice the 1e-9 of FMPy."""
+    """The relative difference below which two times are equal: twice the 1e-9 of FMPy."""
     ended: float = 1e-6
-    """Relative distance to the stop time at which a run has reached it."""
+    """The relative distance to the stop time within which a run has reached it."""
     same: float = 1e-9
-    """Relative difference of two trajectories that count as the same after a reset."""
+    """The relative difference below which the trajectories with and without a reset are equal."""
     zero: float = 1e-12
-    """The same for small values, relative to the largest value of the trajectory."""
+    """The difference, over the largest value, below which small values are equal in that check."""
 
 
 SETTINGS = SessionSettings()
 
 
 class Setup(TypedDict):
-    """The settings of a session, as plain values for another process."""
+    """The settings of a session, as plain values that can be sent to another process."""
 
     fmu: str
     folder: str
@@ -73,9 +74,9 @@ class Setup(TypedDict):
 
 
 class FMURun(TypedDict):
-    """One run: start values by variable, and its times in s.
+    """One run: the start values by variable, and its times in s.
 
-    Communication points are `step` apart, or at `points` after the start if there are any.
+    Communication points are `step` apart, or at `points` after the start if these are given.
     """
 
     values: Values
@@ -88,7 +89,7 @@ class FMURun(TypedDict):
 class Failed(Exception):
     """A run without a complete trajectory; after a `fatal` one the process cannot be used again.
 
-    `begun` is false if there was no instance, so that no parameter is at fault.
+    `begun` is false if the FMU could not be instantiated: then no parameter is at fault.
     """
 
     def __init__(self, message: str, log: str, fatal: bool, begun: bool = True) -> None:
@@ -97,11 +98,11 @@ class Failed(Exception):
 
 
 class FMUSession:
-    """An FMU unzipped into `setup["folder"]`, instantiated once and reset before each further run.
+    """An FMU in the folder `setup["folder"]`, instantiated once and reset before each further run.
 
-    Runs after a reset are repeated on a new instance, up to the first with other values than the
-    run before. If the two trajectories differ, or the reset fails, every further run gets a new
-    instance, and `note` says so.
+    To check the reset, runs after it are repeated on a new instance, until one with other values
+    than the run before agrees. If the two trajectories differ, or the reset fails, every further
+    run gets a new instance, and `note` says so.
     """
 
     def __init__(self, setup: Setup, settings: SessionSettings = SETTINGS) -> None:
@@ -119,7 +120,10 @@ class FMUSession:
         self._instance: Any = self._created()
 
     def run(self, job: FMURun, logging: bool = False) -> Trajectory:
-        """A run to "time" and the outputs, each (T,). Raises Failed."""
+        """The trajectory of a run: "time" and the outputs, (T,) each. Raises Failed.
+
+        With `logging` the run has a new instance that writes its log.
+        """
         self._log.clear()
         if logging:
             self._discard()
@@ -154,7 +158,8 @@ class FMUSession:
             return trajectory
         anew = self._anew(job)
         same = _same(trajectory, anew, self._settings)
-        self._trusted = same and other  # equal runs would hide what the last one left behind
+        # A run with the same values as the run before would not test the reset.
+        self._trusted = same and other
         if not same:
             self._reset = False
             self.note = (
@@ -175,7 +180,7 @@ class FMUSession:
     def _created(self) -> Any:
         import fmpy
 
-        here = os.getcwd()  # FMPy goes elsewhere to load a library, and stays if that fails
+        here = os.getcwd()  # FMPy changes the current folder to load a library.
         try:
             instance = fmpy.instantiate_fmu(
                 self.setup["folder"],
@@ -228,7 +233,7 @@ class FMUSession:
         return trajectory
 
     def _inputs(self, values: Values) -> NDArray[Any] | None:
-        """The signals, with a constant column for every other input: FMPy needs all or none."""
+        """The input signals, and a constant column for each other input: FMPy needs all or none."""
         signals = self.setup["signals"]
         if signals is None:
             return None
@@ -254,19 +259,19 @@ class FMUSession:
         return Failed(" ".join(str(error).split()), "\n".join(self._log), status == FATAL)
 
     def _listen(self, *message: Any) -> None:
-        # FMI 2.0: environment, instance, status, category, text; FMI 3.0: without the instance.
+        # The arguments are environment, instance, status, category, text; FMI 3.0 has no instance.
         status, text = message[-3], message[-1]
         labels = ("ok", "warning", "discard", "error", "fatal", "pending")
         label = labels[status] if status in range(len(labels)) else status
         line = f"[{label}] {(text or b'').decode(errors='replace')}"
-        if not self._log or self._log[-1] != line:  # a solver asks for the same again and again
+        if not self._log or self._log[-1] != line:  # A repeated message is kept only once.
             self._log.append(line)
 
 
 class _OutputTimes:
     """Communication points at any times, in place of the distance between them that FMPy expects.
 
-    FMPy computes the next point as `start + number * distance`, with numbers from 1.
+    FMPy computes point k as `start + k * distance`, k = 1, 2, ...; this object is the distance.
     """
 
     def __init__(self, job: FMURun) -> None:
@@ -277,7 +282,7 @@ class _OutputTimes:
 
 
 def _require_points(time: NDArray[np.float64], points: NDArray[np.float64], close: float) -> None:
-    """Raise RuntimeError if the run has no sample at one of the points."""
+    """Raise RuntimeError if the run has no sample at one of the requested points."""
     margin = close * np.abs(points)
     sample = np.searchsorted(time, points - margin).clip(max=len(time) - 1)
     missed = points[np.abs(time[sample] - points) > margin]
@@ -286,10 +291,11 @@ def _require_points(time: NDArray[np.float64], points: NDArray[np.float64], clos
 
 
 class _Watch:
-    """Supervises a run of FMPy: at most `patience` steps may pass without an advance of time.
+    """Supervises a run by FMPy: time must advance within at most `patience` steps.
 
-    The solver of a model exchange calls the FMU from C, where an exception would be lost. So it is
-    kept, and the solver gets NaN instead. Inputs over time are set before each of these calls.
+    The solver of a model exchange calls the FMU from C, where an exception would be lost. So the
+    exception is recorded, and the solver gets NaN instead. Inputs over time are set before each of
+    these calls.
     """
 
     def __init__(self, patience: int) -> None:
@@ -299,7 +305,7 @@ class _Watch:
         self._lost: list[Exception] = []
 
     def guard(self, instance: Any, description: Any, inputs: NDArray[Any] | None) -> None:
-        """Wrap the instance's functions that the solver calls."""
+        """Wrap those functions of the FMU instance that the solver calls."""
         for name in _CALLED_BACK:
             call = getattr(type(instance), name, None)
             if call is not None:
@@ -312,7 +318,10 @@ class _Watch:
             )
 
     def finished(self, time: float, _recorder: object) -> bool:
-        """Called by FMPy after a step; raises a lost exception, and an error at a standstill."""
+        """Check a run after a step; FMPy calls this.
+
+        Raises a recorded exception, and an error if time does not advance.
+        """
         self.raise_lost()
         self._still = 0 if time > self._at else self._still + 1
         if self._still >= self._patience:
@@ -321,7 +330,7 @@ class _Watch:
         return True
 
     def raise_lost(self) -> None:
-        """Raise the first exception of a call from C."""
+        """Raise the first exception that occurred in a call from C."""
         if self._lost:
             raise self._lost[0]
 
@@ -343,14 +352,14 @@ class _Watch:
 
         def timed(time: float) -> None:
             set_time(time)
-            # At the start of a step that follows a jump of an input, its value after the jump.
+            # At the start of a step after a jump of an input, the value after the jump is used.
             inputs.apply(time, discrete=False, after_event=time <= self._at)
 
         return timed
 
 
 def _started(variable: Any) -> float | int | bool:
-    """The start value of an input by the model description."""
+    """The start value of an input, from the model description."""
     text = str(variable.start or 0)
     if variable.type == "Boolean":
         return text.lower() in ("true", "1")
@@ -370,20 +379,20 @@ def _same(one: Trajectory, other: Trajectory, settings: SessionSettings) -> bool
 
 
 def _end_with(asker: int, folder: str, soon: float = SETTINGS.soon) -> None:
-    """End this process soon after the calling process, even if the FMU hangs."""
+    """End this process soon after the calling process has ended, even if the FMU hangs."""
     while os.getppid() == asker:
         time.sleep(soon)
-    time.sleep(soon)  # in which an FMU that does not hang is freed
+    time.sleep(soon)  # Meanwhile an FMU that does not hang is freed.
     shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)
 
 
 def serve() -> None:
-    """Read a Setup and then jobs from stdin, and write a reply to each to stdout, until stdin ends.
+    """Read a Setup and then runs from stdin, and reply to each on stdout, until stdin ends.
 
-    Output of the FMU goes to stderr.
+    Text that the FMU prints goes to stderr.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The calling process handles Ctrl-C.
     requests = os.fdopen(os.dup(0), "rb")
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TimeSettings:
-    """How the times of a run are placed."""
+    """Settings of how the times of a run are chosen."""
 
     steps: int = 500
-    """Steps of a run if neither the user nor the FMU gives a step. By judgement: as in other
-    tools."""
+    """The number of steps of a run if neither the user nor the FMU states a step. Chosen by
+    judgement, as in other tools."""
     close: float = 1e-9
-    """Relative difference of times that FMPy takes for equal."""
+    """The relative difference below which FMPy takes two times as equal."""
     shortest: float = 1e-3
-    """Seconds of a run of which only the start is needed: an FMU needs a stop time after it. By
-    judgement."""
+    """The duration in s of a run of which only the start is needed, because an FMU needs a later
+    stop time. Chosen by judgement."""
 
 
 TIMES = TimeSettings()
@@ -47,10 +47,10 @@ TIMES = TimeSettings()
 
 @dataclass(frozen=True)
 class Course:
-    """Times in s, or the conditions that have them; None is the default experiment of the FMU.
+    """The times of a run in s: numbers, or names of conditions; None is the default of the FMU.
 
-    `step` is the communication step of a co-simulation, and the distance at which a model exchange
-    is recorded (its solver, CVode, chooses its own steps for `tolerance`).
+    `step` is the communication step of a co-simulation. In a model exchange it is the distance of
+    recorded points; there the solver CVode chooses its own steps for the `tolerance`.
 
     >>> Course(stop_time="duration", step=0.01)
     Course(start_time=None, stop_time='duration', step=0.01, kind=None, tolerance=None)
@@ -63,7 +63,10 @@ class Course:
     tolerance: float | None = None
 
     def of(self, fmu: Description) -> ResolvedSettings:
-        """The course with the FMU's defaults. Raises SimulatorError for what the FMU cannot do."""
+        """The course completed by the FMU's defaults.
+
+        Raises SimulatorError for settings that the FMU does not support.
+        """
         kind = self.kind or fmu.kinds[0]
         if kind not in fmu.kinds:
             raise SimulatorError(
@@ -97,9 +100,10 @@ class Course:
 class ResolvedSettings:
     """A course with all defaults; only the tolerance of a co-simulation may still be None.
 
-    A time that is a text is the condition that has it; as a stop time it may have several values in
-    a run, at which the FMU is sampled. Without a step it is a 500th of each run. `whole` says that
-    all steps must have one length; `internal` is the step of the solver in the FMU, if stated.
+    A time that is a text is the name of a condition. A condition that is the stop time may have
+    several values in a run; outcomes are then taken at each of them. Without a step, each run has
+    500 steps. `whole` says that all steps must have one length. `internal` is the step of the
+    solver inside the FMU, if stated.
     """
 
     kind: Kind
@@ -112,11 +116,11 @@ class ResolvedSettings:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The conditions that have a time."""
+        """The names of the conditions that are the start or stop time."""
         return tuple(t for t in (self.start_time, self.stop_time) if isinstance(t, str))
 
     def __str__(self) -> str:
-        """How it is run, in words.
+        """The times and the step of a run, in words.
 
         >>> print(ResolvedSettings("co_simulation", 0.0, "duration", 0.1, None))
         from 0 to 'duration' s in steps of 0.1 s
@@ -129,7 +133,7 @@ class ResolvedSettings:
         return f"from {start} to {stop} s in {step}"
 
     def check(self, fmu: Description) -> None:
-        """Raise SimulatorError for a step or a tolerance that cannot be."""
+        """Raise SimulatorError for an invalid step or tolerance."""
         if self.step is not None and not 0.0 < self.step < math.inf:
             raise SimulatorError(f"the step {self.step:g} s is not positive", "correct step")
         if self.tolerance is not None and not 0.0 < self.tolerance < 1.0:
@@ -156,7 +160,7 @@ class ResolvedSettings:
     def span(self, cells: Mapping[str, Any]) -> Span:
         """The times of a run with these conditions.
 
-        Raises SimulatorError for a time that is not a finite number, or before the start.
+        Raises SimulatorError for a time that is not a finite number, or is before the start.
 
         >>> settings = ResolvedSettings("co_simulation", 0.0, "time", 0.5, None)
         >>> span = settings.span({"time": [1.7, 0.5, 0.7]})
@@ -188,8 +192,8 @@ class ResolvedSettings:
 class Span:
     """A run from `start` to `stop` (s) whose outcomes are taken at each of `times` (m,).
 
-    Communication points are `step` apart; or, if that does not meet all times, at `points` (P,)
-    after the start, in their order.
+    Communication points are `step` apart. If these do not include all `times`, the communication
+    points are `points` (P,) instead, in increasing order, without the start.
     """
 
     start: float
@@ -200,7 +204,7 @@ class Span:
 
 
 def _points(start: float, stop: float, step: float, times: Array) -> Array:
-    """Communication points of every step, all times, and the end; none if steps suffice."""
+    """Communication points: every step, all times, and the end; empty if equal steps suffice."""
     regular = start + step * np.round((times - start) / step)
     between = times[~np.isclose(regular, times, rtol=TIMES.close, atol=0.0)]
     if np.all(between == stop):
@@ -212,9 +216,9 @@ def _points(start: float, stop: float, step: float, times: Array) -> Array:
 
 
 def _neighbours(start: float, step: float, times: Array) -> Array:
-    """The ends (2 m,) of the internal steps around `times` (m,).
+    """The begin and end times (2 m,) of the solver steps that contain `times` (m,).
 
-    Between them an FMU may return the values of the last one, an error of first order.
+    Between them an FMU may return the values of the last internal step, an error of first order.
     """
     steps = (times - start) / step
     near = np.where(np.isclose(steps, np.round(steps), rtol=TIMES.close), np.round(steps), steps)
@@ -230,7 +234,10 @@ def _whole_steps(start: float, stop: float, step: float) -> float:
 
 
 def _instants(time: float | str, cells: Mapping[str, Any]) -> Array:
-    """The times (m,) of one number, or of a condition. Raises SimulatorError."""
+    """The times (m,) of a run, from a number or from the condition of this name.
+
+    Raises SimulatorError for a time that is not a finite number.
+    """
     cell = cells[time] if isinstance(time, str) else time
     try:
         times = np.atleast_1d(np.asarray(cell, dtype=np.float64))
@@ -247,12 +254,13 @@ def _instants(time: float | str, cells: Mapping[str, Any]) -> Array:
 
 @dataclass(frozen=True)
 class Operation:
-    """How instances of an FMU are used.
+    """Settings of how instances of an FMU are used.
 
-    `reuse="reset"` resets one instance before every run, `"recreate"` makes a new one; after
-    `recycle` runs the process is ended and started anew. `timeout` (s) kills a run that takes
-    longer. `isolated=False` runs the FMU in this process, without a time limit. `stop_on` is a
-    regular expression: a failed run that logged it was not made (see `surroundings`; "": none).
+    `reuse="reset"` resets one instance before every run; `"recreate"` makes a new one for each.
+    After `recycle` runs the process is ended and started anew. A run that takes longer than
+    `timeout` (s) is killed. `isolated=False` runs the FMU in this process, without a time limit.
+    `stop_on` is a regular expression for messages of the machine: a failed run that logged it does
+    not count as made (see `surroundings`; "": none).
     """
 
     reuse: Literal["reset", "recreate"] = "reset"
@@ -281,8 +289,8 @@ TIME = "time"
 class Signal:
     """An input over time: `time` (T,) in s, not decreasing, and `values` (T,).
 
-    A time that comes twice is a jump. Real inputs are interpolated linearly, others keep the value
-    of the last time; before the first time and after the last the input is constant.
+    A time that appears twice is a jump. Real inputs are interpolated linearly; others keep the
+    value of the last time. Before the first and after the last time the input is constant.
     """
 
     time: Array
@@ -290,12 +298,12 @@ class Signal:
 
 
 def read_signal(reference: str, folder: Path, variable: str) -> Signal:
-    """The signal "file.csv:column", or in "file.csv" the column with the name of the variable.
+    """The signal in a CSV file: "file.csv:column", or "file.csv" for the variable's own column.
 
-    The file has a column `time`. Raises SimulatorError for a file that cannot be read so.
+    The file needs a column `time`. Raises SimulatorError for a file that is not such a table.
     """
     name, colon, column = reference.rpartition(":")
-    # "C:\\drive.csv" has a colon, and no column.
+    # The path "C:\\drive.csv" has a colon, but names no column.
     if not colon or column.lower().endswith(".csv"):
         name, column = reference, variable
     file = folder / name
@@ -317,7 +325,7 @@ def read_signal(reference: str, folder: Path, variable: str) -> Signal:
 
 
 def columns_of(file: Path, fmu: Description) -> list[str]:
-    """The columns of a CSV that are inputs of the FMU. Raises SimulatorError if there is none."""
+    """The columns of a CSV file that are inputs of the FMU. Raises SimulatorError if none is."""
     columns = [str(column) for column in _table(file).columns]
     found = [
         name
@@ -334,7 +342,7 @@ def columns_of(file: Path, fmu: Description) -> list[str]:
 
 
 def checked_input(variable: Variable) -> Variable:
-    """The variable itself; raises SimulatorError if it cannot be given over time."""
+    """The given variable. Raises SimulatorError if it cannot be an input over time."""
     if variable.causality != "input" or variable.type not in NUMBERS or not variable.scalar:
         raise SimulatorError(
             f"the FMU's variable {variable} cannot be given over time",
@@ -344,7 +352,7 @@ def checked_input(variable: Variable) -> Variable:
 
 
 def assembled(signals: Mapping[str, Signal], fmu: Description) -> NDArray[Any] | None:
-    """Signals on their common times as FMPy's structured array (T,); None if there is none."""
+    """All signals at common times, as the structured array (T,) of FMPy; None if there is none."""
     if not signals:
         return None
     time = _union([signal.time for signal in signals.values()])
@@ -365,14 +373,14 @@ def _dtype(fmu: Description, name: str) -> type:
 
 
 def _union(times: list[Array]) -> Array:
-    """All times in order, each as often as in the signal that has it most often, at most twice."""
+    """All times of the signals in order; a time at which any signal jumps appears twice."""
     every = np.unique(np.concatenate(times))
     twice = {t for time in times for t in time[1:][np.diff(time) == 0.0].tolist()}
     return np.repeat(every, [2 if t in twice else 1 for t in every.tolist()])
 
 
 def _resampled(signal: Signal, time: Array, linear: bool) -> Array:
-    """Values at `time`, of whose equal pairs the first is before a jump and the second after."""
+    """Values at `time`; of two equal times the first is before a jump and the second after it."""
     second = np.concatenate([[False], np.diff(time) == 0.0])
     before = np.clip(np.searchsorted(signal.time, time, side="left"), 0, len(signal.time) - 1)
     after = np.clip(np.searchsorted(signal.time, time, side="right") - 1, 0, None)

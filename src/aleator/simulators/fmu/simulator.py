@@ -1,4 +1,4 @@
-"""An FMU as a simulator."""
+"""A Functional Mock-up Unit (FMU) as a simulator."""
 
 from __future__ import annotations
 
@@ -46,29 +46,30 @@ DEFAULT_OPERATION = Operation()
 
 
 class FMUSimulator:
-    """A Functional Mock-up Unit (FMI 2.0 or 3.0) run through FMPy; fills `Simulator`.
+    """A Functional Mock-up Unit (FMI 2.0 or 3.0) as a `Simulator`; it is run through FMPy.
 
-    Conditions and parameters are set before initialization, the FMU is simulated as `course` says,
-    and `outcome` computes one number from the trajectory, or a mapping one for each response. A
-    start or stop time may be the name of a condition. `variables` maps conditions and parameters
-    to variables of the FMU; others set the variable of their name, and conditions that are neither
-    variables nor times are not used. `constants` are start values by variable, `inputs` signals by
-    variable. `version` is a text that the user changes when a file that the FMU reads changes.
+    Conditions and parameters are set before initialization, and the FMU is simulated as `course`
+    says. `outcome` computes one number from the trajectory; a mapping has one such reduction for
+    each response. A start or stop time may be the name of a condition. `variables` maps conditions
+    and parameters to variables of the FMU; without an entry they set the variable of the same name.
+    Conditions that are neither variables nor times are not used. `constants` are start values by
+    variable, `inputs` are signals by variable. `version` is a text that the user changes when a
+    file that the FMU reads has changed.
 
-    With `series` one run serves a whole experiment: it ends at the largest value of the condition
-    `time`, and the outcome at each of its values is that of the trajectory until then. Other
+    With `series` one run makes a whole experiment: it ends at the largest value of the condition
+    `time`, and the outcome at each of its values is computed from the trajectory up to then. Other
     conditions must not vary within an experiment.
 
-    The FMU runs in a process of its own, started at the first run and ended by `close`, or with
-    this process. The simulator can be pickled; each copy starts its own process.
+    The FMU runs in a process of its own, which is started at the first run and ends by `close`, or
+    with this process. The simulator can be pickled; each copy starts its own process.
 
     Raises SimulatorError, before anything runs, for a file that cannot be run here, and for
-    variables that do not exist or cannot be set. Measured cost: 0.3 s to start the process, and
-    0.3 ms for a run of 20 steps beyond what the FMU itself takes.
+    variables that do not exist or cannot be set. Measured cost: 0.3 s to start the process, and 0.3
+    ms for a run of 20 steps beyond what the FMU itself takes.
     """
 
     block = BLOCKS.single
-    vectorized = False  # slow runs are then kept one by one
+    vectorized = False  # Then each slow run is stored as soon as it is made.
 
     def __init__(
         self,
@@ -115,8 +116,8 @@ class FMUSimulator:
         """The conditions that are times or variables of the FMU, in the order of `conditions`.
 
         Raises SimulatorError for a parameter that the FMU does not have, for a condition or
-        parameter that cannot be set (a constant, what the FMU calculates), and for a time that is
-        none of the conditions.
+        parameter that cannot be set (a constant, or a variable that the FMU calculates), and if a
+        start or stop time is the name of no condition.
         """
         times = self.course.conditions
         for name in times:
@@ -132,7 +133,7 @@ class FMUSimulator:
     def units(self, responses: Sequence[str], names: Sequence[str]) -> dict[str, str]:
         """The units of responses, conditions and parameters, as far as the FMU states them.
 
-        An outcome has a unit here if it is the value of one variable, or a time.
+        An outcome has a unit if it is a time, or the value of a single variable.
         """
         times = dict.fromkeys((name for name in self.course.conditions if name in names), "s")
         found = {**times, **self._binding.units(names)}
@@ -147,9 +148,9 @@ class FMUSimulator:
     def __call__(self, conditions: Columns, parameters: Columns) -> Returned:
         """Run R times, one after the other: outcomes as an array (R,), or as a list.
 
-        A run of a series returns an array (m,), one with several responses a mapping from their
-        names. Raises RunStopped, and SimulatorError for a condition that must not vary and an
-        impossible time.
+        A run of a series returns an array (m,); a run with several responses returns a mapping from
+        their names. Raises RunStopped for a failed run, and SimulatorError for a condition that
+        must not vary and for an impossible time.
         """
         if self.series:
             require_constant(conditions, str(self.course.stop_time))
@@ -159,8 +160,9 @@ class FMUSimulator:
     def run_one(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> float:
         """The outcome of one run, as a number.
 
-        Raises RunFailed, with what the FMU logged, for an error inside the FMU, a trajectory that
-        ends early, an outcome that does not exist or is not finite, a crash, and after a timeout.
+        Raises RunFailed, with the FMU's log messages, in these cases: an error inside the FMU, a
+        trajectory that ends early, an outcome that does not exist or is not finite, a crash, and a
+        timeout.
         """
         outcomes = self.sample(conditions, parameters)
         if outcomes.size > 1:
@@ -168,10 +170,10 @@ class FMUSimulator:
         return float(outcomes[0, 0])
 
     def sample(self, conditions: Mapping[str, Any], parameters: Mapping[str, float]) -> Array:
-        """The outcomes (m, q) of one run: q responses at m times, one without `series`.
+        """The outcomes (m, q) of one run: q responses at m times; m is one without `series`.
 
         An outcome that does not exist at a time is NaN. Raises RunFailed as `run_one` does, and
-        SimulatorError for a time that is not a finite number or before the start.
+        SimulatorError for a time that is not a finite number or is before the start.
         """
         cells = {**conditions, **parameters}
         span = self.course.span(cells)
@@ -181,7 +183,7 @@ class FMUSimulator:
     def trajectory(
         self, conditions: Mapping[str, Any], parameters: Mapping[str, float]
     ) -> Trajectory:
-        """Time and every variable that the outcomes need, (T,) each, of one run."""
+        """The trajectory of one run: time and every variable that the outcomes need, (T,) each."""
         cells = {**conditions, **parameters}
         return self._trajectory(cells, self.course.span(cells))
 
@@ -198,13 +200,13 @@ class FMUSimulator:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user about the runs: that resets were given up."""
+        """Notes for the user, for example that resets of the FMU were given up."""
         return self._engine.notes
 
     def bindings(self, conditions: Sequence[str], parameters: Sequence[str]) -> tuple[str, ...]:
-        """Lines on how it is run, on variables that are set and recorded, and on unused conditions.
+        """Lines of text on how the FMU is run, and on its variables that are set or recorded.
 
-        Raises SimulatorError as `asks` does.
+        One more line names conditions that are not used. Raises SimulatorError as `asks` does.
         """
         asked = self.asks(conditions, parameters)
         kind = "co-simulation" if self.course.kind == "co_simulation" else "model exchange"
@@ -222,7 +224,7 @@ class FMUSimulator:
 
     @property
     def description(self) -> str:
-        """The FMU and its outcomes, as one text."""
+        """The name of the FMU and its outcomes, as one text."""
         parts = (
             f"{type(one).__name__}({getattr(one, 'signal', getattr(one, 'reference', ''))})"
             for one in self.outcomes.values()
@@ -230,12 +232,12 @@ class FMUSimulator:
         return f"{self.name}: {', '.join(parts)}"
 
     def describe(self) -> str:
-        """The variables that can be set and those that can be recorded, with units."""
+        """The variables that can be set or are outputs, with units, one in each line."""
         chosen = [v for v in self.fmu.variables.values() if v.settable or v.causality == "output"]
         return "\n".join(f"{v}  {v.description}".rstrip() for v in chosen)
 
     def close(self) -> None:
-        """End the FMU's process; a later run starts another."""
+        """End the process of the FMU; a later run starts another one."""
         self._engine.close()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -255,7 +257,7 @@ class FMUSimulator:
         return hashlib.sha256(self.file.read_bytes())
 
     def _answer(self, cells: Mapping[str, Any]) -> Any:
-        """The outcome of one run: for each response a number, or an array (m,) of a series."""
+        """The outcome of one run: for each response a number, or an array (m,) for a series."""
         outcomes = self.sample(cells, {})
         several = self.series and np.ndim(cells[str(self.course.stop_time)]) > 0
         parts = [*outcomes.T] if several else outcomes[0].tolist()
@@ -288,7 +290,10 @@ class FMUSimulator:
 
 
 def _of_series(course: Course, time: str) -> Course:
-    """A course that ends at the last time of each experiment. Raises SimulatorError."""
+    """The course of a series: it ends at the last time of each experiment.
+
+    Raises SimulatorError if a stop time is given.
+    """
     if course.stop_time is not None:
         raise SimulatorError(
             "a stop time is given, but a series ends at the largest time of its experiment",
