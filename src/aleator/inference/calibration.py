@@ -28,17 +28,17 @@ class CalibrationSettings:
     Each experiment has `points` values of its parameters, or fewer where all experiments together
     would need more than `values` simulated values. A probability is not reported where its
     effective number of points is below `effective`, or below the share `least` of the points where
-    these are few. The points are placed by normal laws of the parameters after `stages` different
-    numbers of observations, from few to all; `pytest tests/inference/test_fit.py` measures the
-    error. A bin of the histogram should hold `each` values; `bins` are the least and the largest
-    number of bins.
+    these are few. Half of the points are drawn from the law, half from normal approximations of the
+    parameters' law given the first, more, and finally all observations (`stages` approximations);
+    `pytest tests/inference/test_fit.py` measures the error. A bin of the histogram should hold
+    `each` values; `bins` are the least and the largest number of bins.
     """
 
     points: int = 1024
     values: int = 20_000_000
     effective: float = 20.0
     impossible: float = -1e5
-    """The log-density that replaces that of an impossible observation."""
+    """The log-density that is used for an impossible observation."""
     stages: int = 4
     seed: int = 20
     """Seed of the random values that censored observations get between their bounds."""
@@ -115,9 +115,10 @@ def _of_block(
 def _stages(
     likelihood: IndividualLikelihood, alpha: Array, block: Block, stages: int
 ) -> tuple[Array, Array]:
-    """Centers (B, C, M, s) and information of normal laws of parameters after some observations.
+    """Centers (B, C, M, s) and information of normal approximations of the parameters' law.
 
-    For each experiment some of the numbers of earlier observations are chosen, such that the
+    There are B experiments, C classes of a mixture law, M approximations and s variates. Each
+    approximation uses the observations up to some point. These points are chosen such that the
     logarithm of the determinant of the information grows in equal steps. Each center is one Newton
     step away from the mode that belongs to all observations.
     """

@@ -39,8 +39,8 @@ class ExactOutcomeSettings:
     """Settings of the check of exact outcomes and narrow laws. The values are chosen by judgement.
 
     smallest: the error of an outcome that does not scatter, and the least sum of weights.
-    step: step over which the log-density is differentiated with respect to the outcome, as a share
-    of the outcome's scatter; a larger error of the fitted line takes its place.
+    step: share of the outcome's scatter. The log-density is differentiated numerically over this
+    step, or over the error of the fitted line (see `Checked`) where that is larger.
     nodes: points per parameter of the Gauss-Hermite rule, for no, one and two scattering
     parameters.
     """
@@ -97,7 +97,7 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """Changes (N,) of log-likelihoods from surfaces to the simulator, with their errors (N,).
+    """Changes (N,) of the log-likelihoods, with errors, when the simulator replaces surfaces.
 
     For each of M observations, `largest` (M,) is the largest difference between simulator and
     surface at the points of the check, `typical` (M,) the root mean square of these differences,
@@ -256,7 +256,7 @@ def scatter_of(likelihood: IndividualLikelihood, alpha: Array, points: int = 128
 
 
 def _lost(block: Block, eta: Array) -> Flags:
-    """Nodes (B, J) where a run failed, if another node of the same experiment has a run."""
+    """Flags (B, J) of nodes where a run failed, unless all nodes of the experiment failed."""
     failed = block.summed(np.isnan(eta).astype(float)) > 0.0
     return np.asarray(failed & ~np.all(failed, axis=1, keepdims=True))
 

@@ -132,8 +132,8 @@ def consistency_of(
         (t for t in found.tests if t.corrected < REPORTED.level), key=lambda t: t.corrected
     )
     within = {column.name for column in columns if not column.by_experiment} - {RESPONSE, ORDER}
-    # These columns may be results: they have many values or class the outcome, and no law uses
-    # them.
+    # Columns may be results if they have many values, or sort the outcomes into classes, and
+    # neither the simulator nor a law uses them.
     measured = {column.name for column in columns if column.count > COLUMNS.levels}
     measured = (measured | classes_of(columns, table.observations)) - {ORDER, *requested}
     return Consistency(
@@ -229,7 +229,7 @@ def _causes(
 
 @dataclass(frozen=True)
 class AssessmentSettings:
-    """Settings of p values from a small number of replicates; tested with the statistics."""
+    """Settings of p values from a small number of replicates, checked by the unit tests."""
 
     flattest: float = 1e-12
     """Relative scatter of a statistic's replicates below which the statistic is not used."""
@@ -260,13 +260,13 @@ def probabilities(
     least: Array,
     settings: AssessmentSettings = ASSESSMENT,
 ) -> tuple[Array, Array, Array]:
-    """p (T,) and z (T,) of the observed statistics, and p (B, T) of each replicate.
+    """p values of the observed statistics (T,) and of the replicates (B, T), and z values (T,).
 
     The normal law is used, or, where `skewed`, the Pearson type III law with the skewness of the
     replicates (by Wilson and Hilferty, 1931). Student's t with B - 1 degrees of freedom accounts
     for the estimated mean and scatter, so that some dozens of replicates are enough for small p
     values. The variance of the replicates is increased by `least`^2 (T,). p is one where they do
-    not scatter.
+    not scatter. z is the observed statistic as a standard normal value.
     """
     count = len(replicates)
     mean = replicates.mean(axis=0)
@@ -285,7 +285,7 @@ def probabilities(
 
 
 def effective(smallest: Array) -> float:
-    """The number m of independent tests with such smallest p (B,): their law is 1 - (1 - p)^m.
+    """The effective number m of tests: the smallest p of B replicates has the law 1 - (1 - p)^m.
 
     m maximizes the likelihood of the replicates below the median; those above only count as larger,
     because only small p values matter.

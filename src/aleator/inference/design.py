@@ -251,7 +251,7 @@ class DesignPlan:
 
     @cached_property
     def _volume(self) -> Array:
-        """det^(1/F) (A,) of the diagonal scale factors."""
+        """The determinant of the diagonal scale factors, to the power 1/F, (A,)."""
         return np.asarray(np.exp(np.mean(np.log(self._diagonal), axis=1)))
 
     @property

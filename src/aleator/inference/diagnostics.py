@@ -60,8 +60,7 @@ class EstimateSettings:
     condition.
     """
     spread: float = 0.2
-    """The same deviation relative to the relative spread of the condition; the smaller limit holds.
-    """
+    """Share of the condition's relative spread to which the limit `proportional` is lowered."""
 
 
 ESTIMATES = EstimateSettings()
@@ -193,8 +192,8 @@ def _correlated(
     names = [h.name for h in free]
     values, vectors = np.linalg.eigh(inference.correlation)
     for vector in vectors.T[values <= settings.weak]:
-        # A small eigenvalue belongs to a combination that is well determined; the hyperparameters
-        # with large components in it cannot be separated.
+        # A small eigenvalue of the correlation matrix belongs to a well determined combination; the
+        # hyperparameters with large components in it cannot be separated.
         parts = _large(vector, settings)
         which = [names[i] for i in parts]
         yield _weak(
@@ -352,15 +351,15 @@ class ExperimentSettings:
     """Settings of the diagnostics of single experiments. The values are chosen by judgement."""
 
     gap: float = 0.1
-    """Change of the log-likelihood with more nodes from which a result is refused."""
+    """Change of the log-likelihood by more integration nodes above which a result is refused."""
     noted_gap: float = 0.01
-    """Change of the log-likelihood with more nodes from which it is reported."""
+    """Change of the log-likelihood by more integration nodes above which the change is reported."""
     equal: float = 0.1
     """Difference of log-likelihoods below which two maxima count as equally high."""
     failing: float = 0.02
-    """Probability of failed runs under the law of an experiment from which it is reported."""
+    """Probability of failed runs under the law of an experiment above which they are reported."""
     censored: float = 0.5
-    """Share of censored values, those known only by bounds, from which it is reported."""
+    """Share of censored values (only bounds are known) above which a warning is given."""
     ids: int = 8
     """Largest number of experiments that a message names."""
     points: int = 300

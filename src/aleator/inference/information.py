@@ -55,8 +55,8 @@ class Differences:
     """Settings of finite differences of scores, with steps chosen by the drop of log-likelihood.
 
     A step h is right where the drop I h^2/2 of the log-likelihood equals `drop` within a factor of
-    `within`. This is a hundredth of a standard error, between 0.003 and 0.03. The information of a
-    standard deviation of two units is then within 1e-3 of its closed form
+    `within`. The step is then about a hundredth of a standard error, between 0.003 and 0.03. The
+    information of a standard deviation of two units is then within 1e-3 of its closed form
     (`tests/tasks/test_mixtures.py`). No step is longer than `share` of the width of the limits, for
     directions without curvature. At most `tries` steps are tried. A step differs from the last one
     by a factor of at most `farthest` (by judgement), because the drop over a step of a very

@@ -127,7 +127,7 @@ class OutcomesAt:
         return self.problem.likelihood
 
     def more_nodes(self, alpha: Array) -> float:
-        """The change of the log-likelihood at alpha when there are half as many nodes more.
+        """The change of the log-likelihood at alpha when the number of nodes is raised by half.
 
         It is zero for collocation, where more nodes would need more runs.
         """
@@ -138,7 +138,7 @@ class OutcomesAt:
         return replace(self, problem=self.problem.coarse())
 
     def for_replicates(self) -> tuple[OutcomesAt, bool]:
-        """The likelihood with nodes for many data sets, and whether its maximum differs.
+        """The likelihood with fast nodes for many data sets, and whether its maximum differs.
 
         Where the maximum differs, alpha must be moved to it.
         """

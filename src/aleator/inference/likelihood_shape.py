@@ -176,7 +176,8 @@ class _Ridge:
         held: list[int],
         among: Indices,
     ) -> _Ridge:
-        """The ridge at the maximum: the hyperparameters `among` follow, without the fixed ones."""
+        """The ridge at the maximum; those of the hyperparameters `among` follow that are not fixed.
+        """
         apart = ~np.isin(inference.identified, among) | np.isin(inference.identified, held)
         moving = inference.identified[~apart]
         # The rows are in the order of the fixed hyperparameters.

@@ -1,4 +1,4 @@
-"""Criteria by which models are compared: fit for the number of hyperparameters, and prediction.
+"""Criteria for the comparison of models: fit, number of hyperparameters, and prediction.
 
 These are AIC and BIC (`Criteria`), the likelihood ratio of nested models (`LikelihoodRatio`), and
 the log-density of each experiment at the maximum of the others (`leave_one_out`).
@@ -279,7 +279,7 @@ class _Local:
 
     @cached_property
     def _whitening(self) -> Array:
-        """W (F, G) with W' H W = 1, for the directions off limits that the data determine."""
+        """The matrix W (F, G) with W' H W = 1 over the directions that the data determine."""
         whole = self._whole[np.ix_(self.inside, self.inside)]
         scale = np.sqrt(np.abs(np.diag(whole)))
         known = scale > 0.0

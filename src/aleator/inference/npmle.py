@@ -28,7 +28,7 @@ class NPMLESettings:
     """Settings of the best law's weights and points, and of the test of its gap, by judgement."""
 
     weighed: float = 1e-7
-    """Largest value of the gradient function D at which the weights count as computed."""
+    """Value of the gradient function D up to which the weights count as optimal."""
     steps: int = 200
     """Largest number of Newton steps to the weights."""
     covered: float = 0.05
@@ -41,21 +41,22 @@ class NPMLESettings:
     rise: float = 1e-4
     """Least rise of the log-likelihood over a step, relative to what the gradient predicts."""
     crosses: int = 40
-    """Largest number of rounds of an ascent of the gradient function."""
+    """Largest number of rounds of an ascent of the gradient function D."""
     finest: float = 1e-6
-    """Step at which such an ascent ends, relative to the width of the region."""
+    """Distance of neighbouring points at which an ascent of D ends, relative to the region's width.
+    """
     narrower: float = 0.25
-    """Factor by which the step is reduced where no neighbouring point is higher."""
+    """Factor by which the distance of neighbouring points is reduced where none is higher."""
     flat: float = 1e-3
-    """Least curvature along an axis, relative to the largest of all axes."""
+    """Least curvature along an axis in a Newton step on D, relative to the largest of all axes."""
     flattest: float = 1e-6
-    """Least curvature along an axis, relative to the slope."""
+    """Least curvature along an axis in a Newton step on D, relative to the slope."""
     farthest: float = 8.0
-    """Largest length of a Newton step, in units of the present step."""
+    """Largest length of a Newton step on D, in units of the distance of neighbouring points."""
     starts: int = 12
-    """Number of local maxima of the gradient function from which a round starts."""
+    """Number of local maxima of the gradient function D that are sought in each round."""
     last: int = 40
-    """Number of local maxima of the gradient function from which the last round starts."""
+    """Number of local maxima of the gradient function D that are sought in the last round."""
     rounds: int = 40
     """Largest number of rounds in which points are added to the law."""
     enough: float = 1e-4
@@ -71,9 +72,7 @@ class NPMLESettings:
     climbed: float = 0.01
     """Remaining rise in log-likelihood at which the maximum for a replicate counts as reached."""
     coarse: float = 1e-5
-    """Largest value of the gradient function at which the weights for a replicate count as
-    computed.
-    """
+    """Value of the gradient function D up to which the weights for a replicate count as optimal."""
     exceeded: int = 10
     """Number of replicates with a larger gap after which no more are drawn."""
 
@@ -124,11 +123,11 @@ def mixed(
     """The weights w that maximize sum_l log sum_j w_j exp(log_density[l, j]), log_density (N, J).
 
     Kiefer and Wolfowitz (1956) proved that the estimate is consistent. D <= 0 at all points marks
-    the maximum (Lindsay, 1983). It is solved by Newton steps. The quadratic problem of each, with
-    nonnegative weights that sum to one, is a nonnegative least-squares problem on the points that
-    have weight and those of largest D (Wang, 2007). NaN counts as -inf. An experiment with zero
-    likelihood at all points keeps a log-density of -inf and does not influence the weights. Cost:
-    about twenty products with the matrix.
+    the maximum (Lindsay, 1983). The weights are computed by Newton steps. The quadratic problem of
+    each, with nonnegative weights that sum to one, is a nonnegative least-squares problem on the
+    points that have weight and those of largest D (Wang, 2007). NaN counts as -inf. An experiment
+    with zero likelihood at all points keeps a log-density of -inf and does not influence the
+    weights. Cost: about twenty products with the matrix.
 
     >>> found = mixed(np.log([[0.9, 0.1, 0.5], [0.1, 0.9, 0.5]]))
     >>> found.weights.round(6).tolist(), round(found.log_likelihood, 6)
@@ -363,7 +362,7 @@ def npmle(
 def _higher(
     log_density: LogDensity, law: NPMLE, points: Array, starts: int, settings: NPMLESettings
 ) -> tuple[Array, Array]:
-    """Local maxima of the gradient function above its highest points, and its values there."""
+    """Local maxima of the gradient function uphill from its highest points, and their values."""
 
     def function(z: Array) -> Array:
         return gradient(log_density, law.each, z, settings=settings)

@@ -150,7 +150,8 @@ def law_contours(
 
     The curves are images of circles in the plane of two standard normal variates, which are
     correlated like the parameters. The most correlated pairs come first. There are no curves where
-    laws follow covariates or are mixtures, because these are no images of single normal variates.
+    laws follow covariates or are mixtures, because these laws are not simple transformations of
+    normal variates.
     """
     if inputs.regressed or len(inputs.classes) > 1:
         return []

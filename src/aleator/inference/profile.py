@@ -102,7 +102,7 @@ class Bracket:
         return replace(self, outer=(float("nan"), float("nan")), stalled=0)
 
     def with_root(self, value: float, root: float) -> Bracket:
-        """The bracket with the root at one more value; inf where the likelihood is zero."""
+        """The bracket updated with the root at one more value; inf for zero likelihood."""
         if root < self.target:
             found = replace(self, inner=(value, root))
         else:
@@ -166,10 +166,10 @@ class EndSettings:
     climbed: tolerance of a conditional maximum in log-likelihood, as far as the curvature is known.
     left: largest remaining rise, in log-likelihood, of a conditional maximum that is accepted.
     trials: largest number of conditional maxima for an end.
-    no_maximum: largest number of them where the result is not a maximum, so that no end is
-    reported.
-    evaluations: largest number for an end, as many as five others need; beyond it the end is
-    unknown.
+    no_maximum: largest number of conditional maxima where the result is not a maximum, so that no
+    end is reported.
+    evaluations: largest number of evaluations for an end, as many as five usual ends need; where it
+    is reached, the end is unknown.
     again: largest number of searches for a conditional maximum, each from the end of the last one.
     impossible: drop of the log-likelihood from which the likelihood counts as zero.
     steeper: factor on the expected root; if a root is larger, other starting points are tried.

@@ -95,7 +95,7 @@ class RareEventSettings:
     edge: distance from zero and one that uniform numbers keep.
     stream: number of the random stream for the fits, separate from that of the points.
     seeds: difference between the seeds of two searches, whose rounds use consecutive seeds.
-    levels: a level of the event is sought to within one of so many points.
+    levels: an intermediate level is located among the sorted distances to one part in so many.
     round: variance in all directions that is added to a component with a small number of points.
     tail: least probability beyond an end of a content interval, and tolerance of this probability.
     """
@@ -212,7 +212,7 @@ def _effective(weights: Array) -> float:
 def _within(level: float, ratio: Array, misses: Array, shares: Array) -> Array:
     """Weights (J,) of the points that miss the event by no more than a level.
 
-    They are the mean of two weights: those under the mixture of all laws, and those that give each
+    They are the sum of two weights: those under the mixture of all laws, and those that give each
     law the same influence. By the mixture alone, laws under which the event is far less probable
     would have no points, and these laws determine the lower end of an interval of its probability.
     """

@@ -30,9 +30,9 @@ class BatterySettings:
     values: int = 200_000
     """Approximate number of simulated values by which all probabilities are computed."""
     least_points: int = 64
-    """Least number of points of an experiment."""
+    """Least number of parameter points by which an experiment's probabilities are computed."""
     points: int = 256
-    """Largest number of points of an experiment at first."""
+    """Largest number of these parameter points of an experiment, before it is increased."""
     more: int = 4
     """Factor on the number of points where not enough probabilities can be computed."""
     times: int = 3
@@ -433,7 +433,12 @@ class Battery:
     def _along_columns(
         self, residuals: Residuals, level: Array, spread: Array
     ) -> Iterator[tuple[Subject, float]]:
-        """Contrasts of scores (columns constant in experiments), levels (others), scatter (all)."""
+        """Tests of the dependence on columns.
+
+        The scores of experiments are tested against columns that are constant within each
+        experiment, the level of observations against all other columns, and the scatter against all
+        columns.
+        """
         if self.several:
             against = of_size_one(residuals.scores).T @ self._own.T
             for name, values in zip(self.names, against, strict=True):
@@ -478,7 +483,7 @@ class Battery:
 
     @cached_property
     def _whole(self) -> Flags:
-        """Which contrasts are of columns constant within each experiment: those of scores."""
+        """Which contrasts belong to columns that are constant within each experiment."""
         own = [self.several and column.by_experiment for column in self.contrasts.column]
         return np.array(own, dtype=np.bool_)
 

@@ -40,24 +40,25 @@ class SurfaceReviewSettings:
     """
 
     error: float = 0.1
-    """Error from which there is a warning."""
+    """Relative error of a surface above which a warning is given."""
     useless: float = 0.5
-    """Error from which a result is not sound."""
+    """Relative error of a surface above which a result is not sound."""
     wrong: float = 0.03
-    """Error above which the estimated errors count as wrong, if it also exceeds `worse` times them.
+    """Relative error above which an estimate counts as wrong, if the error exceeds `worse` times
+    it.
     """
     worse: float = 4.0
     """Factor on the estimated error; correct surfaces had at most 3.3 times their estimated error,
     and most of them a fifth.
     """
     share: float = 0.03
-    """Share of the experiments with such errors from which a result is not sound."""
+    """Share of experiments with wrongly estimated errors from which a result is not sound."""
     change: float = 0.5
     """Change of the log-likelihood, from surfaces to the simulator, above which a result is
     refused.
     """
     errors: float = 3.0
-    """Standard errors that are added to this limit."""
+    """Number of standard errors of the change by which the limit `change` is raised."""
     ids: int = 5
     """Largest number of experiments that are named with their outcomes."""
 
@@ -282,7 +283,7 @@ class Doubt:
     changes: Array
 
     def but_for(self, rows: Flags) -> Doubt:
-        """The effects, with those of the experiments `rows` (N,) made unknown."""
+        """The effects, set to unknown for the experiments `rows` (N,)."""
         return Doubt(*(np.where(rows, np.nan, each) for each in (self.moves, self.changes)))
 
     @property
@@ -410,12 +411,11 @@ class Cells:
     coarse: float = 0.1
     """Error of the log-likelihood from which there is a warning."""
     margin: float = 2.0
-    """Ratio of the remaining error to the change over the last two halvings: 1.4 on random study
-    25.
+    """Factor on the change over the last two halvings that bounds the remaining error. The largest
+    measured factor was 1.4 (random study 25).
     """
     rounding: float = 1e-8
-    """Least error of a log-density, from rounding in a slope over a cell that was halved eight
-    times.
+    """Least error of a log-density: the rounding error of a slope over a cell halved eight times.
     """
 
 

@@ -41,7 +41,8 @@ class ColumnSettings:
     outcome.
     """
     coarse: float = 0.5
-    """Least ratio of the distinct values of a copy to those of the outcome; rounding keeps so many.
+    """Least ratio of the numbers of distinct values of a copy and of the outcome; rounding lowers
+    it.
     """
     levels: int = 6
     """Largest number of distinct values for which each value of a column is a part by itself."""
@@ -213,7 +214,7 @@ def _keys(column: Column) -> tuple[bytes, ...]:
 
 
 RARE = -math.log(math.factorial(COLUMNS.distinct) / 2)
-"""The logarithm of the probability that seven independent values have an order or its reverse."""
+"""The logarithm of the probability that seven random values are in a given order or its reverse."""
 
 
 def copies_of(
@@ -228,12 +229,12 @@ def copies_of(
     `requested` are the columns that the simulator or a law uses; they are never copies. Another
     column is a copy in each of these cases:
 
-    - It orders the measured values of a response as they are ordered themselves, or in reverse, for all
-      observations or under each condition.
+    - It has the order of a response's measured values, or its reverse, among all observations or
+      under each condition.
     - It is a sum or a product of the outcome and of requested columns.
     - It has the order of the first, last, least, largest or mean value of each experiment's series.
-    - Its classes divide the outcomes at limits, but neither the `normal` scores (M,), which a condition
-      would divide too, nor a requested column.
+    - Its classes divide the outcomes at limits, but neither the `normal` scores (M,), which a
+      condition would divide too, nor a requested column.
     - It only says whether an outcome was measured or is a bound.
 
     A real condition could do this only if nothing else scattered.
@@ -263,7 +264,7 @@ def copies_of(
 
 
 def classes_of(columns: Sequence[Column], seen: Observations) -> set[str]:
-    """Names of columns whose classes divide the outcomes at limits: results, or strong causes."""
+    """Names of columns whose classes divide the outcomes at limits: results or causes."""
     return {
         column.name
         for column in columns
@@ -298,7 +299,7 @@ def _measured(column: Column, seen: Observations) -> Iterator[Flags]:
 
 
 def _together(groups: Sequence[Indices], size: int) -> Indices:
-    """Numbers (M,) of the combinations of several groups that occur."""
+    """The combination of groups to which each observation belongs, as a number (M,)."""
     if not groups:
         return np.zeros(size, dtype=np.intp)
     return np.unique(np.stack(groups, axis=1), axis=0, return_inverse=True)[1].ravel()
