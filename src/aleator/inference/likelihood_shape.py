@@ -176,8 +176,7 @@ class _Ridge:
         held: list[int],
         among: Indices,
     ) -> _Ridge:
-        """The ridge at the maximum; those of the hyperparameters `among` follow that are not fixed.
-        """
+        """The ridge at the maximum, on which the hyperparameters `among` follow the fixed ones."""
         apart = ~np.isin(inference.identified, among) | np.isin(inference.identified, held)
         moving = inference.identified[~apart]
         # The rows are in the order of the fixed hyperparameters.
