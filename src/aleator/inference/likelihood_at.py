@@ -150,7 +150,7 @@ class OutcomesAt:
         return replace(self, alpha=alpha)
 
     def seeing(self, seen: Observations) -> OutcomesAt:
-        """The likelihood of other outcomes: the lower ends of the observations, which are exact."""
+        """The likelihood of other exact outcomes, taken from the observations `seen`."""
         return replace(self, problem=self.problem.with_outcomes(seen.lower))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
@@ -257,7 +257,7 @@ class IndividualsAt:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """The hyperparameters of the laws, then those of the errors."""
+        """The hyperparameters of the laws, followed by those of the measurement errors."""
         return self.integral.hyperparameters
 
     @property

@@ -466,7 +466,7 @@ class Profile:
         return found
 
     def unknown(self, identified: Indices) -> Indices:
-        """Those of the `identified` hyperparameters for which an end is unknown."""
+        """The `identified` hyperparameters whose interval has an unknown end."""
         return identified[np.any(np.isnan(self.drops[identified]), axis=1)]
 
 

@@ -318,7 +318,7 @@ class Relations:
 def apart(
     means: Array, pairs: tuple[tuple[int, int], ...], settings: BatterySettings = BATTERY
 ) -> tuple[tuple[int, int], ...]:
-    """Those of the pairs whose two parameters are determined by the observations.
+    """The pairs of parameters that are both determined by the observations.
 
     There are none without noise (s = 0): an exact outcome does not determine a single parameter.
 
@@ -387,7 +387,7 @@ class Battery:
         parameters: tuple[str, ...] = (),
         pairs: tuple[tuple[int, int], ...] = (),
     ) -> Battery:
-        """The set of tests; `pairs` are those of `parameters` independent under the law."""
+        """The set of tests; the law takes these `pairs` of the `parameters` as independent."""
         first = np.unique(experiment, return_index=True)[1]
         several = len(first) < len(experiment)
         ordered = any(c.name == ORDER for c in columns) or several
