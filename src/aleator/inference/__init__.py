@@ -1,10 +1,10 @@
-"""The statistics of a fitted model: how sure it is, whether it is right, what to measure next.
+"""The statistics of a fitted model: how certain it is, whether it is right, what to measure next.
 
-A `Fit` is the likelihood with its data at one alpha, which makes no runs. Of it are asked standard
-errors (`information.py`), profile intervals, the check on the simulator, consistency with the
-experiments, comparison of models, the posterior, the best possible law (`npmle.py`) and the design
-of further experiments. Functions take a fit or arrays and return numbers; what they say in words
-are `Diagnostic`s, each with a remedy.
+A `Fit` is the likelihood of the data at one alpha (the vector of hyperparameters); it makes no
+simulator runs. Standard errors (`information.py`), profile intervals, the check of surfaces against
+the simulator, consistency with the experiments, the comparison of models, the posterior, the best
+possible law (`npmle.py`) and the design of further experiments are computed from a fit. Functions
+take a fit or arrays and return numbers; statements in words are `Diagnostic`s, each with a remedy.
 
-Three nouns: fit, inference (of alpha), diagnostic.
+Three nouns: fit, inference (the uncertainty of alpha), diagnostic.
 """

@@ -1,4 +1,4 @@
-"""Values of alpha that the experiments leave plausible, and quantiles of points with weights."""
+"""Random draws of alpha that agree with the experiments, and quantiles of weighted values."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from aleator.search.interface import Scored
 
 
 def quantiles(values: Array, weights: Array, probabilities: Array) -> Array:
-    """Quantiles (..., P) of values (..., J) with weights (..., J).
+    """Quantiles (..., P) of values (..., J) with weights (..., J) at P probabilities.
 
-    Each value stands in the middle of its weight; between values by interpolation.
-    NaN where there is none; a value that is NaN does not count.
+    The cumulative weight of a value is counted to the middle of its own weight; quantiles between
+    two values are interpolated linearly. A value that is NaN does not count. The quantile is NaN
+    where no value has a weight.
 
     >>> quantiles(np.array([3.0, 1.0, 2.0]), np.ones(3), np.array([0.5])).tolist()
     [2.0]
@@ -42,33 +43,36 @@ def quantiles(values: Array, weights: Array, probabilities: Array) -> Array:
 
 
 def _between(y: Array, reached: Array, probabilities: Array) -> Array:
-    """Quantiles by interpolation; beside an infinite value the next value itself."""
+    """Interpolated quantiles; where a value is infinite, the next larger value itself."""
     if np.all(np.isfinite(y)):
         return np.interp(probabilities, reached, y)
     return y[np.clip(np.searchsorted(reached, probabilities), 0, len(y) - 1)]
 
 
 END = float(special.ndtri(INTERVALS.ends[1]))
-"""The standard normal variate at which an interval ends."""
+"""The standard normal quantile at the upper end of a 95 % interval: 1.96."""
 
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """How draws of alpha reproduce its intervals; by judgement."""
+    """Settings of the random draws of alpha. The values are chosen by judgement."""
 
     count: int = 256
-    """Draws of alpha."""
+    """Number of draws of alpha."""
     wide: float = 1.3
-    """Width of draws that are weighted afterwards, over that of the law of the estimates."""
+    """Factor by which draws that are weighted afterwards scatter more than the estimates do."""
     steepest: float = 1.5
-    """Bend of a scale beyond which an interval is too skew to be followed: one side 19 times the
-    other.
+    """Largest skewness parameter b of an interval. At this value the upper half of the interval is
+    19 times as long as the lower half; a more skewed interval is not followed further.
     """
     smallest: float = 1e-9
-    """A bend, or an eigenvalue of the correlations, below this is zero; probabilities stay so far
-    from zero and one."""
+    """Numerical zero: a smaller skewness parameter counts as zero, smaller eigenvalues of the
+    correlation matrix are raised to it, and uniform numbers keep this distance from zero and one.
+    """
     tries: int = 8
-    """Draws that are made for one that lies within the limits."""
+    """Number of candidates that are drawn for each draw, because those beyond the limits are left
+    out.
+    """
 
 
 DRAWING = DrawSettings()
@@ -76,11 +80,12 @@ DRAWING = DrawSettings()
 
 @dataclass(frozen=True, eq=False)
 class Estimated:
-    """Estimates, errors, intervals and correlations of alpha (K,), as a result has them.
+    """Estimates, standard errors, intervals and correlations of alpha (K,), as a result has them.
 
-    `error` (K,), `interval` (K, 2) are NaN where there is none; `which` (F,) are the
-    hyperparameters of `correlation` (F, F); `limits` (K, 2); `free` (K,) which are identified,
-    and `scale` (K,) which are scales, such as standard deviations.
+    `error` (K,) and `interval` (K, 2) are NaN where the result has none. `correlation` (F, F) is
+    that of the hyperparameters with the indices `which` (F,). `limits` (K, 2) are the limits of the
+    search. `free` (K,) says which hyperparameters are identified, and `scale` (K,) which are
+    scales, such as standard deviations.
     """
 
     alpha: Array
@@ -95,12 +100,13 @@ class Estimated:
 
 @dataclass(frozen=True, eq=False)
 class AlphaDraws:
-    """Values (A, K) of alpha with weights (A,) that sum to one; `estimate` (K,) is the maximum.
+    """Draws (A, K) of alpha with weights (A,) that sum to one; `estimate` (K,) is the maximum.
 
-    `z` (A, K) are the normal variates that they are made of. `log_density` (A,) is the logarithm of
-    the density of alpha over its prior, up to a constant: what a likelihood is held against.
-    `fixed` (H,) are free hyperparameters of whose uncertainty nothing is known: they keep their
-    estimate. `effective` is the number of draws of equal weight that are worth as much.
+    `z` (A, K) are the normal variates from which the draws are made. `log_density` (A,) is the
+    logarithm of the density of the draws divided by the prior density, up to a constant; the
+    likelihood is divided by it when the draws are weighted. `fixed` (H,) are the free
+    hyperparameters whose uncertainty is unknown: they keep their estimate. `effective` is the
+    number of equally weighted draws that would be as precise.
 
     >>> AlphaDraws.at(np.array([1.0, 0.5])).alpha.tolist()
     [[1.0, 0.5]]
@@ -115,7 +121,7 @@ class AlphaDraws:
 
     @classmethod
     def at(cls, alpha: Array) -> AlphaDraws:
-        """The estimate as the only draw, as if alpha were known."""
+        """The estimate as the only draw: alpha is treated as known exactly."""
         one = np.ones(1)
         return cls(alpha, alpha[None], one, np.zeros((1, alpha.size)), 0.0 * one,
                    np.empty(0, np.intp))  # fmt: skip
@@ -131,7 +137,7 @@ class AlphaDraws:
         return float(1.0 / np.sum(self.weights**2))
 
     def fewer(self, most: int) -> AlphaDraws:
-        """The first `most` of the draws."""
+        """The first `most` draws, with their weights scaled to sum to one."""
         weights = self.weights[:most]
         return replace(
             self, alpha=self.alpha[:most], weights=weights / weights.sum(), z=self.z[:most],
@@ -139,13 +145,14 @@ class AlphaDraws:
         )  # fmt: skip
 
     def reweighted(self, objective: Scored) -> AlphaDraws:
-        """The draws weighted by the likelihood itself in place of its approximation.
+        """The draws, weighted by the likelihood itself instead of its normal approximation.
 
-        Weights L(alpha_a) prior(alpha_a)/q(alpha_a), q the density of the draws, cut at sqrt(A)
-        times their mean (Ionides, 2008). The prior is flat, but 1/alpha for a scale whose interval
-        is within its limits: of a normal sample quantiles then have exact intervals. Near zero a
-        scale has a flat prior, which leaves that zero is as plausible as the data say. Cost: an
-        evaluation for each draw.
+        The weights are L(alpha_a) prior(alpha_a)/q(alpha_a), where q is the density of the draws.
+        Weights are cut at sqrt(A) times their mean (Ionides, 2008). The prior is flat, except for a
+        scale whose interval lies within its limits: its prior is 1/alpha, with which the intervals
+        of quantiles of a normal sample are exact. A scale near zero has a flat prior, so that the
+        data alone decide how plausible zero is. Cost: one evaluation of the likelihood for each
+        draw.
         """
         value = np.array([objective(alpha).total for alpha in self.alpha])
         log_weight = np.where(np.isfinite(value), value - self.log_density, -np.inf)
@@ -161,20 +168,20 @@ def alpha_draws(
     wide: float = 1.0,
     settings: DrawSettings = DRAWING,
 ) -> AlphaDraws:
-    """Draws of alpha by its intervals and correlations, within the limits.
+    """Random draws of alpha that reproduce its intervals and correlations, within the limits.
 
-    alpha_k = h_k(z_k) with correlated standard normal z: a Gaussian copula. h_k is the scale on
-    which the profile of the likelihood is taken to be a parabola:
+    alpha_k = h_k(z_k), where the z are correlated standard normal variates: a Gaussian copula. The
+    function h_k is chosen such that the profile log-likelihood is a parabola in z_k:
 
-        h(z) = alpha + s (exp(b z) - 1)/b,   h(-1.96), h(1.96) the ends of the interval,
+        h(z) = alpha + s (exp(b z) - 1)/b,   h(-1.96) and h(1.96) are the ends of the interval.
 
-    the line alpha + z error for a symmetric one. Where an end lies on a limit, the slope s is the
-    standard error. A hyperparameter on its limit has h(z) = limit + |z| (other end - limit)/1.96,
-    independent of the others. Without interval the line is taken; without standard error, too, the
-    estimate is held. What leaves the limits is left out: truncation. Draws come in pairs z, -z
-    (antithetic), of scrambled Sobol' points of the `seed`. With fewer than the half within the
-    limits there may be fewer than `count`. With `wide` variates are so many times as far out, for
-    draws that are weighted afterwards.
+    For a symmetric interval h is the line alpha + z error. Where one end lies on a limit, the slope
+    s is the standard error. A hyperparameter on its limit has h(z) = limit + |z| (other end -
+    limit)/1.96 and is independent of the others. Without an interval h is the line; without a
+    standard error either, the hyperparameter keeps its estimate. Draws beyond the limits are left
+    out. Draws come in pairs z, -z (antithetic) of scrambled Sobol' points with this `seed`. There
+    may be fewer than `count` draws where most candidates lie beyond the limits. `wide` multiplies
+    z, for draws that are weighted afterwards.
     """
     scales = [_Profiled.of(known, k) for k in range(known.alpha.size)]
     moving = np.array([k for k, scale in enumerate(scales) if scale is not None], dtype=np.intp)
@@ -203,9 +210,10 @@ def alpha_draws(
 
 @dataclass(frozen=True)
 class _Profiled:
-    """alpha of a standard normal variate: `estimate` + `slope` (exp(`bend` z) - 1)/`bend`.
+    """A hyperparameter as a function of a normal variate: estimate + slope (exp(bend z) - 1)/bend.
 
-    `folded` takes |z|; `whole` says that both ends of the interval are within the limits.
+    `folded` says that |z| takes the place of z, for an estimate on a limit; `whole` says that both
+    ends of the interval lie within the limits.
     """
 
     estimate: float
@@ -216,7 +224,7 @@ class _Profiled:
 
     @classmethod
     def of(cls, known: Estimated, k: int) -> _Profiled | None:
-        """The scale of hyperparameter k; None if nothing is known of its uncertainty."""
+        """The function of hyperparameter k; None where its uncertainty is unknown."""
         at, error, (low, high) = known.alpha[k], known.error[k], known.limits[k]
         if not known.free[k]:
             return None
@@ -238,7 +246,7 @@ class _Profiled:
         return cls(at, error, 0.0)
 
     def __call__(self, z: Array) -> Array:
-        """Values at variates z."""
+        """The values of the hyperparameter at normal variates z."""
         return np.asarray(
             self.estimate + self.slope * _bent(np.abs(z) if self.folded else z, self.bend)
         )
@@ -249,7 +257,7 @@ def _bent(z: Array | float, bend: float) -> Array:
 
 
 def _bend(reach: float, settings: DrawSettings = DRAWING) -> float:
-    """The bend with which 1.96 normal variates reach `reach` standard errors up."""
+    """The skewness parameter with which z = 1.96 lies `reach` standard errors above alpha."""
     ends = [float(_bent(END, b)) - reach for b in (-settings.steepest, settings.steepest)]
     if ends[0] >= 0.0 or ends[1] <= 0.0:
         return -settings.steepest if ends[0] >= 0.0 else settings.steepest
@@ -261,7 +269,7 @@ def _bend(reach: float, settings: DrawSettings = DRAWING) -> float:
 
 
 def _correlation(known: Estimated, moving: Indices) -> Array:
-    """The correlations (G, G) of the moving variates; none of one that is on its limit."""
+    """Correlations (G, G) of the varying hyperparameters; one on its limit is uncorrelated."""
     place = {int(k): row for row, k in enumerate(known.which)}
     found = np.eye(moving.size)
     for i, k in enumerate(moving.tolist()):
@@ -276,7 +284,7 @@ def _correlation(known: Estimated, moving: Indices) -> Array:
 
 
 def _paired(count: int, dimensions: int, seed: int) -> Array:
-    """Standard normal points (count, dimensions), each followed by its opposite."""
+    """Standard normal quasi-random points (count, dimensions), each followed by its negative."""
     half = qmc.Sobol(dimensions, rng=seed).random_base2(int(np.ceil(np.log2(count / 2))))
     z = special.ndtri(np.clip(half, DRAWING.smallest, 1.0 - DRAWING.smallest))
     return np.stack([z, -z], axis=1).reshape(-1, dimensions)[:count]
@@ -288,9 +296,10 @@ def estimated(
     correlation: Sequence[Sequence[float]],
     hyperparameters: Sequence[Hyperparameter],
 ) -> Estimated:
-    """Estimates, errors, intervals and the `correlation` (F, F) of those with these `names`.
+    """The `Estimated` values of a stored result; `correlation` (F, F) is that of the F `names`.
 
-    Raises InputsError where alpha lacks a hyperparameter or has an unknown one, or the names have.
+    Raises InputsError where alpha lacks a hyperparameter, or where alpha or `names` contain an
+    unknown one.
     """
     at = in_order(alpha, hyperparameters)
     place = {h.name: k for k, h in enumerate(hyperparameters)}

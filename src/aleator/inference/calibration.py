@@ -1,7 +1,8 @@
-"""Whether the identified law and noise tell the truth: the probabilities of the observations.
+"""Whether the identified law and the noise are right: the probabilities of the observations.
 
-The probability of a smaller observation than the measured one, given the earlier ones of its
-experiment; and whether such probabilities look uniform, by their histogram and cumulative share.
+For each observation, the probability of a smaller value than the measured one is computed, given
+the earlier observations of the same experiment. Under the right law these probabilities are
+uniform; a histogram and an empirical distribution function show whether they are.
 """
 
 from __future__ import annotations
@@ -22,24 +23,25 @@ from aleator.observations.responses import Observations
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """How probabilities of observations are computed and counted.
+    """Settings of the probabilities of observations, and of their histogram.
 
-    Each experiment has `points` of its parameters, fewer where all would take more than `values`
-    simulated ones; a probability with fewer than `effective` of them, or than the share `least`
-    where points are few, is not reported. Points lie about `stages` individual laws, from that of
-    no observation to that of nearly all; `pytest tests/inference/test_fit.py` measures what they
-    miss of the normal law. A bin of a histogram should have `each` values, of `bins` at least and
-    at most.
+    Each experiment has `points` values of its parameters, or fewer where all experiments together
+    would need more than `values` simulated values. A probability is not reported where its
+    effective number of points is below `effective`, or below the share `least` of the points where
+    these are few. Half of the points are drawn from the law, half from normal approximations of the
+    parameters' law given the first, more, and finally all observations (`stages` approximations);
+    `pytest tests/inference/test_fit.py` measures the error. A bin of the histogram should hold
+    `each` values; `bins` are the least and the largest number of bins.
     """
 
     points: int = 1024
     values: int = 20_000_000
     effective: float = 20.0
     impossible: float = -1e5
-    """Log-density that stands for an impossible observation."""
+    """The log-density that is used for an impossible observation."""
     stages: int = 4
     seed: int = 20
-    """Seed of the points and of the values that are drawn between bounds."""
+    """Seed of the random values that censored observations get between their bounds."""
     bins: tuple[int, int] = (2, 20)
     each: int = 10
     least: float = 0.0625
@@ -55,14 +57,15 @@ def sequential_pit(
     points: int | None = None,
     settings: CalibrationSettings = CALIBRATION,
 ) -> Array:
-    """P(y_k below what was measured | y_1, ..., y_(k-1), alpha) of the M observations, (M,).
+    """P(y_k below the measured value | y_1, ..., y_(k-1), alpha) of each of M observations, (M,).
 
-    Rosenblatt's transform (1952): under the right law the probabilities of all observations are
-    independent and uniform, however strongly those of an experiment depend on each other. A
-    censored value gets a random one between those of its bounds. By importance points of the
-    experiments' parameters, half of the law itself and half of the individual law; NaN where
-    hardly any is near. `points` are those of an experiment, or
-    those of the settings; fewer where observations are many.
+    This is Rosenblatt's transform (1952): under the right law the probabilities of all observations
+    are independent and uniform, however strongly the observations of one experiment depend on each
+    other. A censored observation gets a random probability between those of its bounds. Computed by
+    importance sampling of each experiment's parameters: half of the points are drawn from the law,
+    half from its normal approximation given the observations. The result is NaN where hardly any
+    point agrees with the earlier observations. `points` is the number of points of each experiment
+    (None: that of the settings); it is reduced where there are many observations.
     """
     rng = np.random.default_rng(settings.seed)
     share = rng.random(len(seen))
@@ -112,10 +115,12 @@ def _of_block(
 def _stages(
     likelihood: IndividualLikelihood, alpha: Array, block: Block, stages: int
 ) -> tuple[Array, Array]:
-    """Centers (B, C, M, s) and information of individual laws as observations come in.
+    """Centers (B, C, M, s) and information of normal approximations of the parameters' law.
 
-    Of the laws after none, one, two, ... observations some are chosen, whose information grows
-    evenly in the logarithm of its determinant. About each mode the center is a Newton step away.
+    There are B experiments, C classes of a mixture law, M approximations and s variates. Each
+    approximation uses the observations up to some point. These points are chosen such that the
+    logarithm of the determinant of the information grows in equal steps. Each center is one Newton
+    step away from the mode that belongs to all observations.
     """
     modes = likelihood.nodes.modes[block.experiments]
     experiments, classes, centers, s = modes.shape
@@ -140,7 +145,7 @@ def _stages(
 
 
 def _before(terms: Array, block: Block) -> Array:
-    """Sums (m, ...) of the terms of the earlier observations of the same experiment."""
+    """For each observation (m, ...) the sum of the terms of the earlier ones of its experiment."""
     running = np.cumsum(terms, axis=0) - terms
     return np.asarray(running - running[block.starts[block.owner]])
 
@@ -148,7 +153,7 @@ def _before(terms: Array, block: Block) -> Array:
 def _cdf(
     likelihood: IndividualLikelihood, of_errors: Array, y: Array, eta: Array, rows: slice
 ) -> Array:
-    """P(value <= y) (m, J) at eta (m, J); y may be infinite. Zero where eta is NaN."""
+    """P(value <= y) (m, J) at simulated values eta (m, J); y may be infinite. Zero for eta NaN."""
     inside = np.where(np.isfinite(y), y, 0.0)
     found = likelihood.errors.cdf(of_errors, inside[:, None], eta, rows)
     found = np.where(np.isfinite(y)[:, None], found, (y > 0.0)[:, None])
@@ -157,7 +162,11 @@ def _cdf(
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """Counts (B,) between `edges` (B + 1,); 95 % of uniform counts lie in [`low`, `high`]."""
+    """A histogram: `counts` (B,) between `edges` (B + 1,).
+
+    The number of uniform values in one bin lies in [`low`, `high`] with a probability of 95 %;
+    `expected` is its mean.
+    """
 
     edges: Array
     counts: Array
@@ -168,7 +177,7 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Cumulated:
-    """The empirical minus the uniform distribution as a line, with a 95 % band of it."""
+    """The empirical minus the uniform distribution function as a polygon, with its 95 % band."""
 
     x: Array
     difference: Array
@@ -178,7 +187,7 @@ class Cumulated:
 
 
 def counted(pit: Array, settings: CalibrationSettings = CALIBRATION) -> Histogram:
-    """The histogram of probabilities (N,), with the binomial 95 % range of a bin.
+    """The histogram of probabilities (N,), with the 95 % range of a bin's count (binomial law).
 
     >>> found = counted(np.array([0.1, 0.2, 0.7]))
     >>> found.counts.tolist(), found.expected
@@ -191,9 +200,9 @@ def counted(pit: Array, settings: CalibrationSettings = CALIBRATION) -> Histogra
 
 
 def cumulated(pit: Array) -> Cumulated:
-    """The empirical distribution of probabilities (N,) minus the uniform one.
+    """The empirical distribution function of probabilities (N,) minus that of the uniform law.
 
-    The band holds the whole curve in 95 % of all uniform samples (Kolmogorov).
+    The band contains the whole curve in 95 % of all uniform samples (Kolmogorov).
 
     >>> cumulated(np.array([0.25])).difference.tolist()
     [0.0, -0.25, 0.75, 0.0]
@@ -201,7 +210,8 @@ def cumulated(pit: Array) -> Cumulated:
     reach = float(kstwo.ppf(INTERVALS.level, pit.size))
     x = np.sort([0.0, reach, 1.0 - reach, 1.0])
     share = np.arange(pit.size + 1) / pit.size
-    # from each jump of the share straight down to the next: two points for each probability
+    # The difference falls steadily between two jumps: each probability gives two points of the
+    # line.
     ends = np.concatenate([[0.0], np.repeat(np.sort(pit), 2), [1.0]])
     difference = np.repeat(share, 2) - ends
     return Cumulated(ends, difference, x, np.maximum(-reach, -x), np.minimum(reach, 1.0 - x))

@@ -1,8 +1,9 @@
-"""An answer on surfaces, checked by a few fresh runs where each experiment's own law lies.
+"""The check of a result computed on response surfaces, by a small number of new simulator runs.
 
-One check for all studies: with noise the integral over each experiment's own parameters is taken
-again with the simulator's values at the same nodes. Without noise it is taken as if each outcome
-had a small normal error, on surfaces and on the simulator alike, so that both err by the same.
+The runs are made where the parameters of each experiment most probably lie. With measurement noise
+the integral over the parameters of each experiment is computed again, with the simulator's values
+at the same nodes. Without noise each outcome is treated as if it had a small normal error, on the
+surfaces and on the simulator alike, so that this error cancels in the comparison.
 """
 
 from __future__ import annotations
@@ -35,12 +36,13 @@ from aleator.surrogates import AdaptiveSurfaces
 
 @dataclass(frozen=True)
 class ExactOutcomeSettings:
-    """How outcomes without noise, and laws that hardly scatter, are checked; by judgement.
+    """Settings of the check of exact outcomes and narrow laws. The values are chosen by judgement.
 
     smallest: the error of an outcome that does not scatter, and the least sum of weights.
-    step: share of the scatter; the log-density is differentiated by the outcome over this, or over
-    the error of the line where it is larger.
-    nodes: points of a Gauss-Hermite rule, of no, one and of each of two parameters.
+    step: share of the outcome's scatter. The log-density is differentiated numerically over this
+    step, or over the error of the fitted line (see `Checked`) where that is larger.
+    nodes: points per parameter of the Gauss-Hermite rule, for no, one and two scattering
+    parameters.
     """
 
     smallest: float = 1e-150
@@ -53,14 +55,15 @@ EXACT_OUTCOMES = ExactOutcomeSettings()
 
 @dataclass(frozen=True)
 class Check:
-    """The check of an answer that rests on surfaces: `samples` runs of each unit (0: no check).
+    """Settings of the check of surfaces: `samples` is the number of runs per unit (0: no check).
 
-    A unit is what one run serves: a row, or an experiment with a series. None is `most` runs,
-    or `fewest` where surfaces expect hardly an error: less than `exact` of the noise, or of the
-    scatter without noise. `nodes` is how many points an experiment has for them to be chosen
-    from, of more than two parameters, and an exact outcome has an error of `smooth` times its
-    scatter. Measured by `pytest tests/inference/test_check.py tests/tasks/test_folds.py`.
-    Raises InputsError for a negative number, and for a single run.
+    A unit is what one simulator run serves: a row of the table, or an experiment with a series.
+    With `samples` None there are `most` runs, or `fewest` where the estimated errors of all
+    surfaces are below `exact` times the noise (without noise: times the scatter of the outcome).
+    With more than two parameters the runs are chosen from `nodes` points of each experiment. An
+    exact outcome gets an auxiliary error of `smooth` times its scatter. Measured by `pytest
+    tests/inference/test_check.py tests/tasks/test_folds.py`. Raises InputsError for a negative
+    number of samples, and for a single one.
 
     >>> Check().active, Check(samples=0).active
     (True, False)
@@ -74,7 +77,7 @@ class Check:
     smooth: float = 0.25
 
     def __post_init__(self) -> None:
-        """Check at once, so that the mistake is reported where it was made."""
+        """Check the number of samples at once, so that a mistake is reported where it was made."""
         if self.samples is not None and (self.samples < 0 or self.samples == 1):
             raise InputsError(
                 f"verification: samples {self.samples}", f"use 0 (off) or at least {self.fewest}"
@@ -86,7 +89,7 @@ class Check:
         return self.samples != 0
 
     def runs(self, surfaces: AdaptiveSurfaces) -> int:
-        """Runs of each unit, fewer where the surfaces' estimated errors are tiny."""
+        """The number of runs of each unit; smaller where surfaces have tiny estimated errors."""
         if self.samples is not None:
             return self.samples
         return self.fewest if surfaces.relative.max() < self.exact else self.most
@@ -94,12 +97,13 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """Changes (N,) of the log-likelihoods by the simulator, with their errors (N,).
+    """Changes (N,) of the log-likelihoods, with errors, when the simulator replaces surfaces.
 
-    Of each observation (M,) `largest` is the largest difference of surface and simulator at the
-    points of the check, `typical` its root mean square, and `scatter` the standard deviation of the
-    surface under the law. `line` (M, 2) has the difference at what was measured, and how it changes
-    with the value of the surface, and `line_error` (M, 2) the errors of both.
+    For each of M observations, `largest` (M,) is the largest difference between simulator and
+    surface at the points of the check, `typical` (M,) the root mean square of these differences,
+    and `scatter` (M,) the standard deviation of the surface's values under the law. A straight line
+    is fitted to the difference as a function of the surface's value: `line` (M, 2) has the
+    difference at the measured outcome and the slope, and `line_error` (M, 2) the errors of both.
     """
 
     change: Array
@@ -112,17 +116,17 @@ class Checked:
 
     @property
     def total(self) -> float:
-        """The change of the whole log-likelihood by the simulator."""
+        """The change of the whole log-likelihood when the simulator replaces the surfaces."""
         return float(self.change.sum())
 
     @property
     def standard_error(self) -> float:
-        """The standard error of the total."""
+        """The standard error of the total change."""
         return float(np.sqrt(np.sum(self.error**2)))
 
     @property
     def relative(self) -> Array:
-        """The typical difference over the scatter, (M,)."""
+        """The root mean square difference over the scatter, for each observation (M,)."""
         return np.asarray(self.typical / np.where(self.scatter > 0.0, self.scatter, np.inf))
 
 
@@ -134,14 +138,15 @@ def checked(
     settings: Check | None = None,
     measured: Array | None = None,
 ) -> Checked:
-    """Compare surfaces and simulator where each experiment's individual law lies.
+    """Compare surfaces and simulator at the most probable parameters of each experiment.
 
-    log L_simulator - log L_surface = log sum_j w_j exp(l_simulator(x_j)) - the same on surfaces,
-    with l(x) = sum_k log p(y_k | eta_k(x)), at the same few nodes: what these nodes miss is missed
-    by both. Of more than `most` nodes the likeliest are taken. A node whose run failed is left out,
-    as surfaces do, unless all of an experiment are. The error is as if the ratios at the nodes were
-    a stratified sample: it is rough. Of outcomes that are `measured` (M,) exactly the line is told
-    too. Cost: `most` runs a unit, which are remembered and stored.
+    The change of the log-likelihood is log sum_j w_j exp(l_simulator(x_j)) minus log sum_j w_j
+    exp(l_surface(x_j)), with l(x) = sum_k log p(y_k | eta_k(x)). Both sums use the same nodes x_j,
+    so that the error of a small number of nodes cancels. Of more than `most` nodes those of largest
+    weight are taken. A node at which a run failed is left out, unless all nodes of the experiment
+    failed. The reported error treats the nodes as a stratified sample; it is rough. `measured` (M,)
+    are exact outcomes, for which the line of `Checked` is fitted too. Cost: `most` runs of each
+    unit, which are stored.
     """
     inputs, settings = likelihood.inputs, settings or Check()
     few, variates = likelihood, inputs.scattering
@@ -188,8 +193,9 @@ def checked(
 def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked:
     """The check with changes of the exact log-densities, without the auxiliary error.
 
-    Where the simulator is off by e0 + e1 (eta - y) near an outcome y, its density there is
-    f(y - e0/(1 + e1))/(1 + e1). Where the surfaces have none there, the change stays as it was.
+    Where the simulator differs from the surface by e0 + e1 (eta - y) near an outcome y, its density
+    at y is f(y - e0/(1 + e1))/(1 + e1), with f the density by the surface. Where the surface gives
+    no density there, the change with the auxiliary error is kept.
     """
     here, (e0, e1) = levels.evaluate(alpha).each, found.line.T
     s0, s1 = found.line_error.T
@@ -208,7 +214,7 @@ def unsmoothed(found: Checked, levels: LevelLikelihood, alpha: Array) -> Checked
 
 
 def _line(off: Array, away: Array, weights: Array) -> tuple[Array, Array]:
-    """Weighted least-squares lines (m, 2) of `away` (m, P) by `off` (m, P), with their errors."""
+    """Weighted least-squares lines (m, 2) of `away` (m, P) against `off` (m, P), with errors."""
     weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), EXACT_OUTCOMES.smallest)
     middle, mean = (np.sum(weights * of, axis=1, keepdims=True) for of in (off, away))
     wide = np.sum(weights * (off - middle) ** 2, axis=1)
@@ -225,9 +231,9 @@ def _line(off: Array, away: Array, weights: Array) -> tuple[Array, Array]:
 def smoothed(
     inputs: Inputs, alpha: Array, predictor: Predictor, layout: Layout, y: Array, share: float
 ) -> IndividualLikelihood:
-    """The likelihood of exact outcomes y (N,) with an auxiliary normal error.
+    """The likelihood of exact outcomes y (N,), each with an auxiliary normal error.
 
-    The scatter is that of the `predictor` under the law alpha (K,).
+    The error is the `share` of the scatter of the `predictor` under the law alpha (K,).
     """
 
     def with_errors(sd: Array) -> IndividualLikelihood:
@@ -250,26 +256,26 @@ def scatter_of(likelihood: IndividualLikelihood, alpha: Array, points: int = 128
 
 
 def _lost(block: Block, eta: Array) -> Flags:
-    """Nodes (B, J) at which a run failed, of experiments that have other nodes."""
+    """Flags (B, J) of nodes where a run failed, unless all nodes of the experiment failed."""
     failed = block.summed(np.isnan(eta).astype(float)) > 0.0
     return np.asarray(failed & ~np.all(failed, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Remembered(Evaluator):
-    """A runner whose runs are remembered and stored."""
+    """A simulator as an evaluator whose runs are remembered and stored."""
 
     runner: Runner
 
     def straight(self, unit: Indices, x: Array) -> Array:
-        """Values (R, W), NaN where a run failed."""
+        """Simulated values (R, W) at parameters x; NaN where a run failed."""
         return self.runner.values(unit, x)
 
 
 def _likeliest(
     likelihood: IndividualLikelihood, alpha: Array, block: Block, most: int
 ) -> tuple[Array, Array]:
-    """The nodes of largest weight as parameters x (B, P, n), and log weights (B, P)."""
+    """The `most` nodes of largest weight as parameters x (B, P, n), with log weights (B, P)."""
     part = block.experiments
     found = likelihood.inputs.individual(
         alpha[: likelihood.inputs.size], likelihood.nodes.xi[part], part

@@ -1,8 +1,8 @@
-"""The second verdict: whether a fitted model is consistent with its experiments.
+"""The test of consistency: whether a fitted model agrees with its experiments.
 
-Replicates of the experiments are drawn from the fit, and fitted by one step. Statistics of the
-residuals (`residual_statistics.py`) that are improbable among those of the replicates contradict
-the model, and each becomes a sentence with a remedy.
+Replicates, which are data sets drawn from the fitted model, are fitted again by one Newton step.
+Statistics of the residuals (`residual_statistics.py`) that are improbable among those of the
+replicates contradict the model; each becomes a sentence with a remedy.
 """
 
 from __future__ import annotations
@@ -46,17 +46,20 @@ from aleator.results.values import REPORTED, Consistency, Discrepancy, Outlier, 
 
 @dataclass(frozen=True)
 class ConsistencySettings:
-    """When the model is tested and by how many replicates; by judgement.
+    """Settings of the consistency test. The values are chosen by judgement.
 
-    observations: observations; with fewer nothing is tested.
-    stages: numbers of replicates, each with two probabilities: so many are enough where p is then
-    below the first or above the second. values: simulated values of all replicates, at most, but
-    for `least` replicates. large: observations; with more there are no more than
-    `large_replicates` replicates.
-    unknown: share of probabilities that may be missing before more points are taken: the missing
-    are no random ones (crack growth had a mean square of 0.59 with 13 % missing, exact 1.00).
-    lost: share of probabilities or replicates that may be missing.
-    discrepancies: those that are reported. stream: the stream of random numbers for replicates.
+    observations: least number of observations; with fewer nothing is tested.
+    stages: numbers of replicates, each with two probabilities. So many replicates are enough where
+    p is then below the first probability or above the second.
+    values: largest number of simulated values of all replicates together; it may be exceeded for
+    the first `least` replicates.
+    large: number of observations above which there are at most `large_replicates` replicates.
+    unknown: share of the observations' probabilities that may be missing before more points are
+    taken, because missing probabilities are not a random part (crack growth: mean square of the
+    residuals 0.59 with 13 % missing, 1.00 when computed exactly).
+    lost: share of probabilities, or of replicates, that may be missing before the test is given up.
+    discrepancies: largest number of discrepancies that are reported.
+    stream: number of the random stream for replicates.
     """
 
     observations: int = 5
@@ -84,13 +87,14 @@ def consistency_of(
     requested: Collection[str] = (),
     settings: ConsistencySettings = CONSISTENCY,
 ) -> Consistency:
-    """Whether the experiments look as data drawn from the fitted model do.
+    """Test whether the experiments look like data drawn from the fitted model.
 
-    Replicates of the experiments are drawn from it, alpha is fitted to each by one step, and the
-    same statistics are computed. There are more of them where p is near the decision (Besag and
-    Clifford, 1991). `requested` are the columns that the simulator or a law takes: what orders the
-    experiments as they came out is no condition else. Cost: some hundredths of a second a
-    replicate, 40 to 200 of them; no run.
+    Replicates of the experiments are drawn from the model, alpha is fitted to each by one Newton
+    step, and the same statistics are computed as for the experiments. More replicates are drawn
+    where p is near the limit of the decision (Besag and Clifford, 1991). `sound` False means that
+    the fit cannot be tested. `requested` are the columns that the simulator or a law uses: they are
+    never taken for copies of the outcome. Cost: some hundredths of a second for each of 40 to 200
+    replicates; no simulator runs.
     """
     if not sound:
         return Consistency.untested("the answer was not computed soundly")
@@ -106,7 +110,7 @@ def consistency_of(
     copies = copies_of(columns, table, requested, observed.normal)
     columns = tuple(column for column in columns if column not in copies)
     names, pairs = _scattering(fit)
-    # experiments of which nothing was observed have no say
+    # Experiments without observations are left out.
     experiment = np.unique(table.observations.experiment, return_inverse=True)[1]
     battery = Battery.of(
         without_order(columns, experiment, _rising(table, observed.normal), observed.means),
@@ -128,7 +132,8 @@ def consistency_of(
         (t for t in found.tests if t.corrected < REPORTED.level), key=lambda t: t.corrected
     )
     within = {column.name for column in columns if not column.by_experiment} - {RESPONSE, ORDER}
-    # of many values, or classes of the outcome, which neither the simulator nor a law takes
+    # Columns may be results if they have many values, or sort the outcomes into classes, and
+    # neither the simulator nor a law uses them.
     measured = {column.name for column in columns if column.count > COLUMNS.levels}
     measured = (measured | classes_of(columns, table.observations)) - {ORDER, *requested}
     return Consistency(
@@ -149,10 +154,10 @@ def consistency_of(
 
 
 def _rising(table: Experiments, normal: Array) -> Array:
-    """The values (M,) along which a sorted table rises or falls.
+    """The values (M,) along which a table is tested for having been sorted.
 
-    The normal scores of a bound are drawn at random. With one value an experiment the bounds and
-    values of the table are therefore taken themselves.
+    These are the normal scores. With one observation for each experiment they are the observed
+    values themselves, since the normal score of a censored observation is partly random.
     """
     seen = table.observations
     if len(seen) > len(table.ids):
@@ -161,7 +166,7 @@ def _rising(table: Experiments, normal: Array) -> Array:
 
 
 def _scattering(fit: Fit) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]:
-    """The scattering parameters, and the pairs of them that the law takes as independent."""
+    """The names of the scattering parameters, and the pairs that the law takes as independent."""
     inputs = fit.inputs
     names, tied = inputs.names, inputs.correlation
     known = {frozenset((tied.members[i], tied.members[j])) for i, j in tied.pairs}
@@ -198,12 +203,12 @@ def _enough(
 def _causes(
     tests: list[Statistic], within: Collection[str], settings: ConsistencySettings
 ) -> list[Statistic]:
-    """Of the tests that contradict the model those that explain the others.
+    """The tests that contradict the model, without those that follow from another one.
 
-    The strongest one, and one of each column that differs between experiments. Left out is what
-    follows from another finding: scatter within experiments from a wrong scale, unequal scatter
-    from groups that differ, far values from tails and skewness, the columns together from one
-    column, and the shape of all residuals from a column.
+    The strongest test is kept, and one of each column that differs between experiments. Left out
+    are: scatter within experiments, if the overall scale is wrong; unequal scatter, if groups have
+    different means; far values, if the tails or the skewness are wrong; all columns together, if
+    one column is enough; and the shape of all residuals, if a column explains it.
     """
     found = {(test.kind, test.column) for test in tests}
     inside = {SAME, *within}
@@ -224,24 +229,24 @@ def _causes(
 
 @dataclass(frozen=True)
 class AssessmentSettings:
-    """How small probabilities follow from few replicates; held against the tests of statistics."""
+    """Settings of p values from a small number of replicates, checked by the unit tests."""
 
     flattest: float = 1e-12
-    """A statistic whose replicates scatter less than this, over its size, tells nothing."""
+    """Relative scatter of a statistic's replicates below which the statistic is not used."""
     straight: float = 1e-3
-    """A skewness below this is none."""
+    """Absolute skewness below which a statistic is treated as symmetric."""
     shrunk: float = 20.0
-    """The skewness of B replicates is taken B/(B + this) times."""
+    """Shrinkage s of skewness: the skewness of B replicates is multiplied by B/(B + s)."""
     large: int = 200
-    """Experiments from which one step to the maximum of a replicate does."""
+    """Number of experiments from which one Newton step is enough to fit a replicate."""
     farthest: float = 1.01
-    """A replicate is at most sqrt(B - this) standard deviations away: sqrt(B - 1) is the most that
-    one of B values can be.
+    """Limit c of standardized replicates: a replicate is at most sqrt(B - c) standard deviations
+    from the mean. The largest possible distance of one of B values is sqrt(B - 1).
     """
     certain: float = 1e-15
-    """Probabilities stay so far from one."""
+    """Distance from one that all probabilities keep."""
     named: int = 5
-    """Outliers that are named."""
+    """Largest number of outliers that are named."""
 
 
 ASSESSMENT = AssessmentSettings()
@@ -255,12 +260,13 @@ def probabilities(
     least: Array,
     settings: AssessmentSettings = ASSESSMENT,
 ) -> tuple[Array, Array, Array]:
-    """p (T,) and z (T,) of observed statistics, and p (B, T) of each replicate.
+    """p values of the observed statistics (T,) and of the replicates (B, T), and z values (T,).
 
-    By the normal law, and where `skewed` by Pearson's third with the skewness of the replicates
-    (Wilson and Hilferty, 1931); Student's t with B - 1 degrees of freedom is for their mean and
-    scatter, which are estimated. So a few dozen replicates tell small probabilities. They are taken
-    to scatter by `least` (T,) more; the probability is one where they do not scatter at all.
+    The normal law is used, or, where `skewed`, the Pearson type III law with the skewness of the
+    replicates (by Wilson and Hilferty, 1931). Student's t with B - 1 degrees of freedom accounts
+    for the estimated mean and scatter, so that some dozens of replicates are enough for small p
+    values. The variance of the replicates is increased by `least`^2 (T,). p is one where they do
+    not scatter. z is the observed statistic as a standard normal value.
     """
     count = len(replicates)
     mean = replicates.mean(axis=0)
@@ -279,10 +285,10 @@ def probabilities(
 
 
 def effective(smallest: Array) -> float:
-    """The number m of independent tests with such smallest p (B,): 1 - (1 - p)^m.
+    """The effective number m of tests: the smallest p of B replicates has the law 1 - (1 - p)^m.
 
-    The maximum of the likelihood from the lower half of the replicates, the others counted as
-    larger: the tail is what matters.
+    m maximizes the likelihood of the replicates below the median; those above only count as larger,
+    because only small p values matter.
     """
     limit = float(np.median(smallest))
     low = smallest[smallest < limit]
@@ -291,15 +297,15 @@ def effective(smallest: Array) -> float:
 
 
 def corrected(p: Array, tests: float) -> Array:
-    """The probability that the smallest p of so many tests is as small."""
+    """The probability that the smallest p of this number of independent tests is at most `p`."""
     return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(p, 1.0 - ASSESSMENT.certain))))
 
 
 def _normal(z: Array, skewness: Array, settings: AssessmentSettings) -> Array:
-    """Standardized values of a skewed law as normal ones.
+    """Standardized values of a skewed law, transformed to normal ones.
 
-    Only on the side of the long tail: where the short tail ends depends on a skewness that few
-    replicates hardly determine.
+    Only values on the side of the long tail are transformed. The end of the short tail depends on
+    the skewness, which a small number of replicates hardly determines.
     """
     straight = (np.abs(skewness) < settings.straight) | (z * skewness < 0.0)
     g = np.where(straight, 1.0, skewness)
@@ -314,7 +320,7 @@ def _tail(z: Array, freedom: float, one_sided: Flags) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """Tests with probabilities, the probability of all `together`, and the replicates."""
+    """The tests, the p value of all tests `together`, and the number of replicates."""
 
     tests: tuple[Statistic, ...]
     together: float
@@ -327,10 +333,11 @@ def assessed(
     replicates: Array,
     settings: AssessmentSettings = ASSESSMENT,
 ) -> Assessment:
-    """Probabilities of the observed statistics (T,) among B replicates (B, T).
+    """p values of observed statistics (T,) among B replicates (B, T), corrected for their number.
 
-    First within each group of tests, the smallest p over its weight, then of the groups: each has
-    its share of the false alarms, however many columns and hyperparameters there are.
+    Each p is divided by the weight of its test. The smallest of each group of tests is corrected
+    for the group, then for the number of groups. Each group keeps its share of false alarms,
+    however many columns and hyperparameters there are.
     """
     skewed = np.array([s.skewed for s in subjects])
     one_sided = np.array([s.one_sided for s in subjects])
@@ -357,10 +364,11 @@ def replicated(
     rng: np.random.Generator,
     settings: AssessmentSettings = ASSESSMENT,
 ) -> Iterator[Array]:
-    """Statistics (T,) of data drawn from the fitted model and fitted again, without end.
+    """An endless stream of statistics (T,) of data drawn from the fitted model and refitted.
 
-    Of few experiments alpha takes a second step: after one, replicates miss their maximum by so
-    much that the experiments, which do not, look odd (10 instead of 5 % false alarms at N = 15).
+    With a small number of experiments alpha takes a second Newton step. After only one, the
+    replicates are so far from their maxima that the experiments, which are at theirs, look
+    improbable (10 % instead of 5 % false alarms at N = 15).
     """
     while True:
         other = stepped(fit.drawn(rng))
@@ -371,7 +379,7 @@ def replicated(
 def outliers_of(
     residuals: Residuals, table: Experiments, settings: AssessmentSettings = ASSESSMENT
 ) -> tuple[Outlier, ...]:
-    """Observations that are too far out even as the farthest of M, the farthest first."""
+    """Observations that are improbably far out even for the farthest of M, the farthest first."""
     seen = table.observations
     p = np.where(residuals.finite, 2.0 * special.ndtr(-np.abs(residuals.normal)), 1.0)
     among = corrected(p, float(p.size))
@@ -394,8 +402,9 @@ def discrepancy_of(
 ) -> Discrepancy:
     """A test that contradicts the model, as a sentence with a remedy.
 
-    `several`: experiments have several observations; `within` are the columns that differ within
-    an experiment, which no law can follow; `measured` those that may be results themselves.
+    `several` says whether experiments have several observations. `within` are the columns that vary
+    within an experiment, which no law can follow. `measured` are columns that may be results of the
+    experiments rather than conditions.
     """
     if test.kind == "contrast":
         message, remedy = _contrast(test), (_curved if test.column in within else _mended)(test)

@@ -1,8 +1,8 @@
-"""The design of further experiments: what each would tell, and which of them tell most together.
+"""The design of further experiments: the information of each, and the most informative set.
 
-The expected information of an experiment that was not made is that of its scores at virtual
-outcomes (`expected_scores`). A `DesignPlan` says what a set of experiments leaves unknown, and
-`chosen` picks the set.
+The expected information of an experiment that has not been made is that of its scores at virtual
+outcomes (`expected_scores`). A `DesignPlan` computes the variances that remain after a set of
+experiments, and `chosen` picks the set with the smallest.
 """
 
 from __future__ import annotations
@@ -30,34 +30,36 @@ from aleator.observations.responses import limits_of_test as limits_of_tests
 
 @dataclass(frozen=True)
 class DesignSettings:
-    """How information is summed and sets are exchanged; by judgement."""
+    """Settings of expected information and of the choice of sets, all chosen by judgement."""
 
     nodes: int = 97
-    """Outcomes of one experiment, equally far apart, that its expected information is a sum over.
-    """
+    """Number of equally spaced outcomes of one experiment over which its information is summed."""
     draws: int = 400
-    """Virtual data sets where an experiment has several observations."""
+    """Number of virtual data sets, used where an experiment has several observations."""
     singular: float = 1e-9
-    """Information along a direction, over that of all experiments together, that is none."""
+    """Information along a direction, relative to that of all experiments together, that counts as
+    zero.
+    """
     floor: float = 1e-12
-    """What stands for no information: candidates that leave fewer directions open are then better.
+    """Value that replaces a zero information, so that candidates that leave fewer directions
+    undetermined are preferred.
     """
     equal: float = 1e-6
-    """Relative difference of two variances that is none."""
+    """Relative difference below which two variances count as equal."""
     sweeps: int = 50
-    """Sweeps of exchanges through a set, at most."""
+    """Largest number of passes of exchanges through a set."""
     starts: int = 5
-    """Candidates, the best by themselves, from which a set is begun."""
+    """Number of candidates, the best single ones, from which a set is started."""
     most: float = 1e6
-    """Repetitions beyond which none are told."""
+    """Number of repetitions above which the answer is that no number is enough."""
     seed: int = 5
-    """Seed of the laws that a plan is averaged over."""
+    """Seed of the draws of alpha over which a plan is averaged."""
     edge: float = 1e-6
-    """Probabilities of drawn estimates stay so far from zero and one."""
+    """Distance from zero and one of the uniform numbers from which draws of alpha are made."""
     close: float = 1e-6
-    """Error of a number of repetitions."""
+    """Tolerance of the computed number of repetitions."""
     newton: int = 4
-    """Steps that bring a quantile from between two nodes to where it is."""
+    """Number of Newton steps from an interpolated quantile to the exact one."""
 
 
 DESIGN = DesignSettings()
@@ -67,9 +69,10 @@ DESIGN = DesignSettings()
 class Scores:
     """Scores (R, C, K) at R virtual outcomes of C experiments; weights (R, C) that sum to one.
 
-    `outcomes` (S, C), S <= R, are the first of them where these are nodes of a sum over the
-    outcome's density, at equal distances; the others are values beyond a limit of the test. None
-    where each is a draw of several observations. An experiment that cannot be simulated has NaN.
+    With one observation per experiment, `outcomes` (S, C) are the first S of the R outcomes:
+    equally spaced nodes of an integral over the outcome's density. The other outcomes stand for all
+    values beyond a limit of the test. With several observations each virtual outcome is a random
+    draw, and `outcomes` is None. An experiment that cannot be simulated has NaN.
     """
 
     scores: Array
@@ -78,11 +81,11 @@ class Scores:
 
     @cached_property
     def information(self) -> Array:
-        """I = E[s s'] (C, K, K), the expected information of each experiment (Fisher, 1925)."""
+        """The expected information I = E[s s'] (C, K, K) of each experiment (Fisher, 1925)."""
         return np.asarray(np.einsum("rc,rck,rcl->ckl", self.weights, self.scores, self.scores))
 
     def of(self, which: Indices) -> Scores:
-        """The scores by some of the hyperparameters."""
+        """The scores with respect to the hyperparameters with the indices `which`."""
         return Scores(self.scores[:, :, which], self.weights, self.outcomes)
 
     def error(self, directions: Array) -> Array:
@@ -96,12 +99,13 @@ class Scores:
 def expected_scores(
     fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings = DESIGN
 ) -> Scores:
-    """Scores of experiments at virtual outcomes under their own law.
+    """Scores of experiments at virtual outcomes under the experiments' own law.
 
-    Where each has one observation by a sum over its density f, exact but for the distance of the
-    nodes: I = int s s' f dy, values beyond the limits of the test taken together. Else by draws,
-    censored as the fit's are. Cost: some 97 evaluations of the likelihood of the experiments, or
-    400 draws of them.
+    With one observation for each experiment the information is an integral over the outcome's
+    density f: I = int s s' f dy. It is exact but for the distance of the nodes; values beyond a
+    limit of the test count together. With several observations, virtual data sets are drawn and
+    censored as the measured ones are. Cost: some 97 evaluations of the likelihood of the
+    experiments, or 400 for drawn data sets.
     """
     seen = fit.table.observations
     limits = limits_of_tests(seen)
@@ -128,7 +132,8 @@ def _over_outcomes(
     scores = np.empty((*weights.shape, fit.alpha.size))
     for r, (lower, upper) in enumerate(ends):
         progress.update(f"outcome {r + 1} of {len(ends)}", r, len(ends))
-        # the next outcome is near: nodes are adapted from those of the last
+        # Neighbouring outcomes differ little: the nodes for one are adapted from those for the last
+        # one.
         seen = replace(fit.table.observations, lower=lower, upper=upper)
         fit = fit.seeing(fit.table.with_observations(seen))
         found = fit.scored()
@@ -159,13 +164,14 @@ def _over_draws(
 
 @dataclass(frozen=True, eq=False)
 class DesignPlan:
-    """Present information (A, F, F), and what each of C candidates adds (A, C, F, F).
+    """Present information (A, F, F), and information (A, C, F, F) added by each of C candidates.
 
-    Both are of F hyperparameters, at A values of them that are all possible. What is wanted is a
-    small variance of d' alpha, the mean over G directions d (A, G, F): c-optimality for one,
-    A-optimality for several. With `directions` None it is a small volume of the confidence
-    ellipsoid, det(I)^(-1/F): D-optimality (Atkinson, Donev and Tobias, 2007, chapter 10).
-    Variances are in units of `unit`. A candidate whose information is not finite is never chosen.
+    Both belong to F hyperparameters, at A plausible values of alpha. The criterion to be made small
+    is the variance of d' alpha, averaged over G directions d (A, G, F): c-optimality for one
+    direction, A-optimality for several. With `directions` None it is det(I)^(-1/F), which measures
+    the volume of the confidence ellipsoid: D-optimality (Atkinson, Donev and Tobias, 2007, chapter
+    10). Variances are divided by `unit`. A candidate whose information is not finite is never
+    chosen.
     """
 
     present: Array
@@ -175,9 +181,10 @@ class DesignPlan:
     settings: DesignSettings = DESIGN
 
     def relative(self) -> DesignPlan:
-        """The plan with variances over the present ones, each direction over its own.
+        """The plan with each variance divided by its present value, separately for each direction.
 
-        Unchanged for one direction, and where something is not known at all.
+        The plan is unchanged for a single direction, and where a direction is undetermined at
+        present.
         """
         if not self.determined(self.present):
             return self
@@ -190,9 +197,10 @@ class DesignPlan:
         return replace(self, directions=self.directions / np.sqrt(now)[..., None])
 
     def variance(self, information: Array) -> Array:
-        """The criterion (...) of information (A, ..., F, F), the mean over the A values.
+        """The criterion (...) for information (A, ..., F, F), averaged over the A values of alpha.
 
-        It is large where a direction has no information, and infinite where that is not finite.
+        It is large where a direction has no information, and infinite where the information is not
+        finite.
         """
         values, vectors, finite = self._decomposed(information)
         values = np.maximum(values, self.settings.floor)
@@ -205,7 +213,7 @@ class DesignPlan:
         return np.asarray(np.where(finite, each, np.inf).mean(axis=0) / self.unit)
 
     def determined(self, information: Array) -> Flags:
-        """Whether information (A, ..., F, F) determines all quantities, bool (...)."""
+        """Whether information (A, ..., F, F) determines all requested quantities, bool (...)."""
         values, vectors, finite = self._decomposed(information)
         nothing = values < self.settings.singular
         if self.directions is not None:
@@ -215,12 +223,12 @@ class DesignPlan:
         return np.asarray(np.all(finite & ~np.any(nothing, axis=-1), axis=0))
 
     def standard_error(self, information: Array) -> Array:
-        """The root (...) of the criterion; infinite where something is not determined."""
+        """The square root (...) of the criterion; infinite where a quantity is undetermined."""
         known = self.determined(information)
         return np.where(known, np.sqrt(self.variance(information)), np.inf)
 
     def _decomposed(self, information: Array) -> tuple[Array, Array, Flags]:
-        """Eigenvalues and vectors of scaled information, and whether it is finite."""
+        """Eigenvalues and eigenvectors of the scaled information, and whether it is finite."""
         between = [1] * (information.ndim - 3)
         size = information.shape[-1]
         scaled = information * self._scale.reshape(-1, *between, size, size)
@@ -230,7 +238,7 @@ class DesignPlan:
 
     @cached_property
     def _scale(self) -> Array:
-        """Factors (A, F, F) by which the information of all experiments has a unit diagonal."""
+        """Factors (A, F, F) that scale the information of all experiments to a unit diagonal."""
         offered = np.where(np.isfinite(self.offered), self.offered, 0.0)
         whole = np.diagonal(self.present + offered.sum(axis=1), axis1=1, axis2=2)
         scale = 1.0 / np.sqrt(np.maximum(whole, np.finfo(float).tiny))
@@ -243,7 +251,7 @@ class DesignPlan:
 
     @cached_property
     def _volume(self) -> Array:
-        """det^(1/F) (A,) of these factors."""
+        """The determinant of the diagonal scale factors, to the power 1/F, (A,)."""
         return np.asarray(np.exp(np.mean(np.log(self._diagonal), axis=1)))
 
     @property
@@ -253,9 +261,10 @@ class DesignPlan:
 
 @dataclass(frozen=True)
 class ChosenSet:
-    """Candidates by number, the most useful first, and the standard error after each of them.
+    """The chosen candidates by number, the most useful first, and the standard error after each.
 
-    `ties` says how many others would be as good in each place, beside the rest of the set.
+    `ties` is, for each member, the number of other candidates that would be equally good in its
+    place.
     """
 
     order: tuple[int, ...]
@@ -266,12 +275,12 @@ class ChosenSet:
 def chosen(
     plan: DesignPlan, count: int, repeat: int = 1, settings: DesignSettings = DESIGN
 ) -> ChosenSet:
-    """The best set of `count` candidates: one after the other, then exchanged while that helps.
+    """The best set of `count` candidates: built one by one, then improved by exchanges.
 
-    Every member gives way to the candidate that is best in its place (Fedorov, 1972), until none
-    is better. That is a local optimum, no worse than the set taken one after the other; it is
-    sought from each of the best five as the first member. A candidate is taken `repeat` times at
-    most. Cost: 5 count C decompositions a sweep.
+    Each member is exchanged for the candidate that is best in its place (Fedorov, 1972), until no
+    exchange improves the set. The result is a local optimum, no worse than the set built one by
+    one. The search is started from each of the five best candidates. A candidate may occur up to
+    `repeat` times. Cost: 5 count C eigenvalue decompositions for each pass of exchanges.
     """
     every = [*range(plan.offered.shape[1])] * repeat
     first = np.argsort(_beside(plan, [], every[: plan.offered.shape[1]]), kind="stable")[
@@ -291,9 +300,9 @@ def chosen(
 def repetitions(
     plan: DesignPlan, again: Array, goal: float, settings: DesignSettings = DESIGN
 ) -> float | None:
-    """How often experiments of information `again` (F, F) must be made for an error `goal`.
+    """How often experiments with information `again` (F, F) must be made to reach an error `goal`.
 
-    A number that need not be whole; None where no number reaches it.
+    The number need not be whole. It is None where no number of repetitions reaches the goal.
     """
 
     def beyond(times: float) -> float:
@@ -311,7 +320,7 @@ def repetitions(
 def _greedy(
     plan: DesignPlan, among: Sequence[int], count: int, begin: Sequence[int] = ()
 ) -> list[int]:
-    """`count` of the candidates, each the best beside those chosen before."""
+    """`count` candidates, each the best in addition to those chosen before."""
     taken = [*begin]
     left = Counter(among) - Counter(taken)
     for _ in range(count - len(taken)):
@@ -353,7 +362,7 @@ def _ties(
 
 
 def _left(plan: DesignPlan, others: list[int], repeat: int) -> list[int]:
-    """The candidates that may still be chosen beside these others."""
+    """The candidates that may still be chosen in addition to the other members."""
     taken = Counter(others)
     return [c for c in range(plan.offered.shape[1]) if taken[c] < repeat]
 
@@ -363,7 +372,7 @@ def _sum(plan: DesignPlan, members: list[int]) -> Array:
 
 
 def _beside(plan: DesignPlan, members: list[int], candidates: list[int]) -> Array:
-    """The variance after these members and each of the candidates."""
+    """The criterion after these members together with each one of the candidates."""
     return plan.variance(_sum(plan, members)[:, None] + plan.offered[:, candidates])
 
 
@@ -374,9 +383,10 @@ def possible_laws(
     count: int,
     settings: DesignSettings = DESIGN,
 ) -> Array:
-    """Values (A, K) of alpha within its uncertainty; for one, alpha itself.
+    """Values (A, K) of alpha drawn from the law of its estimates; for a count of one, alpha itself.
 
-    Normal with the covariance of the estimates, quasi-random, moved within their limits.
+    The law is normal, with the covariance of the estimates. Points are quasi-random, and moved to
+    the limits of the hyperparameters where they lie beyond.
     """
     if count < 2 or not inference.positive or not inference.free.size:
         return alpha[None]
@@ -393,10 +403,11 @@ def possible_laws(
 def quantile_gradients(
     found: Scores, probability: float, settings: DesignSettings = DESIGN
 ) -> tuple[Array, Array]:
-    """Quantiles q (C,) of the outcomes, and dq/dalpha (C, K) = -(dF/dalpha)(q) / f(q).
+    """Quantiles q (C,) of the outcomes, and gradients dq/dalpha (C, K) = -(dF/dalpha)(q) / f(q).
 
-    F is the distribution function and dF/dalpha = int_{-inf}^q s f dy, both from the nodes of the
-    scores. Needs one observation an experiment.
+    F is the distribution function and f the density; dF/dalpha = int_{-inf}^q s f dy, with the
+    scores s. Both integrals use the nodes of the scores. Each experiment must have one observation
+    only.
     """
     y, below, slopes, density = _distribution(found)
     rising = np.maximum.accumulate(below, axis=0)
@@ -408,14 +419,14 @@ def quantile_gradients(
 
 
 def probability_gradients(found: Scores, limit: float) -> tuple[Array, Array]:
-    """P(outcome <= limit) (C,) and its derivatives (C, K) by alpha."""
+    """P(outcome <= limit) (C,) and its derivatives (C, K) with respect to alpha."""
     y, below, slopes, _ = _distribution(found)
     at = np.clip(limit, y[0], y[-1])
     return np.clip(_at(y, below[..., None], at)[:, 0], 0.0, 1.0), _at(y, slopes, at)
 
 
 def _distribution(found: Scores) -> tuple[Array, Array, Array, Array]:
-    """Nodes y (R, C), F (R, C), dF/dalpha (R, C, K) and f (R, C) at them, without limits."""
+    """Nodes y (R, C) with F (R, C), dF/dalpha (R, C, K) and density f (R, C), without censoring."""
     assert found.outcomes is not None
     y = found.outcomes
     step = np.diff(y, axis=0).mean(axis=0)
@@ -427,6 +438,6 @@ def _distribution(found: Scores) -> tuple[Array, Array, Array, Array]:
 
 
 def _at(nodes: Array, values: Array, y: Array) -> Array:
-    """Values (R, C, K) interpolated at y (C,) from their nodes (R, C)."""
+    """Values (R, C, K) at nodes (R, C), interpolated at y (C,) by cubic splines."""
     each = [CubicSpline(nodes[:, c], values[:, c])(point) for c, point in enumerate(y)]
     return np.array(each).reshape(y.size, values.shape[2])

@@ -1,7 +1,8 @@
-"""What a reader must know before trusting an answer: warnings and refusals, each with a remedy.
+"""What a reader must know before trusting a result: warnings and refusals, each with a remedy.
 
-Of estimates: too few experiments, limits, directions left open. Of single experiments: no density,
-no runs, no observations. What surfaces and level sets leave unknown is in `surface_diagnostics.py`.
+A refusal says that the result is not sound. About the estimates: too few experiments, estimates on
+limits, directions that the experiments do not determine. About single experiments: no density, no
+runs, no observations. The errors of surfaces and level sets are in `surface_diagnostics.py`.
 """
 
 from __future__ import annotations
@@ -32,27 +33,34 @@ from aleator.simulators import NoOutcome, Runner, working_box
 
 @dataclass(frozen=True)
 class EstimateSettings:
-    """When estimates are no maximum, too many for the data, or hardly determined; by judgement."""
+    """Settings of the diagnostics of estimates. The values are chosen by judgement."""
 
     edm: float = 5e-3
-    """Distance to the maximum, in log-likelihood, that still counts as arrived: 0.1 standard
-    errors."""
+    """Estimated distance to the maximum, in log-likelihood, up to which the search has arrived. It
+    corresponds to 0.1 standard errors.
+    """
     experiments: int = 5
-    """Experiments for each free hyperparameter. With fewer, intervals of a normal law contain the
-    truth in less than 93 % of all cases: 92 % at four, 91 % at three, by the laws of Student and
-    Helmert."""
+    """Experiments that are required for each free hyperparameter. With fewer, intervals of a normal
+    law contain the truth in less than 93 % of all cases: 92 % with four, 91 % with three, by the
+    laws of Student and Helmert.
+    """
     weak: float = 0.02
-    """Curvature of a direction, over that of each hyperparameter alone, below which it is weak."""
+    """Curvature of the log-likelihood along a direction, relative to that of the single
+    hyperparameters, below which the direction is called weak.
+    """
     part: float = 0.3
-    """Share of a direction from which a hyperparameter is named."""
+    """Component of a weak direction from which a hyperparameter is named in the message."""
     correlation: float = 0.95
-    """Correlation of two estimates from which advice on it is a warning."""
+    """Correlation of two estimates from which advice about the pair is given."""
     distance: float = 3.0
-    """Mean of a condition, over its standard deviation, from which it is far from zero."""
+    """Ratio of mean to standard deviation from which the values of a condition are far from zero.
+    """
     proportional: float = 0.01
-    """Relative deviation of the ratio of two effects from a condition that counts as none."""
+    """Relative deviation up to which one effect counts as proportional to another one times a
+    condition.
+    """
     spread: float = 0.2
-    """The same over the relative spread of the condition; the smaller of both counts."""
+    """Share of the condition's relative spread to which the limit `proportional` is lowered."""
 
 
 ESTIMATES = EstimateSettings()
@@ -83,7 +91,7 @@ def search_refusals(
     hyperparameters: Sequence[Hyperparameter],
     settings: EstimateSettings = ESTIMATES,
 ) -> list[Diagnostic]:
-    """A refusal where the answer is no maximum, or the search did not arrive there."""
+    """A refusal where the result is not a maximum, or where the search did not reach it."""
     wide = ", ".join(wide_limits(hyperparameters))
     also = f"; narrow the limits of {wide}, many orders of magnitude wide" if wide else ""
     if not inference.positive:
@@ -104,7 +112,7 @@ def search_refusals(
 
 
 def once_warnings(found: SearchResult) -> list[Diagnostic]:
-    """A warning where no second start of the search came to the maximum."""
+    """A warning where only one start of the search reached the best maximum."""
     if not found.once:
         return []
     return [
@@ -120,7 +128,7 @@ def once_warnings(found: SearchResult) -> list[Diagnostic]:
 def bound_warnings(
     hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
 ) -> list[Diagnostic]:
-    """Warnings of estimates on a limit, and of intervals without an end."""
+    """Warnings about estimates on a limit, and about intervals of which an end is unknown."""
     sides = zip(hyperparameters, inference.at_bound, strict=True)
     warnings = [_on_limit(h, side) for h, side in sides if side is not None]
     unknown = tuple(hyperparameters[k].name for k in profile.unknown(inference.identified))
@@ -167,10 +175,10 @@ def weak_directions(
     hyperparameters: Sequence[Hyperparameter],
     settings: EstimateSettings = ESTIMATES,
 ) -> list[Diagnostic]:
-    """Hyperparameters that the experiments hardly determine: pairs, groups, and some alone.
+    """Warnings about hyperparameters that are hardly determined: pairs, groups, single ones.
 
-    Pairs and groups are those whose estimates are correlated beyond 0.98. Of one standard deviation
-    alone the interval says how uncertain it is.
+    Pairs and groups are those whose estimates are correlated beyond 0.98. A single standard
+    deviation is not reported, since its interval says how uncertain it is.
     """
     weak = _correlated if inference.positive else _flat
     return [*weak(inference, [hyperparameters[k] for k in inference.free], settings)]
@@ -184,7 +192,8 @@ def _correlated(
     names = [h.name for h in free]
     values, vectors = np.linalg.eigh(inference.correlation)
     for vector in vectors.T[values <= settings.weak]:
-        # the small eigenvalue is well determined; what moves along its large parts is not apart
+        # A small eigenvalue of the correlation matrix belongs to a well determined combination; the
+        # hyperparameters with large components in it cannot be separated.
         parts = _large(vector, settings)
         which = [names[i] for i in parts]
         yield _weak(
@@ -197,7 +206,7 @@ def _correlated(
 
 
 def _remedy(which: Sequence[Hyperparameter]) -> str:
-    """Centering, where one of the hyperparameters is an intercept far from all experiments."""
+    """The remedy: centering, if a hyperparameter is an intercept far from all experiments."""
     terms = [name for h in which if h.beside for name, _ in h.beside.terms]
     if not terms:
         return REMEDY
@@ -211,7 +220,7 @@ def _remedy(which: Sequence[Hyperparameter]) -> str:
 def _flat(
     inference: Inference, free: Sequence[Hyperparameter], settings: EstimateSettings
 ) -> Iterator[Diagnostic]:
-    """Directions along which the log-likelihood is flat, so that there is no covariance."""
+    """Warnings about directions along which the log-likelihood is flat: there is no covariance."""
     inside = np.isin(inference.identified, inference.free)
     information = inference.information[np.ix_(inside, inside)]
     scale = np.sqrt(np.abs(np.diag(information)))
@@ -257,11 +266,13 @@ def centering_advice(
     conditions: pd.DataFrame,
     settings: EstimateSettings = ESTIMATES,
 ) -> list[Diagnostic]:
-    """Advice for pairs of parameters of which one acts as the other times a condition.
+    """Advice on pairs of parameters where one acts like the other one times a condition.
 
-    By slopes (M, n) of M simulated values by the parameters; a row of conditions for each. In
-    y = a + b T with T far from zero, a and b take each other's place; in a' + b (T - T0) with T0 in
-    the middle they do not. None where laws follow covariates: their values are not in alpha.
+    `slope` (M, n) has the derivatives of M simulated values with respect to the parameters, and
+    `conditions` one row for each value. In y = a + b T with T far from zero, the estimates of a and
+    b are strongly correlated; in a' + b (T - T0) with T0 in the middle of the T they are not. There
+    is no advice where laws follow covariates, because the values of their parameters are not in
+    alpha.
     """
     if inputs.regressed:
         return []
@@ -287,13 +298,13 @@ def _far(values: Array, settings: EstimateSettings) -> bool:
 
 
 def _times(effect: Array, other: Array, condition: Array, settings: EstimateSettings) -> bool:
-    """Whether one effect is the other times the condition and a constant, over all experiments."""
+    """Whether an effect is another one times the condition and a constant, over all experiments."""
     product = other * condition
     size = float(product @ product)
     if size == 0.0:
         return False
     off = effect - (effect @ product) / size * product
-    # as close as to the other alone would be no sign of the condition
+    # The effect must be much closer to this product than to the other effect alone.
     spread = float(condition.std() / abs(condition.mean()))
     closeness = min(settings.proportional, settings.spread * spread)
     return bool(np.linalg.norm(off) < closeness * np.linalg.norm(effect))
@@ -337,29 +348,29 @@ def _advice(a: str, b: str, name: str, values: Array) -> Diagnostic:
 
 @dataclass(frozen=True)
 class ExperimentSettings:
-    """When something is reported of single experiments, and how much; by judgement."""
+    """Settings of the diagnostics of single experiments. The values are chosen by judgement."""
 
     gap: float = 0.1
-    """Change of the log-likelihood with more nodes from which an answer is refused."""
+    """Change of the log-likelihood by more integration nodes above which a result is refused."""
     noted_gap: float = 0.01
-    """The same from which it is reported."""
+    """Change of the log-likelihood by more integration nodes above which the change is reported."""
     equal: float = 0.1
-    """Maxima whose log-likelihoods differ by less are as high as each other."""
+    """Difference of log-likelihoods below which two maxima count as equally high."""
     failing: float = 0.02
-    """Share of a law at which runs fail, from which it is reported."""
+    """Probability of failed runs under the law of an experiment above which they are reported."""
     censored: float = 0.5
-    """Share of the values of which only bounds are known, from which it is reported."""
+    """Share of censored values (only bounds are known) above which a warning is given."""
     ids: int = 8
-    """Experiments that a message names."""
+    """Largest number of experiments that a message names."""
     points: int = 300
-    """Failed runs of which a result says where they were."""
+    """Largest number of failed runs whose parameters a result lists."""
 
 
 EXPERIMENTS = ExperimentSettings()
 
 
 def named(which: NDArray[np.intp], ids: Sequence[str], most: int = EXPERIMENTS.ids) -> str:
-    """The experiments `which`, by their ids, so many of them at most.
+    """The experiments `which` as text with their ids; `most` is the largest number that is named.
 
     >>> named(np.array([0, 2]), ["a", "b", "c"])
     'experiments a, c'
@@ -372,7 +383,7 @@ def named(which: NDArray[np.intp], ids: Sequence[str], most: int = EXPERIMENTS.i
 def of_experiments(
     about: str, which: Flags, ids: Sequence[str], message: str, remedy: str
 ) -> list[Diagnostic]:
-    """A diagnostic that names the experiments `which` (N,); none where there are none."""
+    """A diagnostic that names the experiments `which` (N,); none if there are none."""
     rows = np.flatnonzero(which)
     if not rows.size:
         return []
@@ -381,14 +392,14 @@ def of_experiments(
 
 
 def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
-    """One word for each experiment: solved, outside_support, or why the density failed."""
+    """One word for each experiment: solved, outside_support, or why its density failed."""
     outside = (codes == Status.SOLVED) & ~np.isfinite(log_density)
     combined = np.where(outside, int(Status.OUTSIDE_SUPPORT), codes)
     return [Status(int(code)).name.lower() for code in combined]
 
 
 def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnostic]:
-    """Refusals for experiments whose observations have no density."""
+    """Refusals of a result where the observations of an experiment have no density."""
     words = np.array(statuses(honest.status, honest.each))
     refusals = []
     for status in (s for s in Status if s is not Status.SOLVED):
@@ -398,7 +409,7 @@ def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnost
 
 
 def limit_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diagnostic]:
-    """Warnings of experiments whose covariates lead a law's value beyond its limits."""
+    """Warnings about experiments whose covariates take the value of a law to its limits."""
     return [
         warning
         for name, which in held.items()
@@ -415,10 +426,10 @@ def limit_warnings(held: Mapping[str, Indices], ids: Sequence[str]) -> list[Diag
 def review_data(
     seen: Observations, left: Observations, failing: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
-    """Warnings of missing data: no observations, no runs, bounds only.
+    """Warnings about missing data: no observations, no runs, or only bounds.
 
-    `seen` are the observations of the table, `left` those of them that runs give a value of, and
-    `failing` (N,) is the share of each experiment's law at which runs fail.
+    `seen` are the observations of the table, `left` those of them for which runs give a value, and
+    `failing` (N,) is the probability of failed runs under the law of each experiment.
     """
     count, kept = (np.bincount(part.experiment, minlength=len(ids)) for part in (seen, left))
     lost, share = count - kept, float(np.mean(left.censored)) if len(left) else 0.0
@@ -465,7 +476,7 @@ def review_data(
 
 
 def without_surfaces(lost: Flags, of: Indices, ids: Sequence[str]) -> list[Diagnostic]:
-    """A refusal where observations (M,) have no surface in the end; `of` (M,) whose they are."""
+    """A refusal where observations (M,) have no surface; `of` (M,) is the experiment of each."""
     return of_experiments(
         "surface",
         np.bincount(of[lost], minlength=len(ids)) > 0,
@@ -477,7 +488,7 @@ def without_surfaces(lost: Flags, of: Indices, ids: Sequence[str]) -> list[Diagn
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """Another maximum alpha (K,), lower by `drop` than the one `here` (K,).
+    """Another maximum alpha (K,) of the likelihood, lower by `drop` than the maximum `here` (K,).
 
     `moved` are the hyperparameters that differ by more than a standard error.
     """
@@ -488,14 +499,14 @@ class Rival:
     moved: tuple[int, ...]
 
     def outside(self, intervals: Array) -> bool:
-        """Whether a hyperparameter that differs lies outside its interval (K, 2)."""
+        """Whether a hyperparameter that differs lies outside its interval (a row of (K, 2))."""
         return any(not intervals[k, 0] <= self.alpha[k] <= intervals[k, 1] for k in self.moved)
 
 
 def rival_warnings(
     rivals: Sequence[Rival], hyperparameters: Sequence[Hyperparameter], intervals: Array
 ) -> list[Diagnostic]:
-    """A warning of another maximum that is as high, or outside the intervals (K, 2)."""
+    """A warning of another maximum that is as high, or that lies outside the intervals (K, 2)."""
     rivals = [one for one in rivals if one.drop < EXPERIMENTS.equal or one.outside(intervals)]
     if not rivals:
         return []
@@ -519,8 +530,8 @@ def rival_warnings(
 
 
 def node_warnings(gap: float, admitted: float) -> list[Diagnostic]:
-    """A diagnostic where more nodes change the log-likelihood by more than is admitted."""
-    # of an outcome without density there is no difference, and it is refused as such
+    """A diagnostic where more nodes change the log-likelihood by more than `admitted`."""
+    # An outcome without density has no such change; it is refused for another reason.
     if not np.isfinite(gap) or abs(gap) <= admitted:
         return []
     return [
@@ -538,9 +549,9 @@ def node_warnings(gap: float, admitted: float) -> list[Diagnostic]:
 
 
 def failure_report(runner: Runner) -> FailureReport | None:
-    """What a runner's failures have in common; None without any.
+    """What the failed runs of a simulator have in common; None without failed runs.
 
-    In the order of conditions and parameters: that of the runs depends on what a store knew.
+    The runs are sorted by conditions and parameters, since their own order depends on the store.
     """
     lost, straight = runner.lost
     kept = runner.failures
@@ -567,7 +578,7 @@ def _in_order(case: Indices, x: Array) -> Indices:
 
 
 def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
-    """A warning of failed runs: where, and what they mean for the answer."""
+    """A warning of failed runs: where they failed, and what this means for the result."""
     if report is None:
         return []
     where = ", ".join(f"{k} in [{low:.4g}, {high:.4g}]" for k, (low, high) in report.region.items())
@@ -587,9 +598,9 @@ def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
 
 @contextmanager
 def boxes_proposed(runner: Runner, inputs: Inputs) -> Iterator[None]:
-    """Add a box where runs work, as sections of study.toml, to the remedy of a failed run.
+    """Add to a failed run's remedy ranges in which runs work, as sections of study.toml.
 
-    Nothing is added where every law has a box: the remedy then says which box to narrow.
+    Nothing is added where every law has a range already: the remedy then says which one to narrow.
     """
     try:
         yield

@@ -1,7 +1,7 @@
-"""A fit: the likelihood with its data at alpha, without runs, and its maximum for other data.
+"""A fit: the likelihood of the data at one alpha, without simulator runs, and its refits.
 
-Whatever judges an answer or builds on one takes a `Fit` and nothing else: consistency, bootstrap,
-comparison, posterior, the best possible law and the design of further experiments.
+Consistency, bootstrap, comparison, posterior, the best possible law and the design of further
+experiments all take a `Fit` and nothing else.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ from aleator.search.objective import SIGHT
 
 @dataclass(frozen=True)
 class RefitSettings:
-    """When a climb to the maximum of other data has succeeded, by judgement.
+    """Settings of the refit to other data. The values are chosen by judgement.
 
-    It has arrived where less than `left` is left to climb, in log-likelihood. A scale that ends
-    near zero is tried from so many `trials` between nearly zero and its upper limit. Eigenvalues of
-    a first matrix are raised to `least_curvature` times the largest.
+    A refit has arrived where the estimated rise to the maximum is below `left`, in log-likelihood.
+    A scale that ends near zero is also tried from `trials` values between nearly zero and its upper
+    limit. Eigenvalues of the first information matrix are raised to `least_curvature` times the
+    largest.
     """
 
     left: float = 1e-2
@@ -43,11 +44,12 @@ REFIT = RefitSettings()
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The likelihood of N experiments with M observations, at alpha (K,).
+    """The likelihood of N experiments with M observations at one value of alpha (K,).
 
-    A value: each method that changes something returns another fit. `inference` is that of the
-    identification, whatever alpha and data are now; `table` has the experiments with all columns.
-    What the two kinds of likelihood answer in their own ways is asked of `likelihood`.
+    A fit is immutable: a method that changes something returns another fit. `inference` is the
+    uncertainty from the identification, and stays the same when alpha or the data change. `table`
+    has the experiments with all columns. `likelihood` is one of two kinds (`OutcomesAt`,
+    `IndividualsAt`).
     """
 
     likelihood: LikelihoodAt
@@ -58,7 +60,7 @@ class Fit:
     def of_outcomes(
         cls, problem: Problem, alpha: Array, inference: Inference, table: Experiments
     ) -> Fit:
-        """The fit of exact outcomes, one an experiment, which the table has too."""
+        """The fit of exact outcomes, one for each experiment; `table` has the same experiments."""
         return cls(OutcomesAt(problem, alpha), inference, table)
 
     @classmethod
@@ -72,13 +74,14 @@ class Fit:
     ) -> Fit:
         """The fit of an integral over individual parameters, with nodes adapted to alpha.
 
-        `coarse` is the rule with the fewest nodes of which more hardly change the log-likelihood.
+        `coarse` is the rule with the fewest nodes that is accurate enough: more nodes hardly change
+        the log-likelihood.
         """
         return cls(IndividualsAt(likelihood, alpha, coarse), inference, table)
 
     @property
     def alpha(self) -> Array:
-        """The alpha (K,) of the fit."""
+        """The alpha (K,) at which the likelihood is taken."""
         return self.likelihood.alpha
 
     @property
@@ -105,7 +108,7 @@ class Fit:
         return self.likelihood.objective()
 
     def probabilities(self, points: int | None = None) -> Array:
-        """P(below what was measured | earlier ones of the same experiment, alpha) (M,)."""
+        """P(value below the measured one | earlier ones of its experiment, alpha) (M,)."""
         return self.likelihood.probabilities(self.table.observations, points)
 
     def at(self, alpha: Array) -> Fit:
@@ -113,16 +116,16 @@ class Fit:
         return replace(self, likelihood=self.likelihood.at(alpha))
 
     def seeing(self, table: Experiments) -> Fit:
-        """The fit of the observations of another table of the same experiments."""
+        """The fit of the same experiments with the observations of another table."""
         return replace(self, likelihood=self.likelihood.seeing(table.observations), table=table)
 
     def drawn(self, rng: np.random.Generator) -> Fit:
-        """The fit of data drawn under the law and the noise of alpha."""
+        """The fit of a data set drawn under the law and the noise of alpha."""
         other = self.likelihood.drawn(self.table.observations, rng)
         return self.seeing(self.table.with_observations(other))
 
     def for_replicates(self) -> Fit:
-        """The fit with nodes by which many data sets are evaluated quickly."""
+        """The fit with nodes that evaluate many data sets quickly."""
         likelihood, moved = self.likelihood.for_replicates()
         fit = replace(self, likelihood=likelihood)
         return stepped(fit) if moved else fit
@@ -134,13 +137,13 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """An objective in which experiment l counts `weights[l]` times, (N,)."""
+    """A log-likelihood in which experiment l counts `weights[l]` times; `weights` is (N,)."""
 
     objective: Scored
     weights: Array
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """Value and score at alpha (K,)."""
+        """The weighted log-likelihood and its scores at alpha (K,)."""
         found, counted = self.objective(alpha), self.weights > 0.0
         each = np.where(counted, self.weights * found.each, 0.0)
         scores = found.scores
@@ -150,11 +153,12 @@ class Weighted:
 
 
 def stepped(fit: Fit) -> Fit:
-    """The fit one Newton step nearer to its maximum, by the information of the identification.
+    """The fit one Newton step closer to its maximum, by the information of the identification.
 
-    For data drawn at the identified alpha the step ends within 1/N of the maximum, where the
-    maximum itself is 1/sqrt(N) away: what a bootstrap of many replicates needs. Along a ridge a
-    whole step may lead far down, so it is halved until it does not.
+    For data drawn at the identified alpha the step ends within a distance of order 1/N of the
+    maximum, while the maximum itself is of order 1/sqrt(N) away. This is exact enough for many
+    bootstrap replicates. Along a ridge the whole step may lower the likelihood, so it is halved
+    until it does not.
     """
     moving = fit.inference.identified
     if not moving.size:
@@ -175,7 +179,7 @@ def stepped(fit: Fit) -> Fit:
 
 
 def climbed(fit: Fit, weights: Array | None = None, arrived: float = ASCENT.arrived) -> Fit:
-    """The fit at the nearest maximum; experiments count `weights` (N,) times, or once each."""
+    """The fit at the nearest maximum; experiment l counts `weights[l]` times (None: once)."""
     if not fit.inference.identified.size:
         return fit
     objective = fit.objective()
@@ -190,10 +194,10 @@ def climbed(fit: Fit, weights: Array | None = None, arrived: float = ASCENT.arri
 
 @dataclass(frozen=True)
 class Refit:
-    """A fit at its maximum, the `value` that was climbed there, and whether it `arrived`.
+    """A fit at its maximum, the maximal `value`, and whether the search `arrived` there.
 
-    The value is the log-likelihood, of the weighted experiments where there are weights, with log
-    priors.
+    The value is the log-likelihood plus the log priors, with the weights of the experiments if
+    there are any.
     """
 
     fit: Fit
@@ -202,11 +206,12 @@ class Refit:
 
 
 def refitted(fit: Fit, weights: Array | None = None, settings: RefitSettings = REFIT) -> Refit:
-    """The fit at the maximum near its alpha; experiments count `weights` (N,) times.
+    """The fit at the maximum near its alpha; experiment l counts `weights[l]` times (None: once).
 
-    As `climbed`, but a scale that ends at its lower limit or near zero is tried from some larger
-    values too: the score by a standard deviation is zero at zero, whether that is the maximum or
-    not, so that no climb begins there. Cost: a climb, some ten evaluations; two with such a scale.
+    A local ascent is made as in `climbed`. A scale that ends at its lower limit or near zero is
+    also tried from several larger values, because the derivative with respect to a standard
+    deviation is zero at zero, whether or not zero is the maximum. Cost: about ten evaluations;
+    twice as many with such a scale.
     """
     objective: Scored = fit.objective()
     if weights is not None:
@@ -230,7 +235,7 @@ def _near_zero(fit: Fit, alpha: Array) -> list[int]:
 
 
 def _best(objective: Scored, alpha: Array, k: int, h: Hyperparameter, trials: int) -> Array:
-    """The best of alphas in which hyperparameter k has one of some scales above zero."""
+    """The best of several alphas that differ in hyperparameter k, a scale above zero."""
     scales = np.geomspace(max(h.lower, LIMITS.nearest * h.upper), h.upper, trials + 2)[1:-1]
     points = np.repeat(alpha[None], trials, axis=0)
     points[:, k] = scales
@@ -240,16 +245,17 @@ def _best(objective: Scored, alpha: Array, k: int, h: Hyperparameter, trials: in
 
 
 def _outer(fit: Fit, found: LogLikelihood) -> Array:
-    """The sum of the outer products of the scores (G, G), which is never negative."""
+    """The sum (G, G) of the outer products of the experiments' scores, which is never negative."""
     assert found.scores is not None
     scores = found.scores[:, fit.inference.identified]
     return np.asarray(scores.T @ scores)
 
 
 def positive(matrix: Array, least: float = REFIT.least_curvature) -> Array:
-    """The nearest matrix with its eigenvalues' absolute values, none of them near zero.
+    """A positive definite matrix: the absolute values of the eigenvalues, none of them near zero.
 
-    Scaled to a unit diagonal first. An information that is not positive leads a climb nowhere.
+    The matrix is first scaled to a unit diagonal. A search that uses an information matrix which is
+    not positive definite goes astray.
 
     >>> positive(np.array([[2.0, 0.0], [0.0, -3.0]])).tolist()
     [[2.0, 0.0], [0.0, 3.0]]

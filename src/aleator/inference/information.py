@@ -1,4 +1,4 @@
-"""How sure alpha is: information, standard errors, intervals."""
+"""The uncertainty of alpha: information matrix, standard errors, intervals."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from aleator.search import Objective
 
 @dataclass(frozen=True)
 class IntervalSettings:
-    """What an interval contains, and when an estimate is on a limit; by judgement.
+    """Settings of intervals and limits. The values are chosen by judgement.
 
     tail: the probability beyond each end of an interval.
-    limit: share of a range; an estimate that is closer to a limit is on it.
-    singular: least eigenvalue of an information with ones on its diagonal; with less it is not
-    positive definite.
+    limit: share of the range between the limits; an estimate closer than this to a limit is on it.
+    singular: least eigenvalue of an information matrix with a unit diagonal; with a smaller one the
+    matrix is not positive definite.
     """
 
     tail: float = 0.025
@@ -30,7 +30,7 @@ class IntervalSettings:
 
     @property
     def level(self) -> float:
-        """The confidence of all intervals.
+        """The confidence level of all intervals.
 
         >>> IntervalSettings().level
         0.95
@@ -39,7 +39,7 @@ class IntervalSettings:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The probabilities at the two ends.
+        """The probabilities at the two ends of an interval.
 
         >>> IntervalSettings().ends
         (0.025, 0.975)
@@ -52,14 +52,15 @@ INTERVALS = IntervalSettings()
 
 @dataclass(frozen=True)
 class Differences:
-    """Steps of differences of a score, chosen by the drop of the log-likelihood over them.
+    """Settings of finite differences of scores, with steps chosen by the drop of log-likelihood.
 
-    A step h is right where the drop I h^2/2 is `drop`, within a factor of `within` either way: a
-    hundredth of a standard error, between 0.003 and 0.03. The information of a standard deviation
-    of two units is then within 1e-3 of its closed form (`tests/tasks/test_mixtures.py`). No step is
-    longer than `share` of the width of the limits: a direction without a bend has no width of its
-    own. At most `tries` steps are tried. One step differs from the last by a factor of `farthest`
-    at most, by judgement: far away the drop tells little.
+    A step h is right where the drop I h^2/2 of the log-likelihood equals `drop` within a factor of
+    `within`. The step is then about a hundredth of a standard error, between 0.003 and 0.03. The
+    information of a standard deviation of two units is then within 1e-3 of its closed form
+    (`tests/tasks/test_mixtures.py`). No step is longer than `share` of the width of the limits, for
+    directions without curvature. At most `tries` steps are tried. A step differs from the last one
+    by a factor of at most `farthest` (by judgement), because the drop over a step of a very
+    different size says little.
     """
 
     drop: float = 5e-5
@@ -76,10 +77,10 @@ class Differences:
         upper: Array,
         known: Array,
     ) -> Array:
-        """-d scores/d point (F, N, F) of the scores (N, F) at points (F,) within the limits.
+        """Derivatives -d scores/d point (F, N, F) of scores (N, F) at `point` (F,), within limits.
 
-        `known` (F,) is about the information; where it is too small, as where the scores of all
-        experiments vanish, a shorter step follows.
+        `known` (F,) is a first estimate of the diagonal of the information. Where it is too small,
+        for example because the scores of all experiments are zero, shorter steps follow.
         """
         found = []
         for row, longest in enumerate(self.share * (upper - lower)):
@@ -109,16 +110,16 @@ DIFFERENCES = Differences()
 
 @dataclass(frozen=True)
 class Inference:
-    """Uncertainty of alpha (K,); NaN where it is fixed, on a limit, or not determined.
+    """The uncertainty of alpha (K,); NaN where alpha is fixed, on a limit, or not determined.
 
-    `standard_error` from the observed information -d2 log L/d alpha2, `sandwich_error` from
-    H^-1 (sum_l s_l s_l') H^-1 (White, 1982), which stays valid when the model is wrong; a prior
-    counts in both with its curvature;
-    `lower`, `upper` the interval estimate -+ 1.96 standard errors, cut at the limits;
-    `covariance` (F, F) of the free hyperparameters `free` (F,) off their limits; `edm` the
-    estimated distance to the maximum 0.5 g' H^-1 g, in log-likelihood; `at_bound` (K,) None,
-    "lower" or "upper"; `positive` whether the information is positive definite. `identified`
-    (G,) are all free hyperparameters, on their limits or not, and `information` (G, G) theirs.
+    `standard_error` is from the observed information H = -d2 log L/d alpha2; `sandwich_error` is
+    from H^-1 (sum_l s_l s_l') H^-1 (White, 1982), which stays valid when the model is wrong. A
+    prior counts in both with its curvature. `lower` and `upper` are the interval estimate -+ 1.96
+    standard errors, cut at the limits. `covariance` (F, F) belongs to the hyperparameters `free`
+    (F,), which are free and off their limits. `edm` is the estimated distance to the maximum in
+    log-likelihood, 0.5 g' H^-1 g, with the gradient g. `at_bound` (K,) is None, "lower" or "upper".
+    `positive` says whether the information is positive definite. `identified` (G,) are all free
+    hyperparameters, on their limits or not, and `information` (G, G) is their information.
     """
 
     standard_error: Array
@@ -135,12 +136,12 @@ class Inference:
 
     @property
     def correlation(self) -> Array:
-        """Correlations (F, F) of the free estimates off their limits."""
+        """Correlations (F, F) of the free estimates that are off their limits."""
         scale = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(scale, scale))
 
     def differences(self, alpha: Array, other: Array) -> Array:
-        """Differences of two alphas in standard errors (K,); NaN without a standard error."""
+        """Differences (K,) of two alphas in standard errors; NaN without a standard error."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray((alpha - other) / self.standard_error)
 
@@ -162,11 +163,11 @@ def infer(
 ) -> Inference:
     """Standard errors and intervals at alpha, from the exact scores.
 
-    The observed information is the central difference of the score: 2 F evaluations, and two more
-    for each step that was not right (see `Differences`). A
-    hyperparameter on its limit has no standard error; the others are then conditional on it.
-    `by_scores`, the information is the sum of the outer products of the scores of the experiments
-    in its place, which has the same mean (Berndt et al., 1974) and no errors of differences.
+    The observed information is the central difference of the score. This takes 2 F evaluations, and
+    two more for each step that had the wrong size (see `Differences`). A hyperparameter on its
+    limit has no standard error, and the errors of the others are conditional on it. With
+    `by_scores` the information is the sum of the outer products of the experiments' scores instead,
+    which has the same mean (Berndt et al., 1974) and no difference errors.
     """
     at_bound = tuple(side_of(value, h) for value, h in zip(alpha, hyperparameters, strict=True))
     identified = np.flatnonzero([h.free for h in hyperparameters])
@@ -175,7 +176,7 @@ def infer(
     here = objective(alpha)
     scores = here.scores
     assert scores is not None
-    # a prior is as good as another measurement, whose information is its curvature
+    # A prior counts like another measurement, with its curvature as information.
     told = scores[:, identified].T @ scores[:, identified]
     told = told + np.diag(curvatures(hyperparameters, alpha)[identified])
     full = told
@@ -217,7 +218,7 @@ def observed_information(
     scores: Array,
     differences: Differences = DIFFERENCES,
 ) -> Array:
-    """-d2 log L/d alpha2 (F, F) by differences of the exact score, steps within the limits."""
+    """The information -d2 log L/d alpha2 (F, F), by differences of the score within the limits."""
 
     def score(point: Array) -> Array:
         moved = alpha.copy()
@@ -230,7 +231,7 @@ def observed_information(
 
 
 def side_of(value: float, h: Hyperparameter) -> str | None:
-    """Which limit a value of a free hyperparameter is on, "lower" or "upper"; else None."""
+    """The limit on which a free hyperparameter's value lies, "lower" or "upper"; else None."""
     if not h.free:
         return None
     margin = INTERVALS.limit * (h.upper - h.lower)
@@ -240,7 +241,7 @@ def side_of(value: float, h: Hyperparameter) -> str | None:
 
 
 def _inverse(information: Array) -> tuple[Array, bool]:
-    """The covariance, or NaN and False where the information is not positive definite."""
+    """The covariance and True; NaN and False where the information is not positive definite."""
     if information.size == 0:
         return information, True
     scale = np.sqrt(np.abs(np.diag(information)))

@@ -1,7 +1,7 @@
-"""The two likelihoods as a fit asks them: with data, at one alpha, and without runs.
+"""The two kinds of likelihood with data at one alpha, with one interface; without simulator runs.
 
-`OutcomesAt` is that of exact outcomes, by level sets or moments; `IndividualsAt` is the integral
-over each experiment's own parameters, with nodes adapted to alpha.
+`OutcomesAt` is the likelihood of exact outcomes, by level sets or moments. `IndividualsAt` is the
+integral over each experiment's own parameters, with nodes adapted to alpha.
 """
 
 from __future__ import annotations
@@ -41,13 +41,16 @@ from aleator.simulators.response_functions import DirectResponse, OutcomeDistrib
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How data are drawn from a fit, and where they would lie; by judgement.
+    """Settings of drawn data and of predicted ranges. The values are chosen by judgement.
 
-    Outcomes are taken to lie within `span` standard deviations of their mean. Of densities by
-    moments `tabulated` quantiles, out to `farthest` normal scores, stand for the law that outcomes
-    are drawn of. Each experiment has `points` of its law of which one is drawn, `marginal` ones for
-    quantiles. A replicate is judged by some `values` simulated ones at points of the law, at least
-    and at most `law_points` of an experiment. An experiment whose run fails is drawn `tries` times.
+    span: standard deviations from the mean within which outcomes are taken to lie.
+    farthest, tabulated: a density from moments is replaced by so many quantiles when outcomes are
+    drawn, at normal scores from -`farthest` to `farthest`.
+    points: points of the law of each experiment, one of which is drawn.
+    marginal: points of the law of each experiment by which quantiles are computed.
+    values, law_points: a replicate is evaluated with about `values` simulated values in total; the
+    points of each experiment have a least and a largest number.
+    tries: largest number of draws for an experiment whose run fails.
     """
 
     span: float = 7.0
@@ -72,7 +75,7 @@ def _without_noise() -> InputsError:
 
 @dataclass(frozen=True, eq=False)
 class OutcomesAt:
-    """The likelihood of exact outcomes, one an experiment."""
+    """The likelihood of exact outcomes, one for each experiment."""
 
     problem: Problem
     alpha: Array
@@ -95,46 +98,49 @@ class OutcomesAt:
 
     @property
     def region(self) -> Array:
-        """Where simulated values are known, (n, 2): the region of the surfaces, else the box."""
+        """Ranges (n, 2) of the parameters in which simulated values are known.
+
+        These are the ranges of the surfaces; without surfaces those of the laws.
+        """
         return self.problem.region
 
     @property
     def roughness(self) -> Array | None:
-        """Of each outcome the estimated error of its surface over its scatter, (N,), or None."""
+        """The estimated error of each surface over the outcome's scatter (N,), or None."""
         surface, of = self.problem.surface, self.problem.condition
         return None if surface is None else relative_errors(surface)[of]
 
     def scored(self) -> LogLikelihood:
-        """Log-densities (N,) at alpha with scores (N, K), continued where there is no density."""
+        """Log-densities (N,) and scores (N, K) at alpha; extrapolated where there is no density."""
         return self.problem.continued(self.alpha)
 
     def log_likelihood(self) -> float:
-        """The log-likelihood without priors; minus infinity beyond a support."""
+        """The log-likelihood without priors; minus infinity if an outcome is impossible."""
         return self.problem.likelihood.evaluate(self.alpha).likelihood
 
     def objective(self) -> Scored:
-        """The log-likelihood as a function of alpha for a search, continued beyond a support."""
+        """The log-likelihood for a search: extrapolated where an outcome is impossible."""
         return self.problem.continued
 
     def honest(self) -> Scored:
-        """The log-likelihood for a sampler, minus infinity beyond a support."""
+        """The log-likelihood for a sampler: minus infinity where an outcome is impossible."""
         return self.problem.likelihood
 
     def more_nodes(self, alpha: Array) -> float:
-        """The change of the log-likelihood at alpha by half as many nodes again.
+        """The change of the log-likelihood at alpha when the number of nodes is raised by half.
 
-        Zero for collocation, where nodes cost runs.
+        It is zero for collocation, where more nodes would need more runs.
         """
         return self.problem.gap(alpha)
 
     def rough(self) -> OutcomesAt:
-        """The likelihood with level sets on coarser grids; other nodes stay."""
+        """The likelihood with level sets on coarser grids; the nodes of moments stay the same."""
         return replace(self, problem=self.problem.coarse())
 
     def for_replicates(self) -> tuple[OutcomesAt, bool]:
-        """The likelihood with nodes by which many data sets are evaluated quickly.
+        """The likelihood with fast nodes for many data sets, and whether its maximum differs.
 
-        And whether the maximum by these nodes is another one, so that alpha is to be moved there.
+        Where the maximum differs, alpha must be moved to it.
         """
         levels = self.problem.levels is not None
         return (self.rough() if levels else self), levels
@@ -144,30 +150,31 @@ class OutcomesAt:
         return replace(self, alpha=alpha)
 
     def seeing(self, seen: Observations) -> OutcomesAt:
-        """The likelihood of other outcomes, the lower ends of the observations."""
+        """The likelihood of other exact outcomes, taken from the observations `seen`."""
         return replace(self, problem=self.problem.with_outcomes(seen.lower))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
         """Outcomes drawn under the law of alpha.
 
-        With surfaces values of these, and with level sets of the simulator. With collocation they
-        are quantiles of the densities; where one failed the outcome stays as it is.
+        With surfaces they are values of the surfaces, with level sets of a direct simulator they
+        are simulated values. With collocation they are quantiles of the computed densities; an
+        outcome whose density failed stays as it is.
         """
         (response,) = seen.responses
         return Observations.exact(self._drawn(rng), response.name, response.transform)
 
     def probabilities(self, seen: Observations, points: int | None) -> Array:  # noqa: ARG002
-        """P(below what was measured | alpha) (N,): uniform under the right alpha."""
+        """P(outcome below the measured one | alpha) (N,): uniform under the right alpha."""
         return self._under.cdf(self.problem.outcomes)
 
     def span(self) -> tuple[Array, Array]:
-        """Ends (N,) between which each outcome would lie, within what can be reached."""
+        """Low and high ends (N,) of the range of each outcome, within the possible values."""
         under, ends, far = self._under, self.problem.predictor, self.settings.span
         low, high = under.mean - far * under.sd, under.mean + far * under.sd
         return np.maximum(ends.lower, low), np.minimum(ends.upper, high)
 
     def quantiles(self, probabilities: Array) -> Array:
-        """Quantiles (N, P) of each outcome under alpha."""
+        """Quantiles (N, P) of each outcome under the law of alpha."""
         return self._under.quantile(probabilities)
 
     def simulated(self, x: Array) -> Array | None:
@@ -177,25 +184,25 @@ class OutcomesAt:
         return self.problem.response.evaluate(x)[self.problem.condition]
 
     def nodes(self) -> tuple[Array, Array] | None:
-        """With collocation its nodes x (J, n) and their outcomes (N, J); else None."""
+        """The nodes x (J, n) of collocation and their outcomes (N, J); None with another method."""
         if self.problem.free:
             return None
         x = self.problem.nodes(self.alpha)
         return x, self.problem.response.evaluate(x)[self.problem.condition]
 
     def variates(self) -> None:
-        """None, since an outcome does not determine single parameters."""
+        """None: a single exact outcome does not determine the parameters of its experiment."""
 
     def individuals(self, rng: np.random.Generator) -> Array:  # noqa: ARG002
-        """Raises InputsError: without noise an experiment has no law of its own parameters."""
+        """Raises InputsError: without noise an experiment's parameters have no law of their own."""
         raise _without_noise()
 
     def log_density_at(self, x: Array) -> Array:  # noqa: ARG002
-        """Raises InputsError: without noise there is no density given the parameters."""
+        """Raises InputsError: without noise an outcome has no density given the parameters."""
         raise _without_noise()
 
     def _drawn(self, rng: np.random.Generator) -> Array:
-        """Drawn outcomes (N,), each simulated at a point of its own, which may be far out."""
+        """Drawn outcomes (N,), each at its own draw of the parameters, which may be far out."""
         problem = self.problem
         direct = problem.levels is not None and isinstance(problem.response, DirectResponse)
         if not direct and problem.surface is None:
@@ -222,7 +229,7 @@ class OutcomesAt:
 
     @cached_property
     def _quantiles(self) -> tuple[Array, Array]:
-        """Normal scores (Q,) and the outcomes (N, Q) at their probabilities, at alpha."""
+        """Normal scores (Q,), and the quantiles (N, Q) of the outcomes at their probabilities."""
         far = self.settings.farthest
         score = np.linspace(-far, far, self.settings.tabulated)
         return score, self._under.quantile(special.ndtr(score))
@@ -230,10 +237,11 @@ class OutcomesAt:
 
 @dataclass(frozen=True, eq=False)
 class IndividualsAt:
-    """The integral over each experiment's own parameters, on surfaces or the simulator itself.
+    """The integral over each experiment's own parameters, on surfaces or on the simulator itself.
 
-    `fewest` is the rule with the fewest nodes of which more hardly change the log-likelihood. Nodes
-    that are `kept` serve for other observations and the alpha of these.
+    `fewest` is the rule with the fewest nodes that is accurate enough: more nodes hardly change the
+    log-likelihood. With `kept`, the same nodes also serve other observations and other values of
+    alpha; otherwise nodes are adapted to each.
     """
 
     integral: IndividualLikelihood
@@ -244,12 +252,12 @@ class IndividualsAt:
 
     @property
     def inputs(self) -> Inputs:
-        """The laws of the parameters, resolved by the covariates that they follow."""
+        """The laws of the parameters, with the covariates that they follow."""
         return self.integral.inputs
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """The hyperparameters of the laws, then those of the errors."""
+        """The hyperparameters of the laws, followed by those of the measurement errors."""
         return self.integral.hyperparameters
 
     @property
@@ -259,40 +267,49 @@ class IndividualsAt:
 
     @property
     def region(self) -> Array:
-        """Where simulated values are known, (n, 2): the region of the surfaces, else the box."""
+        """Ranges (n, 2) of the parameters in which simulated values are known.
+
+        These are the ranges of the surfaces; without surfaces those of the laws.
+        """
         predictor = self.integral.predictor
         return predictor.region if isinstance(predictor, OnSurfaces) else self.inputs.box
 
     @property
     def roughness(self) -> Array | None:
-        """Of each observation the estimated error of its surface over the noise, (M,), or None."""
+        """The estimated error of each observation's surface over the noise (M,), or None."""
         predictor = self.integral.predictor
         if not isinstance(predictor, OnSurfaces):
             return None
         return relative_errors(predictor.surface)[predictor.of]
 
     def scored(self) -> LogLikelihood:
-        """Log-densities (N,) at alpha with scores (N, K), by the nodes as they are."""
+        """Log-densities (N,) at alpha with scores (N, K), with the present nodes."""
         return self.integral(self.alpha)
 
     def log_likelihood(self) -> float:
-        """The log-likelihood without priors, by the nodes as they are."""
+        """The log-likelihood without priors, with the present nodes."""
         return self.integral.evaluate(self.alpha).likelihood
 
     def objective(self) -> Scored:
-        """The log-likelihood for a search; nodes follow alpha, but importance points stay."""
+        """The log-likelihood as a function of alpha for a search.
+
+        Nodes follow alpha; importance points stay where they are.
+        """
         one = self.integral.rule.centers == 1
         return self.integral.continued if one else self.integral.__call__
 
     def honest(self) -> Scored:
-        """The log-likelihood for a sampler; nodes are adapted to each alpha, points stay."""
+        """The log-likelihood as a function of alpha for a sampler.
+
+        Nodes are adapted to each alpha; importance points stay where they are.
+        """
         here = self.integral
         if here.rule.centers > 1 or not here.inputs.scattering:
             return here.__call__
         return lambda alpha: here.adapted(alpha)(alpha)
 
     def more_nodes(self, alpha: Array) -> float:
-        """The change of the log-likelihood at alpha by the finest of the finer rules."""
+        """The change of the log-likelihood at alpha when the rule with the most nodes is used."""
         here, s = self.integral, self.inputs.scattering
         finer = here.rule.finer(s) if s else ()
         if not finer:
@@ -302,13 +319,16 @@ class IndividualsAt:
         return more - self.honest()(alpha).likelihood
 
     def rough(self) -> IndividualsAt:
-        """The likelihood by the roughest rule that suffices."""
+        """The likelihood with the coarsest rule that is accurate enough."""
         return replace(self, integral=self.integral.by(self.fewest.rough, self.alpha))
 
     def for_replicates(self) -> tuple[IndividualsAt, bool]:
-        """The likelihood by points of the law where panels would be sought for each data set.
+        """The likelihood with nodes that evaluate many data sets quickly.
 
-        One observation leaves enough of these points near; several may not.
+        With one observation for each experiment, points of the law replace rules that would have to
+        be rebuilt for each data set: enough of these points agree with the observation. With
+        several observations they may not. The second value says whether alpha must be moved; it is
+        False.
         """
         if not (self._alone and isinstance(self.fewest, DenseRule)):
             return self.rough(), False
@@ -326,21 +346,21 @@ class IndividualsAt:
         return replace(self, integral=self._adapted(other, self.alpha))
 
     def drawn(self, seen: Observations, rng: np.random.Generator) -> Observations:
-        """Observations drawn under the law and the noise of alpha, with bounds like those seen."""
+        """Observations drawn under the law and the noise of alpha, censored like those seen."""
         eta = self._simulated(rng)
         uniform = rng.random(eta.shape)
         y = self.integral.errors.quantile(self._of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
         return censored_alike(seen, y, rng)
 
     def probabilities(self, seen: Observations, points: int | None) -> Array:
-        """P(below what was measured | earlier ones of the experiment, alpha) (M,).
+        """P(value below the measured one | earlier ones of its experiment, alpha) (M,).
 
-        Independent and uniform under the right alpha; see `sequential_pit`.
+        Under the right alpha these probabilities are independent and uniform; see `sequential_pit`.
         """
         return sequential_pit(self.integral, self.alpha, seen, points)
 
     def span(self) -> tuple[Array, Array]:
-        """Ends (M,) between which each observation would lie, but for one in many thousands."""
+        """Low and high ends (M,) of each observation's range, but for one in many thousands."""
         middle, reach = np.empty((2, self._observations))
         for block, eta, share in values_under_law(self.integral, self.alpha, self.settings.points):
             scale = self.integral.errors.scale(self._of_errors, eta, block.rows)
@@ -352,8 +372,9 @@ class IndividualsAt:
     def quantiles(self, probabilities: Array) -> Array:
         """Quantiles (M, P) of what would be measured in place of each observation.
 
-        Of one measurement at each of many points of the law and the error (Sobol): exact to some
-        hundredths of a standard deviation. NaN where no run gives a value.
+        For each observation one measurement is simulated at each of many points of the law and the
+        error (Sobol'); the quantiles are exact to some hundredths of a standard deviation. NaN
+        where no run gives a value.
         """
         integral, inputs, count = self.integral, self.inputs, self.settings.marginal
         classes = len(inputs.classes)
@@ -372,7 +393,7 @@ class IndividualsAt:
         return found
 
     def simulated(self, x: Array) -> Array:
-        """Simulated values (M, J) at points x (J, n), of the surfaces or the simulator."""
+        """Simulated values (M, J) at points x (J, n), by the surfaces or the simulator."""
         found = np.empty((self._observations, len(x)))
         for block in self.integral.layout.blocks(len(x)):
             points = np.broadcast_to(x, (len(block), *x.shape))
@@ -381,20 +402,20 @@ class IndividualsAt:
         return found
 
     def nodes(self) -> None:
-        """None, since `simulated` answers at any point."""
+        """None: `simulated` gives values at any point, so that no nodes are needed."""
 
     def variates(self) -> tuple[Array, Array] | None:
-        """Means (N, s) and mean products (N, s, s) of the variates, given the observations.
+        """Means (N, s) and mean products (N, s, s) of the normal variates, given the observations.
 
-        Under the law they are standard normal. None with one observation an experiment, which
-        tells no parameter alone.
+        The law makes the parameters from these variates, which are standard normal under the law.
+        None with one observation for each experiment, which does not determine a single parameter.
         """
         return None if self._alone else individual_variates(self.integral, self.alpha)
 
     def individuals(self, rng: np.random.Generator) -> Array:
-        """A draw (N, n) of the parameters of each experiment given its observations.
+        """A draw (N, n) of the parameters of each experiment, given its observations.
 
-        Under the right model they are a sample of the law.
+        Under the right model these draws are a sample of the law.
         """
         found, count = np.empty((self.count, len(self.inputs.names))), self.settings.points
         for block in self.integral.layout.blocks(count):
@@ -416,7 +437,7 @@ class IndividualsAt:
         return found
 
     def on(self, runner: Runner) -> IndividualsAt:
-        """The likelihood by the simulator itself, whose runs are remembered and stored."""
+        """The likelihood with the simulator in place of surfaces; its runs are stored."""
         no_parameters = np.zeros(0, dtype=np.intp)
         simulator = Direct(Remembered(runner), no_parameters, self.inputs.box)
         return replace(self, integral=replace(self.integral, predictor=simulator))
@@ -433,7 +454,7 @@ class IndividualsAt:
 
     @property
     def _alone(self) -> bool:
-        """Whether each experiment has one observation."""
+        """Whether each experiment has one observation only."""
         return self._observations == self.count
 
     def _adapted(self, integral: IndividualLikelihood, alpha: Array) -> IndividualLikelihood:
@@ -450,7 +471,7 @@ class IndividualsAt:
         return eta
 
     def _completed(self, block: Block, eta: Array, x: Array) -> Array:
-        """Simulated values (m, 1), run again at x (B, n) for experiments that lack one."""
+        """Simulated values (m, 1), with new runs at x (B, n) for experiments that lack a value."""
         lacking = block.summed(np.isnan(eta).astype(float)) > 0.0
         if not np.any(lacking):
             return eta
@@ -461,17 +482,19 @@ class IndividualsAt:
 LikelihoodAt = OutcomesAt | IndividualsAt
 """The likelihood of N experiments with M observations at one alpha (K,).
 
-A value: each method that changes something returns another one. Both kinds answer the same.
+It is immutable: a method that changes something returns another likelihood. Both kinds have the
+same methods.
 """
 
 
 def censored_alike(seen: Observations, y: Array, rng: np.random.Generator) -> Observations:
-    """Values y (M,) with bounds like those of the observations that were seen.
+    """Values y (M,) with censoring like that of the observations that were seen.
 
-    Where all right-censored values of a response have one bound, that is a limit of the test: every
-    value above it is censored. Where their bounds differ, only those values are censored that were,
-    if they lie above their own bound again. Left-censored values alike. An interval is one of the
-    same width, thrown about the value.
+    If all right-censored values of a response have the same bound, it is a limit of the test, and
+    every value above it is censored. If their bounds differ, only the observations that were
+    censored before are censored again, each where its value lies above its bound. Left-censored
+    values are treated likewise. An interval is replaced by one of the same width at a random
+    position about the value.
     """
     lower, upper = y.copy(), y.copy()
     for right in (True, False):

@@ -1,4 +1,4 @@
-"""The shape of the log-likelihood about its maximum: along one hyperparameter, and over two."""
+"""The log-likelihood around its maximum: curves for one hyperparameter and surfaces for two."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ from aleator.search.newton import ascended, positive
 
 @dataclass(frozen=True)
 class ShapeSettings:
-    """How far curves and surfaces of the likelihood reach; by judgement."""
+    """Settings of likelihood curves and surfaces. The values are chosen by judgement."""
 
     margin: float = 0.3
-    """Share of an interval by which a curve goes beyond it, so that its ends are seen to drop."""
+    """Share of the interval's width by which a curve goes beyond each end of the interval."""
     reach: float = 3.75
-    """Standard errors to which a surface goes."""
+    """Standard errors on either side of the maximum that a surface covers."""
     arrived: float = 0.01
-    """Log-likelihood left to climb at a point of a curve: less than the width of its line."""
+    """Remaining rise, in log-likelihood, at which the maximum for a point of a curve counts as
+    reached.
+    """
 
 
 SHAPE = ShapeSettings()
@@ -31,7 +33,7 @@ SHAPE = ShapeSettings()
 
 @dataclass(frozen=True)
 class LikelihoodCurve:
-    """The profile log-likelihood `value` (P,) where alpha_k is fixed `at` (P,)."""
+    """The profile log-likelihood `value` (P,) with hyperparameter k fixed at `at` (P,)."""
 
     k: int
     at: Array
@@ -42,8 +44,8 @@ class LikelihoodCurve:
 class LikelihoodGrid:
     """Log-likelihoods `value` (Q, Q) at `first` and `second` (Q, Q) of two hyperparameters.
 
-    Rows and columns of the grid go along the axes of the ellipse of the information. NaN beyond
-    the limits.
+    Rows and columns of the grid follow the axes of the confidence ellipse. Values beyond the limits
+    are NaN.
     """
 
     pair: tuple[int, int]
@@ -63,9 +65,11 @@ def likelihood_curve(
 ) -> LikelihoodCurve:
     """The profile log-likelihood of alpha_k at increasing values `at` (P,) (Wilks, 1938).
 
-    max log L over all other free hyperparameters: from the maximum alpha (K,) outward, each climbed
-    to from the one before, moved along the ridge by -I_oo^-1 I_ok. Less than `ARRIVED` is left to
-    climb. Cost: two to six evaluations a point.
+    It is max log L over all other free hyperparameters. The points are computed from the maximum
+    alpha (K,) outward. The search for each point starts from the last one, moved along the ridge by
+    -I_oo^-1 I_ok (I is the information, o the other hyperparameters). Each search ends where less
+    than `arrived` of the settings remains to be gained. Cost: two to six evaluations for each
+    point.
     """
     way = _Ridge.of(hyperparameters, inference, [k], inference.identified)
     value = np.full(at.size, np.nan)
@@ -92,11 +96,12 @@ def likelihood_surface(
 ) -> LikelihoodGrid:
     """The log-likelihood over two free hyperparameters; the others follow along the ridge.
 
-    On a grid of `count` times `count` points, `REACH` standard errors to either side along the axes
-    of the ellipse: a narrow ridge is not missed. Where the limits leave less than half of that, the
-    grid is a rectangle within them. The others move by -I_oo^-1 I_op from the maximum
-    alpha (K,), within their limits, but for those on a limit, which stay: exact for two
-    hyperparameters, near the maximum for more. Cost: an evaluation a point.
+    The grid has `count` times `count` points along the axes of the confidence ellipse, so that a
+    narrow ridge is not missed. It covers `reach` standard errors on either side. Where more than
+    half of it would lie beyond the limits, the grid is a rectangle within the limits instead. The
+    other hyperparameters move by -I_oo^-1 I_op from the maximum alpha (K,), within their limits;
+    those on a limit stay there. This is exact for two hyperparameters, and near the maximum for
+    more. Cost: one evaluation for each point.
     """
     rows = [int(np.flatnonzero(inference.free == k)[0]) for k in pair]
     variance, axes = np.linalg.eigh(inference.covariance[np.ix_(rows, rows)])
@@ -125,7 +130,7 @@ def likelihood_surface(
 def curve_points(
     interval: Sequence[float], estimate: float, h: Hyperparameter, settings: ShapeSettings = SHAPE
 ) -> Array:
-    """Values for a curve: the estimate, its interval, and some room beyond, within limits.
+    """Values for a curve: the estimate, its interval's ends, and two beyond, within limits.
 
     >>> h = Hyperparameter("x", 0.0, 2.2, 1.0, True)
     >>> curve_points((1.0, 2.0), 1.4, h).round(2).tolist()
@@ -138,7 +143,7 @@ def curve_points(
 
 
 def weakest_pair(correlation: Array) -> tuple[int, int] | None:
-    """The rows of the two estimates of largest correlation; None below two.
+    """The row and column of the strongest correlation; None with fewer than two estimates.
 
     >>> weakest_pair(np.array([[1.0, 0.1, -0.9], [0.1, 1.0, 0.2], [-0.9, 0.2, 1.0]]))
     (0, 2)
@@ -151,10 +156,10 @@ def weakest_pair(correlation: Array) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, eq=False)
 class _Ridge:
-    """How the `moving` hyperparameters follow the `fixed` ones along the ridge.
+    """How the `moving` hyperparameters follow the `fixed` ones along the ridge of the likelihood.
 
-    `curvature` (F, F) is the information of the moving ones, `follow` (F, H) their slopes by the
-    fixed ones.
+    `curvature` (F, F) is the information of the moving ones, and `follow` (F, H) the derivatives of
+    the moving ones with respect to the fixed ones along the ridge.
     """
 
     fixed: list[int]
@@ -171,10 +176,10 @@ class _Ridge:
         held: list[int],
         among: Indices,
     ) -> _Ridge:
-        """The ridge at the maximum, along which those `among` follow that are not fixed."""
+        """The ridge at the maximum, on which the hyperparameters `among` follow the fixed ones."""
         apart = ~np.isin(inference.identified, among) | np.isin(inference.identified, held)
         moving = inference.identified[~apart]
-        # in the order in which they are held
+        # The rows are in the order of the fixed hyperparameters.
         rows = [int(np.flatnonzero(inference.identified == k)[0]) for k in held]
         own = positive(inference.information[np.ix_(~apart, ~apart)])
         coupling = inference.information[:, rows][~apart]
@@ -183,7 +188,7 @@ class _Ridge:
         return cls(held, moving, limits, own, np.asarray(follow, float))
 
     def followed(self, here: Array, values: Array) -> Array:
-        """The point reached from `here` (K,) where the fixed ones have these values (H,)."""
+        """The alpha (K,) on the ridge through `here` with `values` (H,) of the fixed ones."""
         there = here.copy()
         there[self.fixed] = values
         wished = here[self.moving] + self.follow @ (values - here[self.fixed])

@@ -1,7 +1,7 @@
-"""How well a model fits for what it took, and how well it predicts: by which models are compared.
+"""Criteria for the comparison of models: fit, number of hyperparameters, and prediction.
 
-AIC and BIC (`Criteria`), the likelihood ratio of nested models (`LikelihoodRatio`), and the
-log-density of each experiment by the maximum of the others (`leave_one_out`).
+These are AIC and BIC (`Criteria`), the likelihood ratio of nested models (`LikelihoodRatio`), and
+the log-density of each experiment at the maximum of the others (`leave_one_out`).
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
 
 @dataclass(frozen=True)
 class Criteria:
-    """A maximal log-likelihood with the numbers of hyperparameters and data.
+    """A maximal log-likelihood, with the numbers of hyperparameters and data, and its criteria.
 
-    Of the free hyperparameters `of_law` belong to parameters that differ between the N
-    `experiments`, and `of_rest` to the noise and to constants, of which each of the M
-    `observations` tells.
+    `of_law` free hyperparameters belong to the laws of parameters that differ between the N
+    `experiments`. `of_rest` belong to the noise and to constants, about which each of the M
+    `observations` has information.
 
     >>> found = Criteria(-875.970, 5, 1, 18, 180)
     >>> round(found.aic, 2), round(found.aicc, 2), round(found.bic, 2)
@@ -47,21 +47,22 @@ class Criteria:
 
     @property
     def aic(self) -> float:
-        """-2 log L + 2 K (Akaike 1974)."""
+        """Akaike's criterion AIC = -2 log L + 2 K (Akaike 1974)."""
         return -2.0 * self.log_likelihood + 2.0 * self.free
 
     @property
     def aicc(self) -> float:
         """AIC + 2 K (K + 1) / (N - K - 1) (Hurvich and Tsai 1989); infinite for N <= K + 1.
 
-        The N experiments are the sample: the observations of one are not independent.
+        The sample size N is the number of experiments, since the observations of one experiment are
+        not independent.
         """
         left = self.experiments - self.free - 1
         return self.aic + 2.0 * self.free * (self.free + 1) / left if left > 0 else math.inf
 
     @property
     def bic(self) -> float:
-        """-2 log L + K_law log N + K_rest log M (Delattre, Lavielle and Poursat 2014)."""
+        """BIC = -2 log L + K_law log N + K_rest log M (Delattre, Lavielle and Poursat 2014)."""
         return (
             -2.0 * self.log_likelihood
             + self.of_law * math.log(self.experiments)
@@ -71,19 +72,22 @@ class Criteria:
 
 @dataclass(frozen=True)
 class LeaveOneOutSettings:
-    """When one Newton step gives the effect of leaving out an experiment; by judgement."""
+    """Settings of leave-one-out by one Newton step. The values are chosen by judgement."""
 
     tie: float = 1e-9
-    """Ratios this close are equal: both are zero where a scale ends at zero."""
+    """Differences of likelihood ratios below this count as zero, for ties in the bootstrap."""
     trusted: float = 0.1
-    """Change of log p(y_l) up to which one Newton step tells it: it is then exact to about 0.01."""
+    """Largest change of log p(y_l) for which one Newton step is trusted; it is then exact to about
+    0.01.
+    """
     leverage: float = 0.5
-    """Share of an experiment in the information, in any direction, up to which a step is trusted.
+    """Largest share of an experiment in the information, in any direction, for which a Newton step
+    is trusted.
     """
     determined: float = 1e-8
-    """Eigenvalues of the scaled information below this belong to directions that are not known."""
+    """Eigenvalue of the scaled information below which a direction counts as undetermined."""
     released: float = 1e-3
-    """What a hyperparameter on a limit may gain by leaving it, in log-likelihood."""
+    """Gain in log-likelihood from leaving a limit above which the Newton step is not trusted."""
 
 
 LEAVE_ONE_OUT = LeaveOneOutSettings()
@@ -91,11 +95,12 @@ LEAVE_ONE_OUT = LeaveOneOutSettings()
 
 @dataclass(frozen=True)
 class LikelihoodRatio:
-    """The likelihood ratio D = 2 (log L_larger - log L_smaller) with its reference.
+    """The likelihood ratio D = 2 (log L_larger - log L_smaller) with its reference law.
 
-    `df` free hyperparameters more; `on_boundary` of them are scales that are zero in the smaller
-    model. `bootstrap` (R,) are ratios of data drawn under the smaller model, NaN where a climb did
-    not arrive; empty without. `regular` is False where there is no reference but these.
+    The larger model has `df` more free hyperparameters; `on_boundary` of them are scales that are
+    zero in the smaller model. `bootstrap` (R,) are ratios for data drawn under the smaller model:
+    NaN where a search did not arrive, empty without a bootstrap. `regular` is False where the
+    bootstrap is the only reference.
     """
 
     smaller: str
@@ -108,11 +113,11 @@ class LikelihoodRatio:
 
     @property
     def p(self) -> float:
-        """P(chi-squared >= D) by the reference; NaN where there is none.
+        """P(chi-squared >= D) by the reference law; NaN where there is none.
 
-        With a scale of zero half chi2(df - 1) and half chi2(df): exact for one scale (Self and
-        Liang 1987, case 5; with its correlations Stram and Lee 1994, case 3), and an upper bound
-        for several (Perlman 1969).
+        With a scale of zero in the smaller model the law is half chi2(df - 1) and half chi2(df).
+        This is exact for one scale (Self and Liang 1987, case 5; with its correlations Stram and
+        Lee 1994, case 3), and an upper bound for several (Perlman 1969).
         """
         if not self.regular or self.df < 1:
             return float("nan")
@@ -120,7 +125,7 @@ class LikelihoodRatio:
 
     @property
     def bootstrap_p(self) -> float:
-        """(1 + number of drawn ratios as large) / (1 + R); NaN without any."""
+        """The bootstrap p value (1 + number of ratios >= D) / (1 + R); NaN without a bootstrap."""
         drawn = self.bootstrap[np.isfinite(self.bootstrap)]
         if not drawn.size:
             return float("nan")
@@ -128,7 +133,7 @@ class LikelihoodRatio:
 
     @property
     def reference(self) -> str:
-        """The reference distribution, in short."""
+        """The name of the reference law, such as chi2(1)."""
         if not self.regular or self.df < 1:
             return "bootstrap"
         if not self.on_boundary:
@@ -140,9 +145,10 @@ class LikelihoodRatio:
 def ratio_p(
     statistic: float, df: int, *, boundary: bool, settings: LeaveOneOutSettings = LEAVE_ONE_OUT
 ) -> float:
-    """P(chi2(df) >= statistic), or of half chi2(df - 1) and half chi2(df) on a `boundary`.
+    """P(chi2(df) >= statistic); on a `boundary` the law is half chi2(df - 1) and half chi2(df).
 
-    chi2(0) is zero. A statistic below zero, which only a wrong maximum gives, has p = 1.
+    chi2(0) is zero with certainty. A negative statistic, which only a wrong maximum gives, has p =
+    1.
 
     >>> round(ratio_p(3.841, 1, boundary=False), 3), round(ratio_p(3.841, 1, boundary=True), 3)
     (0.05, 0.025)
@@ -158,11 +164,12 @@ def ratio_p(
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """Each of N experiments predicted by the maximum of the others.
+    """Each of N experiments predicted by the model fitted to the other ones.
 
-    `each` (N,) is log p(y_l | alpha without l), and `alpha` (N, K) these maxima; `leverage` (N,)
-    the largest share of an experiment in the information; `refitted` (N,) which maxima were
-    climbed to, the others are a step; `arrived` (N,) is False where a climb did not end well.
+    `each` (N,) is log p(y_l | alpha without l), and `alpha` (N, K) are the maxima without l.
+    `leverage` (N,) is the largest share of an experiment in the information. `refitted` (N,) says
+    which maxima were searched for; the others are one Newton step. `arrived` (N,) is False where a
+    search failed.
     """
 
     each: Array
@@ -178,14 +185,15 @@ class LeaveOneOut:
 
     @property
     def error(self) -> float:
-        """Its standard error, sqrt(N var): that of drawing the experiments."""
+        """The standard error of the total, sqrt(N var), for experiments drawn at random."""
         return summed_error(self.each)
 
 
 def summed_error(each: Array) -> float:
     """The standard error of a sum of N independent terms, sqrt(N var); NaN for one term.
 
-    Of paired differences it is the error of a difference (Vehtari, Gelman and Gabry 2017).
+    For paired differences of two models it is the error of the difference (Vehtari, Gelman and
+    Gabry 2017).
 
     >>> round(summed_error(np.array([1.0, 2.0, 3.0])), 3)
     1.732
@@ -198,16 +206,17 @@ def summed_error(each: Array) -> float:
 def leave_one_out(
     fit: Fit, progress: Progress | None = None, settings: LeaveOneOutSettings = LEAVE_ONE_OUT
 ) -> LeaveOneOut:
-    """log p(y_l | alpha_-l) of each experiment, alpha_-l the maximum of all others; no runs.
+    """log p(y_l | alpha_-l) of each experiment, alpha_-l being the maximum of the others; no runs.
 
-    With scores s_l and information H_l of the experiments, H that of all and of priors, one Newton
-    step on the others' log-likelihood is
+    Let s_l be the score and H_l the information of experiment l, and H the information of all
+    experiments and priors. One Newton step on the log-likelihood of the others is
 
         alpha_-l = alpha - (H - H_l)^-1 s_l,
 
-    and log p(y_l) there is taken to second order. Where the step changes it by more than 0.1, the
-    experiment has more than half of the information in a direction, or limits come into play, the
-    others' maximum is climbed to. Cost: 2 F evaluations, and some ten for each such climb.
+    and log p(y_l) at this point is computed to second order. The maximum is searched for instead
+    where the step changes log p(y_l) by more than 0.1, where the experiment has more than half of
+    the information in a direction, or where limits matter. Cost: 2 F evaluations, and about ten for
+    each such search.
     """
     told = progress or Silent()
     local = _Local.of(fit, settings)
@@ -225,11 +234,12 @@ def leave_one_out(
 
 @dataclass(frozen=True)
 class _Local:
-    """The log-likelihood of each experiment about alpha to second order.
+    """The log-likelihood of each experiment around alpha, to second order.
 
-    `values` (N,), `scores` (N, F) and `information` (N, F, F) by the identified hyperparameters
-    `moving`; `inside` (F,) those off their limits. `believed` (F,) and `curvature` (F,) are the
-    score and the information of priors, which no experiment that is left out takes away.
+    `values` (N,), `scores` (N, F) and `information` (N, F, F) are with respect to the identified
+    hyperparameters `moving`. `inside` (F,) says which of them are off their limits. `believed` (F,)
+    and `curvature` (F,) are the score and the information of the priors, which do not change when
+    an experiment is left out.
     """
 
     alpha: Array
@@ -264,12 +274,12 @@ class _Local:
 
     @cached_property
     def _whole(self) -> Array:
-        """H (F, F), of all experiments and the priors."""
+        """The information H (F, F) of all experiments and the priors."""
         return np.asarray(self.information.sum(axis=0) + np.diag(self.curvature))
 
     @cached_property
     def _whitening(self) -> Array:
-        """W (F, G) with W' H W = 1 over the directions inside that the data determine."""
+        """The matrix W (F, G) with W' H W = 1 over the directions that the data determine."""
         whole = self._whole[np.ix_(self.inside, self.inside)]
         scale = np.sqrt(np.abs(np.diag(whole)))
         known = scale > 0.0
@@ -282,19 +292,19 @@ class _Local:
 
     @cached_property
     def _share(self) -> Array:
-        """W' H_l W (N, G, G): the part of each experiment in the information."""
+        """The share W' H_l W (N, G, G) of each experiment in the information."""
         w = self._whitening
         return np.asarray(w.T @ self.information @ w)
 
     @cached_property
     def leverage(self) -> Array:
-        """Its largest eigenvalue (N,)."""
+        """The largest eigenvalue (N,) of each experiment's share in the information."""
         if not self._share.shape[1]:
             return np.zeros(len(self.values))
         return np.asarray(np.linalg.eigvalsh(self._share)[:, -1])
 
     def stepped(self) -> tuple[Array, Array, Flags]:
-        """log p(y_l) at the step (N,), alpha there (N, K), and whether the step is trusted (N,)."""
+        """log p(y_l) after a Newton step (N,), alpha there (N, K), and whether to trust it (N,)."""
         rest = self.scores.sum(axis=0) + self.believed - self.scores
         safe = self.leverage < self.settings.leverage
         share = np.where(safe[:, None, None], self._share, 0.0)
@@ -312,9 +322,10 @@ class _Local:
         return self.values + change, alpha, safe & within & fine & ~self._released(rest)
 
     def _released(self, rest: Array) -> Flags:
-        """Whether one on a limit gains by leaving it when the experiment is left out (N,).
+        """Whether a hyperparameter on a limit would leave it without the experiment (N,).
 
-        By the score, or by the curvature: that by a scale of zero has no score.
+        This is judged by the score, and by the curvature, since the score of a scale at zero is
+        zero.
         """
         held = np.flatnonzero(~self.inside).tolist()
         left = self._whole - self.information
@@ -331,9 +342,10 @@ class _Local:
 
 
 def informations(fit: Fit, scores: Array) -> Array:
-    """-d2 log p(y_l) / d alpha2 (N, F, F) of each experiment, by differences of its scores (N, F).
+    """The information -d2 log p(y_l) / d alpha2 (N, F, F) of each experiment, from scores (N, F).
 
-    Their sum is the observed information; steps are its `Differences`.
+    It is computed by finite differences of the scores (see `Differences`). The sum over experiments
+    is the observed information.
     """
     moving = fit.inference.identified
 

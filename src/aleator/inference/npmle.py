@@ -1,10 +1,10 @@
 """The nonparametric maximum likelihood estimate (NPMLE): the best of all laws of the parameters.
 
 Over all probability laws G on a region it maximizes sum_l log int p(y_l | x) dG(x) (Kiefer and
-Wolfowitz, 1956). It is a law of at most N points: weights of given points are a concave problem
-with a certificate (`mixed`), and the points are climbed to where the gradient function is highest
-(`npmle`). Whether a law is worse than it by more than chance is judged by parametric bootstrap
-(`judged`).
+Wolfowitz, 1956). The maximum is a law of at most N points. For given points the weights solve a
+concave problem, whose gradient proves the maximum (`mixed`). New points are the local maxima of the
+gradient function (`npmle`). Whether the likelihood of a parametric law is lower by more than chance
+is tested by parametric bootstrap (`gap_test`).
 """
 
 from __future__ import annotations
@@ -25,54 +25,56 @@ from aleator.inference.fit import Fit, climbed, stepped
 
 @dataclass(frozen=True)
 class NPMLESettings:
-    """How weights and points of the best law are computed, and its gap tested; by judgement."""
+    """Settings of the best law's weights and points, and of the test of its gap, by judgement."""
 
     weighed: float = 1e-7
-    """Of the gradient function, over its largest value at the end."""
+    """Value of the gradient function D up to which the weights count as optimal."""
     steps: int = 200
-    """Newton steps to the weights, at most."""
+    """Largest number of Newton steps to the weights."""
     covered: float = 0.05
-    """Share of its largest likelihood that each experiment has at one of the first points."""
+    """Share of its largest likelihood that each experiment has at one of the first points or more.
+    """
     entering: int = 8
-    """Points that enter in one step."""
+    """Largest number of points that enter the law in one Newton step."""
     shortest: float = 1e-4
-    """Of a step that is cut."""
+    """Shortest fraction of a Newton step that is tried when the step is halved."""
     rise: float = 1e-4
-    """Share of the rise that the gradient promises."""
+    """Least rise of the log-likelihood over a step, relative to what the gradient predicts."""
     crosses: int = 40
-    """Rounds of an ascent of the gradient function, at most."""
+    """Largest number of rounds of an ascent of the gradient function D."""
     finest: float = 1e-6
-    """Step at the end, over the width of the region."""
+    """Distance of neighbouring points at which an ascent of D ends, relative to the region's width.
+    """
     narrower: float = 0.25
-    """Width of a cross over the one before, where the point in its middle is the highest."""
+    """Factor by which the distance of neighbouring points is reduced where none is higher."""
     flat: float = 1e-3
-    """Least curvature along an axis, over the largest of all axes."""
+    """Least curvature along an axis in a Newton step on D, relative to the largest of all axes."""
     flattest: float = 1e-6
-    """Least curvature along an axis, over the slope."""
+    """Least curvature along an axis in a Newton step on D, relative to the slope."""
     farthest: float = 8.0
-    """Steps that Newton's may be long."""
+    """Largest length of a Newton step on D, in units of the distance of neighbouring points."""
     starts: int = 12
-    """Local maxima of the gradient function that are climbed in a round."""
+    """Number of local maxima of the gradient function D that are sought in each round."""
     last: int = 40
-    """The same in the end."""
+    """Number of local maxima of the gradient function D that are sought in the last round."""
     rounds: int = 40
-    """Rounds in which points join the law, at most."""
+    """Largest number of rounds in which points are added to the law."""
     enough: float = 1e-4
-    """Of the log-likelihood, what other points may still add."""
+    """Possible gain in log-likelihood from further points at which the search ends."""
     near: float = 0.05
-    """Distance of points that may be one."""
+    """Distance below which two points are tried as one point at their mean."""
     same: float = 0.01
-    """Distance of points that are merged."""
+    """Distance below which two points are merged at the end."""
     alike: float = 1e-3
-    """Log-likelihood that merging may cost."""
+    """Largest loss of log-likelihood for which points are merged."""
     largest: float = 700.0
-    """Exponent of the largest ratio that is told."""
+    """Largest exponent of a ratio of densities; a larger one is cut."""
     climbed: float = 0.01
-    """What may be left to climb in a replicate, in log-likelihood."""
+    """Remaining rise in log-likelihood at which the maximum for a replicate counts as reached."""
     coarse: float = 1e-5
-    """Of the gradient function, over its largest value in a replicate."""
+    """Value of the gradient function D up to which the weights for a replicate count as optimal."""
     exceeded: int = 10
-    """Replicates above the gap after which no more are drawn."""
+    """Number of replicates with a larger gap after which no more are drawn."""
 
 
 NPMLE_SETTINGS = NPMLESettings()
@@ -80,10 +82,11 @@ NPMLE_SETTINGS = NPMLESettings()
 
 @dataclass(frozen=True, eq=False)
 class Mixing:
-    """Weights (J,) of the points of a law, and log f_l (N,) of each experiment under it.
+    """Weights (J,) of the points of a law, and log-density log f_l (N,) of each experiment.
 
-    `gradient` (J,) is D_j = mean_l L_lj / f_l - 1. No weights of these points have a
-    log-likelihood above that of these by more than `gap` = N log(1 + max D).
+    `gradient` (J,) is D_j = mean_l L_lj / f_l - 1, where L_lj is the likelihood of experiment l at
+    point j. No other weights of these points have a log-likelihood that is larger by more than
+    `gap` = N log(1 + max D).
     """
 
     weights: Array
@@ -92,22 +95,22 @@ class Mixing:
 
     @property
     def log_likelihood(self) -> float:
-        """sum_l log f_l."""
+        """The log-likelihood of the law, sum_l log f_l."""
         return float(self.each.sum())
 
     @property
     def gap(self) -> float:
-        """The log-likelihood of the best law on points x (J, n) minus that of the fit."""
+        """The most that other weights of the same points could add to the log-likelihood."""
         return bound(self.gradient, self.each.size)
 
     @property
     def support(self) -> Indices:
-        """The points that have a weight."""
+        """The indices of the points with a positive weight."""
         return np.flatnonzero(self.weights)
 
 
 def bound(gradient: Array, experiments: int) -> float:
-    """The bound N log(1 + max D) of what a law on these points may gain (Jensen's inequality)."""
+    """The bound N log(1 + max D) of a law's gain from these points (Jensen's inequality)."""
     return experiments * float(np.log1p(max(gradient.max(initial=0.0), 0.0)))
 
 
@@ -117,13 +120,14 @@ def mixed(
     enough: float = NPMLE_SETTINGS.weighed,
     settings: NPMLESettings = NPMLE_SETTINGS,
 ) -> Mixing:
-    """The weights w that maximize sum_l log sum_j w_j exp(log_density[l, j]), (N, J).
+    """The weights w that maximize sum_l log sum_j w_j exp(log_density[l, j]), log_density (N, J).
 
-    Kiefer and Wolfowitz (1956) showed the estimate consistent; D <= 0 at all points marks the
-    maximum (Lindsay, 1983). Solved by Newton steps whose quadratic problem on the simplex is a
-    nonnegative least-squares problem, on the few points that have weight and those of largest D
-    (Wang, 2007). NaN counts as -inf. An experiment that no point explains has -inf, and no part in
-    the weights. Cost: some twenty products with the matrix.
+    Kiefer and Wolfowitz (1956) proved that the estimate is consistent. D <= 0 at all points marks
+    the maximum (Lindsay, 1983). The weights are computed by Newton steps. The quadratic problem of
+    each, with nonnegative weights that sum to one, is a nonnegative least-squares problem on the
+    points that have weight and those of largest D (Wang, 2007). NaN counts as -inf. An experiment
+    with zero likelihood at all points keeps a log-density of -inf and does not influence the
+    weights. Cost: about twenty products with the matrix.
 
     >>> found = mixed(np.log([[0.9, 0.1, 0.5], [0.1, 0.9, 0.5]]))
     >>> found.weights.round(6).tolist(), round(found.log_likelihood, 6)
@@ -144,7 +148,7 @@ def mixed(
 
 
 def _ascended(density: Array, enough: float, settings: NPMLESettings) -> Array:
-    """Weights by Newton steps from a few points that explain every experiment."""
+    """Weights by Newton steps, starting from points that give every experiment a likelihood."""
     weights = np.zeros(density.shape[1])
     first = _cover(density, settings)
     weights[first] = 1.0 / max(first.size, 1)
@@ -178,10 +182,11 @@ def _cover(density: Array, settings: NPMLESettings) -> Indices:
 
 
 def _newton(ratio: Array) -> Array:
-    """The weights that minimize |ratio w - 2|^2 on the simplex: the parabola of the objective.
+    """The weights that minimize |ratio w - 2|^2, nonnegative with the sum one.
 
-    As sum w = 1 that is |P w|^2 with P = ratio - 2, homogeneous in w, and the constraint is met by
-    scaling the minimum of |P w|^2 + (sum w - 1)^2 (Dax, 1990).
+    This is the quadratic approximation of the log-likelihood. Since sum w = 1, it equals |P w|^2
+    with P = ratio - 2. The constraint is met by minimizing |P w|^2 + (sum w - 1)^2 over nonnegative
+    w and scaling the result (Dax, 1990).
     """
     reduced = linalg.qr(ratio - 2.0, mode="r", check_finite=False)[0][: ratio.shape[1]]
     rows = np.vstack([reduced, np.ones(ratio.shape[1])])
@@ -194,7 +199,7 @@ def _newton(ratio: Array) -> Array:
 def _searched(
     density: Array, weights: Array, moved: Array, gradient: Array, settings: NPMLESettings
 ) -> Array | None:
-    """The weights on the way to `moved` where the log-likelihood rises; None without any."""
+    """The weights on the way to `moved` where the log-likelihood rises; None if there are none."""
     promised = len(density) * float(gradient @ (moved - weights))
     now, then = density @ weights, density @ moved
     share = 1.0
@@ -217,11 +222,12 @@ Function = Callable[[Array], Array]
 def uphill(
     function: Function, starts: Array, step: float, settings: NPMLESettings = NPMLE_SETTINGS
 ) -> Array:
-    """Local maxima (P, s) of a function on the unit cube, uphill from `starts` (P, s).
+    """Local maxima (P, s) of a function on the unit cube, by ascents from `starts` (P, s).
 
-    Each round asks for the function on a cross about every point, takes the best of the cross and
-    of the top of its parabola, and makes the cross a quarter as wide where nothing is better.
-    `function` gives (Q,) at points (Q, s). Cost: some 20 rounds of P (2 s^2 + 2) values.
+    In each round the function is evaluated on a cross of points around every point, and at the top
+    of the parabola through the cross. The best point is taken; where none is better, the cross is
+    made a quarter as wide. `function` gives values (Q,) at points (Q, s). Cost: about 20 rounds of
+    P (2 s^2 + 2) values.
     """
     s = starts.shape[1]
     cross = _cross(s)
@@ -248,7 +254,7 @@ def uphill(
 
 
 def local_maxima(points: Array, value: Array, most: int) -> Indices:
-    """Those of points (J, s) that are higher than their neighbours, the highest first."""
+    """The indices of the points (J, s) that are higher than their neighbours, the highest first."""
     s = points.shape[1]
     nearest = (
         cKDTree(points).query(points, min(1 + 2 * s * s, len(points)))[1].reshape(len(points), -1)
@@ -258,7 +264,7 @@ def local_maxima(points: Array, value: Array, most: int) -> Indices:
 
 
 def _cross(s: int) -> Array:
-    """Steps (2 s^2, s) along each axis and along both diagonals of each two."""
+    """Steps (2 s^2, s) along each axis, and along both diagonals of each pair of axes."""
     axes = np.eye(s)
     steps = [sign * axis for axis in axes for sign in (1.0, -1.0)]
     for i, j in combinations(range(s), 2):
@@ -269,7 +275,7 @@ def _cross(s: int) -> Array:
 def _top(
     points: Array, width: Array, value: Array, around: Array, settings: NPMLESettings
 ) -> Array:
-    """The top of the parabola through each cross; without one a step up the slope."""
+    """The top of the parabola through each cross; where there is none, a step up the slope."""
     count, s = points.shape
     up, down = around[:, 0 : 2 * s : 2], around[:, 1 : 2 * s : 2]
     slope = 0.5 * (up - down)
@@ -282,7 +288,7 @@ def _top(
     bent, axes = np.linalg.eigh(np.nan_to_num(curvature))
     along = np.einsum("pij,pi->pj", axes, np.nan_to_num(slope))
     flat = settings.flat * np.max(np.abs(bent), axis=1, keepdims=True)
-    # a step that is much too long is cut anyhow
+    # A step that is much too long is cut later anyway.
     least = settings.flattest * np.abs(along) + np.finfo(float).tiny
     along /= np.maximum(np.maximum(np.abs(bent), flat), least)
     step = np.einsum("pij,pj->pi", axes, along)
@@ -299,8 +305,8 @@ LogDensity = Callable[[Array], Array]
 class NPMLE:
     """The law of largest likelihood: weights (S,) of points (S, s) of the unit cube.
 
-    `each` (N,) is log f_l. `gap` is how much larger the log-likelihood of any law can be, as far
-    as the points at which the gradient function was sought tell.
+    `each` (N,) is the log-density of each experiment. `gap` bounds how much larger the
+    log-likelihood of any law can be, as far as the gradient function was searched.
     """
 
     points: Array
@@ -310,7 +316,7 @@ class NPMLE:
 
     @property
     def log_likelihood(self) -> float:
-        """sum_l log f_l."""
+        """The log-likelihood of the law, the sum over experiments."""
         return float(self.each.sum())
 
 
@@ -320,7 +326,8 @@ def gradient(
     """The gradient function D(x) = mean_l exp(log p(y_l | x) - each_l) - 1 at points (J, s).
 
     A law that moves a small share h of its mass to x gains N h D(x) in log-likelihood (Lindsay,
-    1983). `each` (N,) are the log-densities under the law; -inf of one counts as the largest.
+    1983). `each` (N,) are the log-densities under the law; where one is -inf, its ratio is the
+    largest number that is allowed.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         ratio = log_density(points) - each[:, None]
@@ -334,9 +341,10 @@ def npmle(
 ) -> NPMLE:
     """The law of largest likelihood on the unit cube, from points (J, s) that cover it.
 
-    Weights are solved on few points (see `mixed`); the local maxima of the gradient function,
-    uphill from the highest of all points, join them until none is above zero. Then it is sought
-    anew from the `fresh` points, and the rest told as `gap`.
+    Weights are computed for a small number of points (see `mixed`). Local maxima of the gradient
+    function, reached from the highest of all points, are added until none is above zero. The search
+    is then repeated from the `fresh` points, and the gain that is still possible is reported as
+    `gap`.
     """
     law = _of(mixed(log_density(points), settings=settings), points)
     for _ in range(settings.rounds):
@@ -354,7 +362,7 @@ def npmle(
 def _higher(
     log_density: LogDensity, law: NPMLE, points: Array, starts: int, settings: NPMLESettings
 ) -> tuple[Array, Array]:
-    """Local maxima of the gradient function uphill from its highest points, and its values."""
+    """Local maxima of the gradient function uphill from its highest points, and their values."""
 
     def function(z: Array) -> Array:
         return gradient(log_density, law.each, z, settings=settings)
@@ -366,16 +374,16 @@ def _higher(
 
 
 def _between(law: NPMLE, settings: NPMLESettings) -> Array:
-    """Means of points that are near each other, as candidates in their place."""
+    """Weighted means of points close to each other, as candidates to replace them."""
     near = cKDTree(law.points).query_pairs(settings.near, output_type="ndarray")
     share = law.weights[near] / law.weights[near].sum(axis=1, keepdims=True)
     return np.asarray(np.einsum("pk,pks->ps", share, law.points[near]))
 
 
 def _merged(log_density: LogDensity, law: NPMLE, settings: NPMLESettings) -> NPMLE:
-    """The law with nearly equal points merged, where that costs nothing.
+    """The law with nearly equal points merged, where this hardly changes the log-likelihood.
 
-    What it costs is added to the gap.
+    The loss is added to the gap.
     """
     pairs = cKDTree(law.points).query_pairs(settings.same, output_type="ndarray")
     count = len(law.points)
@@ -394,12 +402,12 @@ def _of(found: Mixing, points: Array) -> NPMLE:
 
 
 Points = Callable[[Fit, np.random.Generator], Array]
-"""The points x (J, n) that the best law of a fit is sought on."""
+"""A function that gives the points x (J, n) on which the best law of a fit is computed."""
 
 
 @dataclass(frozen=True)
 class GapTest:
-    """The share of data sets drawn from the law itself that have as large a gap.
+    """The share of data sets drawn from the fitted law with a gap as large as the measured one.
 
     `failed` replicates have no log-likelihood and count as larger.
     """
@@ -411,7 +419,7 @@ class GapTest:
 
 
 def gap(fit: Fit, points: Array, settings: NPMLESettings = NPMLE_SETTINGS) -> float:
-    """Log-likelihood of the best law on points x (J, n) above that of the fit."""
+    """The gap: log-likelihood of the best law on points x (J, n) minus that of the fit."""
     best = mixed(
         fit.likelihood.log_density_at(points), settings.coarse, settings=settings
     ).log_likelihood
@@ -428,11 +436,11 @@ def gap_test(
 ) -> GapTest | None:
     """The p value of the gap, by data sets drawn from the fitted law and fitted again.
 
-    The best law has no limit distribution to compare with, so that the gap is drawn (McLachlan,
-    1987). It is that on points made by one rule for measured and for drawn data. It stops early:
-    after ten larger gaps p is ten over the replicates until then (Besag and Clifford, 1991), else
-    (g + 1)/(most + 1). None where the measured data have no gap. Cost: a climb and a product of
-    matrices for each replicate.
+    The gap has no known limit law, so that its law is simulated (McLachlan, 1987). The points for
+    the best law are made by the same rule for measured and drawn data. After ten larger gaps the
+    test stops, with p equal to ten over the number of replicates (Besag and Clifford, 1991);
+    otherwise p is (g + 1)/(most + 1) with g larger gaps. None where the gap of the measured data is
+    not finite. Cost: a refit and a product of matrices for each replicate.
     """
     seen = gap(fit, points(fit, np.random.default_rng([seed, 0])), settings=settings)
     if not np.isfinite(seen):
@@ -451,10 +459,10 @@ def gap_test(
 def _larger(
     fit: Fit, seen: float, points: Points, rng: np.random.Generator, settings: NPMLESettings
 ) -> bool | None:
-    """Whether the gap of a drawn data set is as large; None where it is no number.
+    """Whether the gap of a drawn data set is as large as `seen`; None where it is not finite.
 
-    One step comes near the maximum from below, so that a gap that is smaller after it stays
-    smaller.
+    Before a full refit one Newton step is made. Its likelihood is below the maximum, so that its
+    gap is too large; if even this gap is smaller than `seen`, no refit is needed.
     """
     near = stepped(fit.drawn(rng))
     found = gap(near, points(near, rng), settings=settings)

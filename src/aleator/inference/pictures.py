@@ -33,65 +33,68 @@ from aleator.search.interface import Scored
 
 @dataclass(frozen=True)
 class PictureSettings:
-    """How many points, curves and digits the charts of a report have; by what the eye sees."""
+    """Settings of the charts of a report: numbers of points, curves and digits, chosen by eye."""
 
     digits: int = 5
     """Significant digits of a value."""
     places: int = 10
-    """Significant digits of a position: an interval may be narrow beside its position."""
+    """Significant digits of a position; more, since an interval may be narrow and far from zero."""
     curve: int = 80
-    """Points of the line of a profile."""
+    """Points of a profile's curve."""
     band_points: int = 101
-    """Points of the density of a law."""
+    """Points of the density curve of a law."""
     laws_averaged: int = 40
-    """Experiments whose laws are averaged where each has its own."""
+    """Experiments whose laws are averaged, where each experiment has its own law."""
     steps: int = 5
-    """Steps between two points of a surface."""
+    """Steps between two neighbouring points of a drawn surface."""
     band_ends: tuple[float, float] = (0.002, 0.998)
-    """Probabilities of a law between which its density is drawn."""
+    """Probabilities of the quantiles of a law between which its density is drawn."""
     wide: tuple[float, float] = (0.25, 0.75)
-    """Quantiles of the ends of other laws to which it is drawn at least."""
+    """Quantiles, over the plausible laws, of the ends of their ranges; the drawn range includes
+    these.
+    """
     contour: int = 73
     """Points of a contour."""
     masses: tuple[float, float] = (0.5, 0.95)
-    """Probabilities that the contours of the law of two parameters enclose."""
+    """Probabilities that are enclosed by the contours of the joint law of two parameters."""
     contours: tuple[float, float, float] = (0.5, 0.8, 0.95)
-    """Confidence of the curves of the likelihood of two hyperparameters."""
+    """Confidence levels of the contours of the likelihood of two hyperparameters."""
     pairs: int = 6
-    """Pairs of parameters whose contours are drawn."""
+    """Largest number of pairs of parameters whose contours are drawn."""
     side: int = 11
-    """Points of a side of the surface."""
+    """Points along each side of the likelihood surface."""
     profiles: int = 8
-    """Hyperparameters that are profiled, the first of them: more are no picture."""
+    """Largest number of hyperparameters with a profile; the first ones are taken."""
     observations: int = 3000
-    """Observations up to which a curve takes seconds."""
+    """Largest number of observations for which profiles are computed; they then take seconds."""
     spread: int = 4000
-    """Parameters of which the middle and the ends of the charts are taken."""
+    """Number of drawn parameter vectors from which the ranges of the charts are computed."""
     spread_ends: tuple[float, float, float] = (0.002, 0.5, 0.998)
-    """Probabilities of the ends and the middle of these."""
+    """Probabilities of the quantiles that are the low end, the middle and the high end of a chart.
+    """
     along: int = 41
     """Points of a curve of the simulator."""
     map_side: int = 21
-    """Points of a side of a map of the simulator."""
+    """Points along each side of a map of the simulator."""
     curves: int = 3
-    """Parameters over which there are curves; over the first two there is a map."""
+    """Largest number of parameters with curves of the simulator; the first two also have a map."""
     experiments: int = 9
-    """Experiments whose curves are drawn, for each response."""
+    """Largest number of experiments whose curves are drawn, for each response."""
     nodes: int = 200
-    """Nodes of collocation that are shown."""
+    """Largest number of collocation nodes that are shown."""
     seed: int = 11
-    """Seed of the parameters and of the nodes that are drawn."""
+    """Seed of the drawn parameters and of the choice of nodes."""
     map_values: int = 10_000_000
-    """Values that are computed for the charts at most."""
+    """Largest number of simulated values that are computed for the charts."""
     laws: int = 256
-    """Plausible laws whose densities make a band."""
+    """Number of plausible laws whose densities form the band."""
 
 
 PICTURES = PictureSettings()
 
 
 def drawn(values: ArrayLike, digits: int = PICTURES.digits) -> Any:
-    """Numbers of any shape as nested lists, rounded to significant digits; NaN becomes None.
+    """Numbers as nested lists, rounded to significant digits; NaN and infinity become None.
 
     >>> drawn([1.23456789, float("inf"), 0.0]), drawn([1000000.25], 10)
     ([1.2346, None, 0.0], [1000000.25])
@@ -111,8 +114,8 @@ def law_bands(
     """The density of each scattering parameter, with a pointwise band of 95 % of plausible laws.
 
     Each entry has `x`, `density`, and the ends `lower` and `upper` of the band. Where laws follow
-    covariates the densities of some of the `count` experiments are averaged. A mixture with points
-    has no density, and no entry.
+    covariates, the densities of some of the `count` experiments are averaged. A mixture with
+    discrete points has no density, and no entry.
     """
     here = _values(inputs, draws.estimate, count, settings)
     others = [_values(inputs, alpha, count, settings) for alpha in draws.alpha]
@@ -145,9 +148,10 @@ def law_contours(
 ) -> list[dict[str, Any]]:
     """Curves that enclose 50 % and 95 % of the joint law of some pairs of parameters.
 
-    They are images of circles of two standard normal variates, correlated as the parameters are.
-    The most correlated pairs come first. There are none where laws follow covariates, and none of a
-    mixture, whose law is no image of one normal variate.
+    The curves are images of circles in the plane of two standard normal variates, which are
+    correlated like the parameters. The most correlated pairs come first. There are no curves where
+    laws follow covariates or are mixtures, because these laws are not simple transformations of
+    normal variates.
     """
     if inputs.regressed or len(inputs.classes) > 1:
         return []
@@ -175,7 +179,7 @@ def law_contours(
 def _values(
     inputs: Inputs, alpha: Array, count: int, settings: PictureSettings
 ) -> tuple[Array, ...]:
-    """The hyperparameters (k, E) of each law for E experiments, or for one where all are equal."""
+    """The hyperparameters (k, E) of each law for E experiments; E = 1 where all are equal."""
     chosen = np.unique(np.linspace(0, count - 1, settings.laws_averaged).round().astype(int))
     found = inputs.values(alpha[: inputs.size], slice(0, count))
     return tuple(own[:, None] if own.ndim == 1 else own[:, chosen, 0] for own in found)
@@ -200,9 +204,9 @@ def likelihood_shapes(
 ) -> dict[str, Any]:
     """Profiles of the log-likelihood, and its surface over the two most correlated estimates.
 
-    Both are drops below the maximum. A profile includes the ends of the 95 % interval. Empty where
-    the maximum has no curvature, and for very many observations. Few nodes are used, as differences
-    of log-likelihoods hardly depend on their number.
+    Both are drops below the maximum. A profile includes the ends of the 95 % interval. The result
+    is empty where the maximum has no curvature, and for very many observations. Coarse nodes are
+    used, since differences of log-likelihoods hardly depend on the number of nodes.
     """
     inference = fit.inference
     if not inference.positive or len(fit.table.observations) > settings.observations:
@@ -260,18 +264,19 @@ def _surface(
 
 
 ROWS = {1: ("last",), 2: ("first", "last")}
-"""The rows of a short series that are shown, by the number of its rows."""
+"""The places of the observations of a short series that are shown, by the length of the series."""
 EVERY = ("first", "middle", "last")
 
 
 def responses(fit: Fit, settings: PictureSettings = PICTURES) -> dict[str, Any]:
-    """The simulator over each scattering parameter, and over two of them, the others in the middle.
+    """The simulator over each scattering parameter, and over two of them; the others at the middle.
 
-    `over` has the values of each parameter, `map` those of the two on the grid of the maps;
-    `shown` has for some observations `curves` by parameter, and the `map`, in the original unit.
-    Of a series they are the first, the middle and the last observation, which `place` tells. With
-    collocation there are `nodes` instead: the values of each parameter at those of the law, and
-    `shown` has the outcomes of their runs. Empty where no parameter scatters, and of many rows.
+    `over` has the values of each parameter, and `map` the grid of the first two. `shown` has, for
+    some observations, `curves` by parameter and a `map`, in the original unit. Of a series the
+    first, the middle and the last observation are shown; `place` says which. With collocation there
+    are `nodes` instead, which are the values of each parameter at the nodes of the law, and `shown`
+    has the outcomes of their runs. The result is empty where no parameter scatters, and where there
+    are too many observations.
     """
     names = [fit.inputs.names[i] for i in fit.inputs.scattered][: settings.curves]
     seen = fit.table.observations
@@ -340,7 +345,7 @@ def _at_nodes(
 
 
 def _spread(fit: Fit, settings: PictureSettings) -> Array:
-    """Low ends, middle and high ends (3, n) of the law of all experiments, within the region."""
+    """Low ends, middles and high ends (3, n) of all experiments' parameters, in the region."""
     inputs, rng = fit.inputs, np.random.default_rng(settings.seed)
     times = max(1, settings.spread // fit.count)
     alpha = fit.alpha[: inputs.size]
@@ -351,7 +356,7 @@ def _spread(fit: Fit, settings: PictureSettings) -> Array:
 
 
 def _moved(middle: Array, columns: list[int], values: Array) -> Array:
-    """Points (J, n) in the middle of the region, with other values (J, k) in some columns."""
+    """Points (J, n) at the middle of the parameters, with values (J, k) in the k given columns."""
     points = np.tile(middle, (len(values), 1))
     points[:, columns] = values
     return points
@@ -360,8 +365,8 @@ def _moved(middle: Array, columns: list[int], values: Array) -> Array:
 def _chosen(fit: Fit, middle: Array, settings: PictureSettings) -> list[tuple[int, str]]:
     """Observations of some experiments for each response, with their places in their series.
 
-    These are the first, the middle and the last observation of experiments from low to high
-    outcomes, the least probable experiment included.
+    The experiments are spread evenly from low to high outcomes, and include the least probable one.
+    Of each, the first, the middle and the last observation are taken.
     """
     seen = fit.table.observations
     each, found = np.nan_to_num(fit.scored().each, nan=-np.inf), []
@@ -382,14 +387,14 @@ def _chosen(fit: Fit, middle: Array, settings: PictureSettings) -> list[tuple[in
 
 
 def _placed(rows: Indices) -> list[tuple[int, str]]:
-    """The observations of a series that are shown, each with its place."""
+    """The observations of a series that are shown, each with its place (first, middle, last)."""
     places = ROWS.get(len(rows), EVERY)
     at = np.linspace(len(rows) - 1, 0, len(places)).round().astype(int)[::-1]
     return [(int(rows[k]), place) for k, place in zip(at, places, strict=True)]
 
 
 def _entry(fit: Fit, m: int, place: str, settings: PictureSettings) -> dict[str, Any]:
-    """The entry of observation m of M: its experiment, its response, its bounds."""
+    """The chart entry of observation m of M: its experiment, row, place, response and bounds."""
     seen = fit.table.observations
     return {
         "id": str(fit.table.ids[int(seen.experiment[m])]),
@@ -417,12 +422,13 @@ def pictures(
     progress: Progress,
     settings: PictureSettings = PICTURES,
 ) -> dict[str, Any]:
-    """What the report of a result draws beside its numbers, from its fit; no run is made.
+    """What the report of a result draws besides its numbers, from its fit; no run is made.
 
-    `conditions` of each experiment, `laws` with the uncertainty of alpha by its `draws`, `contours`
-    of two parameters, `profiles` of the likelihood and its `surface` over the two estimates that
-    are told apart worst, the simulator's `response` over the parameters, the `roughness` of its
-    surfaces, and `predicted` quantiles of each observation under the law. Cost: seconds.
+    The entries are: `conditions` of each experiment; `laws` with their uncertainty by the `draws`
+    of alpha; `contours` of the laws of two parameters; `profiles` of the likelihood, and its
+    `surface` over the two most correlated estimates; the simulator's `response` over the
+    parameters; `roughness`, the estimated errors of its surfaces; and `predicted` quantiles of each
+    observation under the law. Cost: seconds.
     """
     progress.stage("pictures")
     rough = fit.likelihood.roughness
@@ -438,7 +444,7 @@ def pictures(
 
 
 def _conditions(fit: Fit, settings: PictureSettings) -> dict[str, list[Any]]:
-    """Columns (N,), numbers or texts, that are constant within each experiment."""
+    """Columns (N,) of numbers or texts that are constant within each experiment."""
     table = fit.table.table.reset_index(drop=True)
     owner = pd.Series(fit.table.experiment)
     found = {}

@@ -1,10 +1,11 @@
 """The posterior density of alpha, its Markov chains, and whether these have converged.
 
-p(alpha | y) ~ L(alpha) p(alpha) between the limits. A hyperparameter v between its limits a and b
-is v = a + (b - a) / (1 + exp(-u)), and the density of u has the factor dv/du (the Jacobian): on the
-real line a sampler may go anywhere. Chains are made by the No-U-Turn sampler of Hoffman and Gelman
-(2014), with multinomial draws from each trajectory (Betancourt, 2017), in the package Mici: it
-takes any function with its slope, and needs no compiler.
+The posterior density p(alpha | y) is proportional to L(alpha) p(alpha) between the limits. Each
+hyperparameter v with limits a and b is transformed to the real line, where a sampler meets no
+limits: v = a + (b - a) / (1 + exp(-u)). The density of u has the factor dv/du (the Jacobian).
+Chains are made by the No-U-Turn sampler of Hoffman and Gelman (2014), with multinomial draws from
+each trajectory (Betancourt, 2017), in the package Mici. This package takes any function with its
+gradient, and needs no compiler.
 """
 
 from __future__ import annotations
@@ -29,36 +30,41 @@ from aleator.search.interface import LogLikelihood, Scored
 
 @dataclass(frozen=True)
 class PosteriorSettings:
-    """How a posterior is scaled, sampled and judged; by judgement but where a paper is named."""
+    """Settings of the posterior's scale, sampler and convergence, by judgement or a named paper."""
 
     farthest: float = 1e-3
-    """Share of the limits' width that a search for the mode begins away from them."""
+    """Least distance from a limit at which the search for the mode begins, as a share of the range.
+    """
     least: float = 0.05
-    """Least curvature: that of a density as flat as between limits that nothing else tells of."""
+    """Least curvature of the density of u: that of a density determined by the limits alone."""
     tried: int = 16
-    """Points that say whether a scale is too wide."""
+    """Number of points by which it is tested whether the normal approximation is too wide."""
     shrunk: int = 12
-    """Times that a scale is made smaller, at most."""
+    """Largest number of times that the normal approximation is made narrower."""
     smaller: float = 0.6
-    """Factor by which it is made smaller."""
+    """Factor by which the normal approximation is made narrower."""
     impossible: float = 1e300
-    """Minus the log-density that the search for the mode sees where there is none."""
+    """Value that replaces minus the log-density in the search for the mode where the density is
+    zero.
+    """
     mode: int = 50
-    """Steps to the mode, at most."""
+    """Largest number of steps of the search for the mode."""
     target: float = 0.85
-    """Share of proposals that is to be accepted."""
+    """Target share of accepted proposals of the sampler."""
     deepest: int = 5
-    """Times that a trajectory is doubled, at most: the density has been scaled to about N(0, I)."""
+    """Largest number of doublings of a trajectory; a small number is enough, since the density has
+    been scaled to approximately N(0, I).
+    """
     tries: int = 50
-    """Points that a chain may try to begin at."""
+    """Largest number of points that are tried as the start of a chain."""
     tails: tuple[float, float] = (0.05, 0.95)
-    """Probabilities of the quantiles whose effective sample size counts."""
+    """Probabilities of the quantiles for which the tail effective sample size is computed."""
     warm_up: int = 100
-    """Steps of each chain that set the length of its steps, and are no draws."""
+    """Number of first steps of each chain, which adjust the step size and are not used as draws."""
     largest_r_hat: float = 1.01
-    """R-hat of draws that have converged (Vehtari et al., 2021)."""
+    """Largest R-hat of draws that count as converged (Vehtari et al., 2021)."""
     least_ess: float = 400.0
-    """Effective sample size of draws that have converged (the same)."""
+    """Least effective sample size of draws that count as converged (Vehtari et al., 2021)."""
 
 
 POSTERIOR = PosteriorSettings()
@@ -66,7 +72,7 @@ POSTERIOR = PosteriorSettings()
 
 @dataclass(frozen=True)
 class DensityAt:
-    """The log posterior density at one u (G,), its slope (G,), and the log-likelihood."""
+    """The log posterior density at one u (G,), its gradient (G,), and the log-likelihood."""
 
     value: float
     slope: Array
@@ -77,8 +83,9 @@ class DensityAt:
 class RealLine:
     """The posterior of the hyperparameters `moving` (G,) as a density of u on the real line.
 
-    `objective` is the honest log-likelihood with the log prior, minus infinity where the data are
-    impossible; the others are as in `alpha` (K,). Constant factors are left out.
+    `objective` is the log-likelihood plus the log prior, minus infinity where the data are
+    impossible. The other hyperparameters keep their values in `alpha` (K,). Constant factors are
+    left out.
     """
 
     objective: Scored
@@ -88,7 +95,7 @@ class RealLine:
     settings: PosteriorSettings = POSTERIOR
 
     def __call__(self, u: Array) -> DensityAt:
-        """Value and slope at u (G,); a slope of zero where the value is no number."""
+        """The log-density and its gradient at u (G,); -inf and zero where it is not finite."""
         with np.errstate(all="ignore"):
             found = self.objective(self.alpha_of(u))
             slope = found.score[self.moving] * self._rate(u) + (1.0 - 2.0 * special.expit(u))
@@ -98,14 +105,17 @@ class RealLine:
         return DensityAt(-np.inf, np.zeros(u.size), found)
 
     def alpha_of(self, u: Array) -> Array:
-        """The alpha (K,) of u (G,)."""
+        """The alpha (K,) that belongs to u (G,)."""
         alpha = self.alpha.copy()
         low, high = self._limits
         alpha[self.moving] = low + (high - low) * special.expit(u)
         return alpha
 
     def u_of(self, alpha: Array) -> Array:
-        """The u (G,) of alpha (K,); one on a limit is moved a thousandth of the width inside."""
+        """The u (G,) that belongs to alpha (K,).
+
+        A value on a limit is first moved inside by a thousandth of the range.
+        """
         low, high = self._limits
         share = (alpha[self.moving] - low) / (high - low)
         return np.asarray(
@@ -123,7 +133,7 @@ class RealLine:
 
 @dataclass(frozen=True)
 class NormalScale:
-    """The normal approximation of the posterior: u = center + factor z with z about N(0, I)."""
+    """The normal approximation of the posterior: u = center + factor z, with z about N(0, I)."""
 
     center: Array
     factor: Array
@@ -132,10 +142,10 @@ class NormalScale:
 def scaled(
     density: Callable[[Array], DensityAt], start: Array, settings: PosteriorSettings = POSTERIOR
 ) -> NormalScale:
-    """The mode of the density of u next to `start` (G,), and a factor of its covariance there.
+    """The normal approximation at the mode of the density of u near `start` (G,).
 
-    The curvature is that by differences of the slope: some 2 G evaluations after some tens to the
-    mode, and 16 that see whether the density reaches as far.
+    The curvature is computed by differences of the gradient. Cost: some tens of evaluations to
+    reach the mode, 2 G for the curvature, and 16 to test whether the approximation is too wide.
     """
 
     def loss(u: Array) -> tuple[float, Array]:
@@ -160,7 +170,7 @@ def scaled(
 def _within(
     density: Callable[[Array], DensityAt], scale: NormalScale, settings: PosteriorSettings
 ) -> NormalScale:
-    """The scale, shrunk until half of its points have a density: it may end abruptly."""
+    """The approximation, narrowed until the density is positive at half of its points."""
     z = np.random.default_rng(0).standard_normal((settings.tried, scale.center.size))
     for _ in range(settings.shrunk):
         inside = [np.isfinite(density(scale.center + scale.factor @ one).value) for one in z]
@@ -175,11 +185,12 @@ SAMPLER = "mici"
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """Draws u (C, D, G) of C chains of D, with values that belong to each.
+    """Draws u (C, D, G) of C chains with D draws each, and the values that belong to each draw.
 
-    `likelihood`, `prior` (C, D) are the log-likelihood and the log prior there, and `each`
-    (C, D, N) that of every experiment; `divergent` (C, D) whether its trajectory broke off, `steps`
-    and `accepted` (C, D) its length and the share of it that was acceptable.
+    `value` (C, D) is the log-density of u. `likelihood` and `prior` (C, D) are the log-likelihood
+    and the log prior, and `each` (C, D, N) is the log-density of every experiment. `divergent` (C,
+    D) says whether the trajectory diverged, `steps` (C, D) is its length, and `accepted` (C, D) its
+    mean acceptance probability. `evaluations` is the total number of evaluations of the density.
     """
 
     u: Array
@@ -202,10 +213,11 @@ def sampled(
     told: Callable[[int, int], None],
     settings: PosteriorSettings = POSTERIOR,
 ) -> Chains:
-    """Chains of draws of a density of u; `told` is called with each step and their number.
+    """Markov chains of draws from a density of u.
 
-    Each chain has a stream of random numbers of its own. Cost: some five evaluations a draw.
-    Raises AleatorError where the package is missing, and where a chain finds no place to begin.
+    Each chain has its own stream of random numbers. After each step `told` is called with the
+    number of steps so far and the total number. Cost: about five evaluations for each draw. Raises
+    AleatorError where the package is missing, and where a chain finds no starting point.
     """
     streams = np.random.SeedSequence(seed).spawn(chains)
     total = chains * (settings.warm_up + draws)
@@ -220,7 +232,7 @@ def sampled(
 
 
 class _Chain:
-    """One chain in z, u = center + factor z, that remembers values along its trajectory."""
+    """One Markov chain in z, where u = center + factor z; it stores values along its trajectory."""
 
     def __init__(
         self,
@@ -232,14 +244,14 @@ class _Chain:
         self.settings = settings
         self._density, self._scale, self._told = density, scale, told
         self._known: dict[bytes, DensityAt] = {}
-        # what is traced is asked for once before the first step
+        # The sampler asks for the traced values once before the first step.
         self._steps, self._evaluations = -1, 0
 
     def run(self, rng: np.random.Generator, draws: int) -> dict[str, Any]:
         """The draws after the warm-up, by the names of the fields of `Chains`."""
         mici = installed(SAMPLER)
 
-        # plain functions: a bound method would be copied, with all that this remembers
+        # These are plain functions: a bound method would be copied with all the stored values.
         def loss(z: Array) -> float:
             return -self._at(z).value
 
@@ -266,7 +278,7 @@ class _Chain:
                 monitor_stats=None,
             )
         if self._steps < self.settings.warm_up + draws:
-            # the package returns what it has when it is interrupted
+            # When the sampler is interrupted, it returns the draws that it has so far.
             raise KeyboardInterrupt
         kept = {
             name: np.asarray(values[0][self.settings.warm_up :])
@@ -300,7 +312,7 @@ class _Chain:
         return found
 
     def _traced(self, state: Any) -> dict[str, Any]:
-        """What is stored of a draw; the values along the trajectory are forgotten."""
+        """The stored values of one draw; the values along the trajectory are deleted."""
         z = np.asarray(state.pos)
         found = self._at(z)
         self._known = {z.tobytes(): found}
@@ -329,7 +341,7 @@ def installed(package: str) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence the sampler's own message on an interruption."""
+    """Suppress the sampler's own message on an interruption."""
     log = logging.getLogger("mici.samplers")
     before, log.disabled = log.disabled, True
     try:
@@ -340,10 +352,10 @@ def _quiet() -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Convergence:
-    """Of G quantities: rank-normalized split R-hat (G,), and effective sample sizes (G,).
+    """Convergence of G quantities: rank-normalized split R-hat and effective sample sizes (G,).
 
-    `bulk` is that of the middle of the posterior, `tail` the smaller of those of the quantiles of
-    5 % and 95 %.
+    `bulk` is the effective sample size for the middle of the posterior, and `tail` the smaller of
+    those for the quantiles of 5 % and 95 %.
     """
 
     r_hat: Array
@@ -361,7 +373,7 @@ class Convergence:
 
     @property
     def least(self) -> float:
-        """The smallest effective sample size; zero where one is not known."""
+        """The smallest effective sample size; zero where one is unknown."""
         return float(np.min(np.nan_to_num(np.concatenate([self.bulk, self.tail]))))
 
 

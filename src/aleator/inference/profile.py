@@ -1,9 +1,9 @@
-"""Intervals from the profile of the likelihood, which need not be symmetric nor have a curvature.
+"""Confidence intervals from the profile of the likelihood, which need not be symmetric.
 
-The interval of one hyperparameter holds the values v for which the largest log-likelihood with
+The interval of a hyperparameter contains the values v for which the largest log-likelihood with
 that hyperparameter fixed at v is within chi2_1(0.95)/2 = 1.92 of the maximum (Wilks, 1938; the
-MINOS errors of James and Roos, 1975). It stays meaningful where a standard deviation is
-weakly determined or lies on its limit, where the quadratic approximation does not.
+MINOS errors of James and Roos, 1975). It remains valid where a standard deviation is weakly
+determined or lies on its limit, where the quadratic approximation is not.
 """
 
 from __future__ import annotations
@@ -25,19 +25,22 @@ from aleator.search.objective import CountedObjective
 
 @dataclass(frozen=True)
 class BracketSettings:
-    """How the next value is chosen, and when a profile jumps; by judgement.
+    """Settings of the root search for an interval's end. The values are chosen by judgement.
 
-    Distances are those from the maximum, enclosures the distance of the inner and the outer value.
+    The root is the square root of twice the drop of the profile log-likelihood below its maximum.
+    The enclosure is the range between the inner value (root below its target) and the outer value
+    (root above its target); the distance of a value is measured from the maximum.
 
-    farthest: times the distance so far that a step outward may reach. nearest: times the distance
-    so far that it reaches at least. outward: the same of a step without the help of a slope.
-    beyond: times the target at which such a step aims, so that it passes it. least: the root is
-    taken to be at least so large there.
-    near, jump: share of the distance and growth of the root; a smaller enclosure over which the
-    root grows by more is odd. closed: share of the distance; a smaller enclosure is one point, and
-    there is a jump.
-    newton: share of the enclosure at either end in which Newton's step is not trusted.
-    margin: share of the enclosure that the next value stays away from either end.
+    farthest: largest factor by which a step outward multiplies the distance.
+    nearest: smallest factor of a step outward by Newton's method.
+    outward: smallest factor of a step outward without Newton's method.
+    beyond: factor on the target, so that a step without Newton's method passes the end.
+    least: least root by which the length of such a step is computed.
+    near, jump: the profile is suspected to jump where the root grows by more than `jump` over an
+    enclosure that is smaller than the share `near` of the distance.
+    closed: share of the distance; a smaller enclosure is a single point, where the profile jumps.
+    newton: share of the enclosure next to either end in which Newton's step is not trusted.
+    margin: share of the enclosure that the next value keeps away from either end.
     """
 
     farthest: float = 3.0
@@ -57,10 +60,12 @@ BRACKET = BracketSettings()
 
 @dataclass(frozen=True)
 class Bracket:
-    """The values that enclose an end of an interval, on one side of a maximum at `center`.
+    """The two values that enclose an end of an interval, on one side of a maximum at `center`.
 
-    `inner` and `outer` are values with their roots below and above the target; `outer` is NaN
-    until one was found. `stalled` counts the steps that did not halve the enclosure.
+    The root is the square root of twice the drop of the profile log-likelihood. `inner` and `outer`
+    are pairs of a value and its root; the root of `inner` is below the `target`, that of `outer`
+    above. `outer` is NaN until it is found. `stalled` counts the steps that did not halve the
+    enclosure.
     """
 
     target: float
@@ -78,14 +83,14 @@ class Bracket:
 
     @property
     def closed(self) -> bool:
-        """Whether inner and outer value coincide: the root jumps over its target."""
+        """Whether inner and outer value coincide: the root jumps over its target there."""
         gap = abs(self.outer[0] - self.inner[0])
         least = self.settings.closed * abs(self.outer[0] - self.center)
         return bool(gap <= max(least, np.finfo(float).tiny))
 
     @property
     def jumps(self) -> bool:
-        """Whether the root seems to jump, so that its outer value may be of a lower maximum."""
+        """Whether the root seems to jump: its outer value may belong to a lower local maximum."""
         gap = abs(self.outer[0] - self.inner[0])
         near = gap < self.settings.near * abs(self.outer[0] - self.center)
         grown = self.outer[1] - self.inner[1]
@@ -97,7 +102,7 @@ class Bracket:
         return replace(self, outer=(float("nan"), float("nan")), stalled=0)
 
     def with_root(self, value: float, root: float) -> Bracket:
-        """The bracket with the root at one more value; inf where there is no likelihood."""
+        """The bracket updated with the root at one more value; inf for zero likelihood."""
         if root < self.target:
             found = replace(self, inner=(value, root))
         else:
@@ -108,10 +113,12 @@ class Bracket:
     def next(self, value: float, root: float, slope: float) -> float:
         """The next value to evaluate; `slope` is the score at the last one.
 
-        Newton's step on the root, which grows about linearly with the distance. Where its slope is
-        of no use a secant, a middle, or a step outward, at most threefold.
+        It is Newton's step on the root, which grows about linearly with the distance from the
+        maximum. Where Newton's step is not usable, a secant, the middle, or a step outward is
+        taken; a step outward at most triples the distance.
         """
-        # the profile's slope is the score of what is held (envelope theorem); root^2/2 is its drop
+        # The slope of the profile is the score of the fixed hyperparameter (envelope theorem), and
+        # root^2/2 is the drop of the profile.
         steep = -slope / root if 0.0 < root < np.inf else 0.0
         newton = value + (self.target - root) / steep if steep else float("nan")
         if not np.isfinite(self.outer[0]):
@@ -136,7 +143,7 @@ class Bracket:
         return self.within(newton)
 
     def within(self, value: float) -> float:
-        """The value, or the limit where it lies beyond."""
+        """The value, or the limit where the value lies beyond it."""
         return float(
             max(value, self.limit) if self.limit <= self.center else min(value, self.limit)
         )
@@ -144,31 +151,37 @@ class Bracket:
 
 TARGET = float(np.sqrt(stats.chi2.ppf(INTERVALS.level, 1)))
 DROP = 0.5 * TARGET**2
-"""How far the profile has dropped at the ends of an interval: 1.92 (Wilks, 1938)."""
+"""The drop of the profile log-likelihood at the ends of an interval: 1.92 (Wilks, 1938)."""
 
 
 @dataclass(frozen=True)
 class EndSettings:
-    """How exactly the end of an interval is computed; by judgement.
+    """Settings of the computation of an interval's end. The values are chosen by judgement.
 
-    `tests/inference/test_profile.py` holds the ends and the cost.
+    `tests/inference/test_profile.py` checks the ends and the cost. A conditional maximum is the
+    maximum over the other hyperparameters, with one hyperparameter fixed at a value. Its root is
+    the square root of twice its drop below the overall maximum.
 
-    close: standard errors to which an end is found: 0.02 in log-likelihood. climbed: what a
-    conditional maximum is found to in log-likelihood, as far as its curvature is known.
-    left: log-likelihood that may be left to climb to a conditional maximum that counts.
-    trials: conditional maxima of an end, at most. no_maximum: the same where the answer is no
-    maximum, and no end is reported. evaluations: those of an end, as many as of five others; where
-    they are spent, it is not known. again: times that a conditional maximum is climbed to, at
-    most, from where the last climb ended.
-    impossible: a drop of the log-likelihood from where on the likelihood is zero.
-    steeper: times the root expected at a value above which a conditional maximum is sought from
-    elsewhere. distance: standard errors that a guess may lie from what is known; where the
-    likelihood has a kink, the parabola leads nowhere. beyond: times the root of an end beyond
-    which a conditional maximum is not built upon. fair: log-likelihood; a guess that is less below
-    the maximum is climbed from, without a look at others.
-    better: log-likelihood; a conditional maximum so far above the maximum means that the search
-    had missed it. first: share of the distance to the limit at which an end is first sought, where
-    there is no standard error.
+    close: tolerance of the root at an end: 0.01 standard errors, or 0.02 in log-likelihood.
+    climbed: tolerance of a conditional maximum in log-likelihood, as far as the curvature is known.
+    left: largest remaining rise, in log-likelihood, of a conditional maximum that is accepted.
+    trials: largest number of conditional maxima for an end.
+    no_maximum: largest number of conditional maxima where the result is not a maximum, so that no
+    end is reported.
+    evaluations: largest number of evaluations for an end, as many as five usual ends need; where it
+    is reached, the end is unknown.
+    again: largest number of searches for a conditional maximum, each from the end of the last one.
+    impossible: drop of the log-likelihood from which the likelihood counts as zero.
+    steeper: factor on the expected root; if a root is larger, other starting points are tried.
+    distance: largest distance, in standard errors, of an extrapolated starting point from the last
+    known point. Where the likelihood has a kink, the extrapolating parabola can lead far away.
+    beyond: factor on the root of an end; conditional maxima with a larger root are not
+    extrapolated.
+    fair: drop in log-likelihood up to which the first starting point is used without comparing
+    others.
+    better: rise in log-likelihood above the maximum which means that the search had missed a
+    maximum.
+    first: share of the distance to the limit for the first trial where there is no standard error.
     """
 
     close: float = 0.01
@@ -192,7 +205,7 @@ ENDS = EndSettings()
 
 @dataclass(frozen=True)
 class End:
-    """One end of an interval with its drop and conditional maximum (K,); or a `better` maximum."""
+    """One end of an interval, with its drop and conditional maximum (K,); or a `better` maximum."""
 
     value: float
     drop: float
@@ -202,11 +215,13 @@ class End:
 
 @dataclass(frozen=True)
 class Trace:
-    """The profile of hyperparameter k; `follow` (F,) is the slope of the others along it.
+    """The profile of hyperparameter k, by which the ends of its interval are computed.
 
-    `top` is the maximum of the log-likelihood, `scores` (N, K) are those of the experiments there.
-    `rivals` (K,) are other maxima: where an end would be, the profile may be that of their hill. A
-    hill behind a valley is not reached: a warning tells of two maxima.
+    `moving` (F,) are the other free hyperparameters, and `follow` (F,) their derivatives along the
+    profile. `top` is the maximum of the log-likelihood, and `scores` (N, K) are the experiments'
+    scores there. `rivals` (K,) are other local maxima, from which the search is repeated where an
+    end would be, since the profile may be higher there. A maximum that is separated by a valley is
+    not included in the interval; a warning then reports the two maxima.
     """
 
     objective: Objective
@@ -223,7 +238,8 @@ class Trace:
     def end(self, alpha: Array, sign: float, inference: Inference, about: Array) -> End:
         """The end on one side, where the profile has dropped by 1.92; or a better maximum.
 
-        It is sought from a point (K,) that is `about` there, if one is known; else that is NaN.
+        The search starts at the point `about` (K,) if the end is known approximately; otherwise
+        `about` is NaN.
         """
         counted = CountedObjective(self.objective)
         return replace(self, objective=counted)._end(alpha, sign, inference, about, counted)
@@ -264,7 +280,7 @@ class Trace:
             if abs(root - TARGET) < self.settings.close and summit.gain < self.settings.left:
                 return here
             if root < self.settings.beyond * TARGET:
-                # what lies far below the maximum tells nothing of the curvature where the end is
+                # A point far below the maximum has no information about the curvature at the end.
                 known, information = here, summit.information
                 steep = root / abs(value - alpha[self.k])
             inner = here if root < TARGET else inner
@@ -284,14 +300,14 @@ class Trace:
         return self.settings.trials if inference.positive else self.settings.no_maximum
 
     def _drop(self, summit: Summit) -> float:
-        """How far the profile has dropped at a summit; inf where the likelihood is no number."""
-        # what little is left to climb is known well enough to be counted
+        """The drop of the profile at a conditional maximum; inf if the likelihood is no number."""
+        # The small remaining rise is known well enough to be included.
         left = summit.gain if summit.gain < self.settings.left else 0.0
         drop = self.top - summit.value - left
         return drop if drop < self.settings.impossible else float("inf")
 
     def _summit(self, guesses: Sequence[Array], information: Array, most: float) -> Summit:
-        """The conditional maximum; from each guess where the root there is larger than `most`."""
+        """The conditional maximum from the first guess; from all if its root exceeds `most`."""
         best = self._arrived(guesses[0], information)
         if not _root(self._drop(best)) > most and best.gain < self.settings.left:
             return best
@@ -301,14 +317,14 @@ class Trace:
         return best
 
     def _above(self, summit: Summit, value: float) -> Summit:
-        """The conditional maximum, or that on the hill of a rival where this is higher."""
+        """The conditional maximum, or a higher one that is reached from a rival."""
         for rival in self.rivals:
             other = self._arrived(self._beside(rival, value), self.information)
             summit = other if other.value > summit.value + self.settings.left else summit
         return summit
 
     def _arrived(self, guess: Array, information: Array) -> Summit:
-        """The maximum climbed to from a guess; again from where a climb stopped too early."""
+        """The maximum reached from a guess; the search is repeated where it stopped too early."""
         summit = self._climbed(guess, information)
         for _ in range(self.settings.again - 1):
             if summit.gain < self.settings.left or not np.isfinite(summit.value):
@@ -319,9 +335,10 @@ class Trace:
         return summit
 
     def _verified(self, summit: Summit) -> Summit:
-        """The summit, climbed on where the scores of the experiments say that more is left.
+        """The conditional maximum, improved if the experiments' scores predict a further rise.
 
-        Where nothing is gained by that, nothing was left.
+        If this gains almost nothing, the smaller one of both estimates of the remaining rise is
+        kept.
         """
         information = summit.outer(self.moving)
         score = summit.score[self.moving]
@@ -351,7 +368,10 @@ class Trace:
     def _best_first(
         self, alpha: Array, known: Array, inner: Array, value: float, nearest: Summit
     ) -> list[Array]:
-        """Guesses at a value, the best of them first where the first one is poor."""
+        """Starting points for the conditional maximum at one value of the hyperparameter.
+
+        If the first one is poor, the one of highest log-likelihood comes first.
+        """
         guesses = self._guesses(alpha, known, inner, value)
         if self._below(guesses[0]) < self.settings.fair:
             return guesses
@@ -360,18 +380,18 @@ class Trace:
         return [guesses[best], *guesses[:best], *guesses[best + 1 :]]
 
     def _below(self, guess: Array) -> float:
-        """How far the log-likelihood at a guess lies below the maximum."""
+        """The drop of the log-likelihood at a guess below the maximum."""
         return float(np.nan_to_num(self.top - self.objective(guess).total, nan=np.inf))
 
     def _guesses(self, alpha: Array, known: Array, inner: Array, value: float) -> list[Array]:
-        """Guesses of the conditional maximum, the most plausible first."""
+        """Guesses of the conditional maximum at one value, the most plausible first."""
         along, beside = self._guess(alpha, known, value), self._beside(inner, value)
         error = np.sqrt(np.diag(np.linalg.pinv(self.information, hermitian=True)))
         lost = np.any(np.abs(along - known)[self.moving] > self.settings.distance * error)
         return [beside if lost else along, beside, self._guess(alpha, alpha, value)]
 
     def _tangent(self, summit: Summit, value: float) -> Array:
-        """A guess from a conditional maximum along the ridge that the scores give."""
+        """A guess along the ridge from a conditional maximum, by the experiments' scores."""
         information = summit.outer(np.append(self.moving, self.k))
         limits = limits_of(self.hyperparameters, self.moving)
         free = ~on_limits(summit.alpha[self.moving], summit.score[self.moving], *limits)
@@ -385,15 +405,16 @@ class Trace:
         return moved
 
     def _beside(self, point: Array, value: float) -> Array:
-        """A point (K,) with the hyperparameter at another value."""
+        """A point (K,) that differs from `point` only in the value of hyperparameter k."""
         moved = point.copy()
         moved[self.k] = value
         return moved
 
     def _guess(self, alpha: Array, known: Array, value: float) -> Array:
-        """A guess along the parabola from the maximum through `known`.
+        """A guess on the parabola from the maximum through the point `known`.
 
-        Its slope at the maximum is `follow`. From the maximum itself it is a straight line.
+        The parabola's slope at the maximum is `follow`. If `known` is the maximum itself, the guess
+        is on a straight line.
         """
         k, distance = self.k, value - alpha[self.k]
         moved = known[self.moving] - alpha[self.moving]
@@ -414,11 +435,11 @@ def _root(drop: float) -> float:
 
 @dataclass(frozen=True)
 class Profile:
-    """Intervals (K, 2), NaN where fixed; `better` is a higher maximum met on the way.
+    """Profile intervals (K, 2), NaN where fixed; `better` is a higher maximum that was met.
 
-    `drops` (K, 2) is how far the profile has dropped at each end, as it was evaluated there: 1.92,
-    less at a limit that the experiments do not rule out, or at a jump. An end whose drop could not
-    be had is NaN, and so is its drop. `points` (K, 2, K) are the conditional maxima at the ends.
+    `drops` (K, 2) is the computed drop of the profile at each end. It is 1.92, or less at a limit
+    that the experiments do not rule out, or at a jump. An end whose drop could not be computed is
+    NaN, and so is its drop. `points` (K, 2, K) are the conditional maxima at the ends.
     """
 
     intervals: Array
@@ -428,32 +449,32 @@ class Profile:
 
     @classmethod
     def unknown_ends(cls, size: int) -> Profile:
-        """A profile of `size` hyperparameters of which no end is known."""
+        """A profile of `size` hyperparameters for which no end is known."""
         ends = np.full((size, 2), np.nan)
         return cls(ends, ends.copy(), np.full((size, 2, size), np.nan), None)
 
     def masked(self, wrong: Flags) -> Profile:
-        """The profile without the ends (K, 2) that are wrong."""
+        """The profile with the `wrong` ends (K, 2) replaced by NaN."""
         intervals, drops = (np.where(wrong, np.nan, ends) for ends in (self.intervals, self.drops))
         return replace(self, intervals=intervals, drops=drops)
 
     def joined(self, other: Profile, rows: Indices) -> Profile:
-        """The profile with these rows of another profile."""
+        """The profile with the given rows replaced by those of another profile."""
         found = Profile(self.intervals.copy(), self.drops.copy(), self.points.copy(), other.better)
         found.intervals[rows] = other.intervals[rows]
         found.drops[rows], found.points[rows] = other.drops[rows], other.points[rows]
         return found
 
     def unknown(self, identified: Indices) -> Indices:
-        """Those of the hyperparameters (G,) of which an end is not known."""
+        """The `identified` hyperparameters whose interval has an unknown end."""
         return identified[np.any(np.isnan(self.drops[identified]), axis=1)]
 
 
 class _Remembering:
-    """An objective that remembers the last alphas, since guesses are judged and climbed from."""
+    """An objective that stores its last values: guesses are compared, then searched from."""
 
     def __init__(self, objective: Objective, size: int = 4) -> None:
-        """`size` is the number of alphas that are kept."""
+        """`size` is the number of alphas whose values are stored."""
         self.values = objective.values
         self._size = size
         self._objective = objective
@@ -484,16 +505,19 @@ def profile_intervals(
 ) -> Profile:
     """The profile-likelihood interval of every free hyperparameter at the maximum alpha (K,).
 
-    Each end is found by Newton steps on the signed root of twice the drop in log-likelihood, which
-    is linear where the likelihood is normal; its slope is the score. Conditional maxima are climbed
-    to from a parabola through those before, with the curvature that these taught: two or three an
-    end, of one to five evaluations each, and up to thirty where a ridge is curved. What was found
-    is taken for an end when the profile, climbed to anew with the curvature that the scores of the
-    experiments tell, has dropped by 1.92 -+ 0.02; a limit, when it was evaluated there and has
-    dropped by less. Where the profile jumps, the end is the last value before. Where an end would
-    be, other maxima that are not ruled out, `rivals` (K,), are climbed from too. Stops early, with
-    `better` set, when a conditional maximum exceeds the maximum. `only` some hyperparameters; the
-    others are NaN. Points (K, 2, K) that are `about` the ends, where they are known, save trials.
+    Each end is found by Newton steps on the signed root of twice the drop in log-likelihood. This
+    root is linear where the likelihood is normal, and its slope follows from the score. The search
+    for a conditional maximum starts on a parabola through the earlier ones and uses the curvature
+    learned from them. An end needs two or three conditional maxima of one to five evaluations each,
+    and up to thirty where a ridge is curved. A value counts as an end when the profile there has
+    dropped by 1.92 -+ 0.02, after a renewed search with the curvature that the experiments' scores
+    give. A limit is the end when the profile has dropped by less there. Where the profile jumps,
+    the end is the last value before the jump. Where an end would be, the search also starts from
+    other maxima that are not ruled out, `rivals` (K,).
+
+    The search stops early, with `better` set, when a conditional maximum exceeds the maximum.
+    `only` restricts it to some hyperparameters; the others are NaN. `about` (K, 2, K) are points
+    near the ends, if known, which save trials.
     """
     maximum, size = objective(alpha), alpha.size
     assert maximum.scores is not None
@@ -507,7 +531,8 @@ def profile_intervals(
         moving = inference.identified[others]
         tied = _tied(inference)
         information, coupling = positive(tied[np.ix_(others, others)]), tied[others, row]
-        # along the profile the others follow the one by -I_oo^-1 I_ok
+        # Along the profile the others move by -I_oo^-1 I_ok for each unit of the fixed
+        # hyperparameter.
         follow = -np.linalg.pinv(information, hermitian=True) @ coupling
         trace = Trace(
             climbed, hyperparameters, k, moving, information, follow, maximum.total,
@@ -523,10 +548,10 @@ def profile_intervals(
 
 
 def _tied(inference: Inference) -> Array:
-    """The information (G, G) without correlations of hyperparameters on a limit.
+    """The information (G, G), with zero correlation for hyperparameters on a limit.
 
-    With a standard deviation on its lower limit the likelihood need not bend down, and the inverse
-    would lead all others far away.
+    With a standard deviation on its lower limit the likelihood need not be concave, and the inverse
+    of its information would move all other hyperparameters far away.
     """
     free = np.array([inference.at_bound[k] is None for k in inference.identified], dtype=np.bool_)
     alone = np.diag(np.abs(np.diag(inference.information)))

@@ -1,7 +1,7 @@
-"""Rare events and limits of outcomes: importance densities, and limits that hold a share of all.
+"""Rare events and tolerance limits of outcomes, computed by importance sampling.
 
-An `Event` is an outcome in some intervals; `importance_density` is a mixture of normal densities by
-which its probability is computed, found by cross-entropy.
+An `Event` is an outcome in given intervals. `importance_density` is a mixture of normal densities,
+found by the cross-entropy method, from which points are drawn to compute its probability.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from aleator.inference.alpha_draws import quantiles
 
 @dataclass(frozen=True)
 class Event:
-    """An outcome in one of the intervals `parts`, which do not overlap.
+    """The event that an outcome lies in one of the intervals `parts`, which do not overlap.
 
     >>> Event(((1.0, np.inf),)).holds(np.array([0.5, 2.0])).tolist()
     [False, True]
@@ -49,27 +49,32 @@ class Event:
         return np.asarray(np.min([np.abs(y - end) for end in ends], axis=0))
 
     def missed(self, y: Array) -> Array:
-        """The distances of outcomes y from the event: zero within, infinite without an outcome."""
+        """The distances of outcomes y from the event: zero in the event, infinite for NaN."""
         away = [np.maximum(low - y, y - high) for low, high in self.parts]
         outside = np.maximum(np.min(away, axis=0), np.finfo(float).tiny)
         return np.where(self.holds(y), 0.0, np.nan_to_num(outside, nan=np.inf, posinf=np.inf))
 
 
 Missed = Callable[[Array], tuple[Array, Array]]
-"""u (J, d) -> by how much the outcome misses the event under each of L laws (L, J), zero within,
-infinite where there is none, and the weight of each (L, J); weights sum to one over the laws."""
+"""A function of points u (J, d): how far outcomes miss an event (L, J), and weights (L, J), for L
+laws.
+
+The distance is zero in the event, and infinite where there is no outcome. Weights sum to one over
+the laws.
+"""
 
 
 @dataclass(frozen=True)
 class CrossEntropy:
-    """How an importance density of an event is computed; chosen by `benchmarks limit_states`.
+    """Settings of the importance density of an event, chosen by `benchmarks limit_states`.
 
-    Each of at most `rounds` rounds draws `points` from the mixture so far. `components` normal
-    densities are fitted to those in the event, wider by `wider`; `floor` is the share of the law
-    itself, and of the law with each of the `scales`, that no fit takes away. `effective`
-    points of equal weight must have reached a level of the event before the next one is sought,
-    and `enough` is the effective share of points of a density that is not improved further.
-    `iterations` are those of a fit by expectation-maximization.
+    Each of at most `rounds` rounds draws `points` from the present mixture. `components` normal
+    densities are fitted to the points in the event, and widened by the factor `wider`. The law
+    itself, and the law with each of the `scales`, keep at least the share `floor` in every mixture.
+    An intermediate level of the event is sought such that the points that reach it are worth
+    `effective` points of equal weight. A density is not improved further when its points in the
+    event are worth the share `enough` of all. `iterations` is the number of steps of
+    expectation-maximization.
     """
 
     points: int = 2048
@@ -85,14 +90,14 @@ class CrossEntropy:
 
 @dataclass(frozen=True)
 class RareEventSettings:
-    """How points and levels of rare events are computed; by judgement.
+    """Settings of points and levels of rare events. The values are chosen by judgement.
 
-    edge: uniform numbers stay so far from zero and one.
-    stream: the stream of random numbers for the fits, beside that of the points; seeds: numbers
-    between the seeds of two searches, for the points of their rounds.
-    levels: a level of the event is sought to one of so many points. round: what stands for the
-    mean variance in all directions, beside that of the points, where a component has few of them.
-    tail: the least probability of an end of a content interval, and the error of an end.
+    edge: distance from zero and one that uniform numbers keep.
+    stream: number of the random stream for the fits, separate from that of the points.
+    seeds: difference between the seeds of two searches, whose rounds use consecutive seeds.
+    levels: an intermediate level is located among the sorted distances to one part in so many.
+    round: variance in all directions that is added to a component with a small number of points.
+    tail: least probability beyond an end of a content interval, and tolerance of this probability.
     """
 
     edge: float = 1e-14
@@ -108,9 +113,10 @@ RARE_EVENTS = RareEventSettings()
 
 @dataclass(frozen=True, eq=False)
 class ImportanceDensity:
-    """Normal densities of d variates: `shares` (M,), means (M, d), Cholesky factors (M, d, d).
+    """A mixture of M normal densities in d dimensions: `shares` (M,), `means` (M, d), `factors`.
 
-    The first are the law itself and the law with other scales.
+    `factors` (M, d, d) are Cholesky factors of the covariances. The first components are the law
+    itself and the law with other scales.
     """
 
     shares: Array
@@ -119,7 +125,7 @@ class ImportanceDensity:
 
     @classmethod
     def of_law(cls, variates: int, scales: tuple[float, ...]) -> ImportanceDensity:
-        """The standard normal law in equal shares with those of other scales."""
+        """The mixture of normal laws of scale one and of the other scales, in equal shares."""
         every = np.array([1.0, *scales])
         return cls(
             np.full(every.size, 1.0 / every.size),
@@ -128,14 +134,14 @@ class ImportanceDensity:
         )
 
     def drawn(self, points: Array) -> Array:
-        """Points (J, d) by uniform ones (J, d + 1), the last of which chooses the component."""
+        """Points (J, d) from uniform points (J, d + 1); their last column chooses the component."""
         normal = special.ndtri(np.clip(points[:, :-1], RARE_EVENTS.edge, 1.0 - RARE_EVENTS.edge))
         last = len(self.shares) - 1
         owner = np.minimum(np.searchsorted(np.cumsum(self.shares), points[:, -1]), last)
         return np.asarray(self.means[owner] + np.einsum("jkl,jl->jk", self.factors[owner], normal))
 
     def log_parts(self, u: Array) -> Array:
-        """Logarithms (M, J) of the shares times the densities at u (J, d), over (2 pi)^(-d/2)."""
+        """Logarithms (M, J) of share times density at u (J, d), without factor (2 pi)^(-d/2)."""
         parts = np.empty((len(self.shares), len(u)))
         for k, (share, mean, factor) in enumerate(
             zip(self.shares, self.means, self.factors, strict=True)
@@ -149,7 +155,7 @@ class ImportanceDensity:
         return parts
 
     def weights(self, u: Array) -> Array:
-        """The density of the law over that of the mixture (J,), at u (J, d)."""
+        """The density of the law divided by that of the mixture (J,), at u (J, d)."""
         log = np.logaddexp.reduce(self.log_parts(u), axis=0)
         return np.asarray(np.exp(-0.5 * np.sum(u**2, axis=1) - log))
 
@@ -164,11 +170,12 @@ def importance_density(
 ) -> tuple[ImportanceDensity, bool]:
     """A mixture near the density phi(u) 1(u in the event)/P, and whether a point was in the event.
 
-    Multilevel cross-entropy (Rubinstein and Kroese, 2004) with normal mixtures fitted by
-    expectation-maximization (Kurtz and Song, 2013): a level is the least miss that enough points
-    stay below, and the points of all rounds count by the ratio of the law to the mean of their
-    densities (Owen and Zhou, 2000). The law and wider ones keep a share: what lies apart from
-    the points of the event that are known is still looked for, and weights are bounded.
+    It is found by the multilevel cross-entropy method (Rubinstein and Kroese, 2004) with normal
+    mixtures fitted by expectation-maximization (Kurtz and Song, 2013). A level is the least
+    distance from the event within which there are enough points. Points of all rounds are used;
+    their weight is the density of the law over the mean of the densities of all rounds (Owen and
+    Zhou, 2000). The law and wider laws keep a share of the mixture. Parts of the event that are not
+    known yet can thus still be found, and weights are bounded.
     """
     rng = np.random.default_rng([seed, RARE_EVENTS.stream])
     mixture = ImportanceDensity.of_law(variates, choice.scales)
@@ -197,7 +204,7 @@ def importance_density(
 
 
 def _effective(weights: Array) -> float:
-    """(sum w)^2/sum w^2 (Kish, 1965)."""
+    """The effective number of points with these weights, (sum w)^2/sum w^2 (Kish, 1965)."""
     square = float(np.sum(weights**2))
     return float(np.sum(weights)) ** 2 / square if square > 0.0 else 0.0
 
@@ -205,9 +212,9 @@ def _effective(weights: Array) -> float:
 def _within(level: float, ratio: Array, misses: Array, shares: Array) -> Array:
     """Weights (J,) of the points that miss the event by no more than a level.
 
-    The mean of the weights under the mixture of all laws and under each law alike: laws under which
-    the event is far less probable would have no points by the mixture alone, and the lower end of
-    an interval is theirs.
+    They are the sum of two weights: those under the mixture of all laws, and those that give each
+    law the same influence. By the mixture alone, laws under which the event is far less probable
+    would have no points, and these laws determine the lower end of an interval of its probability.
     """
     each = ratio * shares * (misses <= level)
     own = each.sum(axis=1)
@@ -219,7 +226,7 @@ def _within(level: float, ratio: Array, misses: Array, shares: Array) -> Array:
 
 
 def _level(ratio: Array, misses: Array, shares: Array, effective: float) -> Array | None:
-    """Weights (J,) of the points within the smallest level that holds enough of them.
+    """Weights (J,) of the points within the smallest level that contains enough of them.
 
     None where no point has an outcome.
     """
@@ -280,14 +287,14 @@ def _fitted(
 
 
 def _rounder(spread: Array, count: float) -> Array:
-    """A covariance (d, d), shrunk towards equal variances by the number of points."""
+    """A covariance (d, d), shrunk towards equal variances; more so with fewer points."""
     d = len(spread)
     alike = (d + 1.0) * float(np.trace(spread)) / d + RARE_EVENTS.round
     return np.asarray((count * spread + alike * np.eye(d)) / (count + d + 1.0))
 
 
 def _distant(u: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
-    """Indices of points far from each other, drawn at random (k-means++, 2007)."""
+    """Indices of points that are far from each other, chosen at random (k-means++, 2007)."""
     chosen = [int(rng.choice(len(u), p=weights))]
     nearest = np.sum((u - u[chosen[0]]) ** 2, axis=1)
     while len(chosen) < min(count, len(u)):
@@ -302,9 +309,10 @@ def _distant(u: Array, weights: Array, count: int, rng: np.random.Generator) -> 
 def quantile_bound(
     y: Array, weights: Array, draws: Array, probability: float, confidence: float
 ) -> tuple[float, Array]:
-    """The upper confidence bound of a quantile over draws, and the quantiles (A,).
+    """The upper confidence bound of a quantile over A laws, and the quantile under each law (A,).
 
-    `y` (A, J) are outcomes with `weights` (A, J) under A laws, whose own weights are `draws` (A,).
+    `y` (A, J) are outcomes with `weights` (A, J) under the laws. The laws themselves have the
+    weights `draws` (A,).
     """
     each = quantiles(y, weights, np.array([probability]))[:, 0]
     return float(quantiles(each, draws, np.array([confidence]))[0]), each
@@ -313,12 +321,12 @@ def quantile_bound(
 def content_interval(
     y: Array, weights: Array, draws: Array, content: float, confidence: float
 ) -> tuple[float, float]:
-    """The interval that holds the share `content` of a law with this confidence.
+    """The interval that contains the share `content` of a law with the given confidence.
 
-    Its ends are quantiles t and 1 - t of the mixture of all laws, with the largest t such that laws
-    of a total weight of `confidence` have at least that content between them: a content
-    tolerance interval (Wilks, 1941; Hamada et al., 2004). NaN where the points end before.
-    Outcomes that are NaN do not count.
+    It is a content tolerance interval (Wilks, 1941; Hamada et al., 2004). Its ends are the
+    quantiles of t and 1 - t of the mixture of all laws. t is the largest value for which laws with
+    a total weight of `confidence` have at least that content between the ends. NaN where the points
+    do not reach far enough. Outcomes that are NaN do not count.
     """
     lost = np.isnan(y)
     y, weights = np.where(lost, 0.0, y), np.where(lost, 0.0, weights)

@@ -1,8 +1,9 @@
 """Statistics of the residuals of a fit: one number for each test of consistency.
 
-Residuals are normal scores of observations and scores of experiments. A `Battery` asks for their
-shape, for what they depend on (`Contrasts` by column, `Relations` of individual parameters), and
-for how alike neighbours and groups are.
+Residuals are the normal scores of observations and the likelihood scores of experiments. A
+`Battery` is the set of tests for one table. It tests the shape of the residuals, their dependence
+on columns (`Contrasts`), relations of individual parameters (`Relations`), and the similarity of
+neighbours and of groups.
 """
 
 from __future__ import annotations
@@ -22,46 +23,49 @@ from aleator.results.values import Relation, Statistic
 
 @dataclass(frozen=True)
 class BatterySettings:
-    """How statistics are made and weighted: by judgement, held against `benchmarks findings`."""
+    """Settings of the test statistics, chosen by judgement and tested by `benchmarks findings`."""
 
     nearest: float = 1e-15
-    """Probabilities stay so far from zero and one: normal scores stay below eight."""
+    """Distance of probabilities from zero and one, so that normal scores stay below eight."""
     values: int = 200_000
-    """Simulated values by which all probabilities are computed, about."""
+    """Approximate number of simulated values by which all probabilities are computed."""
     least_points: int = 64
-    """Points of an experiment, at least."""
+    """Least number of parameter points by which an experiment's probabilities are computed."""
     points: int = 256
-    """Points of an experiment, at most, at first."""
+    """Largest number of these parameter points of an experiment, before it is increased."""
     more: int = 4
-    """Times as many points where too few probabilities are known."""
+    """Factor on the number of points where not enough probabilities can be computed."""
     times: int = 3
-    """How often there are more points."""
+    """Largest number of times that the number of points is increased."""
     main: float = 3.0
-    """The weight of the likeliest form of dependence on a column, its trend, among its parts."""
+    """Weight of the most probable form of dependence on a column, its trend, among its tests."""
     hidden: float = 0.5
-    """Shrinkage above which two parameters are not held against each other (Savic and Karlsson,
-    2009).
+    """Shrinkage above which a parameter is not tested for correlation (Savic and Karlsson, 2009).
 
-    A standard deviation of nearly zero is estimated as zero in many replicates and not in others.
-    The products of two parameters then scatter otherwise in these than where it was not.
+    Shrinkage is one minus the standard deviation of the individual means, in units of the law. With
+    a standard deviation near zero, the estimate is zero in many replicates but not in others, and
+    products of two parameters have different scatter in these cases.
     """
     least: float = 0.05
-    """Sums over a column are taken to scatter at least so much: one that the law follows pins them.
+    """Least standard deviation that is assumed for a sum over a column. Where a law follows the
+    column, the fit makes the sum nearly constant.
     """
     scatter_least: float = 1e-9
-    """Means that scatter less than this have no correlation."""
+    """Root mean square below which means have no correlation."""
     pinned: float = 0.05
-    """What the maximum itself pins is taken to scatter at least so much: mean, scale and contrasts.
+    """Least standard deviation that is assumed for statistics that the fit makes nearly constant.
 
-    Where the standard deviation is identified the mean square of all residuals is nearly one, and
-    where a law follows a column its scores add up to nothing in each part of it.
+    These are mean, scale and contrasts. Where a standard deviation is identified, the mean square
+    of all residuals is nearly one. Where a law follows a column, the scores in each part of the
+    column sum to nearly zero.
     """
     heavy: float = 4.0
-    """The weight of heavy tails among the tests of shape: nothing else sees all of them."""
+    """Weight of heavy tails among the tests of shape, because no other test detects all of them."""
     squares: float = 1e-12
-    """A mean square of an experiment below this is as large."""
+    """Least mean square of an experiment's residuals; smaller ones are raised to it."""
     repeated: float = 0.7
-    """A column is no sign of repeated subjects where it has more distinct values a row."""
+    """Largest ratio of distinct values to rows for which a column may identify repeated subjects.
+    """
 
 
 BATTERY = BatterySettings()
@@ -69,10 +73,10 @@ BATTERY = BatterySettings()
 
 @dataclass(frozen=True)
 class AlarmShares:
-    """The share of each group of tests in the false alarms, chosen by `benchmarks findings`.
+    """Settings of false alarms: the share of each group of tests, chosen by `benchmarks findings`.
 
-    The groups are the shape of all residuals, their outcomes, their scatter, all together, and the
-    individual parameters.
+    The groups test the shape of all residuals, the outcomes and the scatter by columns, the
+    similarity of neighbours and groups (`together`), and the individual parameters.
     """
 
     shape: float = 0.32
@@ -87,14 +91,14 @@ ALARMS = AlarmShares()
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """The normal scores (M,) of observations, and the scores (N, K) of experiments by alpha.
+    """The normal scores (M,) of observations, and the likelihood scores (N, K) of experiments.
 
-    w = Phi^-1(P(below what was measured | earlier ones of the same experiment)): independent and
-    standard normal under the right model. `finite` (M,) tells where the probability is one; w is
-    zero elsewhere. `scores` are those of the hyperparameters that were identified; zero where an
-    experiment has none. `means` (N, s) and `products` (N, s, s) are those of the variates of the
-    individual parameters; s is zero where there is no noise. Experiments of which nothing was
-    observed are left out.
+    The normal scores are w = Phi^-1(P(value below the measured one | earlier ones of its
+    experiment)). Under the right model they are independent and standard normal. `finite` (M,) says
+    where this probability could be computed; w is zero elsewhere. `scores` belong to the identified
+    hyperparameters, and are zero where an experiment has none. `means` (N, s) and `products` (N, s,
+    s) are the means and mean products of the normal variates of the individual parameters; s is
+    zero without noise. Experiments without observations are left out.
     """
 
     normal: Array
@@ -105,7 +109,7 @@ class Residuals:
 
 
 def points_of(fit: Fit, enough: float, settings: BatterySettings = BATTERY) -> int:
-    """The points of each experiment by which a share `enough` of the probabilities is known."""
+    """Points of each experiment with which the share `enough` of probabilities is known."""
     each = settings.values // len(fit.table.observations)
     points = int(np.clip(each, settings.least_points, settings.points))
     for _ in range(settings.times):
@@ -116,7 +120,7 @@ def points_of(fit: Fit, enough: float, settings: BatterySettings = BATTERY) -> i
 
 
 def residuals_of(fit: Fit, points: int, settings: BatterySettings = BATTERY) -> Residuals:
-    """The residuals of a fit; one evaluation of its probabilities and one of its scores."""
+    """The residuals of a fit; cost: one evaluation of its probabilities and one of its scores."""
     u = fit.probabilities(points)
     known = np.isfinite(u)
     inside = np.clip(np.where(known, u, 0.5), settings.nearest, 1.0 - settings.nearest)
@@ -131,9 +135,10 @@ def residuals_of(fit: Fit, points: int, settings: BatterySettings = BATTERY) -> 
 
 
 def standardized(values: Array) -> Array:
-    """Values of mean zero and mean square one; zeros where they do not scatter.
+    """Values scaled to mean zero and mean square one; zeros where they do not scatter.
 
-    A sum of products of independent ones scatters alike then, whatever their scale and tails.
+    The sum of products of independent standardized values then has the same scatter, whatever the
+    original scale and tails.
     """
     left = values - values.mean()
     size = np.sqrt(np.mean(left**2))
@@ -141,22 +146,24 @@ def standardized(values: Array) -> Array:
 
 
 def scatter(w: Array) -> Array:
-    """The measure of scatter log(1 + u^2) of each value, with u the standardized values.
+    """The measure of scatter log(1 + u^2) of each value, where u are the standardized values.
 
-    It sees scatter that differs as well as |u| does, and one far value counts little in it.
+    It detects differences in scatter as well as |u| does, and is less sensitive to single far
+    values.
     """
     return np.asarray(np.log1p(standardized(w) ** 2))
 
 
 def moments(w: Array) -> tuple[float, float, float]:
-    """Skewness, and a measure of heavy tails with both signs: the negative one is of light tails.
+    """The skewness, a measure of heavy tails, and the negative of this, a measure of light tails.
 
-    With u, the values but the farthest one over their size, skewness is the mean of u log(1 + u^2),
-    and the tails are the cube root of log 2 - mean of log(1 + u^2), which is never negative. It
-    sees Student's t as well as the likelihood ratio to a t law does
-    (docs/statistics/consistency.md); two modes lower it. Of 11 to 300 normal values the root is
-    normal down to p = 0.001, while without it p = 0.001 came four times as often of 27. One gross
-    error is neither a skewed law nor heavy tails: the farthest value has a test of its own.
+    Let u be the standardized values without the farthest one. Skewness is the mean of u log(1 +
+    u^2), and the measure of heavy tails is the cube root of log 2 - mean of log(1 + u^2), which is
+    largest for heavy tails. It detects Student's t law as well as the likelihood ratio to a t law
+    does (docs/statistics/consistency.md); two modes lower it. For 11 to 300 normal values the cube
+    root is normal down to p = 0.001; without the root, p = 0.001 occurred four times as often with
+    27 values. The farthest value is left out since one gross error is neither a skewed law nor
+    heavy tails; it has its own test.
     """
     nearer = np.delete(w, np.argmax(np.abs(standardized(w))))
     u, far = standardized(nearer), scatter(nearer)
@@ -169,9 +176,10 @@ class Subject:
     """What a test is about: its group, the kind of statistic, and the part of the table.
 
     `of` is "outcomes", "scatter", or a hyperparameter. `column` is None where a test is about all
-    observations; `where` names the part of the column, and is None for a trend along it. `weight`
-    says how many times as many of the false alarms it may have as another test of its group, and
-    `least` how far a right model's statistic is taken to scatter at least.
+    observations. `where` names the part of the column, and is None for a trend along it. `skewed`
+    says that the statistic's law is skewed, and `one_sided` that only large values contradict the
+    model. `weight` is the test's share of the false alarms, relative to other tests of its group.
+    `least` is the least standard deviation that is assumed for the statistic under the right model.
     """
 
     group: str
@@ -187,10 +195,12 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class Contrasts:
-    """Weights (T, M) of observations, each of mean zero and length one, of these columns and parts.
+    """Contrasts: weights (T, M) of observations, each of mean zero and length one.
 
-    The sum of independent values of variance one has then the variance one. `main` tells those
-    that weigh more: the trend along a condition, and the one contrast of a column of two values.
+    The weighted sum of independent values of variance one therefore has the variance one. `column`
+    and `where` name the column and the part of each contrast. `main` says which contrasts have a
+    larger weight among the tests: the trend along a condition, and the contrast of a column of two
+    values.
     """
 
     column: tuple[Column, ...]
@@ -200,9 +210,9 @@ class Contrasts:
 
 
 def contrasts_of(columns: tuple[Column, ...], count: int) -> Contrasts:
-    """Contrasts of all columns: trends of numbers, and each part against the rest.
+    """Contrasts of all columns: trends of columns of numbers, and each part against the rest.
 
-    `count` is M, of a table without a column too.
+    `count` is the number M of observations, which is needed where there is no column.
     """
     found = [(column, where, weight) for column in columns for where, weight in _of_column(column)]
     main = [c.name != ORDER and (where is None or c.count == 2) for c, where, _ in found]
@@ -232,9 +242,10 @@ def _of_column(column: Column) -> Iterator[tuple[str | None, Array]]:
 
 
 def shared(group: Indices, values: Array) -> float:
-    """How alike values of variance one are within groups.
+    """A measure of how similar values of variance one are within groups.
 
-    Only groups of two and more count; the mean is zero, whatever the sizes.
+    Only groups of at least two values count. The expected value for independent values is zero,
+    whatever the sizes of the groups.
     """
     count = np.bincount(group)
     total, square = np.bincount(group, values), np.bincount(group, values**2)
@@ -246,15 +257,16 @@ def shared(group: Indices, values: Array) -> float:
 INDIVIDUAL = "individual"
 PAIR, COLUMN = "pair", "relation"
 RELATED = (PAIR, COLUMN)
-"""The kinds of its tests."""
+"""The kinds of tests of individual parameters."""
 
 
 @dataclass(frozen=True, eq=False)
 class Relations:
-    """Tests of the individual parameters: pairs of them, and each against the columns.
+    """Tests of the individual parameters: correlations of pairs, and of each with the columns.
 
-    `pairs` (P,) are the places of two that the law does not tie. `columns` (t,) are those that are
-    one in each experiment, with centered ranks `ranks` (t, N) of length one.
+    `pairs` (P,) are the indices of pairs of parameters that are independent under the law.
+    `columns` (t,) are columns that are constant within each experiment; their centered ranks
+    `ranks` (t, N) have length one.
     """
 
     names: tuple[str, ...]
@@ -271,7 +283,7 @@ class Relations:
         columns: tuple[Column, ...],
         first: Indices,
     ) -> Relations:
-        """The tests of these parameters; `first` (N,) is an observation of each experiment."""
+        """The tests of these parameters; `first` (N,) is one observation of each experiment."""
         own = [c for c in columns if c.by_experiment and c.ranks is not None]
         ranks = np.array([c.ranks[first] for c in own if c.ranks is not None])
         ranks = ranks.reshape(len(own), len(first))
@@ -279,7 +291,7 @@ class Relations:
         return cls(names, pairs, tuple(c.name for c in own), ranks / _length(ranks))
 
     def tests(self, means: Array, products: Array) -> Iterator[tuple[Subject, float]]:
-        """Each test with its statistic, of means (N, s) and mean products (N, s, s)."""
+        """Each test with its statistic, from the means (N, s) and mean products (N, s, s)."""
         main, least = self.settings.main, self.settings.least
         for i, j in self.pairs:
             subject = Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=main)
@@ -290,7 +302,7 @@ class Relations:
                 yield Subject(INDIVIDUAL, COLUMN, name, column, least=least), value
 
     def correlations(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
-        """The correlations of individual means, each with the p of its test."""
+        """The correlations of individual means, each with the p value of its test."""
         if not tests:
             return ()
         centered = means - means.mean(axis=0)
@@ -306,9 +318,9 @@ class Relations:
 def apart(
     means: Array, pairs: tuple[tuple[int, int], ...], settings: BatterySettings = BATTERY
 ) -> tuple[tuple[int, int], ...]:
-    """Those of the pairs whose two parameters the observations determine.
+    """The pairs of parameters that are both determined by the observations.
 
-    None where there are no such means (s = 0): outcomes without noise tell no single parameter.
+    There are none without noise (s = 0): an exact outcome does not determine a single parameter.
 
     >>> means = np.array([[1.0, 0.2, 1.0], [-1.0, -0.2, 1.0], [1.0, 0.2, -1.0], [-1.0, -0.2, -1.0]])
     >>> apart(means, ((0, 1), (0, 2)))
@@ -321,16 +333,17 @@ def apart(
 
 
 def of_size_one(values: Array) -> Array:
-    """Values (N, ...) over their root mean square.
+    """Values (N, ...) divided by their root mean square.
 
-    So it is where its law hardly scatters, and each individual parameter is nearly the mean.
+    Scores and individual means are scaled in this way, because they all become small together where
+    a law hardly scatters.
     """
     size = np.sqrt(np.mean(values**2, axis=0))
     return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
 
 def _length(rows: Array, settings: BatterySettings = BATTERY) -> Array:
-    """The lengths of the rows, as a column; one where a row is zero."""
+    """The lengths of the rows as a column; one where a row is zero."""
     length = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.where(length > settings.scatter_least, length, 1.0)
 
@@ -340,21 +353,21 @@ SHARES = {
     SHAPE: ALARMS.shape, OUTCOMES: ALARMS.outcomes, SCATTER: ALARMS.scatter,
     TOGETHER: ALARMS.together, INDIVIDUAL: ALARMS.individual,
 }  # fmt: skip
-"""Share of each group of tests, by its name, in the false alarms."""
+"""The share of each group of tests, by its name, in the false alarms."""
 SAME = "the same conditions"
 SHAPES = ("level", "scale", "skewness", "heavy tails", "light tails", "outlier")
-"""The kinds of tests that are about all residuals, or all scores, together."""
+"""The kinds of tests that concern all residuals, or all scores, together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Battery:
-    """All tests of a table with these columns.
+    """The set of all consistency tests for a table with given columns.
 
-    `experiment` (M,) is that of each observation. `names` (F,) are the hyperparameters of the
-    scores. `groups` are those by which observations may be repeated, by the name of their column.
-    `ordered` tells whether neighbours mean anything: those of an experiment, or of a table that was
-    not sorted.
-    `relations` are asked of experiments with several observations.
+    `experiment` (M,) is the experiment of each observation. `names` (F,) are the hyperparameters of
+    the scores. `groups` are the groups of rows in which subjects may be repeated, by the name of
+    their column. `ordered` says whether neighbouring observations are tested: those of an
+    experiment, or of a table that was not sorted. `relations` are tested where experiments have
+    several observations.
     """
 
     contrasts: Contrasts
@@ -374,7 +387,7 @@ class Battery:
         parameters: tuple[str, ...] = (),
         pairs: tuple[tuple[int, int], ...] = (),
     ) -> Battery:
-        """The battery of a table; no law ties the `pairs` of scattering `parameters`."""
+        """The set of tests; the law takes these `pairs` of the `parameters` as independent."""
         first = np.unique(experiment, return_index=True)[1]
         several = len(first) < len(experiment)
         ordered = any(c.name == ORDER for c in columns) or several
@@ -385,11 +398,11 @@ class Battery:
 
     @cached_property
     def several(self) -> bool:
-        """Whether experiments have several observations."""
+        """Whether some experiments have several observations."""
         return bool(self.experiment.size > self.experiment[-1] + 1)
 
     def tests(self, residuals: Residuals) -> tuple[tuple[Subject, ...], Array]:
-        """The subjects of all tests and their statistics (T,), NaN where one is undefined."""
+        """The subjects of all tests and their statistics (T,); NaN where one is undefined."""
         level = standardized(residuals.normal)
         spread = standardized(scatter(residuals.normal))
         found = [*self._shape(residuals), *self._along_columns(residuals, level, spread)]
@@ -398,12 +411,12 @@ class Battery:
         return tuple(subject for subject, _ in found), np.array([value for _, value in found])
 
     def _shape(self, residuals: Residuals) -> Iterator[tuple[Subject, float]]:
-        """The shape of all residuals, and of the scores of location hyperparameters."""
+        """Tests of the shape of all residuals, and of the scores of location hyperparameters."""
         w, pinned = residuals.normal[residuals.finite], self.settings.pinned
         yield Subject(SHAPE, "level", OUTCOMES, least=pinned), w.mean()
         yield Subject(SHAPE, "scale", SCATTER, least=pinned), np.log(np.mean(w**2))
         yield from self._moments(OUTCOMES, w)
-        # as far as the model says: the outliers that are named are those of this test
+        # This test uses the model's own probabilities, like the outliers that are named.
         farthest = -special.log_ndtr(-np.abs(w).max())
         yield Subject(SHAPE, "outlier", OUTCOMES, skewed=True, one_sided=True), farthest
         for name, scores in zip(self.names, residuals.scores.T, strict=True):
@@ -420,7 +433,12 @@ class Battery:
     def _along_columns(
         self, residuals: Residuals, level: Array, spread: Array
     ) -> Iterator[tuple[Subject, float]]:
-        """Scores by contrasts of whole experiments, levels by all others, scatter by all."""
+        """Tests of the dependence on columns.
+
+        The scores of experiments are tested against columns that are constant within each
+        experiment, the level of observations against all other columns, and the scatter against all
+        columns.
+        """
         if self.several:
             against = of_size_one(residuals.scores).T @ self._own.T
             for name, values in zip(self.names, against, strict=True):
@@ -433,7 +451,7 @@ class Battery:
     def _contrasts(
         self, which: Flags, group: str, of: str, values: Array
     ) -> Iterator[tuple[Subject, float]]:
-        """Contrasts of some columns; those of scatter are skewed, and have no main form."""
+        """Tests of the contrasts `which`; those of scatter are skewed and equally weighted."""
         skewed, pinned = group == SCATTER, self.settings.pinned
         for i, value in zip(np.flatnonzero(which), values, strict=True):
             column, where = self.contrasts.column[i].name, self.contrasts.where[i]
@@ -444,7 +462,7 @@ class Battery:
             )
 
     def _together(self, level: Array, spread: Array) -> Iterator[tuple[Subject, float]]:
-        """How alike neighbours and members of each group are, in level and in scatter."""
+        """Tests of the similarity of neighbours, and of group members in level and scatter."""
         pinned = self.settings.pinned
         if self.ordered:
             pairs = level[1:] * level[:-1]
@@ -465,24 +483,24 @@ class Battery:
 
     @cached_property
     def _whole(self) -> Flags:
-        """Which contrasts are of whole experiments, and are held against scores."""
+        """Which contrasts belong to columns that are constant within each experiment."""
         own = [self.several and column.by_experiment for column in self.contrasts.column]
         return np.array(own, dtype=np.bool_)
 
     @cached_property
     def _rows(self) -> Array:
-        """The contrasts (t, M) of single observations."""
+        """The contrasts (t, M) that are applied to single observations."""
         return self.contrasts.weights[~self._whole]
 
     @cached_property
     def _own(self) -> Array:
-        """The contrasts (t, N) of whole experiments."""
+        """The contrasts (t, N) that are applied to the scores of experiments."""
         first = np.unique(self.experiment, return_index=True)[1]
         weights = self.contrasts.weights[self._whole][:, first]
         return np.asarray(weights - weights.mean(axis=1, keepdims=True))
 
     def _unequal(self, level: Array) -> float:
-        """How unequal experiments scatter (after Bartlett, 1937)."""
+        """A measure of how unequally the experiments scatter (after Bartlett, 1937)."""
         count = np.bincount(self.experiment)
         square = np.bincount(self.experiment, level**2)[count > 1] / count[count > 1]
         size = np.log(np.maximum(square, self.settings.squares))
@@ -490,7 +508,7 @@ class Battery:
 
 
 def is_scale(name: str) -> bool:
-    """Whether a hyperparameter says how far values scatter, by its name.
+    """Whether a hyperparameter is a measure of scatter, judged by its name.
 
     >>> is_scale("x.sd"), is_scale("noise.torque.sd"), is_scale("x.mean")
     (True, True, False)
@@ -499,7 +517,7 @@ def is_scale(name: str) -> bool:
 
 
 def _groups(columns: tuple[Column, ...], settings: BatterySettings = BATTERY) -> dict[str, Indices]:
-    """Groups of rows with the same value of a column, or of all numbers together."""
+    """Groups of rows with the same value of a column, or of all columns of numbers together."""
     size = columns[0].group.size if columns else 0
     many = {
         c.name: c.group for c in columns if COLUMNS.levels < c.count <= settings.repeated * size

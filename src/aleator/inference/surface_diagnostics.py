@@ -1,7 +1,7 @@
-"""What surfaces and level sets leave unknown: under the law, near the outcomes, at steps.
+"""What the errors of surfaces and level sets leave unknown: under the law, near outcomes, at jumps.
 
-Refusals and warnings, each with a remedy; how exact surfaces must be (`doubt`); outcomes out of
-reach; and what a budget cut off.
+The functions return refusals and warnings, each with a remedy: whether surfaces are exact enough
+(`doubt`), which outcomes no law can give, and what a limited budget left out.
 """
 
 from __future__ import annotations
@@ -33,41 +33,48 @@ SUBJECT = "response surface"
 
 @dataclass(frozen=True)
 class SurfaceReviewSettings:
-    """When surfaces are too rough for an answer; by judgement but where a measurement is named.
+    """Settings of the review of surfaces, by judgement where no measurement is named.
 
-    Errors are those of a surface under the identified law, over the sd of the outcome.
+    Errors are those of a surface under the identified law, divided by the standard deviation of the
+    outcome.
     """
 
     error: float = 0.1
-    """An error that is worth a warning."""
+    """Relative error of a surface above which a warning is given."""
     useless: float = 0.5
-    """An error with which an answer is not sound."""
+    """Relative error of a surface above which a result is not sound."""
     wrong: float = 0.03
-    """Errors above this, and `worse` times the estimated ones, say that the estimates are wrong."""
+    """Relative error above which an estimate counts as wrong, if the error exceeds `worse` times
+    it.
+    """
     worse: float = 4.0
-    """Right surfaces were at most 3.3 times as rough as estimated, and most a fifth."""
+    """Factor on the estimated error; correct surfaces had at most 3.3 times their estimated error,
+    and most of them a fifth.
+    """
     share: float = 0.03
-    """Share of the experiments with such errors from which an answer is not sound."""
+    """Share of experiments with wrongly estimated errors from which a result is not sound."""
     change: float = 0.5
-    """Change of the log-likelihood by the simulator with which an answer is refused."""
+    """Change of the log-likelihood, from surfaces to the simulator, above which a result is
+    refused.
+    """
     errors: float = 3.0
-    """Standard errors of this change that it must be beyond, too."""
+    """Number of standard errors of the change by which the limit `change` is raised."""
     ids: int = 5
-    """Experiments that are named with their outcomes."""
+    """Largest number of experiments that are named with their outcomes."""
 
 
 SURFACES = SurfaceReviewSettings()
 
 
 def relative_errors(surface: Surface) -> Array:
-    """The estimated error of each surface, over the scatter or the noise that it is judged by."""
+    """The estimated error of each surface, divided by the outcome's scatter or the noise."""
     return np.asarray(surface.error / np.where(surface.scatter > 0.0, surface.scatter, np.inf))
 
 
 def surface_report(
     surface: Surface | None, where: str = "under the law", against: str = "the outcome's scatter"
 ) -> dict[str, Any] | None:
-    """How good surfaces are, relative to what they were judged against; None without any."""
+    """The quality of the surfaces, relative to the scatter or the noise; None without surfaces."""
     if surface is None:
         return None
     relative = relative_errors(surface)
@@ -85,9 +92,9 @@ def surface_report(
 def worse_than_estimated(
     checked: Checked, estimated: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
-    """Surfaces whose estimated errors (M,) are far too small: what rests on them is not known.
+    """A refusal where the estimated errors (M,) of surfaces are far too small to be trusted.
 
-    `ids` (M,) are the experiments of the observations.
+    `ids` (M,) names the experiment of each observation.
     """
     relative = checked.relative
     with np.errstate(invalid="ignore"):
@@ -109,7 +116,7 @@ def worse_than_estimated(
 def useless(
     problem: Problem, checked: Checked | None, surface_error: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
-    """A refusal of surfaces that are too rough under the law."""
+    """A refusal where surfaces are too rough under the identified law."""
     surface = problem.surface
     if surface is None or (checked is None and not problem.model.follows):
         return []
@@ -131,7 +138,7 @@ def useless(
 def surface_warnings(
     problem: Problem, surface_error: Array, ids: Sequence[str]
 ) -> list[Diagnostic]:
-    """Surfaces that did not reach their tolerance, and surfaces too rough for the answer."""
+    """Warnings about surfaces that missed their tolerance, or are too rough for the result."""
     surface, choice = problem.surface, problem.model.surfaces
     if surface is None:
         return []
@@ -183,7 +190,7 @@ def surface_warnings(
 
 
 def check_refusals(change: float, error: float) -> list[Diagnostic]:
-    """A refusal where the simulator itself gives another log-likelihood than its surfaces."""
+    """A refusal where the simulator gives another log-likelihood than its surfaces."""
     if not abs(change) > SURFACES.change + SURFACES.errors * error:
         return []
     return [
@@ -197,7 +204,7 @@ def check_refusals(change: float, error: float) -> list[Diagnostic]:
 
 
 def exact_density(problem: Problem, alpha: Array) -> LogLikelihood | None:
-    """The log-likelihood by level sets where a density of moments was chosen; else None."""
+    """The log-likelihood by level sets where a density from moments was chosen; else None."""
     levels = problem.exactly
     return None if levels is None or problem.levels is not None else levels(alpha)
 
@@ -205,7 +212,7 @@ def exact_density(problem: Problem, alpha: Array) -> LogLikelihood | None:
 def density_notes(
     exact: LogLikelihood | None, inference: Inference, problem: Problem
 ) -> list[Diagnostic]:
-    """How far the density of the outcome itself would move an estimate, by one step of scoring."""
+    """A note on how far the exact density would move an estimate, by one Fisher scoring step."""
     if exact is None or exact.scores is None or not inference.free.size:
         return []
     free = inference.free
@@ -243,19 +250,21 @@ def density_notes(
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How exact surfaces are to be at the measured outcomes; measured by `benchmarks folds`."""
+    """Settings of the accuracy of surfaces near outcomes; measured by `benchmarks folds`."""
 
     log_likelihood: float = 0.1
-    """Error of a log-likelihood without noise above which surfaces have more runs near the
-    outcomes."""
+    """Error of a log-likelihood without noise above which surfaces get more runs near the outcomes.
+    """
     rounds: int = 3
-    """Times that they have more runs."""
+    """Largest number of times that surfaces get more runs near the outcomes."""
     move: float = 0.25
-    """Error of an estimate, in standard errors, above which they have more."""
+    """Error of an estimate, in standard errors, above which surfaces get more runs near the
+    outcomes.
+    """
     unknown: float = 0.5
-    """Error of an estimate that refuses the answer."""
+    """Error of an estimate, in standard errors, above which the result is refused."""
     farther: float = 3.0
-    """A surface is taken to be off by up to so many times the largest error that was seen."""
+    """Factor on the largest error that was seen, by which a surface may be wrong elsewhere."""
 
 
 ACCURACY = Accuracy()
@@ -263,27 +272,28 @@ ACCURACY = Accuracy()
 
 @dataclass(frozen=True)
 class Doubt:
-    """The largest effect of each surface's error near the outcome; NaN if unknown.
+    """The largest effect of each surface's error near the measured outcome; NaN if unknown.
 
-    `moves` (N,) are standard errors of an estimate, `changes` (N,) of the log-density without
-    noise; infinite where the outcome may be beyond an extreme, zero with noise or without surfaces.
+    `moves` (N,) are changes of an estimate in standard errors. `changes` (N,) are changes of the
+    log-density without noise: infinite where the outcome may lie beyond an extreme of the response,
+    zero with noise or without surfaces.
     """
 
     moves: Array
     changes: Array
 
     def but_for(self, rows: Flags) -> Doubt:
-        """The effects, unknown for some experiments (N,)."""
+        """The effects, set to unknown for the experiments `rows` (N,)."""
         return Doubt(*(np.where(rows, np.nan, each) for each in (self.moves, self.changes)))
 
     @property
     def error(self) -> float:
-        """The error of the log-likelihood; surfaces of different experiments err independently."""
+        """The error of the log-likelihood; surfaces' errors are taken as independent."""
         return float(np.linalg.norm(np.nan_to_num(self.changes, nan=0.0, posinf=np.inf)))
 
     @property
     def size(self) -> float:
-        """The larger effect over the admitted one; above one more runs are worth while."""
+        """The larger effect over its admitted value; above one, more runs are useful."""
         move = float(np.nanmax(self.moves, initial=0.0))
         return max(move / ACCURACY.move, self.error / ACCURACY.log_likelihood)
 
@@ -297,12 +307,13 @@ class Doubt:
 
 
 def doubt(problem: Problem, inference: Inference, alpha: Array, checked: Checked | None) -> Doubt:
-    """The effect of each surface's error near the outcome on estimates and log-density.
+    """The effect of each surface's error near the measured outcome on estimates and log-density.
 
-    The error is the largest that the runs of the check saw there. An outcome that is off by it has
-    another score, and H^-1 times the difference is the step of the estimates, to first order. An
-    outcome that is then out of every law's reach tells nothing of them: it was measured. A move is
-    not known where no run came near, or the estimates have no standard errors.
+    The error is the largest that the runs of the check found there. The outcome is shifted by it;
+    the change of the score times H^-1, the inverse information, is the change of the estimates to
+    first order. A shifted outcome that no law can give is not counted, since the measured outcome
+    did occur. The change is NaN where no run was made near the outcome, or where the estimates have
+    no standard errors.
     """
     count = problem.condition.size
     moves, changes = np.full(count, np.nan), np.zeros(count)
@@ -357,13 +368,13 @@ def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
 
 
 def shortfalls(problem: Problem) -> Array:
-    """How far outcomes (N,) lie above the reached range, or below it (negative); zero inside."""
+    """How far outcomes (N,) lie above the possible range, or below it (negative); zero inside."""
     y, reach = problem.outcomes, problem.predictor
     return np.asarray(np.maximum(y - reach.upper, 0.0) + np.minimum(y - reach.lower, 0.0))
 
 
 def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
-    """The error that names the outcomes outside the range that surfaces reach."""
+    """The error that names the outcomes outside the range of the surfaces' values."""
     rows, reach = np.flatnonzero(shortfalls(problem)), problem.predictor
     return out_of_reach(rows, problem.outcomes, (reach.lower, reach.upper), ids)
 
@@ -371,7 +382,7 @@ def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
 def out_of_reach(
     outside: Indices, y: Array, reach: tuple[Array, Array], ids: Sequence[str]
 ) -> ExperimentsError:
-    """The error that names the outcomes `outside` the range that the simulator reaches."""
+    """The error that names the outcomes `outside` the range of the simulator's values."""
     (low, high), most = reach, SURFACES.ids
     named = "; ".join(
         f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
@@ -391,27 +402,31 @@ def out_of_reach(
 
 @dataclass(frozen=True)
 class Cells:
-    """How changes by finer cells of level sets are judged; measured by `benchmarks folds`."""
+    """Settings that judge changes by finer level-set grids; measured by `benchmarks folds`."""
 
     jumped: float = 0.5
-    """Loss of a log-density, from coarse cells to those of half their size, that says that the
-    outcome is nowhere reached: it is log 2 where a set is only the cells that a jump crosses."""
+    """Loss of a log-density, when grid cells are halved, which shows that no parameters give the
+    outcome. The loss is log 2 where the only cells in the level set are those that a jump crosses.
+    """
     coarse: float = 0.1
-    """Error of the log-likelihood that is worth a warning."""
+    """Error of the log-likelihood from which there is a warning."""
     margin: float = 2.0
-    """Error that is left, over what the last two halvings changed: 1.4 on random study 25."""
+    """Factor on the change over the last two halvings that bounds the remaining error. The largest
+    measured factor was 1.4 (random study 25).
+    """
     rounding: float = 1e-8
-    """Least error of a log-density: of a slope over a cell that was halved eight times."""
+    """Least error of a log-density: the rounding error of a slope over a cell halved eight times.
+    """
 
 
 CELLS = Cells()
 
 
 def by_finer_cells(problem: Problem, alpha: Array) -> Array:
-    """Changes (2, N) of the log-densities by the last two halvings of the cells.
+    """Changes (2, N) of the log-densities by the last two halvings of the level sets' grid cells.
 
-    Nothing without level sets. One halving alone may change nothing by chance: beside a kink the
-    error of cells has either sign.
+    They are zero without level sets. The change over one halving alone can be zero by chance,
+    because the error near a kink of the simulator has either sign.
     """
     if problem.levels is None:
         return np.zeros((2, problem.outcomes.size))
@@ -420,7 +435,7 @@ def by_finer_cells(problem: Problem, alpha: Array) -> Array:
 
 
 def cells_error(problem: Problem, changed: Array) -> float:
-    """The error of the log-likelihood by level sets, from changes (2, N) by finer cells."""
+    """The error of the log-likelihood by level sets, from changes (2, N) by finer grid cells."""
     if problem.levels is None:
         return 0.0
     total, rounding = changed.sum(axis=1), CELLS.rounding * np.sqrt(changed.shape[1])
@@ -428,7 +443,7 @@ def cells_error(problem: Problem, changed: Array) -> float:
 
 
 def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
-    """A refusal of outcomes between the values on either side of a jump."""
+    """A refusal of outcomes that lie between the values on either side of a jump."""
     return of_experiments(
         "jump",
         changed[0] < -CELLS.jumped,
@@ -440,7 +455,7 @@ def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
 
 
 def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> list[Diagnostic]:
-    """A refusal of outcomes at an extreme of the response or beyond."""
+    """A refusal of outcomes at an extreme of the response, or beyond it."""
     what = "the simulator" if problem.surface is None else "the response surface"
     return of_experiments(
         "extreme",
@@ -454,8 +469,8 @@ def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> li
 
 
 def level_warnings(changed: Array) -> list[Diagnostic]:
-    """A warning where cells are too coarse for the answer."""
-    # what is left is as much at most, if the error is of first order
+    """A warning where the grid cells of level sets are too coarse for the result."""
+    # The remaining error is at most as large as the last change, if the error is of first order.
     error = float(np.sum(changed[0]))
     if abs(error) < CELLS.coarse:
         return []
@@ -473,7 +488,7 @@ def level_warnings(changed: Array) -> list[Diagnostic]:
 
 
 def step_warnings(surfaces: AdaptiveSurfaces | None, inputs: Inputs) -> list[Diagnostic]:
-    """A warning of steps of the outcome, which surfaces do not follow."""
+    """A warning of jumps of the outcome, which surfaces do not follow."""
     if surfaces is None:
         return []
     found = surfaces.steps(np.arange(surfaces.good.size))
@@ -511,9 +526,9 @@ def budget_warnings(
     surfaces: AdaptiveSurfaces | None,
     against: str = "the outcome's scatter",
 ) -> list[Diagnostic]:
-    """A warning where the budget cut off runs of the surfaces, and what more would bring.
+    """A warning where the budget stopped runs for the surfaces, with what more runs would achieve.
 
-    `against` is what their errors are judged by.
+    `against` is the quantity to which the surfaces' errors are compared.
     """
     if surfaces is None or not account.refused:
         return []

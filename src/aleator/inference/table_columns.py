@@ -1,6 +1,6 @@
-"""The columns of a table, as what residuals may depend on; and those that copy the outcomes.
+"""The columns of a table on which residuals may depend, and columns computed from the outcomes.
 
-`columns_of` reads a table; `copies_of` finds columns that tell the outcomes again.
+`columns_of` reads a table; `copies_of` finds columns that only repeat the outcomes in another form.
 """
 
 from __future__ import annotations
@@ -21,46 +21,51 @@ from aleator.observations.responses import Observations, Transform
 
 @dataclass(frozen=True)
 class ColumnSettings:
-    """How columns are read, and when they copy the outcomes; by judgement."""
+    """Settings of reading columns and of finding copies of the outcomes, chosen by judgement."""
 
     bins: int = 4
-    """Parts, alike in size, of a column of more numbers."""
+    """Number of parts, of equal size, into which a column with many different numbers is divided.
+    """
     pairs: int = 8
-    """Pairs of neighbours that say whether a table was sorted, at least."""
+    """Least number of pairs of neighbours from which it is judged whether a table was sorted."""
     sorted: float = 0.8
-    """Share of the pairs that rise (or fall) in a table that was sorted."""
+    """Share of the pairs that rise (or fall) from which a table counts as sorted."""
     distinct: int = 7
-    """Distinct values at least, of the column and of the outcome: fewer may be in one order by
-    chance.
+    """Least number of distinct values of the column and of the outcome; a smaller number may have
+    the same order by chance.
 
-    Of seven independent values two orders in 5040 are that of the outcome, or its reverse.
+    Of the 5040 orders of seven independent values, two are the order of the outcome or its reverse.
     """
     rounded: float = 1e-4
-    """Share of a column's variance that rounding may leave, where the outcome gives it."""
+    """Largest share of a column's variance that is left, by rounding, when it is computed from the
+    outcome.
+    """
     coarse: float = 0.5
-    """Distinct values that a copy has at least, for each of the outcome: rounding leaves so many.
+    """Least ratio of the numbers of distinct values of a copy and of the outcome; rounding lowers
+    it.
     """
     levels: int = 6
-    """A column of so many values at most is looked at value by value."""
+    """Largest number of distinct values for which each value of a column is a part by itself."""
     fewest: int = 3
-    """Observations of a level that are looked at by themselves."""
+    """Least number of observations in a part of a column that is tested."""
 
 
 COLUMNS = ColumnSettings()
 
 ORDER = "the order of the rows"
-"""The name of the column that counts rows."""
+"""The name of the column of row numbers."""
 RESPONSE = "response"
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A column of the table, at the M observations.
+    """A column of the table, with one entry for each of the M observations.
 
-    `ranks` (M,) are centered mid-ranks, zero where a cell is empty; None for texts. `level` (M,)
-    is the part of the column that a row belongs to, -1 for none, and `labels` name the parts.
-    `group` (M,) counts the distinct values. `by_experiment` tells whether the value is the same in
-    all rows of each experiment. `alike` are other columns that order the rows in the same way.
+    `ranks` (M,) are centered mid-ranks, zero where a cell is empty; None for a column of text.
+    `level` (M,) is the part of the column to which a row belongs, -1 for none, and `labels` are the
+    names of the parts. `group` (M,) numbers the distinct values. `by_experiment` says whether the
+    value is the same in all rows of each experiment. `alike` are other columns that order the rows
+    in the same way.
     """
 
     name: str
@@ -78,9 +83,9 @@ class Column:
 
 
 def columns_of(table: Experiments, settings: ColumnSettings = COLUMNS) -> tuple[Column, ...]:
-    """All columns that vary, the response where there are several, and the row order.
+    """All columns that vary, the response if there are several, and the order of the rows.
 
-    Of columns that part the rows alike only the first is kept.
+    Of several columns that divide the rows in the same way only the first is kept.
     """
     seen, frame = table.observations, table.table
     found: list[Column] = []
@@ -107,9 +112,10 @@ def without_order(
 ) -> tuple[Column, ...]:
     """The columns without the order of the rows, where the table was sorted by its outcomes.
 
-    The normal scores (M,) then rise, or fall, from experiment to experiment under the same
-    conditions, or the individual means (N, s) of a parameter do where experiments have several
-    observations: the order says nothing of when they were made.
+    In a sorted table the normal scores (M,) rise, or fall, from experiment to experiment under the
+    same conditions. With several observations per experiment, the individual means (N, s) of a
+    parameter may rise or fall instead. The order of a sorted table is not the order in which
+    experiments were made.
     """
     first = np.unique(experiment, return_index=True)[1]
     own = [
@@ -127,7 +133,7 @@ def without_order(
 
 
 def _sorted(steps: Array, settings: ColumnSettings) -> bool:
-    """Whether nearly all of at least eight steps go one way."""
+    """Whether nearly all of at least eight steps have the same sign."""
     share = (
         max(np.mean(steps >= 0.0), np.mean(steps <= 0.0)) if steps.size >= settings.pairs else 0.0
     )
@@ -170,7 +176,7 @@ def _column(name: str, values: pd.Series, experiment: Indices, settings: ColumnS
 def _binned(
     name: str, numbers: Array, ranks: Array, known: Flags, settings: ColumnSettings
 ) -> tuple[Indices, tuple[str, ...]]:
-    """Parts of a column of numbers that have about as many rows each."""
+    """The parts of a column of numbers, with about equal numbers of rows."""
     share = ranks / known.sum() + 0.5
     level = np.where(
         known, np.clip((settings.bins * share).astype(np.intp), 0, settings.bins - 1), -1
@@ -199,7 +205,7 @@ def _own(group: ArrayLike, experiment: Indices) -> bool:
 
 
 def _keys(column: Column) -> tuple[bytes, ...]:
-    """Keys that two columns share if they part the rows alike, be it in reverse order."""
+    """Keys that two columns share if they divide the rows alike, also in reverse order."""
     if column.ranks is not None:
         return column.ranks.tobytes(), (-column.ranks + 0.0).tobytes()
     _, first = np.unique(column.group, return_index=True)
@@ -208,7 +214,7 @@ def _keys(column: Column) -> tuple[bytes, ...]:
 
 
 RARE = -math.log(math.factorial(COLUMNS.distinct) / 2)
-"""The logarithm of that probability."""
+"""The logarithm of the probability that seven random values are in a given order or its reverse."""
 
 
 def copies_of(
@@ -220,13 +226,18 @@ def copies_of(
 ) -> tuple[Column, ...]:
     """Columns that are computed from the outcome, alone or with the columns `requested`.
 
-    Their numbers order the measured values of a response, all or under each of the conditions that
-    the simulator or a law takes, as these are themselves or in reverse; or they are a sum or a
-    product of the outcome and of such conditions; or of several observations of an experiment the
-    first, last, least, largest or mean; or their classes part the outcomes at limits, but neither
-    the `normal` scores (M,), which a condition would part as well, nor what is asked for. A
-    condition does that only where nothing else scatters; so what is asked for is none. Nor are
-    columns conditions that tell no more than whether an outcome was measured, or is a bound.
+    `requested` are the columns that the simulator or a law uses; they are never copies. Another
+    column is a copy in each of these cases:
+
+    - It has the order of a response's measured values, or its reverse, among all observations or
+      under each condition.
+    - It is a sum or a product of the outcome and of requested columns.
+    - It has the order of the first, last, least, largest or mean value of each experiment's series.
+    - Its classes divide the outcomes at limits, but neither the `normal` scores (M,), which a
+      condition would divide too, nor a requested column.
+    - It only says whether an outcome was measured or is a bound.
+
+    A real condition could do this only if nothing else scattered.
     """
     seen = table.observations
     taken = [c for c in columns if {c.name, *c.alike} & set(requested)]
@@ -253,7 +264,7 @@ def copies_of(
 
 
 def classes_of(columns: Sequence[Column], seen: Observations) -> set[str]:
-    """Names of columns whose classes part the outcomes at limits: results, or strong causes."""
+    """Names of columns whose classes divide the outcomes at limits: results or causes."""
     return {
         column.name
         for column in columns
@@ -262,9 +273,10 @@ def classes_of(columns: Sequence[Column], seen: Observations) -> set[str]:
 
 
 def classed(column: Column, values: Array, rows: Flags) -> bool:
-    """Whether in the order of values (M,) the classes of a column follow one another.
+    """Whether the classes of a column follow one another when sorted by the values (M,).
 
-    Equal values are of one class then, and no such order of the classes would come by chance.
+    Equal values must be of one class, and such an order of the classes must be improbable by
+    chance.
     """
     size = np.bincount(column.group[rows])
     size = size[size > 0]
@@ -287,7 +299,7 @@ def _measured(column: Column, seen: Observations) -> Iterator[Flags]:
 
 
 def _together(groups: Sequence[Indices], size: int) -> Indices:
-    """Numbers (M,) of the combinations of groups that occur."""
+    """The combination of groups to which each observation belongs, as a number (M,)."""
     if not groups:
         return np.zeros(size, dtype=np.intp)
     return np.unique(np.stack(groups, axis=1), axis=0, return_inverse=True)[1].ravel()
@@ -316,7 +328,7 @@ def _copied(
 
 
 def _of_series(y: Array, ranks: Array, experiment: Indices, settings: ColumnSettings) -> bool:
-    """Whether first, last, mean, least or largest of each series order as the column does."""
+    """Whether the first, last, mean, least or largest value of a series has the column's order."""
     first = np.unique(experiment, return_index=True)[1]
     count = np.diff([*first, y.size])
     sums = (
@@ -328,7 +340,7 @@ def _of_series(y: Array, ranks: Array, experiment: Indices, settings: ColumnSett
 
 
 def _ordered(y: Array, ranks: Array, same: Indices, settings: ColumnSettings) -> bool:
-    """Whether ranks rise with y, or fall, within each group, and not by chance."""
+    """Whether ranks rise with y in each group, or fall in each, and not by chance."""
     few, many = sorted(
         (len(np.unique([same, y], axis=1).T), len(np.unique([same, ranks], axis=1).T))
     )
@@ -342,7 +354,7 @@ def _ordered(y: Array, ranks: Array, same: Indices, settings: ColumnSettings) ->
 
 
 def _rising(y: Array, values: Array, same: Indices) -> bool:
-    """Whether within each group values rise where y rises."""
+    """Whether values rise where y rises, within each group."""
     order = np.lexsort((values, y, same))
     inside = np.diff(same[order]) == 0
     return bool(np.all(np.diff(values[order])[inside] >= 0.0))
@@ -355,10 +367,10 @@ def _computed(
     taken: Sequence[Column],
     settings: ColumnSettings,
 ) -> bool:
-    """Whether a column is a linear combination, or a product of powers, of y and conditions.
+    """Whether a column is a linear combination, or a product of powers, of y and the conditions.
 
-    But for rounding: y must leave less than the share `rounded` of the variance that the conditions
-    leave.
+    Rounding is allowed for: y must explain all but the share `rounded` of the variance that the
+    conditions do not explain.
     """
     if column.ranks is None or rows.sum() < len(taken) + settings.distinct:
         return False
