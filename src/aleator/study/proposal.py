@@ -1,4 +1,4 @@
-"""The proposal of a first study: it fills in from a table and a simulator what the user left open."""
+"""The proposal of a first study, from a table, a simulator and what the user states about them."""
 
 from __future__ import annotations
 
