@@ -49,8 +49,8 @@ Document = Mapping[str, Any]
 def write_report(document: Document, folder: Path, study: Path | None = None) -> Path:
     """Write report.html of an identification into its folder.
 
-    The page uses ceiling.json in that folder, and the `study` file. Raises AleatorError where Bokeh
-    is not installed.
+    The page also shows ceiling.json of that folder, and the `study` file. Raises AleatorError if
+    Bokeh is not installed.
     """
     from aleator.views.page import page
 
@@ -92,7 +92,7 @@ def _ceiling(document: Document, folder: Path) -> Document | None:
 
 
 def _study_text(document: Document, study: Path | None) -> str | None:
-    """The text of the study file; None where the file has changed since the identification."""
+    """The text of the study file; None if the file has changed since the identification."""
     try:
         content = b"" if study is None else study.read_bytes()
     except OSError:

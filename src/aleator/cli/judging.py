@@ -209,7 +209,7 @@ def compare(
 
 
 def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:
-    """The studies by their names; raises AleatorError for fewer than two, and for equal names."""
+    """The studies by name; raises AleatorError for fewer than two studies, and for equal names."""
     if len(studies) < 2:
         raise AleatorError(f"compare: {len(studies)} study", "name two or more")
     found: dict[str, Study] = {}

@@ -434,7 +434,7 @@ def new(
 
 
 def _require_free(output: Path, force: bool, questions: Questions) -> None:
-    """Raise AleatorError where the file exists and the user does not agree to replace it."""
+    """Raise AleatorError if the file exists and the user does not agree to replace it."""
     if not output.exists() or force or questions.agreed(f"{short(output)} is there. Replace it?"):
         return
     raise AleatorError(

@@ -86,7 +86,7 @@ def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """The options of a prediction: of a probability, of limits, or without any of a distribution.
+    """The options that say what to predict: a probability, limits, or by default a distribution.
 
     At most one of `above`, `below`, `between`, `tolerance` and `reliability` is not None; else
     AleatorError is raised.
@@ -286,7 +286,7 @@ def predict(
 
     If experiments have several observations, NEW.csv has a row for each prediction; rows with the
     same id are one new experiment. With --of the rows are further measurements of an experiment
-    that was measured: the law of its parameters is the one given its own observations.
+    that was measured; the law of the parameters is then conditional on its own observations.
     """
     new, document = conditions.absolute(), read_answer(identification)
     value = load_study(study or documents.study_file(document, identification))

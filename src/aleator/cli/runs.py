@@ -142,8 +142,8 @@ def import_(target: Path, file: Path) -> None:
 def retry(target: Path) -> None:
     """Forget the failures, so that they are run again when they are needed.
 
-    The next command repeats a failed run that stopped a study anyway. Use this command for failed
-    runs that did not stop one, such as those of `aleator box`.
+    If a failed run stopped a study, the next command repeats the run anyway. Use this command for
+    failed runs that did not stop a study, such as those of `aleator box`.
     """
     with opened(target) as at:
         count = records.retry(at.store, at.fingerprint)

@@ -26,7 +26,7 @@ def termination_heard() -> Iterator[list[int]]:
 
     def end(signum: int, frame: FrameType | None) -> None:
         heard.append(signum)
-        answer = signal.getsignal(signal.SIGINT)  # A shell ignores SIGINT in the background.
+        answer = signal.getsignal(signal.SIGINT)  # SIGINT may be ignored, without a handler.
         if not callable(answer):
             raise KeyboardInterrupt
         answer(signum, frame)

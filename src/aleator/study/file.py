@@ -296,7 +296,7 @@ def _check(study: Study, file: StudyFile) -> None:
 
 
 def _made(path: Path, key: str, make: Callable[[], T]) -> T:
-    """The value that `make` returns; an AleatorError from it is raised with file and key."""
+    """The result of `make`; if it raises an AleatorError, the message also gets file and key."""
     try:
         return make()
     except AleatorError as error:

@@ -1,6 +1,6 @@
-"""Sections of study.toml, and the kinds that a section chooses by name; here those of laws.
+"""The base of all sections of study.toml, their choice between kinds, and the kinds of law.
 
-A kind is an alternative such as `law = "normal"`, built in or of a plug-in."""
+A kind is one alternative of a section, such as `law = "normal"`, built in or of a plug-in."""
 
 from __future__ import annotations
 
@@ -305,11 +305,11 @@ class Kinds(Generic[T]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all kinds, the built-in ones first."""
+        """The names of all kinds that a section can choose, the built-in ones first."""
         return (*self.built_in, *sorted({*entry_points(group=self.group).names} - {*self.built_in}))
 
     def read(self, value: Any) -> ChosenKind[T]:
-        """The kind that a table chooses, with its keys checked.
+        """The kind that a table of study.toml chooses, with its keys checked.
 
         Raises errors of pydantic: for a missing or unknown kind, a plug-in that cannot be imported,
         an unknown key, and a value of the wrong type.
@@ -324,7 +324,7 @@ class Kinds(Generic[T]):
         return ChosenKind(kind, section.model_validate(value), maker, origin)
 
     def section(self, kind: str) -> type[Section]:
-        """The section with the keys of one kind. Raises as `read` does for an unknown kind."""
+        """The class that checks the keys of one kind; raises a pydantic error for an unknown one."""
         return self._section(*self._maker(kind))
 
     def _section(self, maker: Callable[..., T], origin: str) -> type[Section]:
@@ -355,7 +355,7 @@ class Kinds(Generic[T]):
         )
 
     def _maker(self, kind: str) -> tuple[Callable[..., T], str]:
-        """The maker of a kind, and the name of the plug-in that provides it ("" if built in)."""
+        """The class or function that makes a kind, and the name of its plug-in ("" if built in)."""
         if kind in self.built_in:
             return _imported(self.built_in[kind]), ""
         found = [*entry_points(group=self.group, name=kind)]
@@ -406,7 +406,7 @@ def _imported(maker: Callable[..., T] | str) -> Callable[..., T]:
 
 @lru_cache(maxsize=64)
 def _section(maker: Callable[..., Any], key: str, common: type[Section]) -> type[Section]:
-    """The section whose keys are the arguments of a maker and those that every kind takes.
+    """The class that checks the keys of a kind: the arguments of its maker, and the common keys.
 
     Raises NameError or TypeError for an annotation that cannot be the type of a key.
     """
@@ -438,7 +438,7 @@ def _types(maker: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _key_type(hint: Any) -> Any:
-    """The pydantic type of a key, by the type of the argument that it becomes."""
+    """The type that pydantic checks a key for, from the type hint of the argument it becomes."""
     parts = get_args(hint)
     if hint is Path:
         return Annotated[str, AfterValidator(lambda text: Path(text))]

@@ -62,7 +62,7 @@ def returned_by(function: Callable[..., Any]) -> tuple[str, ...]:
 
 
 def _nodes(function: Callable[..., Any]) -> list[ast.AST]:
-    """All syntax nodes of a function; none where its source is not available."""
+    """All nodes of a function's syntax tree; none if its source is not available."""
     try:
         return [*ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))]
     except (OSError, TypeError, SyntaxError):
@@ -126,7 +126,7 @@ class Offer:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all inputs."""
+        """The names of all inputs of the simulator."""
         return tuple(each.name for each in self.inputs)
 
 
@@ -190,12 +190,12 @@ def offered_by_fmu(file: Path, value: str) -> Offer:
 
 
 def bound(offer: Offer, columns: Sequence[str]) -> Offer:
-    """The offer with names of an FMU's variables that a study can use; other kinds are unchanged.
+    """The simulator with its inputs renamed if the names in its FMU cannot be used in study.toml.
 
-    The last name of a variable is the part after the last dot ("force" in "spring.force"). A column
-    of the table stands for the variable with the same last name if there is only one. Any other
-    variable whose name is no identifier is called by its last name, or by its whole name with
-    underscores if the last name is taken.
+    A function or a command is unchanged. The last name of an FMU's variable is the part after the
+    last dot ("force" in "spring.force"). A variable is renamed as the column of the table that has
+    its last name, if no other variable has the same. Any other variable whose name is no identifier
+    gets its last name, or its whole name with underscores if the last name is taken.
 
     >>> given = (SimulatorInput("spring.force"), SimulatorInput("spring.k"), SimulatorInput("mass"))
     >>> found = bound(Offer("fmu", "a.fmu", given, ()), ["Force", "travel"])
@@ -263,7 +263,7 @@ def _number(default: object) -> float | None:
 
 
 def _takes_arrays(function: Callable[..., Any], arguments: list[inspect.Parameter]) -> bool:
-    """Whether the annotations of all arguments and of the result are arrays."""
+    """Whether a function's annotations say that all its arguments and its result are arrays."""
     kinds = [p.annotation for p in arguments if p.annotation is not p.empty]
     returned = inspect.signature(function).return_annotation
     return bool(kinds) and all(map(is_array, [*kinds, returned]))

@@ -71,7 +71,7 @@ class Proposed:
 
     @property
     def name(self) -> str:
-        """The parameter's name."""
+        """The name of the proposed parameter."""
         return self.input.name
 
     @property

@@ -63,7 +63,8 @@ def _kind(
 def _noting(open_: dict[str, Kinds[Any]]) -> type[GenerateJsonSchema]:
     """A generator of JSON schemas for sections that choose a kind, such as a law.
 
-    It writes a mark in place of the kinds, and collects them in `open_`.
+    It writes a placeholder for the kinds, which `_resolved` replaces, and collects the kinds in
+    `open_`.
     """
 
     class Generator(GenerateJsonSchema):
@@ -83,7 +84,7 @@ def _noting(open_: dict[str, Kinds[Any]]) -> type[GenerateJsonSchema]:
 
 
 def _resolved(value: Any) -> Any:
-    """A part of the JSON schema with references for marks of kinds, without infinite defaults."""
+    """A part of the JSON schema with references to kinds for placeholders, and finite defaults."""
     if isinstance(value, dict):
         if _KINDS in value:
             return {"$ref": _TEMPLATE.format(model=value[_KINDS])}

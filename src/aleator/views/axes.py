@@ -160,7 +160,7 @@ def legend(figure: Figure) -> None:
     """Add one legend for all axes of a figure; it lies under the figure, where it hides no data."""
     every = (axes.get_legend_handles_labels() for axes in figure.axes)
     pairs = [pair for own in every for pair in zip(*own, strict=True)]
-    pairs.sort(key=lambda pair: not isinstance(pair[0], tuple))  # Bars come first.
+    pairs.sort(key=lambda pair: not isinstance(pair[0], tuple))  # Bars come first in the legend.
     handles = {text: handle for handle, text in pairs}
     figure.legend(handles.values(), handles.keys(), loc="outside lower left", ncols=FIGURES.columns)
 

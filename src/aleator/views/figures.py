@@ -223,7 +223,7 @@ def _series(
 
 
 def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> list[str]:
-    """The ids of at most `most` experiments: a few with the largest residuals, others evenly."""
+    """Ids of at most `most` experiments: some with the largest residuals, others evenly chosen."""
     size: dict[str, float] = {}
     for entry in seen:
         size[entry["id"]] = max(size.get(entry["id"], 0.0), abs(entry["residual"] or 0.0))

@@ -61,11 +61,7 @@ SCATTER = "the outcome's scatter"
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """The data that report.html shows beyond the report: for charts, and the study file.
-
-    `measured` and `sources` have the measured values of each response and those that are drawn;
-    `individuals` the parameters of single experiments; `ceiling` is the content of ceiling.json.
-    """
+    """The data of the charts in report.html, the content of ceiling.json, and the study file."""
 
     measured: Sequence[MeasuredValues]
     sources: Sequence[Series]
@@ -103,7 +99,7 @@ def identification(
 
 
 def _content(document: Document, drawn: Drawn | None) -> Content:
-    """The content of the report: all sections that are not empty, with charts only if `drawn`."""
+    """The content of the report: its sections, with charts only if `drawn` has their data."""
     short = answer(document)
     name = varying(document)
     sections = {
@@ -162,7 +158,7 @@ def _law(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 
 
 def _gap(best: Document) -> str:
-    """A text on how much log-likelihood the best possible law gains, and whether chance does so."""
+    """A text on the log-likelihood that the best possible law gains, and whether by chance only."""
     gap = f"at most {number(best['gap'], 3)} more log-likelihood"
     if best.get("p_value") is None:
         return gap
@@ -425,10 +421,7 @@ def _individuals(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 
 
 def shrinkage(document: Document) -> Iterator[Part]:
-    """The shrinkage and the scatter of the parameters of single experiments.
-
-    For a mixture, a sentence counts the experiments by their most probable component.
-    """
+    """A table of the parameters of single experiments: shrinkage, range and scatter of each."""
     experiments = document["experiments"]
     rows = []
     for name, share in document["shrinkage"].items():

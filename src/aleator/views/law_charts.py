@@ -221,7 +221,7 @@ def simulator_charts(document: Document) -> Iterator[Chart]:
 
 
 def responses_drawn(drawn: Document) -> list[str]:
-    """The responses whose simulated values are in the document."""
+    """The names of the responses whose simulated values identification.json has."""
     return list(dict.fromkeys(entry["response"] for entry in drawn.get("shown", ())))
 
 

@@ -81,7 +81,7 @@ class MeasuredValues:
 
     @property
     def exact_probabilities(self) -> list[float]:
-        """The predicted probabilities of smaller values; of values that are not censored only."""
+        """The predicted probabilities of values below the measured ones, censored ones left out."""
         pit = self.array("pit")
         return [float(p) for p in pit[self.exact & np.isfinite(pit)]]
 

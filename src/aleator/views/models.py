@@ -31,7 +31,7 @@ Document = Mapping[str, Any]
 
 
 def comparison(document: Document) -> Content:
-    """The report of compare.json: criteria (AIC, BIC), predictive and ratio tests of models."""
+    """The report of compare.json: AIC and BIC, predictions of left-out experiments, ratio tests."""
     models = document["models"]
     lead = (
         f"N = {document['experiments']} experiments, M = {models[0]['observations']} observations."

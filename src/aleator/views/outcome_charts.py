@@ -76,7 +76,7 @@ def _outside(seen: MeasuredValues, source: Series) -> str:
     beyond = int(np.sum(seen.outside))
     words = f"Outside the predicted 95 % are {beyond} of {int(known.sum()):,} (diamonds). "
     if pit := seen.exact_probabilities:
-        # Each probability is given the earlier observations: without them they are dependent.
+        # These probabilities are conditional on earlier observations, hence independent.
         words += "Given the earlier observations of its experiment, " + outside(pit)
     if not seen.exact.all():
         words += " Triangles are bounds: the value lies above, or below."
@@ -90,7 +90,7 @@ def _outside(seen: MeasuredValues, source: Series) -> str:
 
 
 def probabilities(all_measured: Sequence[MeasuredValues]) -> tuple[Array, list[str]]:
-    """The predicted probabilities of smaller values than measured, ascending, and their ids."""
+    """The predicted probabilities of values below the measured ones, ascending, with their ids."""
     pit = np.concatenate([seen.array("pit") for seen in all_measured])
     ids = [one for seen in all_measured for one in seen.columns["id"]]
     order = [k for k in np.argsort(pit, kind="stable").tolist() if np.isfinite(pit[k])]
@@ -227,7 +227,7 @@ def single_series_chart(
 def lines_of(
     seen: MeasuredValues, choice: AxisChoice, ids: Sequence[str]
 ) -> dict[str, dict[str, list[Any]]]:
-    """The columns of each of these experiments' observations, in the order of a condition."""
+    """For each id, the columns of the experiment's observations, in the order of a condition."""
     at, columns = seen.array(choice.key), seen.columns
     rows: dict[str, list[int]] = {one: [] for one in ids}
     for k, one in enumerate(columns["id"]):
@@ -256,7 +256,7 @@ def _least_probable(lines: Mapping[str, Mapping[str, list[Any]]]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Individuals:
-    """The parameters of each of `count` experiments as its own observations determine them.
+    """The parameters of each of `count` experiments, given its own observations.
 
     `series` has the data of charts, and `choices` the quantities for the x axis.
     """
