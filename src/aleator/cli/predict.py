@@ -346,7 +346,7 @@ def _show(found: pd.DataFrame, request: PredictionRequest, value: Study) -> None
 
 
 def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output: Path) -> None:
-    """Write the predictions as CSV, or as JSON if the name of the file ends so."""
+    """Write the predictions as CSV, or as JSON if the name of the file ends in .json."""
     if output.suffix.lower() == ".json":
         rows = found.to_dict("records")
         entry, file = documents.study_entry(document), os.path.relpath(study, output.parent)

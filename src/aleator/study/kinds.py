@@ -324,7 +324,7 @@ class Kinds(Generic[T]):
         return ChosenKind(kind, section.model_validate(value), maker, origin)
 
     def section(self, kind: str) -> type[Section]:
-        """The class that checks the keys of one kind; raises a pydantic error for an unknown one."""
+        """The class that checks the keys of a kind; raises a pydantic error for an unknown one."""
         return self._section(*self._maker(kind))
 
     def _section(self, maker: Callable[..., T], origin: str) -> type[Section]:
