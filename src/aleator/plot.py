@@ -1,8 +1,8 @@
 """Charts of an identification on matplotlib axes, for figures that a user composes.
 
 Each function takes an identification, or the content of identification.json, draws on `ax`, and
-returns the axes. Without `ax` it makes a new figure, which `axes.figure.savefig(...)` writes. What
-the document lacks is computed if the identification still has its fit.
+returns the axes. Without `ax` it makes a new figure, which `axes.figure.savefig(...)` writes. Data
+of a chart that the document lacks are computed if the identification was made in this session.
 
 >>> from aleator import plot
 >>> plot.__all__
@@ -34,10 +34,12 @@ SIZE = (4.5, 3.4)
 
 
 def calibration(found: Identified, ax: Axes | None = None) -> Axes:
-    """The cumulative share of the probabilities of what was measured, minus the uniform one.
+    """Calibration: the distribution of predicted probabilities, minus the uniform distribution.
 
-    The band holds the whole curve in 95 % of all uniform samples (Kolmogorov). Raises AleatorError
-    where no probability is known, and where matplotlib is not installed.
+    Each measured outcome has the probability that the law predicted for smaller outcomes
+    (probability integral transform). The chart shows the cumulative share of these probabilities.
+    The band contains the whole curve in 95 % of all uniform samples (Kolmogorov). Raises
+    AleatorError if no probability is known, or if matplotlib is not installed.
 
     >>> ten = [{"id": k, "pit": (k + 0.5) / 10} for k in range(10)]
     >>> calibration({"experiments": ten}).get_ylabel()
@@ -49,7 +51,9 @@ def calibration(found: Identified, ax: Axes | None = None) -> Axes:
 
 
 def histogram(found: Identified, ax: Axes | None = None) -> Axes:
-    """The histogram of the probabilities of what was measured, with the 95 % range of each bin.
+    """The histogram of the predicted probabilities of outcomes below each measured outcome.
+
+    A band shows the range of a bin's count in 95 % of all uniform samples.
 
     >>> ten = [{"id": k, "pit": (k + 0.5) / 10} for k in range(10)]
     >>> histogram({"experiments": ten}).get_ylabel()
@@ -63,9 +67,9 @@ def histogram(found: Identified, ax: Axes | None = None) -> Axes:
 def experiments(found: Identified, ax: Axes | None = None, *, response: str | None = None) -> Axes:
     """Measured outcomes against the distributions that the law predicts, by predicted median.
 
-    On the scale of the likelihood: of a logarithm that is the logarithm. Of several responses one
-    is named; a censored value stands at its bound. Raises AleatorError where predictions are not
-    known.
+    The scale is that of the likelihood: the logarithm of an outcome with transform = "log".
+    `response` names one of several responses (default: the first). A censored value is drawn at its
+    bound. Raises AleatorError if predictions are not known.
 
     >>> quantiles = {"0.025": 0.0, "0.25": 0.7, "0.5": 1.0, "0.75": 1.3, "0.975": 2.0}
     >>> one = {"id": "7", "outcome": 1.2, "quantiles": quantiles, "pit": 0.65}
@@ -94,9 +98,9 @@ def law(found: Identified, parameter: str, ax: Axes | None = None) -> Axes:
 
 
 def profile(found: Identified, hyperparameter: str, ax: Axes | None = None) -> Axes:
-    """The profile of the likelihood over a hyperparameter, and where it has dropped by 1.92.
+    """The profile log-likelihood over a hyperparameter, with its 95 % interval.
 
-    Dashed: that drop, and the 95 % interval.
+    Dashed lines mark a drop of 1.92 below the maximum, and the ends of the interval.
 
     >>> curve = {"at": [0.0, 1.0, 2.0], "below": [2.0, 0.0, 2.0]}
     >>> profile({"pictures": {"profiles": {"wear.mean": curve}}}, "wear.mean").get_xlabel()
@@ -108,9 +112,10 @@ def profile(found: Identified, hyperparameter: str, ax: Axes | None = None) -> A
 
 
 def surface(found: Identified, ax: Axes | None = None) -> Axes:
-    """The likelihood over the two most correlated estimates, with contours of 50, 80 and 95 %.
+    """The log-likelihood over the two estimates with the strongest correlation.
 
-    The cross is the maximum. Raises AleatorError where there are no two such estimates.
+    Contours enclose joint confidence regions of 50, 80 and 95 %. The cross is the maximum. Raises
+    AleatorError if the identification has no such two estimates.
     """
     chart = law_charts.surface_chart(_document(found))
     if chart is None:
@@ -123,8 +128,9 @@ def response(
 ) -> Axes:
     """The response over one parameter, all other parameters in the middle of their range.
 
-    A line for each of some experiments; of a series its first row is dotted, the middle one dashed.
-    With collocation, marks at the nodes of the law. Raises AleatorError where nothing is known.
+    Some experiments have a line each. If an experiment is a series, its first row is a dotted line,
+    its middle row a dashed one and its last row a solid one. With collocation there are marks at
+    the nodes of the law instead. Raises AleatorError if no response is known.
 
     >>> shown = [{"id": "7", "response": "way", "curves": {"k": [1.0, 2.0]}}]
     >>> drawn = {"over": {"k": [0.0, 1.0]}, "shown": shown}
@@ -141,7 +147,7 @@ def response(
 
 
 def _drawn(chart: Chart, ax: Axes | None) -> Axes:
-    """The chart on the axes, or on those of a new figure."""
+    """The axes `ax`, or those of a new figure if `ax` is None, with the chart drawn on them."""
     if ax is not None:
         return draw(chart, ax)
     with styled():
@@ -149,7 +155,7 @@ def _drawn(chart: Chart, ax: Axes | None) -> Axes:
 
 
 def _document(found: Identified) -> Mapping[str, Any]:
-    """The content of identification.json, with what is drawn beside it if the fit is known."""
+    """The content of identification.json, with the data of its charts if they can be computed."""
     if not isinstance(found, Result):
         return found
     if not found.pictures and isinstance(found, Identification) and found.session.fit is not None:

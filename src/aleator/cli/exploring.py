@@ -55,7 +55,7 @@ def box(
 
     Looks within the boxes and limits that STUDY.toml states: make them as wide as physics allows.
     A run that raises, or returns no finite number, counts as a failure and does not stop the
-    search. Tells for every side of the box which experiment limits it, and where it failed.
+    search. Tells for every side of the box which experiment limits it, and where that one failed.
     """
     work = Work.on("box", study, options, folder=output, seed=seed, verified=True)
     value = work.study
@@ -82,14 +82,15 @@ def check(
 ) -> None:
     """Make the first runs, and tell what the rest will cost.
 
-    Each parameter takes five values over its limits, the others in the middle, and the corners of
-    all limits follow: 5 runs an experiment for one parameter, 13 for two, 21 for three. Of many
-    experiments some are looked at, evenly over the measured values, unless a run is fast. Every
-    run is kept in the store.
+    Each parameter takes five values over its limits while the others are in the middle of theirs.
+    Runs at the corners, where every parameter is at a limit, follow: in all 5 runs for each
+    experiment with one parameter, 13 with two, 21 with three. If runs are slow and experiments are
+    many, some experiments are chosen, evenly over the measured values. Every run is kept in the
+    store.
 
-    Tells which experiments no run comes to, which parameters have no influence, how long a run
-    takes, and how many an identification will need. Writes DIR/check.json, and DIR/check.png, the
-    outcome over each parameter, if matplotlib is installed.
+    Tells for which experiments no run comes to the measured value, which parameters have no
+    influence, how long a run takes, and how many runs an identification will need. Writes
+    DIR/check.json, and DIR/check.png, the outcome over each parameter, if matplotlib is installed.
     """
     work = Work.on(
         "check", study, options, folder=folder_of(output, study), seed=seed, verified=True
@@ -147,12 +148,12 @@ def sensitivity(
 ) -> None:
     """Tell which parameters deserve a law.
 
-    These are the ones whose scatter moves the outcome. Tells also which ones act alike.
+    These are the parameters whose scatter moves the outcome. Tells also which ones act alike.
 
-    Expands the outcome of every experiment in the parameters and takes Sobol' indices from the
-    coefficients. A parameter is varied by its law where STUDY.toml states all of it, uniformly
-    over its limits or box where something is to be identified. To screen a parameter, make it a
-    constant with limits.
+    Expands the outcome of every experiment in polynomials of the parameters and computes Sobol'
+    indices from the coefficients. A parameter varies by its law if STUDY.toml states all of that
+    law. If any of it is to be identified, the parameter varies uniformly over its limits or box.
+    To screen a parameter, make it a constant with limits.
 
     Writes DIR/sensitivity.json (all), DIR/sensitivity.csv (a row for each experiment and
     parameter) and DIR/sensitivity.png if matplotlib is installed.
@@ -230,16 +231,16 @@ def next(
 ) -> None:
     """Tell which experiments should be made next.
 
-    Identifies the law of STUDY.toml (runs that are kept are not made again) and computes what each
-    row of NEW.csv would tell of a hyperparameter or a prediction: its standard error after that
-    experiment. Then the set of experiments that tell most together, and how often all experiments
-    would have to be repeated for the same. Rows with one id are one experiment. Nothing is
-    measured; runs of the simulator are made for the candidates.
+    Identifies the law of STUDY.toml (runs that are kept are not made again). For each row of
+    NEW.csv it computes the standard error that a hyperparameter or a prediction would have after
+    that experiment. It then chooses the set of experiments that tell most together, and tells how
+    often all experiments would have to be repeated for the same effect. Rows with one id are one
+    experiment. Nothing is measured; the simulator is run for the candidates.
     """
     work = Work.on("next", study, options, folder=output, seed=seed)
     value = work.study
     table = value.read_conditions(candidates)
-    # mistakes in the arguments are reported before a slow simulator runs
+    # Mistakes in the arguments are reported before a slow simulator runs.
     require_enough_candidates(count, len(table.ids), repeat)
     require_free(about, value.hyperparameters)
     require_at_most_one({"--for": about, "--for-prediction": for_prediction})
@@ -264,7 +265,10 @@ def _predicted(
     above: float | None,
     below: float | None,
 ) -> Predicted | None:
-    """The prediction to be known better: a quantile, or a probability where a limit is given."""
+    """The prediction that new experiments shall make more precise; None if none is requested.
+
+    It is a quantile, or the probability of an outcome beyond a limit if a limit is given.
+    """
     limits = {"--quantile": quantile, "--above": above, "--below": below}
     if conditions is None:
         for option, given in limits.items():

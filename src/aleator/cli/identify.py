@@ -49,8 +49,8 @@ Document = Mapping[str, Any]
 def write_report(document: Document, folder: Path, study: Path | None = None) -> Path:
     """Write report.html of an identification into its folder.
 
-    The page uses ceiling.json in that folder, and the `study` file. Raises AleatorError where Bokeh
-    is not installed.
+    The page also shows ceiling.json of that folder, and the `study` file. Raises AleatorError if
+    Bokeh is not installed.
     """
     from aleator.views.page import page
 
@@ -62,7 +62,7 @@ def write_report(document: Document, folder: Path, study: Path | None = None) ->
 
 
 def write_compared(document: Document, other: Document, folder: Path, beside: Path) -> Path:
-    """Write compared.html of two identifications, which have the names of their folders."""
+    """Write compared.html, which shows two identifications under the names of their folders."""
     from aleator.views.compared import compared_page
 
     names = [folder.name, beside.name]
@@ -77,13 +77,13 @@ def write_compared(document: Document, other: Document, folder: Path, beside: Pa
 
 
 def study_of(document: Document, folder: Path) -> Path | None:
-    """The path of the study file that a document names; None where it names none."""
+    """The path of the study file that an identification's document names, or None."""
     file = documents.study_entry(document).get("file")
     return folder / file if isinstance(file, str) else None
 
 
 def _ceiling(document: Document, folder: Path) -> Document | None:
-    """The content of ceiling.json in the same folder, if it is of the same study."""
+    """The content of ceiling.json in the folder; None if there is none, or for another study."""
     if not (folder / CEILING).exists():
         return None
     found = read_ceiling(folder / CEILING)
@@ -92,7 +92,7 @@ def _ceiling(document: Document, folder: Path) -> Document | None:
 
 
 def _study_text(document: Document, study: Path | None) -> str | None:
-    """The text of the study file; None where the file has changed since the identification."""
+    """The text of the study file; None if the file has changed since the identification."""
     try:
         content = b"" if study is None else study.read_bytes()
     except OSError:
@@ -118,9 +118,9 @@ def report(folder: Path, other: Path | None) -> None:
     """Write report.html of an answer, or of two side by side.
 
     DIR/report.html is a page of charts in one file that needs no network: the law, the estimates,
-    measured against predicted, calibration, warnings, and how it was computed. `aleator identify`
-    writes it too; this command writes it anew from DIR/identification.json, with DIR/ceiling.json
-    where `aleator ceiling` has written that. No run of the simulator is made.
+    measured against predicted outcomes, calibration, warnings, and how all was computed. `aleator
+    identify` writes it too; this command writes it anew from DIR/identification.json, and from
+    DIR/ceiling.json if `aleator ceiling` has written that. No run of the simulator is made.
 
     With --compare it writes DIR/compared.html: both verdicts, estimates, laws and predictions side
     by side.
@@ -178,18 +178,18 @@ def identify(
 ) -> None:
     """Identify the law that STUDY.toml asks for.
 
-    Prints a report and writes DIR/identification.json; for one seed that file is always the same,
-    but for its "seconds". Writes DIR/report.html, a page of charts that needs no network, if Bokeh
-    is installed. Draws DIR/experiments.png (what was measured beside what is predicted)
-    and DIR/calibration.png if matplotlib is installed, and with measurement noise
+    Prints a report and writes DIR/identification.json. With the same seed that file is always the
+    same, except for its entry "seconds". Writes DIR/report.html, a page of charts that needs no
+    network, if Bokeh is installed. If matplotlib is installed, draws DIR/experiments.png (measured
+    beside predicted outcomes) and DIR/calibration.png, and with measurement noise
     DIR/parameters.png. Progress goes to the standard error.
 
     Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
     known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
     same result. Every study in that folder reuses a run if simulator, conditions and parameters
-    are equal. (Of a simulator that takes arrays, and is run at every node, none are kept.) Whether
-    the simulator is the same is judged by the source of its package or folder: see `aleator runs
-    --help` if anything else that matters has changed.
+    are equal. (A simulator that takes arrays and is run at every node is an exception: its runs are
+    not kept.) Whether the simulator is the same is judged by the source of its package or folder:
+    see `aleator runs --help` if anything else that matters has changed.
 
     \b
     A study file (paths are relative to it; all keys but these have defaults):

@@ -72,12 +72,12 @@ def bootstrap(
 ) -> None:
     """Tell how far the estimates scatter, by a bootstrap.
 
-    The study is identified, by the runs in its store where they are known; then other data are
-    drawn and the maximum of each is climbed to on the same surfaces, without a run, or by a fast
-    simulator itself. Prints standard errors, biases and 95 % intervals; writes DIR/bootstrap.json,
-    and DIR/bootstrap.csv with every replicate. Finished replicates are kept in
-    DIR/bootstrap.jsonl: after Ctrl-C, and for more replicates, the same command goes on from there.
-    With --workers N processes do the work.
+    The study is identified first, with the runs in its store if there are any. Then other data sets
+    (replicates) are drawn, and the likelihood of each is maximized on the same response surfaces,
+    without a run; a fast simulator is run itself. Prints standard errors, biases and 95 %
+    intervals; writes DIR/bootstrap.json, and DIR/bootstrap.csv with every replicate. Finished
+    replicates are kept in DIR/bootstrap.jsonl: after Ctrl-C, and for more replicates, the same
+    command goes on from there. With --workers N, N processes do the work.
     """
     folder = folder_of(output, study)
     work = Work.on("bootstrap", study, options, folder=folder, seed=seed)
@@ -121,14 +121,14 @@ def ceiling(
 ) -> None:
     """Tell how far any law could go, and where this one lacks.
 
-    Identifies the law of STUDY.toml first; with the runs in its store none is repeated. Then finds
-    the law, of any shape, under which the experiments are most likely, tells whether its
-    log-likelihood is higher than chance explains, by data drawn from the identified law, and where
-    the identified law lacks mass.
+    Identifies the law of STUDY.toml first; runs in its store are not repeated. Then finds the best
+    possible law: the one, of any shape, under which the experiments are most likely. Data drawn
+    from the identified law show whether chance explains how much higher the log-likelihood of the
+    best law is. Tells also where the identified law lacks mass.
 
-    Where surfaces stand for the simulator it is run at the points of that law. Needs measurement
-    noise. Constants, and noise that was identified, are held at their estimates.
-    Writes DIR/ceiling.json, and DIR/ceiling.png if matplotlib is installed.
+    If response surfaces stand for the simulator, it is run at the points of the best law to verify
+    the result. Needs measurement noise. Constants, and noise that was identified, stay at their
+    estimates. Writes DIR/ceiling.json, and DIR/ceiling.png if matplotlib is installed.
     """
     work = Work.on("ceiling", study, options, folder=folder_of(output, study), seed=seed)
     require_one_law(work.study.inputs)
@@ -181,11 +181,12 @@ def compare(
 ) -> None:
     """Tell which of several models is to be believed.
 
-    Each study is identified, by the runs in its store where they are known, and called as its file
-    is, or as its folder where that is study.toml. Prints the log-likelihood, AIC, AICc and BIC, the
-    predictive log-likelihood of experiments left out with the error of the differences, and
-    likelihood ratios of nested models; writes DIR/compare.json and DIR/compare.png. Models of
-    different data, or of different transforms of the outcome, are refused.
+    Each study is identified, with the runs in its store if there are any. A study has the name of
+    its file, or of its folder if the file is study.toml. Prints the log-likelihood, AIC, AICc and
+    BIC, the predictive log-likelihood of experiments left out with the standard error of the
+    differences, and likelihood ratios of nested models; writes DIR/compare.json and
+    DIR/compare.png. Models of different data, or of different transforms of the outcome, are
+    refused.
     """
     folder = output or (Path("out") / "compare").absolute()
     values = _named(studies, seed, not no_verify)
@@ -208,7 +209,7 @@ def compare(
 
 
 def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:
-    """The studies by their names; raises AleatorError for fewer than two, and for equal names."""
+    """The studies by name; raises AleatorError for fewer than two studies, and for equal names."""
     if len(studies) < 2:
         raise AleatorError(f"compare: {len(studies)} study", "name two or more")
     found: dict[str, Study] = {}
@@ -240,18 +241,18 @@ def posterior(
     """Draw from the posterior of alpha, priors included.
 
     The study is identified first (without the check on the simulator). Then the No-U-Turn sampler
-    draws values of alpha by the exact score of the likelihood; a slow simulator is not run for
-    them. What is believed beforehand stands beside the limits in STUDY.toml, and is flat between
-    them where nothing does:
+    draws values of alpha, the hyperparameters, with the exact gradient of the log-likelihood; a
+    slow simulator is not run for them. A prior stands beside the limits in STUDY.toml; without one
+    the prior is flat between the limits:
 
     \b
       mean = {lower = 0.5, upper = 1.5, prior = {law = "normal", mean = 1.0, sd = 0.1}}
 
     Prints mean, standard deviation and 95 % interval of each hyperparameter, with R-hat and the
     effective sample size, and whether the chains converged. Writes DIR/posterior.nc, which ArviZ
-    and xarray read, DIR/posterior.csv, a row for each draw, and DIR/posterior.json. Needs
-    the packages of the extra bayes, which are told where they are missing.
-    docs/statistics/posterior.md explains it.
+    and xarray read, DIR/posterior.csv with a row for each draw, and DIR/posterior.json. Needs
+    the packages of the extra `bayes`; a message names those that are missing.
+    docs/statistics/posterior.md explains the method.
     """
     for package in (SAMPLER, "arviz_stats", "arviz_base", "h5netcdf"):
         installed(package)
@@ -297,10 +298,11 @@ def recover(
 ) -> None:
     """Check that the method finds a law that is known.
 
-    Draws virtual outcomes of the study's experiments from the simulator under a true law,
-    identifies each virtual data set as if it were measured, and tells for each hyperparameter the
-    bias with its Monte Carlo error, the scatter, and how often the 95 % interval holds the truth.
-    Data sets are identified in as many processes as there are processors, or in N by --workers N.
+    Draws virtual outcomes of the study's experiments from the simulator under a true law, and
+    identifies each virtual data set as if it were measured. Tells for each hyperparameter the bias
+    with its Monte Carlo error, the scatter, and how often the 95 % interval contains the truth.
+    Data sets are identified in as many processes as there are processors, or in N processes with
+    --workers N.
     """
     work = Work.on("recovery", study, options, folder=output, seed=seed)
     value = work.study
@@ -326,7 +328,7 @@ def recover(
 def _truth(
     study: Study, runner: Runner, law: Path | None, given: tuple[str, ...], progress: Progress
 ) -> dict[str, float]:
-    """The true alpha: values given by name, the others from an identified law."""
+    """The true value of each hyperparameter: the stated ones, the others from an identified law."""
     free = [h.name for h in study.hyperparameters if h.free]
     values: dict[str, float] = {}
     for entry in given:

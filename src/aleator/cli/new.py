@@ -41,19 +41,22 @@ from aleator.views.terminal import TerminalTable
 
 
 def at_terminal() -> bool:
-    """Whether a user at a terminal can answer."""
+    """Whether the standard input is a terminal, at which a user can answer questions."""
     return sys.stdin.isatty()
 
 
 @dataclass(frozen=True)
 class Questions:
-    """Questions to the user, or their defaults if not `interactive`; `folder` is the study's."""
+    """Questions to the user; each takes its default if the program is not `interactive`.
+
+    `folder` is the folder of the study.
+    """
 
     interactive: bool
     folder: Path
 
     def text(self, question: str, default: str | None, missing: AleatorError) -> str:
-        """A text; raises `missing` where there is no default and no user to ask."""
+        """The user's answer as text; raises `missing` without a default and a user to ask."""
         if self.interactive:
             return str(click.prompt(question, default=default, err=True)).strip()
         if default is None:
@@ -63,14 +66,14 @@ class Questions:
     def one_of(
         self, question: str, names: Sequence[str], default: str | None, missing: AleatorError
     ) -> str:
-        """One of the known names; asked again until it is."""
+        """The user's choice of one of the `names`; the question repeats until it is one of them."""
         if not self.interactive:
             return self.text(question, default, missing)
         choice = click.Choice([*names])
         return str(click.prompt(question, default=default, type=choice, err=True))
 
     def names(self, question: str, possible: Sequence[str], default: Sequence[str]) -> list[str]:
-        """Some of the known names, separated by commas."""
+        """The user's choice of several of the `possible` names, entered with commas between."""
         if not self.interactive:
             return [*default]
 
@@ -87,7 +90,7 @@ class Questions:
     def limits(
         self, question: str, default: tuple[float, float] | None
     ) -> tuple[float, float] | None:
-        """Two numbers; None where the user enters nothing and there is no default."""
+        """Two limits that the user enters; None for an empty answer without a default."""
         if not self.interactive:
             return default
         shown = "" if default is None else f"{default[0]:g} {default[1]:g}"
@@ -97,7 +100,7 @@ class Questions:
         return found
 
     def number(self, question: str) -> float | None:
-        """A number; None where the user enters nothing."""
+        """A number that the user enters; None for an empty answer."""
         if not self.interactive:
             return None
         found: float | None = click.prompt(
@@ -106,7 +109,7 @@ class Questions:
         return found
 
     def agreed(self, question: str) -> bool:
-        """Whether the user agrees; False where no user is asked."""
+        """Whether the user answers yes; False if there is no user to ask."""
         return self.interactive and click.confirm(question, default=False, err=True)
 
 
@@ -130,7 +133,7 @@ def _number(answer: str) -> float | None:
 
 
 def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, option: str | None) -> str | None:
-    """The column with the ids of experiments, or None."""
+    """The column with the ids of experiments; None if each row is an experiment of its own."""
     if option is not None:
         sheet.table.require(option, "the id")
     columns = [name for name in (roles.id, *roles.others) if name]
@@ -145,7 +148,7 @@ def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, option: str | No
 
 
 def chosen_table(questions: Questions, option: Path | None) -> Path:
-    """The table, by default the only CSV file of the current folder."""
+    """The path of the table of experiments, by default the only CSV file in the current folder."""
     if option is not None:
         return option
     found = _only("*.csv")
@@ -158,7 +161,10 @@ def chosen_table(questions: Questions, option: Path | None) -> Path:
 def chosen_offer(
     questions: Questions, function: str | None, fmu: Path | None, command: str | None
 ) -> Offer:
-    """The simulator, by default the only function of the only Python file here, or the only FMU."""
+    """The simulator: an FMU, a command, or a Python function.
+
+    The default is the only FMU in the current folder, or the only function of its only Python file.
+    """
     require_at_most_one({"--function": function, "--fmu": fmu, "--command": command})
     if command:
         return offered_by_command(_located(questions.folder, command))
@@ -184,7 +190,7 @@ def chosen_offer(
 def chosen_outcomes(
     questions: Questions, sheet: Sheet, offer: Offer, option: Sequence[str]
 ) -> tuple[str, ...]:
-    """The measured columns."""
+    """The columns with measured outcomes: by option, recognized in the table, or by the user."""
     told = tuple(option) or responses_of(sheet, offer)
     if told:
         return told
@@ -203,9 +209,10 @@ def chosen_parameters(
     option: Sequence[str],
     listed: int = 40,
 ) -> dict[str, Limits | float | None]:
-    """The parameters that differ between experiments, with their limits as far as they are known.
+    """The parameters that differ between experiments, each with its limits if they are known.
 
-    Raises AleatorError for limits that cannot be read.
+    A parameter that is a constant has its number. Raises AleatorError for limits in `option` that
+    cannot be read.
     """
     if option or not questions.interactive:
         called = {variable: name for name, variable in offer.variables.items()}
@@ -233,7 +240,7 @@ def chosen_parameters(
 
 
 def _parameter(text: str) -> tuple[str, Limits | float | None]:
-    """Name and value of an option such as `stiffness=1:3`, `stiffness=2` or `stiffness`."""
+    """The name and the value of an option `stiffness=1:3`, `stiffness=2` or `stiffness`."""
     name, given, value = text.partition("=")
     try:
         numbers = [float(part) for part in value.split(":")] if given else []
@@ -250,7 +257,7 @@ def _parameter(text: str) -> tuple[str, Limits | float | None]:
 
 
 def _function(questions: Questions, reference: str) -> Offer:
-    """The offer of a function in a file of the current folder, or in a module."""
+    """The inputs and outputs of a function in a Python file, or in a module."""
     file, _, name = reference.rpartition(":")
     if reference.endswith(".py"):
         file, name = reference, ""
@@ -278,7 +285,7 @@ def _function(questions: Questions, reference: str) -> Offer:
 
 
 def _located(folder: Path, command: str) -> str:
-    """A command with {study}/ before arguments that are files in the folder of the study."""
+    """The command with {study}/ before each argument that is a file in the study's folder."""
     program, *rest = command.split(" ")
     return " ".join(
         [program, *(f"{{study}}/{w}" if w and (folder / w).is_file() else w for w in rest)]
@@ -291,7 +298,7 @@ def _beside(folder: Path, file: Path) -> str:
 
 
 def _only_simulator() -> str | None:
-    """The only simulator in the current folder, if there is one."""
+    """The only FMU, or the only Python file with its only function, in the current folder."""
     fmu = _only("*.fmu")
     if fmu is not None:
         return fmu
@@ -311,14 +318,14 @@ def schema(output: Path | None) -> None:
     """Print the JSON schema of study.toml, for editors.
 
     An editor that knows TOML (Even Better TOML in Visual Studio Code, Taplo in others) then offers
-    the keys and marks what is wrong while you type. Its first line names the schema; `aleator new
-    --schema` writes both.
+    the keys and marks mistakes while you type. The first line of study.toml must name the file of
+    the schema; `aleator new --schema` writes both.
 
     \b
       aleator schema --output study.schema.json
       #:schema study.schema.json           <- the first line of study.toml
 
-    It has the kinds of installed plug-ins too.
+    The schema has the laws, simulators and other kinds of installed plug-ins too.
     """
     text = schema_text()
     if output is None:
@@ -387,10 +394,10 @@ def new(
 ) -> None:
     """Write a first study.toml from a table and a simulator.
 
-    Asks for what the options do not say, and proposes an answer: the columns by what the
-    simulator takes, a law for each parameter that a function has no default for, limits of a
-    factor of three about a default or an FMU's start value. Nothing is simulated. Where no terminal
-    is at hand, it takes what it proposes.
+    Asks for what the options do not say, and proposes an answer. Columns are recognized by the
+    inputs of the simulator. Each argument of a function without a default gets a law. Limits lie a
+    factor of three below and above a default, or an FMU's start value. Nothing is simulated.
+    Without a terminal the proposals are taken.
 
     \b
       aleator new springs.csv --function model.py:spring
@@ -427,7 +434,7 @@ def new(
 
 
 def _require_free(output: Path, force: bool, questions: Questions) -> None:
-    """Raise AleatorError where the file exists and the user does not agree to replace it."""
+    """Raise AleatorError if the file exists and the user does not agree to replace it."""
     if not output.exists() or force or questions.agreed(f"{short(output)} is there. Replace it?"):
         return
     raise AleatorError(

@@ -44,7 +44,10 @@ from aleator.views import predictions
 
 
 def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
-    """A note on the expected runs for surfaces under new conditions, as many as in the study."""
+    """A note on how many runs the response surfaces of new conditions will take.
+
+    As many are expected for each condition as each experiment of the study took.
+    """
     surface = document.get("surface") or {}
     if not (surface.get("runs") and surface.get("experiments")):
         return
@@ -64,7 +67,10 @@ def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
 
 
 def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
-    """A note for each row of new conditions that lies beyond the tested ones."""
+    """Notes on the rows of new conditions that lie beyond those of the study's experiments.
+
+    The first `named` rows have a note each; one more note counts the rest.
+    """
     tested, new = value.experiments.table, table.table
     columns = [*table.conditions, *value.inputs.covariates]
     names = [name for name in dict.fromkeys(columns) if name in tested and name in new]
@@ -80,7 +86,11 @@ def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """The options for a probability or for limits; without them the distribution is predicted."""
+    """The options that say what to predict: a probability, limits, or by default a distribution.
+
+    At most one of `above`, `below`, `between`, `tolerance` and `reliability` is not None; else
+    AleatorError is raised.
+    """
 
     above: float | None
     below: float | None
@@ -98,7 +108,7 @@ class PredictionRequest:
 
     @property
     def limits(self) -> Tolerance | None:
-        """The limits that the options choose, or None."""
+        """The tolerance limits or the design value that the options request, or None."""
         if self.tolerance is not None:
             return Tolerance(*self.tolerance)
         if self.reliability is not None:
@@ -107,13 +117,16 @@ class PredictionRequest:
 
     @property
     def distribution(self) -> bool:
-        """Whether the distribution is predicted."""
+        """Whether the whole distribution is predicted, for lack of any other request."""
         return self.limits is None and not any(
             part is not None for part in (self.above, self.below, self.between)
         )
 
     def table(self, answer: Identification, conditions: Conditions, **how: Any) -> pd.DataFrame:
-        """The predictions for conditions; `how` are arguments of all three kinds of prediction."""
+        """The table of predictions, a row for each new condition.
+
+        `how` are arguments that predictions of distributions, probabilities and limits share.
+        """
         if self.distribution:
             return answer.predict(conditions, **how)
         how["response"] = self.response
@@ -125,7 +138,7 @@ class PredictionRequest:
         )  # fmt: skip
 
     def content(self, table: pd.DataFrame, outcome: str) -> Content:
-        """The table of probabilities or limits with its title."""
+        """The table of probabilities or limits, ready to be printed, with its title."""
         columns = table.to_dict("list")
         if self.limits is None:
             return predictions.probabilities(columns, f"Probability of {outcome} {self._event}")
@@ -149,7 +162,7 @@ _SIDES = {"upper": "below", "lower": "above"}
 
 
 def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A decorator that adds the options of a prediction to a command, as its argument `request`."""
+    """A decorator for a command: adds options that reach it as one PredictionRequest, `request`."""
 
     @click.option("--above", type=float, metavar="X", help="Probability of outcomes above X.")
     @click.option("--below", type=float, metavar="X", help="Probability of outcomes below X.")
@@ -254,24 +267,26 @@ def predict(
     the logarithm. --output writes a file with the conditions, in which the quantiles are of the
     logarithm too.
 
-    The uncertainty of alpha is part of it: a mixture over laws that the experiments leave
-    plausible, by the intervals and correlations in IDENTIFICATION.json. The file has a 95 %
-    interval of each quantile, too. With --no-uncertainty alpha is taken at its estimate.
+    Predictions include the uncertainty of alpha, the hyperparameters: they are a mixture over laws
+    that the experiments leave plausible, by the intervals and correlations in IDENTIFICATION.json.
+    The file has a 95 % interval of each quantile, too. With --no-uncertainty alpha is taken at its
+    estimate.
 
     With --above, --below or --between: the probability of such an outcome, with a 95 % interval
-    and the standard error of the computation, however rare it is. By a surface, fresh runs of the
-    simulator all over the law look for regions of failure that the surface does not have, and more
-    are made where it leaves open which outcomes are in the event. Where the last of them still
-    change the probability the status is "unsettled", and `unseen` is the probability of a region
-    that they do not exclude. `at_estimate` is of the estimate alone; the interval is not its.
+    and the standard error of the computation, however rare it is. If a response surface stands for
+    the simulator, fresh runs all over the law look for regions of failure that the surface lacks.
+    More runs are made where the surface leaves open which outcomes are in the event. If the last
+    runs still change the probability, the status is "unsettled". `unseen` is the probability of a
+    region that the runs do not exclude. `at_estimate` is the probability at the estimate of alpha
+    alone, without its uncertainty; the 95 % interval does not belong to it.
 
-    With --tolerance limits of the outcome, with --reliability a design value. All are in the unit
-    of the outcome, and of what is measured; --no-noise asks for the true value, as whether
-    something fails does.
+    With --tolerance: limits of the outcome; with --reliability: a design value. All are in the unit
+    of the outcome, and predict the measured value. To judge whether something fails, the true
+    value matters: predict it with --no-noise.
 
-    Of experiments with several observations NEW.csv has a row for each prediction; rows with the
-    same id are one new experiment. With --of they are further measurements of an experiment that
-    was measured, under the law that its own observations leave of its parameters.
+    If experiments have several observations, NEW.csv has a row for each prediction; rows with the
+    same id are one new experiment. With --of the rows are further measurements of an experiment
+    that was measured; the law of the parameters is then conditional on its own observations.
     """
     new, document = conditions.absolute(), read_answer(identification)
     value = load_study(study or documents.study_file(document, identification))
@@ -313,7 +328,7 @@ def predict(
 
 
 def _show(found: pd.DataFrame, request: PredictionRequest, value: Study) -> None:
-    """Print a table for each response."""
+    """Print the predictions, a table for each response."""
     responses = value.experiments.observations.responses
     parts = {str(name): part for name, part in found.groupby("response", sort=False)} if (
         "response" in found
@@ -331,7 +346,7 @@ def _show(found: pd.DataFrame, request: PredictionRequest, value: Study) -> None
 
 
 def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output: Path) -> None:
-    """Write a table as CSV, or as JSON where the file is called so."""
+    """Write the predictions as CSV, or as JSON if the name of the file ends in .json."""
     if output.suffix.lower() == ".json":
         rows = found.to_dict("records")
         entry, file = documents.study_entry(document), os.path.relpath(study, output.parent)
@@ -349,7 +364,10 @@ def _identification(
     measured: Runner | None,
     of: str | None,
 ) -> Identification:
-    """The identification with its simulator; `measured` runs the experiments of the study."""
+    """The identification of a document, joined with its simulator so that it can predict.
+
+    `runner` runs the simulator under new conditions, `measured` under those of the study.
+    """
     found = Identification.from_document(document)
     if of is not None and not found.observations:
         raise AleatorError(
@@ -368,13 +386,16 @@ def _identification(
 
 
 def _rows_of(found: pd.DataFrame, table: Conditions) -> Indices:
-    """The row in the table of each prediction, where each experiment has one row."""
+    """For each prediction, the index of its row in the table; each experiment has one row."""
     place = {name: int(row) for row, name in enumerate(table.ids)}
     return np.array([place[name] for name in found["id"]], dtype=np.intp)
 
 
 def _labels(found: pd.DataFrame, table: Conditions) -> list[str]:
-    """Labels of predictions: ids, and for experiments with several rows the varying conditions."""
+    """The label of each prediction: the id of its experiment.
+
+    If experiments have several rows, the conditions that vary between rows follow the id.
+    """
     if "row" not in found:
         return [str(name) for name in found["id"]]
     cells = table.conditions.iloc[found["row"].to_numpy() - 1]

@@ -48,7 +48,7 @@ GROUPS = {
         "runs": "See, export, import or forget the runs that are kept.",
     },
 }
-"""The commands in the groups and words of `aleator --help`, which imports none of them."""
+"""The name and the help of each command by group, so that `aleator --help` imports no command."""
 
 MODULES = {
     "report": "identify",
@@ -56,7 +56,7 @@ MODULES = {
     **dict.fromkeys(("check", "sensitivity", "box", "next"), "exploring"),
     **dict.fromkeys(("compare", "ceiling", "bootstrap", "posterior", "recover"), "judging"),
 }
-"""The module of each command whose module has another name."""
+"""The module of each command that lies in a module of another name."""
 
 COMMANDS = {name: told for group in GROUPS.values() for name, told in group.items()}
 """All commands with their help, in the order of `aleator --help`."""
@@ -69,9 +69,9 @@ Exit codes: 0 done, 1 a defect, 2 mend the input, 130 Ctrl-C, 143 SIGTERM
 
 @contextmanager
 def misuse_as_message(ctx: click.Context) -> Iterator[None]:
-    """A context that turns misuse and errors of the system into one message and exit code 2.
+    """A context that prints wrong input and errors of the operating system as one message.
 
-    Ctrl-C gives exit code 130, SIGTERM 143. A defect of Aleator keeps its traceback.
+    The exit code is then 2; Ctrl-C gives 130, SIGTERM 143. A defect of Aleator keeps its traceback.
     """
     heard: list[int] = []
     try:
@@ -97,7 +97,7 @@ def misuse_as_message(ctx: click.Context) -> Iterator[None]:
 
 
 class _Commands(click.Group):
-    """A group of commands that are imported when they are used."""
+    """The commands of `aleator`; each is imported only when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """The names of the commands, in the order of the help."""
@@ -113,7 +113,7 @@ class _Commands(click.Group):
         return command
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Commands and options that begin with a text; no command is imported."""
+        """The commands and options that begin with `incomplete`; no command is imported."""
         known = [
             CompletionItem(name, help=told)
             for name, told in COMMANDS.items()
@@ -135,8 +135,8 @@ class _Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command, with errors reported as `misuse_as_message` does."""
         if not faulthandler.is_enabled() and sys.stderr is sys.__stderr__ and sys.stderr:
-            faulthandler.enable()  # a crash of compiled code is not silent
-        with suppress(OSError):  # it was removed
+            faulthandler.enable()  # A crash of compiled code then prints where it happened.
+        with suppress(OSError):  # The current folder may have been removed.
             ctx.obj = os.getcwd()
         with misuse_as_message(ctx):
             return super().invoke(ctx)

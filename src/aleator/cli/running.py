@@ -1,4 +1,4 @@
-"""Parts of all commands: options, workers and store of runs, progress, writing of results."""
+"""What all commands share: options, worker processes, the store of runs, progress, results."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ def say(text: str) -> None:
 
 @contextmanager
 def shown(quiet: bool) -> Iterator[Progress]:
-    """A context with progress on the standard error, or none where `quiet`."""
+    """A context that shows progress on the standard error, unless `quiet`."""
     with nullcontext(Silent()) if quiet else shown_on(Console(stderr=True)) as progress:
         yield progress
 
 
 def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = False) -> bool:
-    """Whether matplotlib is installed; else a note says what is `missing`, unless `quiet`."""
+    """Whether matplotlib is installed; if not, a note says what is `missing`, unless `quiet`."""
     found = importlib.util.find_spec("matplotlib") is not None
     if not (found or quiet):
         say(f"{missing} matplotlib (pip install matplotlib)")
@@ -55,7 +55,10 @@ def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = Fal
 
 
 def can_report(quiet: bool = False) -> bool:
-    """Whether Bokeh, which draws report.html, is installed; else a note, unless `quiet`."""
+    """Whether Bokeh, which draws report.html, is installed; if not, a note says so.
+
+    A `quiet` command prints no note.
+    """
     try:
         require_report()
     except AleatorError as error:
@@ -66,7 +69,7 @@ def can_report(quiet: bool = False) -> bool:
 
 
 def require_report() -> None:
-    """Raise AleatorError where Bokeh is not installed, which draws the charts of report.html."""
+    """Raise AleatorError if Bokeh, which draws the charts of report.html, is not installed."""
     try:
         importlib.import_module("bokeh")
     except ModuleNotFoundError:
@@ -76,7 +79,7 @@ def require_report() -> None:
 
 
 class _Named(click.Path):
-    """A path argument that refuses names which are too long for the file system."""
+    """A type of command-line path that refuses a name too long for the file system."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         try:
@@ -88,7 +91,7 @@ class _Named(click.Path):
 
 
 class _Placed(_Named):
-    """A path argument made absolute, as a simulator may change the current folder."""
+    """A type of command-line path that is made absolute: a simulator may change the folder."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path: Path = super().convert(value, param, ctx)
@@ -96,11 +99,11 @@ class _Placed(_Named):
 
 
 FILE = _Named(path_type=Path)
-"""The type of a file that is read before the simulator runs."""
+"""The type of a command-line argument: a file that is read before the simulator runs."""
 RESULT = _Placed(path_type=Path, dir_okay=False)
-"""The type of a file that is written, or read later."""
+"""The type of a command-line argument: a file that is written, or read after runs."""
 FOLDER = _Placed(path_type=Path, file_okay=False)
-"""The type of a folder."""
+"""The type of a command-line argument: a folder."""
 STUDY = click.argument("study", type=FILE, metavar="STUDY.toml")
 NO_FIGURES = click.option("--no-figures", is_flag=True, help="Draw no figure.")
 NO_VERIFY = click.option("--no-verify", is_flag=True, help="Leave out the check on the simulator.")
@@ -110,22 +113,22 @@ SEED = click.option(
 
 
 def output_option(help: str) -> Callable[..., Any]:
-    """The option --output for a folder."""
+    """A command-line option --output that names a folder."""
     return click.option("--output", type=FOLDER, metavar="DIR", help=help)
 
 
 OUTPUT = output_option("Folder of the results [default: out/ and the name of the study's folder].")
-"""The option for the folder of results; `folder_of` gives its default."""
+"""The option --output for the folder of results; `folder_of` gives its default."""
 
 
 def whole_number(name: str, default: int, help: str, least: int = 1) -> Callable[..., Any]:
-    """A click option for a whole number of at least `least`."""
+    """A command-line option for a whole number that is not below `least`."""
     kind = click.IntRange(min=least)
     return click.option(name, type=kind, default=default, show_default=True, help=help)
 
 
 def require_at_most_one(options: Mapping[str, Any]) -> None:
-    """Raise AleatorError where several of these options are given, None being for one that is not.
+    """Raise AleatorError if more than one of these options has a value other than None.
 
     >>> require_at_most_one({"--above": 1.0, "--below": None})
     """
@@ -136,10 +139,10 @@ def require_at_most_one(options: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Where runs are kept and who makes them.
+    """The options of a command about runs: the store that keeps them and the workers they use.
 
-    `store` is the file of runs; None for that of the study. At most one of `workers`, `dask` and
-    `mpi` is given; without any of them this process makes the runs.
+    `store` is the file that keeps runs; None means the file that the study names. At most one of
+    `workers`, `dask` and `mpi` is given; without any of them this process makes the runs.
     """
 
     store: Path | None
@@ -150,13 +153,13 @@ class RunOptions:
     quiet: bool
 
     def say(self, text: str) -> None:
-        """Print a note, unless the command is quiet."""
+        """Print a note on the standard error, unless the command has the option --quiet."""
         if not self.quiet:
             say(text)
 
 
 def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A decorator that adds the options of runs to a command, as its argument `options`."""
+    """A decorator for a command: adds options that reach it as one RunOptions, `options`."""
 
     @click.option(
         "--store",
@@ -199,10 +202,10 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
 def running(
     study: Study, options: RunOptions, conditions: Conditions | None = None
 ) -> Iterator[Runner]:
-    """A context with the runner of a study, its workers and its store, which are closed at the end.
+    """A context with the runner of a study, which runs the simulator for a command.
 
-    At the end the current folder is restored too. Raises SimulatorError where the first run of a
-    function would end this process.
+    At the end workers and store are closed, and the current folder is restored. Raises
+    SimulatorError if the first run of a function would end this process.
     """
     require_at_most_one({"--store": options.store, "--no-store": options.no_store or None})
     with (
@@ -229,7 +232,10 @@ def identified(
     best_law: bool = False,
     **further: Any,
 ) -> Identification:
-    """The identification of a study, made by a runner; `further` are arguments of `identify`."""
+    """The identification of a study with the runs of `runner`.
+
+    `further` are arguments of `aleator.identify` that the study does not state.
+    """
     runner.progress = progress
     return identify(
         runner,
@@ -249,7 +255,7 @@ def identified(
 
 
 def units_in(study: Study) -> dict[str, Any]:
-    """The entries of a document that its units depend on: units, and transforms of responses."""
+    """Entries for the document of a result: the units, and the transform of each response."""
     responses = study.experiments.observations.responses
     return {
         "units": dict(study.units),
@@ -260,9 +266,9 @@ def units_in(study: Study) -> dict[str, Any]:
 def linked(
     result: Mapping[str, Any], study: Study, study_file: Path, folder: Path
 ) -> dict[str, Any]:
-    """The document of a result in `folder`, with title, file and hash of its study.
+    """The document of a result, with the title, the file and the hash of its study added.
 
-    The file is named relative to the folder, so that both can be moved together.
+    The study file is named relative to `folder`, so that both can be moved together.
     """
     known = units_in(study)
     entry = {
@@ -274,12 +280,12 @@ def linked(
 
 
 def name_of(study: Path) -> str:
-    """The name of a study: that of its file, or of its folder if the file is study.toml."""
+    """The name of a study: the name of its file, or of its folder if the file is study.toml."""
     return study.resolve().parent.name if study.stem == "study" else study.stem
 
 
 def folder_of(output: Path | None, study: Path) -> Path:
-    """The folder of the results: `output`, or out/ and the name of the study."""
+    """The folder of the results: `output`, or by default a folder in out/ named as the study."""
     return output or (Path("out") / name_of(study)).absolute()
 
 
@@ -291,14 +297,14 @@ def _folder_kept() -> Iterator[None]:
         yield
     finally:
         if here is not None:
-            with suppress(OSError):  # it was removed
+            with suppress(OSError):  # The folder may have been removed.
                 os.chdir(here)
 
 
 def make_place(result: Path, study: Path | None = None) -> None:
-    """Make the folder of a result, and print a note where an older result will be replaced.
+    """Make the folder of a result, and print a note if an older result will be replaced.
 
-    Raises AleatorError where that is the result of another study than this one.
+    Raises AleatorError if the older result belongs to another study.
     """
     documents.make_folder(result.parent)
     if note := documents.replaced(result, study):
@@ -306,7 +312,7 @@ def make_place(result: Path, study: Path | None = None) -> None:
 
 
 def _workers(options: RunOptions) -> AbstractContextManager[Executor | None]:
-    """The executor that the options choose; None for this process."""
+    """The executor (processes, Dask or MPI) that the options choose; None for this process."""
     require_at_most_one(
         {"--workers": options.workers, "--dask": options.dask, "--mpi": options.mpi or None}
     )
@@ -319,7 +325,7 @@ def _workers(options: RunOptions) -> AbstractContextManager[Executor | None]:
 
 @contextmanager
 def _processes(number: int) -> Iterator[Executor]:
-    """A pool of processes; Ctrl-C cancels the runs that have not begun."""
+    """A context with a pool of processes; Ctrl-C cancels the runs that have not begun."""
     pool = ProcessPool(number)
     try:
         yield pool
@@ -337,7 +343,7 @@ Document = Mapping[str, Any]
 class Work:
     """A command with its study, its options and the folder of its results.
 
-    `name` is the stem of the files that are written; without a `folder` none are.
+    `name` begins the names of the files that are written; if `folder` is None no file is written.
     """
 
     name: str
@@ -357,15 +363,19 @@ class Work:
         seed: int | None,
         verified: bool = False,
     ) -> Work:
-        """The work on a study file, with another seed, with or without its check."""
+        """The work of the command `name` on a study file, which is read here.
+
+        `seed` replaces the seed of the study unless it is None. Only with `verified` the check on
+        the simulator is made.
+        """
         study = load_study(file).overridden(seed, verified=verified)
         return cls(name, study, file.absolute(), folder, options)
 
     @contextmanager
     def running(self, conditions: Conditions | None = None) -> Iterator[tuple[Runner, Progress]]:
-        """A context with runner and progress; it makes the folder of the results.
+        """A context with the runner of the study and its progress; makes the folder of the results.
 
-        A command checks its arguments before, as a simulator may be slow.
+        A command checks its arguments before it enters, because a simulator may be slow.
         """
         if self.folder is not None:
             make_place(self.folder / f"{self.name}.json", self.file)
@@ -376,7 +386,7 @@ class Work:
             yield runner, progress
 
     def end(self, made: Document, content: Callable[[Document], Content], **files: Any) -> None:
-        """Write a result as `write` does, and print the content of its document."""
+        """Write a result with its `files` as `write` does, and print it as `content` shows it."""
         document, names = self.write(made, **files)
         show_answer(content(document), names, self.options.quiet)
 
@@ -390,8 +400,8 @@ class Work:
     ) -> tuple[Document, list[str]]:
         """Write a result; returns its document and the names of all files.
 
-        `texts` are further files by their endings, `beside` files that exist already; `draw` writes
-        a figure of the document if matplotlib is installed.
+        `texts` are the texts of further files by ending ("csv"), `beside` files that exist already;
+        `draw` writes a figure of the document if matplotlib is installed.
         """
         made, files = {**units_in(self.study), **made}, []
         if self.folder is None:
@@ -409,7 +419,7 @@ class Work:
 
 
 def show_answer(content: Content, files: Sequence[str] = (), quiet: bool = False) -> None:
-    """Print a report, or for a quiet command its verdict only."""
+    """Print the report of a result with the names of its files; only its verdict if `quiet`."""
     if quiet:
         click.echo(content.verdict)
     else:

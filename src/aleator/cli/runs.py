@@ -1,4 +1,4 @@
-"""`aleator runs`: the store of a simulator's runs."""
+"""`aleator runs`: list, export, import and forget the stored runs of a simulator."""
 
 from __future__ import annotations
 
@@ -23,20 +23,26 @@ TARGET = click.argument("target", type=FILE, metavar="STUDY.toml|STORE")
 
 @dataclass(frozen=True)
 class Target:
-    """A store, with the simulator of the study if a study was named in place of the store."""
+    """The store of runs that a command works on, with the simulator of the study.
+
+    `simulator` is None if the user named the file of the store, and no study.
+    """
 
     store: Store
     simulator: Simulator | None
 
     @cached_property
     def fingerprint(self) -> str | None:
-        """The fingerprint of the study's simulator."""
+        """The hash of the source of the study's simulator; None without a study."""
         return None if self.simulator is None else self.simulator.fingerprint()
 
 
 @contextmanager
 def opened(target: Path, new: bool = False) -> Iterator[Target]:
-    """A context with the store of a study, or with a named store, which may be `new`."""
+    """A context with the store of runs that `target`, a study or the file of a store, names.
+
+    Raises StoreError if the file does not exist, unless `new`.
+    """
     path, simulator = target, None
     if target.suffix == ".toml" or target.is_dir():
         study = load_study(target)
@@ -55,13 +61,14 @@ def runs() -> None:
     """See, export, import or forget the runs that are kept.
 
     Every command of a study keeps the simulator's runs in runs.sqlite beside the study file (or
-    where `[simulator] store` or --store says), and repeats none of them. A run is reused for the
-    same simulator, values of the conditions that it asks for, and parameters. Whether it is the
-    same simulator its fingerprint tells, a hash of its source. Where you know better, write
-    `[simulator] version = "..."` for a function: its runs are then valid until you change that.
+    where `[simulator] store` or --store says), and repeats none of them. A run is reused if the
+    simulator, the parameters, and the conditions that the simulator takes are the same. Whether the
+    simulator is the same is judged by its fingerprint, a hash of its source. If you know better,
+    write `[simulator] version = "..."` for a function: its runs are then valid until you change
+    that version.
 
     With STUDY.toml the commands are about the runs of its simulator as it is now; with the file
-    of a store about all that is in it.
+    of a store they are about all runs in it.
     """
 
 
@@ -117,9 +124,9 @@ def export(target: Path, file: Path) -> None:
 def import_(target: Path, file: Path) -> None:
     """Add the runs of a CSV file that `aleator runs export` wrote, here or on another machine.
 
-    Runs of a study's simulator may lack the column fingerprint: leave it out to bring in runs
-    that were computed elsewhere, or to go on with runs of a simulator whose source has changed
-    although its outcomes have not. A run that is there already stays as it is.
+    With STUDY.toml the file may lack the column fingerprint. Leave it out to bring in runs that
+    were computed elsewhere, or to go on with runs of a simulator whose source has changed although
+    its outcomes have not. A run that is in the store already stays as it is.
     """
     with opened(target, new=True) as at:
         if not at.store.writable:
@@ -135,8 +142,8 @@ def import_(target: Path, file: Path) -> None:
 def retry(target: Path) -> None:
     """Forget the failures, so that they are run again when they are needed.
 
-    A failure that stopped a study is tried again by the next command anyway. Use this for failures
-    that were taken as an answer, such as those of `aleator box`.
+    If a failed run stopped a study, the next command repeats the run anyway. Use this command for
+    failed runs that did not stop a study, such as those of `aleator box`.
     """
     with opened(target) as at:
         count = records.retry(at.store, at.fingerprint)

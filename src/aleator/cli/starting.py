@@ -26,7 +26,7 @@ def termination_heard() -> Iterator[list[int]]:
 
     def end(signum: int, frame: FrameType | None) -> None:
         heard.append(signum)
-        answer = signal.getsignal(signal.SIGINT)  # ignored in the background of a shell
+        answer = signal.getsignal(signal.SIGINT)  # SIGINT may be ignored, without a handler.
         if not callable(answer):
             raise KeyboardInterrupt
         answer(signum, frame)
@@ -37,10 +37,10 @@ def termination_heard() -> Iterator[list[int]]:
 
 @contextmanager
 def ended_at_once() -> Iterator[None]:
-    """A context in which Ctrl-C ends the process at once, in place of raising KeyboardInterrupt.
+    """A context in which Ctrl-C ends the process at once and raises no KeyboardInterrupt.
 
-    It is for imports: there an exception may come out of other modules as a traceback, as another
-    exception, or not at all, and no file is open yet.
+    It is for imports. During an import other modules may print KeyboardInterrupt as a traceback,
+    turn it into another exception, or swallow it. No file is open yet, so that nothing is lost.
     """
     with _handled(signal.SIGINT, signal.default_int_handler, _end):
         yield
@@ -48,12 +48,12 @@ def ended_at_once() -> Iterator[None]:
 
 @contextmanager
 def _handled(signum: int, default: Any, handler: Any) -> Iterator[None]:
-    """A context in which a signal has another handler, if it has its default handler now."""
+    """A context in which `handler` handles a signal that has its `default` handler now."""
     plain = signal.getsignal(signum) is default
     if plain:
         try:
             signal.signal(signum, handler)
-        except ValueError:  # not the main thread, which answers signals
+        except ValueError:  # Only the main thread can handle signals.
             plain = False
     try:
         yield

@@ -1,11 +1,13 @@
-"""study.toml: its sections and keys, checked, and made into the library's values.
+"""study.toml: its sections and keys, how they are checked, and the values made from them.
 
-Three nouns: a `Section` is a table of the file with known keys; `Kinds` are what a section may
-choose by name, those that come along and those of plug-ins; a `Study` is all of it as values.
+Three nouns: a `Section` is a table of the file with known keys. `Kinds` are the alternatives that a
+section chooses by name (`law = "normal"`), built in or of plug-ins. A `Study` has the whole file as
+values of the library.
 
-A key goes from `file` by its section (`sections`, `simulators`) and its kind (`kinds`) to the class
-of its value; `schema` writes the same sections for editors. `roles`, `offers` and `proposal` make a
-first file: what columns may be, what a simulator takes, and the study of both.
+`file` reads a study file; `sections` and `simulators` define its sections, `kinds` their
+alternatives; `schema` writes the same sections as a JSON schema for editors. Three modules make a
+first file for `aleator new`: `roles` says what the columns of a table may be, `offers` what a
+simulator takes and returns, and `proposal` joins both.
 """
 
 from aleator.study.file import Study, load_study

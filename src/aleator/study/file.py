@@ -1,4 +1,4 @@
-"""Reading study.toml: its values for an identification, and its mistakes as one StudyError."""
+"""Reading study.toml into the values for an identification; all mistakes are one StudyError."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 
 def study_error(error: ValidationError, document: Mapping[str, Any], path: Path) -> StudyError:
-    """One error that lists everything that is wrong with the keys."""
+    """One StudyError that lists all wrong keys of a study file, each with its remedy."""
     faults = [_fault(details, document) for details in error.errors(include_url=False)]
     lines = [f"{path}: {problem}" for problem, _ in faults]
     if len(faults) == 1:
@@ -64,7 +64,7 @@ def study_error(error: ValidationError, document: Mapping[str, Any], path: Path)
 
 
 def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str]:
-    """The problem with one key, and its remedy."""
+    """The problem with one key of study.toml, and its remedy, from an error of pydantic."""
     context: dict[str, Any] = dict(details.get("ctx", {}))
     kind = details["type"]
     location = key_path(details["loc"], document, missing=kind == "missing")
@@ -87,7 +87,10 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
 
 
 def _unknown(location: str, expected: str, value: object) -> tuple[str, str]:
-    """The problem of an unknown value, and its remedy; pydantic lists the known ones as a text."""
+    """The problem and the remedy of a key with an unknown value.
+
+    `expected` is pydantic's text that lists the known values.
+    """
     known = [word.strip(" '") for word in expected.replace(" or ", ", ").split(",")]
     return (
         f"key '{location}' = {in_toml(value)} is not known{nearest(str(value), known)}",
@@ -106,7 +109,7 @@ _FORMS = {
     "sd": "sd = NUMBER, or sd = {lower = NUMBER, upper = NUMBER} to identify it",
     "value": "value = NUMBER, or value = {lower = NUMBER, upper = NUMBER} to identify it",
 }
-"""How a required key is written."""
+"""For each required key, a line that shows how it is written; messages quote it."""
 
 _WANTED = {
     "float_type": "write a number without quotes, such as 0.5",
@@ -125,7 +128,7 @@ def units_of(
 ) -> Mapping[str, str]:
     """The unit of each outcome, condition and parameter that has one.
 
-    Raises InputsError for a unit of what is no column.
+    Raises InputsError if the study states the unit of a name that is no column of the table.
     """
     columns = [*table.observations.names, *map(str, table.table.columns)]
     checked_units(file.experiments.units, columns)
@@ -141,7 +144,7 @@ def units_of(
 def _of_fmu(
     simulator: Simulator, responses: tuple[str, ...], names: tuple[str, ...]
 ) -> Mapping[str, str]:
-    """The units that the variables of an FMU state; empty for any other simulator."""
+    """The units that an FMU states for its variables; empty for any other simulator."""
     inner = simulator.inner if isinstance(simulator, Derived) else simulator
     return inner.units(responses, names) if isinstance(inner, FMUSimulator) else {}
 
@@ -155,8 +158,8 @@ class Study:
 
     `file` is the study file, `sha256` the hash of its bytes, and `store` the file of the
     simulator's runs, which need not exist. A failed run is repeated `retries` times; a share of
-    failures above `max_failed` stops a study. `units` are those of outcomes, conditions and
-    parameters; those that the file states come before those of an FMU.
+    failures above `max_failed` stops a study. `units` has the units of outcomes, conditions and
+    parameters; a unit in the study file takes precedence over the unit in an FMU.
     """
 
     file: Path
@@ -179,7 +182,7 @@ class Study:
 
     @property
     def model(self) -> Model:
-        """The choices that make a likelihood of exact outcomes."""
+        """The statistical model without noise: laws, propagation and density of the outcome."""
         return Model.of(self.inputs, self.propagation, self.density)
 
     @property
@@ -192,9 +195,9 @@ class Study:
     def overridden(
         self, seed: int | None = None, starts: int | None = None, verified: bool = True
     ) -> Study:
-        """The study with another seed or number of starts, or without its verification.
+        """The study with another seed or number of starts, or without the check on the simulator.
 
-        Raises InputsError for fewer than one start, and for starts of a search that has none.
+        Raises InputsError for fewer than one start, and for a search method that has no starts.
         """
         return replace(
             self,
@@ -209,11 +212,11 @@ class Study:
         store: Store | None = None,
         executor: Executor | None = None,
     ) -> Runner:
-        """The simulator on the study's experiments, or on other conditions.
+        """A runner, which runs the simulator under the study's experiments or other `conditions`.
 
-        Runs are found in `store` and added to it; None keeps them in memory only. They are made by
-        the workers of `executor`; None makes them here. Raises
-        SimulatorError where the function does not take these conditions and parameters.
+        `store` provides earlier runs and keeps new ones; without it runs are kept in memory only.
+        The workers of `executor` make the runs; without it this process does. Raises
+        SimulatorError if the simulator does not take these conditions and parameters.
         """
         measured = self.experiments
         return Runner(
@@ -223,7 +226,10 @@ class Study:
         )  # fmt: skip
 
     def simulator_notes(self) -> tuple[str, ...]:
-        """Notes on an FMU: how its variables are bound, and how its runs went; empty for others."""
+        """Notes on an FMU: which variables have the conditions and parameters, how its runs went.
+
+        Any other simulator has no notes.
+        """
         simulator, names = self.simulator, self.inputs.names
         tried = [*map(str, self.experiments.conditions.columns)]
         if isinstance(simulator, Derived):
@@ -241,9 +247,9 @@ class Study:
     def read_conditions(self, path: str | Path) -> Conditions:
         """Read a table of new conditions, which has the form of the study's table without outcomes.
 
-        Conditions that the simulator does not ask for may be missing; what was a number in the
-        study's table must be one here. Rows with the same id are one new experiment. Raises
-        ExperimentsError as Experiments.from_csv does.
+        Conditions that the simulator does not take may be missing. A column of numbers in the
+        study's table must have numbers here. Rows with the same id are one new experiment. Raises
+        ExperimentsError for the errors that `Experiments.from_csv` reports.
         """
         tried = self.experiments.conditions
         asked = self.simulator.asks([*map(str, tried.columns)], self.inputs.names)
@@ -261,10 +267,10 @@ class Study:
 def load_study(path: str | Path) -> Study:
     """Read a study file with its table of experiments and its simulator.
 
-    Paths in the file are relative to it; those of the simulator and of its
-    store are from the root in the end. Raises StudyError naming file, key, value, cause and
-    remedy, ExperimentsError for the table, SimulatorError for a function that cannot be imported
-    or does not take the table's conditions and the study's parameters.
+    Paths in the file are relative to its folder. The paths of the simulator and of its store are
+    made absolute. Raises StudyError naming file, key, value, cause and remedy; ExperimentsError for
+    the table; SimulatorError for a function that cannot be imported or does not take the table's
+    conditions and the study's parameters.
     """
     path = Path(path)
     raw = _read(path)
@@ -280,7 +286,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def _check(study: Study, file: StudyFile) -> None:
-    """Check the formulas and derived quantities that name columns of the table."""
+    """Check that formulas and derived quantities name existing columns; else raise StudyError."""
     if study.inputs.regressed:
         names = _made(study.file, "parameters", lambda: study.inputs.covariates)
         table = covariates(study.experiments, names)
@@ -290,7 +296,7 @@ def _check(study: Study, file: StudyFile) -> None:
 
 
 def _made(path: Path, key: str, make: Callable[[], T]) -> T:
-    """The value that a section makes; an error names the file and the key."""
+    """The result of `make`; if it raises an AleatorError, the message also gets file and key."""
     try:
         return make()
     except AleatorError as error:
@@ -332,7 +338,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     experiments = table.read(folder, columns_of(errors))
     if errors is not None:
         made("noise", lambda: MeasurementErrors.of(errors, experiments))
-    # last, with absolute paths: importing a simulator may change the current folder
+    # The simulator comes last, with absolute paths: its import may change the current folder.
     folder = folder.absolute()
     simulator = built(f"simulator.{file.simulator.kind}", file.simulator)
     if file.derived:
@@ -401,7 +407,7 @@ def _parse(raw: bytes, path: Path) -> dict[str, Any]:
 
 
 def _line(message: str, text: str, most: int = 60) -> str:
-    """The line of the file to which a message of tomllib refers."""
+    """The line of study.toml to which an error message of the TOML parser refers, or ""."""
     _, found, rest = message.partition("at line ")
     number = rest.partition(",")[0]
     lines = text.splitlines()

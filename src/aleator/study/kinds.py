@@ -1,4 +1,6 @@
-"""Sections of study.toml, the kinds that a section chooses by name, plug-ins too, and the laws."""
+"""The base of all sections of study.toml, their choice between kinds, and the kinds of law.
+
+A kind is one alternative of a section, such as `law = "normal"`, built in or of a plug-in."""
 
 from __future__ import annotations
 
@@ -58,11 +60,11 @@ from aleator.laws import (
 )
 
 FAULT = "fault"
-"""The type of pydantic's errors that have a message and a remedy of their own."""
+"""The type of those errors in pydantic that carry a message and a remedy of Aleator."""
 
 
 class Section(BaseModel):
-    """A table of study.toml: unknown keys and values of another type are refused."""
+    """A table of study.toml with known keys: unknown keys and wrong types are refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -79,12 +81,12 @@ class Section(BaseModel):
         return value
 
     def stated(self) -> dict[str, Any]:
-        """The keys that the file states; all others keep the default of the library."""
+        """The keys that the file states, with their values; all others keep their defaults."""
         return {key: getattr(self, key) for key in self.model_fields_set}
 
 
 def _law(value: Any) -> ChosenKind[Law]:
-    """The law that a table chooses. `LAWS` is defined below, as it is made with these sections."""
+    """The law that a table of study.toml chooses; a function, because `LAWS` is defined later."""
     return LAWS.read(value)
 
 
@@ -114,17 +116,17 @@ class FreeSection(Section):
 
 
 def fault(problem: str, remedy: str, key: str = "") -> PydanticCustomError:
-    """A pydantic error about a table or a key of it, with its remedy."""
+    """A pydantic error with a problem and a remedy; `key` is empty if it is about a whole table."""
     return _error(key, f": {problem}", remedy)
 
 
 def missing(key: str, remedy: str) -> PydanticCustomError:
-    """A pydantic error about a key that is missing in a table."""
+    """A pydantic error that says that a table lacks a key."""
     return _error(key, " is missing", remedy)
 
 
 def unknown(key: str, value: object, kinds: Sequence[str], group: str) -> PydanticCustomError:
-    """A pydantic error about a key that names no kind, neither built in nor of a plug-in."""
+    """A pydantic error about a key whose value is no known kind, built in or of a plug-in."""
     problem = f" = {in_toml(value)} is not known{nearest(str(value), kinds)}"
     remedy = f"choose one of {', '.join(kinds)}, or install the plug-in with this entry point"
     return _error(key, problem, f"{remedy} of {group}")
@@ -136,7 +138,7 @@ def _error(key: str, problem: str, remedy: str) -> PydanticCustomError:
 
 
 def in_toml(value: object, most: int = 60) -> str:
-    """A value as it is written in TOML, cut to `most` characters.
+    """The text of a value as TOML writes it, cut to `most` characters.
 
     >>> in_toml(True), in_toml("text"), in_toml([1.0, "a"])
     ('true', '"text"', '[1.0, "a"]')
@@ -147,7 +149,7 @@ def in_toml(value: object, most: int = 60) -> str:
 
 
 def form(value: Any) -> str:
-    """The form of a value of the file: a table, a list, a text or a number.
+    """Whether a value in study.toml is a table, a list, a text or a number.
 
     >>> form({"lower": 0.0}), form([1]), form("a"), form(1)
     ('table', 'list', 'text', 'number')
@@ -158,7 +160,7 @@ def form(value: Any) -> str:
 
 
 BY_FORM = Discriminator(form)
-"""A discriminator of alternatives that differ in their form."""
+"""A rule for pydantic: it chooses between alternative types of a key by the form of the value."""
 
 Spec = Annotated[
     Annotated[FiniteFloat, Tag("number")] | Annotated[FreeSection, Tag("table")], BY_FORM
@@ -166,9 +168,9 @@ Spec = Annotated[
 
 
 class FormulaSection(FreeSection):
-    """A hyperparameter that follows covariates: `{formula = "1 + temperature", lower = 0, ...}`.
+    """A hyperparameter that depends on covariates: `{formula = "1 + temperature", lower = 0, ...}`.
 
-    `terms` holds numbers or limits of coefficients by name.
+    `terms` has a number or limits for each coefficient of the formula, by name.
     """
 
     formula: str
@@ -208,11 +210,14 @@ LawSpec = Annotated[
     | Annotated[FormulaSection, Tag("formula table")],
     Discriminator(_form_of_law),
 ]
-"""A hyperparameter of a law: a number, limits, or a formula of covariates."""
+"""The type of a key for a hyperparameter of a law: a number, limits, or a formula."""
 
 
 def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
-    """The specification of a hyperparameter: a number, limits of a free one, or a formula.
+    """The library's specification of a hyperparameter, from the value of its key.
+
+    A number is a fixed value, a table has the limits of a free hyperparameter, and a text is a
+    formula of covariates.
 
     >>> specification(FreeSection(lower=0.0, upper=1.0))
     Free(lower=0.0, upper=1.0, start=None, prior=None)
@@ -233,14 +238,15 @@ def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
 T = TypeVar("T")
 
 FOLDER = "folder"
-"""The name of an argument that is the folder of the study, and no key."""
+"""The name of the argument that receives the folder of the study; it is no key of the file."""
 
 
 @dataclass(frozen=True)
 class ChosenKind(Generic[T]):
-    """The kind that a section chose, with its checked keys, those common to all kinds included.
+    """The kind that a section of study.toml chose, with its checked keys.
 
-    `origin` names the plug-in that offers the kind; it is empty for a built-in kind.
+    `maker` builds the value of the library from the keys. `origin` names the plug-in that provides
+    the kind; it is empty for a built-in kind.
     """
 
     kind: str
@@ -249,7 +255,10 @@ class ChosenKind(Generic[T]):
     origin: str = ""
 
     def build(self, folder: Path) -> T:
-        """The library's value; `folder` is the study's. Raises AleatorError where it is refused."""
+        """The value of the library, such as a law; `folder` is the folder of the study.
+
+        Raises AleatorError if the library or the plug-in refuses the keys.
+        """
         own = inspect.signature(self.maker).parameters
         given = {key: value for key, value in self.keys.stated().items() if key in own}
         arguments = {k: folder / v if isinstance(v, Path) else v for k, v in given.items()}
@@ -269,15 +278,17 @@ class ChosenKind(Generic[T]):
 class Kinds(Generic[T]):
     """The kinds that a section can choose by name: the built-in ones, and those of plug-ins.
 
-    A kind has a maker: a class or a function, or its name "module:name", imported when the kind is
-    chosen. The keys of the section are the arguments of the maker, and their types those of the
-    annotations (`Specification`: a number or a table; `tuple`: a list; `Path`: a file relative to
-    the study). A key whose argument has a default may be left out. An argument `folder` is the
-    folder of the study. An argument with a default and a type that TOML lacks is no key.
+    Each kind has a maker: a class or a function, or its name "module:name", which is imported when
+    the kind is chosen. The keys of the section are the arguments of the maker. The type of a key
+    follows from the annotation of the argument (`Specification`: a number or a table; `tuple`: a
+    list; `Path`: a file relative to the study). A key may be left out if its argument has a
+    default. The argument `folder` receives the folder of the study. An argument whose type does not
+    exist in TOML needs a default, and is no key.
 
-    `group` is the group of entry points, `key` the key that names the kind, and `default` the kind
-    where the key is left out. Without a `key`, the key with the name of a kind chooses it. `common`
-    has the keys of every kind. A plug-in cannot replace a built-in kind.
+    `group` is the group of entry points of plug-ins. `key` is the key that names the kind; if it is
+    left out of the file, `default` is chosen. If `key` is empty, a section chooses a kind by a key
+    with the name of that kind. `common` has the keys that every kind takes. A plug-in cannot
+    replace a built-in kind.
 
     >>> from aleator.laws import Normal
     >>> laws = Kinds("aleator.laws", "law", {"normal": Normal})
@@ -294,11 +305,11 @@ class Kinds(Generic[T]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all kinds, the built-in ones first."""
+        """The names of all kinds that a section can choose, the built-in ones first."""
         return (*self.built_in, *sorted({*entry_points(group=self.group).names} - {*self.built_in}))
 
     def read(self, value: Any) -> ChosenKind[T]:
-        """The kind that a table chooses, with its keys checked.
+        """The kind that a table of study.toml chooses, with its keys checked.
 
         Raises errors of pydantic: for a missing or unknown kind, a plug-in that cannot be imported,
         an unknown key, and a value of the wrong type.
@@ -313,7 +324,7 @@ class Kinds(Generic[T]):
         return ChosenKind(kind, section.model_validate(value), maker, origin)
 
     def section(self, kind: str) -> type[Section]:
-        """The model of the keys of a kind. Raises as `read` does for an unknown kind."""
+        """The class that checks the keys of a kind; raises a pydantic error for an unknown one."""
         return self._section(*self._maker(kind))
 
     def _section(self, maker: Callable[..., T], origin: str) -> type[Section]:
@@ -344,7 +355,7 @@ class Kinds(Generic[T]):
         )
 
     def _maker(self, kind: str) -> tuple[Callable[..., T], str]:
-        """The maker of a kind, and the plug-in that offers it."""
+        """The class or function that makes a kind, and the name of its plug-in ("" if built in)."""
         if kind in self.built_in:
             return _imported(self.built_in[kind]), ""
         found = [*entry_points(group=self.group, name=kind)]
@@ -368,7 +379,7 @@ class Kinds(Generic[T]):
         return maker, origin
 
     def _not_of_another(self, key: str, kind: str, section: type[Section]) -> None:
-        """Raise where a key belongs to another built-in kind."""
+        """Raise a pydantic error if a key has a meaning for another built-in kind only."""
         if key in section.model_fields:
             return
         for other, maker in self.built_in.items():
@@ -395,9 +406,9 @@ def _imported(maker: Callable[..., T] | str) -> Callable[..., T]:
 
 @lru_cache(maxsize=64)
 def _section(maker: Callable[..., Any], key: str, common: type[Section]) -> type[Section]:
-    """The model of the keys of a maker, with those of every kind.
+    """The class that checks the keys of a kind: the arguments of its maker, and the common keys.
 
-    Raises NameError or TypeError for annotations that have no meaning here.
+    Raises NameError or TypeError for an annotation that cannot be the type of a key.
     """
     keys: dict[str, Any] = {key: (str, "")} if key else {}
     for name, parameter in inspect.signature(maker).parameters.items():
@@ -427,7 +438,7 @@ def _types(maker: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _key_type(hint: Any) -> Any:
-    """The pydantic type of a key, by the type of the argument that it becomes."""
+    """The type that pydantic checks a key for, from the type hint of the argument it becomes."""
     parts = get_args(hint)
     if hint is Path:
         return Annotated[str, AfterValidator(lambda text: Path(text))]
@@ -453,7 +464,7 @@ def _is_known(kind: Any) -> bool:
 
 
 def _origin(point: EntryPoint) -> str:
-    """The name of a plug-in in messages."""
+    """The name of a plug-in, its object and its package, as messages show them."""
     of = f" of {point.dist.name} {point.dist.version}" if point.dist else ""
     return f"the plug-in '{point.name}' ({point.value}{of})"
 
@@ -470,7 +481,7 @@ def uniform(
     mean: Specification | None = None,
     sd: Specification | None = None,
 ) -> Uniform:
-    """A uniform law: known between the ends of a box, or identified by its mean and sd."""
+    """A uniform law: fixed between the two ends of `box`, or identified by its mean and sd."""
     if box is None:
         return Uniform(OPEN if mean is None else mean, OPEN if sd is None else sd)
     if mean is not None or sd is not None:
@@ -487,7 +498,10 @@ def scipy_law(
     mean: Specification | None = None,
     sd: Specification | None = None,
 ) -> ScipyLaw:
-    """A continuous distribution of scipy.stats, known or moved and scaled."""
+    """A law of scipy.stats: fixed by `args`, or shifted and scaled to `mean` and `sd`.
+
+    Raises StudyError for an unknown distribution or argument.
+    """
     kind = getattr(stats, distribution, None)
     if not isinstance(kind, stats.rv_continuous):
         names = [name for name, one in vars(stats).items() if isinstance(one, stats.rv_continuous)]
@@ -513,12 +527,12 @@ def mixture(
     shares: tuple[Specification, ...] | None = None,
     folder: Path = Path(),
 ) -> Mixture:
-    """A mixture of laws, each a table of its own."""
+    """A mixture of laws: each component is a table of study.toml, with its share."""
     return Mixture(tuple(component.build(folder) for component in components), shares)
 
 
 class LawSection(Section):
-    """Keys of every law: `unit` is that of the parameter, shown on axes and in tables."""
+    """Keys of every law: `unit` is the unit of the parameter, shown on axes and in tables."""
 
     unit: str = ""
 

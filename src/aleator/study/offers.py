@@ -20,16 +20,16 @@ from aleator.simulators.function import load_function
 
 
 def is_array(annotation: object) -> bool:
-    """Whether the annotation of an argument is an array."""
+    """Whether the annotation of a function's argument says that it is an array."""
     return any(word in str(annotation) for word in ("Array", "ndarray"))
 
 
 def arrays_among(function: Callable[..., Any]) -> frozenset[str]:
     """The arguments of a function that must be arrays, while its other arguments are numbers.
 
-    These are annotated as arrays while others are not, or the function subscripts them, loops over
-    them, calls `len` on them, or passes them to an integrator as times. Empty where all arguments
-    are annotated as arrays, and where the source is not available.
+    An argument must be an array if it is annotated as one while others are not, or if the function
+    subscripts it, loops over it, calls `len` on it, or passes it to an integrator as times. The set
+    is empty if all arguments are annotated as arrays, or if the source is not available.
 
     >>> def level(time, rate):
     ...     return [time[0] * rate]
@@ -48,7 +48,7 @@ def arrays_among(function: Callable[..., Any]) -> frozenset[str]:
 def returned_by(function: Callable[..., Any]) -> tuple[str, ...]:
     """The names of the responses of a function that returns a dictionary.
 
-    Empty where it returns anything else, and where the source is not available.
+    The tuple is empty if the function returns anything else, or if its source is not available.
 
     >>> def coasting(time, drag):
     ...     return {"speed": time, "way": drag}
@@ -62,7 +62,7 @@ def returned_by(function: Callable[..., Any]) -> tuple[str, ...]:
 
 
 def _nodes(function: Callable[..., Any]) -> list[ast.AST]:
-    """All syntax nodes of a function; none where its source is not available."""
+    """All nodes of a function's syntax tree; none if its source is not available."""
     try:
         return [*ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))]
     except (OSError, TypeError, SyntaxError):
@@ -85,7 +85,7 @@ def _sequences(node: ast.AST) -> Iterator[ast.AST]:
 
 
 INPUT = "input"
-"""The name of the placeholder for the input file of a program."""
+"""The name of the placeholder `{input}` in a command: the input file of the program."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class SimulatorInput:
     """An input or output of a simulator.
 
     `nominal` is the default of a function's argument, or the start value of an FMU's variable;
-    `lower` and `upper` are limits that an FMU states. `required`: there is no default.
+    `lower` and `upper` are limits that an FMU states. `required` says that an input has no default.
     """
 
     name: str
@@ -109,9 +109,10 @@ class SimulatorInput:
 class Offer:
     """A simulator as study.toml names it, with its inputs and the possible names of its outcome.
 
-    `kind` is the key of `[simulator]` and `value` its value. `stop_time` is the end of simulation
-    that an FMU states; `variables` maps names to variables of an FMU. `arrays` are the arguments of
-    a function that must be arrays while others are numbers.
+    `kind` is the key in the section `[simulator]` (function, fmu or command), and `value` the value
+    of that key. `stop_time` is the end of simulation that an FMU states. `variables` maps names in
+    the study to variables of the FMU. `arrays` are the arguments of a function that must be arrays
+    while its others are numbers.
     """
 
     kind: str
@@ -125,14 +126,14 @@ class Offer:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all inputs."""
+        """The names of all inputs of the simulator."""
         return tuple(each.name for each in self.inputs)
 
 
 def offered_by_function(reference: str, folder: Path) -> Offer:
-    """The offer of a Python function, "model.py:name" relative to a folder.
+    """The inputs and outputs of a Python function, "model.py:name" relative to a folder.
 
-    Raises SimulatorError where it cannot be imported.
+    Raises SimulatorError if the function cannot be imported.
 
     >>> offer = offered_by_function("math:isclose", Path())
     >>> offer.names, offer.inputs[2].nominal
@@ -161,7 +162,7 @@ def offered_by_function(reference: str, folder: Path) -> Offer:
 
 
 def functions_in(file: Path) -> tuple[str, ...]:
-    """The names of the public functions in a Python file, which is read and not run."""
+    """The names of the public functions in a Python file; the file is read and not run."""
     try:
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError):
@@ -171,9 +172,10 @@ def functions_in(file: Path) -> tuple[str, ...]:
 
 
 def offered_by_fmu(file: Path, value: str) -> Offer:
-    """The offer of an FMU: its numeric inputs and outputs; `value` is its name in the study.
+    """The numeric inputs and outputs of an FMU; `value` is the path that the study file names.
 
-    Parameters come before inputs and start values. Raises SimulatorError as `read_description`.
+    Parameters come first, then inputs and start values. Raises SimulatorError for a file that is
+    no FMU.
     """
     description = read_description(file)
     settable = [v for v in description.variables.values() if v.settable and v.type in REALS]
@@ -188,10 +190,12 @@ def offered_by_fmu(file: Path, value: str) -> Offer:
 
 
 def bound(offer: Offer, columns: Sequence[str]) -> Offer:
-    """The offer of an FMU with names of its variables that a study can use; others unchanged.
+    """The simulator with its inputs renamed if the names in its FMU cannot be used in study.toml.
 
-    A column is bound to the variable whose last name it has, if there is only one. Any other
-    variable whose name is no identifier gets its last name, or its whole name with underscores.
+    A function or a command is unchanged. The last name of an FMU's variable is the part after the
+    last dot ("force" in "spring.force"). A variable is renamed as the column of the table that has
+    its last name, if no other variable has the same. Any other variable whose name is no identifier
+    gets its last name, or its whole name with underscores if the last name is taken.
 
     >>> given = (SimulatorInput("spring.force"), SimulatorInput("spring.k"), SimulatorInput("mass"))
     >>> found = bound(Offer("fmu", "a.fmu", given, ()), ["Force", "travel"])
@@ -214,9 +218,9 @@ def bound(offer: Offer, columns: Sequence[str]) -> Offer:
 
 
 def offered_by_command(command: str) -> Offer:
-    """The offer of a command line: its placeholders, `./spring {force} {stiffness}`.
+    """The inputs of a program: the placeholders of its command, `./spring {force} {stiffness}`.
 
-    Raises SimulatorError where it has none.
+    Raises SimulatorError if the command has no placeholder.
 
     >>> offered_by_command("./spring {force} {stiffness:.3f}").names
     ('force', 'stiffness')
@@ -234,7 +238,7 @@ def offered_by_command(command: str) -> Offer:
 
 
 def _recorded(description: Description) -> list[Variable]:
-    """The numeric variables that a simulation can record, the outputs first."""
+    """The numeric variables that a simulation of an FMU can record, the outputs first."""
     known = [v for v in description.variables.values() if v.recordable and v.type in REALS]
     changing = [v for v in known if v.causality in ("output", "local")]
     return sorted(changing, key=lambda v: v.causality != "output")
@@ -252,14 +256,14 @@ def _variable(variable: Variable) -> SimulatorInput:
 
 
 def _number(default: object) -> float | None:
-    """A default value if it is a finite number, and not True or False."""
+    """The default of an argument as a number; None if it is no finite number, or True or False."""
     if isinstance(default, bool) or not isinstance(default, (int, float)):
         return None
     return float(default) if math.isfinite(default) else None
 
 
 def _takes_arrays(function: Callable[..., Any], arguments: list[inspect.Parameter]) -> bool:
-    """Whether the annotations of all arguments and of the result are arrays."""
+    """Whether a function's annotations say that all its arguments and its result are arrays."""
     kinds = [p.annotation for p in arguments if p.annotation is not p.empty]
     returned = inspect.signature(function).return_annotation
     return bool(kinds) and all(map(is_array, [*kinds, returned]))

@@ -1,4 +1,4 @@
-"""The proposal of a first study from a table and a simulator, for all that a user leaves open."""
+"""The proposal of a first study, from a table, a simulator and what the user states about them."""
 
 from __future__ import annotations
 
@@ -30,15 +30,16 @@ Limits = tuple[float, float]
 
 @dataclass(frozen=True)
 class ProposalRules:
-    """The numbers of a proposal; chosen by tests/test_cli_new.py on published tables.
+    """Settings of a proposed study. tests/test_cli_new.py chose the values on published tables.
 
-    factor: the box of a parameter reaches from its nominal value divided by this factor to its
-    nominal value times the factor. experiments: those needed for each law; half as many suffice
-    where experiments have several rows. most: the largest number of laws. alike: the similarity of
-    two names from which on one may be a misspelling of the other. spans, log: decades of an outcome
-    from which on its logarithm is mentioned, and proposed. noise: limits of the noise over the
-    standard deviation of all measured values; where no parameter scatters all of that is noise.
-    assumed: a noise that must be known, over the same standard deviation.
+    factor: the range of a parameter reaches from its nominal value divided by this factor to its
+    nominal value times the factor. experiments: the number of experiments that each proposed law
+    needs; half as many suffice if experiments have several rows. most: the largest number of laws.
+    alike: two names at least this similar (0 to 1) may be misspellings of each other. spans: an
+    outcome over so many decades gets a remark on its logarithm. log: over so many decades the
+    logarithm is proposed. noise: the two limits of the noise, in standard deviations of all
+    measured values (it is 1 if no parameter scatters). assumed: the noise that is proposed where it
+    has to be known beforehand, also in standard deviations of all measured values.
     """
 
     factor: float = 3.0
@@ -56,10 +57,10 @@ RULES = ProposalRules()
 
 @dataclass(frozen=True)
 class Proposed:
-    """A proposed parameter: it `scatters` within `limits`, or is a constant of a `value`.
+    """A proposed parameter: it `scatters` within `limits`, or is a constant with a `value`.
 
-    Limits or a value of None have to be filled in. `nominal` is the value about which the limits
-    were made; None where the user gave the limits.
+    The user has to fill in limits or a value of None. `nominal` is the value from which the limits
+    were proposed; it is None if the user stated the limits.
     """
 
     input: SimulatorInput
@@ -70,12 +71,12 @@ class Proposed:
 
     @property
     def name(self) -> str:
-        """The parameter's name."""
+        """The name of the proposed parameter."""
         return self.input.name
 
     @property
     def complete(self) -> bool:
-        """Whether nothing has to be filled in."""
+        """Whether the proposal has the limits or the value, so that the user need not add them."""
         return self.limits is not None or (not self.scatters and self.value is not None)
 
 
@@ -87,10 +88,11 @@ def parameters_of(
 ) -> tuple[tuple[Proposed, ...], tuple[SimulatorInput, ...]]:
     """The proposed parameters, and the inputs that keep their value in the simulator.
 
-    A `chosen` parameter scatters between its limits, or about its nominal value where these are
-    None; a number makes it a constant. If none is chosen the inputs without a default scatter, or
-    else those with a nominal value, `most` at most. Other inputs without a default are constants.
-    Raises SimulatorError for a name that the simulator does not take.
+    `chosen` has the parameters that the user named: one with limits scatters between them, one with
+    None scatters about its nominal value, and one with a number is a constant. If the user named
+    none to scatter, the inputs without a default do, or else those with a nominal value, but not
+    more than `most`. Other inputs without a default are constants. Raises SimulatorError for a name
+    that the simulator does not take.
     """
     free = [each for each in offer.inputs if each.name not in roles.conditions]
     known = {each.name for each in free}
@@ -115,7 +117,7 @@ def parameters_of(
 
 
 def laws_for(experiments: int, rows: int) -> int:
-    """The largest number of laws that is proposed.
+    """The largest number of laws that is proposed for a table of so many experiments and rows.
 
     >>> laws_for(10, 10), laws_for(18, 180), laws_for(108, 108)
     (1, 3, 3)
@@ -140,7 +142,7 @@ def nominal_limits(of: SimulatorInput) -> Limits | None:
 
 
 def _scattering(free: Sequence[SimulatorInput], most: int) -> list[SimulatorInput]:
-    """The inputs for which a law is proposed."""
+    """The inputs that are proposed to scatter: those without a default, or else with limits."""
     required = [each for each in free if each.required]
     return (required or [each for each in free if nominal_limits(each)] or [*free])[:most]
 
@@ -154,22 +156,24 @@ def _proposed(given: SimulatorInput, scatters: bool, asked: Limits | float | Non
 
 
 TIMES = ("time", "Time", "t")
-"""Names of a column of times; T is rather a temperature."""
+"""Names of a column that mark it as times; T is missing, for it often is a temperature."""
 
 
 @dataclass(frozen=True)
 class Proposal:
     """The contents of a proposed study file.
 
-    `parameters` are in the order of the simulator; `untouched` inputs keep their value there.
-    `noise` has limits of the standard deviation of each outcome, or the column that holds it, or an
-    assumed number where it must be known; it is empty where each experiment has one exact outcome.
-    `decades` are the outcomes that span several decades; with `log` the only one is transformed.
-    `units` are those of the heads of columns and of the FMU. `unlike` maps columns to inputs of the
-    simulator with a similar name. `censored` has the rules of censoring of each outcome, and
-    `covariates` the terms of columns that a law may follow. `series`: one call of the simulator
-    serves all rows of an experiment; `within` are the conditions that vary there. `returned` is the
-    variable of an FMU that is the outcome, `time` the column with the times of its simulation.
+    `parameters` are in the order of the simulator's inputs; `untouched` inputs keep the value that
+    they have in the simulator. `noise` has for each outcome the limits of its standard deviation,
+    or the name of a column with standard deviations, or an assumed number where it must be known;
+    it is empty if each experiment has one exact outcome. `decades` are the outcomes that span
+    several decades. `log` says that there is one outcome and that its logarithm is used. `units`
+    are read from the heads of columns and from the FMU. `unlike` maps each unused column to an
+    input of the simulator with a similar name. `censored` has the rules of censoring for each
+    outcome. `covariates` maps columns on which a law may depend to their terms in a formula.
+    `series` says that one call of the simulator serves all rows of an experiment; `within` are the
+    conditions that vary between these rows. `returned` is the FMU's variable that is the outcome,
+    `time` the column with the times of the FMU's simulation.
     """
 
     title: str
@@ -201,7 +205,7 @@ class Proposal:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The columns that the simulator takes, times of a simulation included."""
+        """The columns that are inputs of the simulator, including times of a simulation."""
         return self.roles.conditions
 
     @property
@@ -214,17 +218,18 @@ class Proposal:
 
 
 def responses_of(sheet: Sheet, offer: Offer) -> tuple[str, ...]:
-    """The columns with the names of the responses of a function, if there are several."""
+    """The columns that are named as the responses of a function; empty if fewer than two are."""
     possible = roles_in(sheet.table, offer.names).outcomes
     called = tuple(one.name for one in offer.returned if one.name in possible)
     return called if offer.kind == "function" and len(called) > 1 else ()
 
 
 def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]:
-    """The column that seems to be the outcome, or None, and all columns that may be it.
+    """The column that seems to be the outcome, or None, and all columns that could be the outcome.
 
-    It is the only column of numbers that the simulator does not take, or the only one with the name
-    of the function or of an output of the FMU, or the only one with signs of bounds in its cells.
+    The outcome is the only column of numbers that the simulator does not take. Of several such
+    columns it is the only one with the name of the function or of an output of the FMU, or else the
+    only one with cells such as "> 20".
     """
     possible = roles_in(sheet.table, offer.names).outcomes
     named = {each.name for each in offer.returned}
@@ -237,7 +242,7 @@ def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]
 def roles_of(sheet: Sheet, offer: Offer, outcomes: Sequence[str]) -> Roles:
     """The roles of all columns of a table whose outcomes are known.
 
-    Raises ExperimentsError for an outcome that is no column, or that the simulator takes.
+    Raises ExperimentsError for an outcome that is no column, or is an input of the simulator.
     """
     for name in outcomes:
         sheet.table.require(name, "the outcome")
@@ -262,10 +267,12 @@ def proposed(
 ) -> Proposal:
     """The proposal for a table and a simulator; `file` is the name of the table in the study.
 
-    `series`: the simulator takes all rows of an experiment at once. This is recognized for a
-    function that uses conditions as arrays.
+    `series` says that the simulator takes all rows of an experiment at once; for a function that
+    uses conditions as arrays this is recognized. `chosen` has the parameters that the user named
+    (see `parameters_of`).
 
-    Raises ExperimentsError and SimulatorError for names that are not there.
+    Raises ExperimentsError for a name that is no column, and SimulatorError for a name that is no
+    input of the simulator.
     """
     if id is not None:
         sheet.table.require(id, "the id")
@@ -301,7 +308,9 @@ def proposed(
 
 
 def noise_limits(spread: float) -> Limits:
-    """Rounded limits of the noise: a thousandth and twice the standard deviation of all values.
+    """Rounded limits of the noise, from the standard deviation `spread` of all measured values.
+
+    They are a thousandth of `spread` and twice `spread`.
 
     >>> noise_limits(3.73)
     (0.003, 8.0)
@@ -325,7 +334,7 @@ def _units(
 
 
 def _unlike(sheet: Sheet, offer: Offer, roles: Roles, used: Sequence[str | None]) -> dict[str, str]:
-    """Unused columns whose name is similar to that of an input of the simulator."""
+    """For each unused column with a name similar to an input of the simulator, that input."""
     taken = {name.lower(): name for name in offer.names if name not in roles.conditions}
     left = [name for name in sheet.names if name not in (*roles.conditions, *used)]
     near = {name: get_close_matches(name.lower(), taken, n=1, cutoff=RULES.alike) for name in left}
@@ -333,7 +342,7 @@ def _unlike(sheet: Sheet, offer: Offer, roles: Roles, used: Sequence[str | None]
 
 
 def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:
-    """The variable of an FMU with the name of the outcome, or its only output."""
+    """The FMU's variable with the name of the outcome, or its only output; else None."""
     names = [each.name for each in offer.returned]
     wanted = {name.lower() for name in outcomes}
     for name in names:
@@ -343,13 +352,16 @@ def _returned(offer: Offer, outcomes: Sequence[str]) -> str | None:
 
 
 def _time(sheet: Sheet, offer: Offer, taken: Sequence[str]) -> str | None:
-    """The column with the times of an FMU's simulation, if it is no variable of the FMU."""
+    """The column with the times of an FMU's simulation; None if there is none.
+
+    A column with the name of a variable of the FMU is a condition.
+    """
     wanted = [name for name in sheet.names if name in TIMES and name not in (*offer.names, *taken)]
     return wanted[0] if offer.kind == "fmu" and wanted else None
 
 
 def require_outcome(outcome: str | None, possible: Sequence[str]) -> str:
-    """The outcome; raises ExperimentsError where several columns may be it, or none."""
+    """The outcome; raises ExperimentsError if it is None, because several columns, or none, fit."""
     if outcome is not None:
         return outcome
     if not possible:

@@ -1,4 +1,4 @@
-"""The text of a proposed study.toml, with a reason at every key, and notes about it."""
+"""The text of a proposed study.toml, with a reason beside every key, and notes for its user."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ FILL_IN = "FILL IN"
 
 @dataclass(frozen=True)
 class ProposalSettings:
-    """How a proposed study is written; by what a reader sees at once.
+    """Settings of the text of a proposed study. The values are chosen by judgement.
 
-    variables: the most variables of an FMU that are listed. column: the column of remarks.
+    variables: the largest number of an FMU's variables that are listed. column: the character of a
+    line at which remarks begin.
     """
 
     variables: int = 20
@@ -47,7 +48,7 @@ def study_text(proposal: Proposal, schema: str | None = None) -> str:
 
 
 def notes(proposal: Proposal) -> list[str]:
-    """Notes on what was recognized in the table and the simulator."""
+    """Notes for the user on what was recognized in the table and the simulator."""
     roles = proposal.roles
     said = [f"outcome: {', '.join(proposal.outcomes)}"]
     said.append(f"conditions: {', '.join(proposal.conditions) or 'none'}")
@@ -84,7 +85,7 @@ def notes(proposal: Proposal) -> list[str]:
 
 
 def variables(inputs: Sequence[SimulatorInput], offer: Offer) -> list[tuple[str, str, str, str]]:
-    """Rows about inputs of a simulator: name, unit, nominal value, meaning."""
+    """The rows of a table of a simulator's inputs: name, unit, nominal value, meaning."""
     return [
         (each.name, each.unit, "" if each.nominal is None else f"{each.nominal:g}",
          ", ".join(filter(None, (offer.variables.get(each.name), each.description))))
@@ -123,7 +124,7 @@ def _experiments(proposal: Proposal) -> list[str]:
 
 
 def _censored(proposal: Proposal) -> list[str]:
-    """The line on censored values, if there are any."""
+    """The line of study.toml on censored values; no line if there are none."""
     told = {
         name: {key: value for key, value in asdict(one).items() if value}
         for name, one in proposal.censored.items()
@@ -135,7 +136,7 @@ def _censored(proposal: Proposal) -> list[str]:
 
 
 def _units(proposal: Proposal) -> str:
-    """The line on units, with those that the heads of columns state."""
+    """The line of study.toml on units; it has the units in the heads of the table's columns."""
     names = (*proposal.outcomes, *proposal.conditions)
     known = {name: proposal.units[name] for name in names if name in proposal.units}
     remark = "shown on every axis and in every table"
@@ -168,7 +169,7 @@ def _simulator(proposal: Proposal) -> list[str]:
 
 
 def _of_command(proposal: Proposal) -> list[str]:
-    """The lines on where the outcome of a program is read."""
+    """The lines of study.toml that say where the outcome of a program is read."""
     if proposal.series:
         several = off("output", {"file": "result.txt"}, "else all numbers that it prints")
         return [line("series", True, "one run serves all rows of an experiment"), several]
@@ -177,7 +178,7 @@ def _of_command(proposal: Proposal) -> list[str]:
 
 
 def _could_be_series(proposal: Proposal) -> list[str]:
-    """A comment on how one run can serve a whole experiment."""
+    """A comment in study.toml on `series = true`, by which one run serves a whole experiment."""
     if not proposal.within or proposal.offer.vectorized:
         return []
     names = ", ".join(proposal.within)
@@ -233,7 +234,7 @@ def _parameter(each: Proposed, proposal: Proposal) -> list[str]:
 
 
 def _follows(proposal: Proposal) -> list[str]:
-    """A comment with a formula of covariates that the mean may follow."""
+    """A comment in study.toml with a formula by which the mean may depend on covariates."""
     if not proposal.covariates:
         return []
     formula = " + ".join(["1", *proposal.covariates.values()])
@@ -254,7 +255,7 @@ def _constant(each: Proposed) -> list[str]:
 
 
 def _untouched(proposal: Proposal) -> list[str]:
-    """Comments that list the inputs which keep their value in the simulator."""
+    """Comments in study.toml that list the inputs which keep the simulator's own value."""
     if not proposal.untouched:
         return []
     rest = len(proposal.untouched) - WRITTEN.variables
@@ -271,7 +272,7 @@ def _untouched(proposal: Proposal) -> list[str]:
 
 
 def _variable(offer: Offer, each: SimulatorInput) -> str:
-    """The key `variables` that binds a name to a variable of an FMU, where it is needed."""
+    """The entry of the key `variables` that ties a name to an FMU's variable of another name."""
     called = offer.variables.get(each.name)
     return f"  (variables = {{{each.name} = {written(called)}}})" if called else ""
 
@@ -305,22 +306,22 @@ def _noise(proposal: Proposal) -> list[str]:
 
 
 def line(key: str, value: object, remark: str) -> str:
-    """A line of the file: a key, its value, and a remark."""
+    """A line of study.toml: a key, its value, and a remark."""
     return remarked(f"{key} = {written(value)}", remark)
 
 
 def off(key: str, value: object, remark: str) -> str:
-    """A line that is commented out: it becomes valid when the user deletes the sign."""
+    """A line of study.toml that is commented out; the user deletes the sign # to use it."""
     return remarked(f"# {key} = {written(value)}", remark)
 
 
 def fill(key: str, form: str, remark: str) -> str:
-    """A line that the user has to fill in."""
+    """A line of study.toml whose value the user has to fill in."""
     return remarked(f"# {key} = {form}", f"{FILL_IN}: {remark}")
 
 
 def remarked(text: str, remark: str) -> str:
-    """A line with its remark beside it, or above it where the line is long."""
+    """A line of study.toml with its remark beside it, or above it if the line is long."""
     return (
         f"{text:<{WRITTEN.column}} # {remark}"
         if len(text) <= WRITTEN.column
@@ -329,13 +330,13 @@ def remarked(text: str, remark: str) -> str:
 
 
 def key(name: str) -> str:
-    """A name as a key of TOML."""
+    """A name as a key of TOML, in quotes if TOML requires them."""
     bare = all(c.isascii() and (c.isalnum() or c in "_-") for c in name)
     return name if name and bare else written(name)
 
 
 def written(value: object) -> str:
-    """A value in the notation of TOML.
+    """The text of a value in the notation of TOML.
 
     >>> written([1.0, 0.5]), written("a\\tb"), written({"file": "x"})
     ('[1.0, 0.5]', '"a\\\\tb"', '{file = "x"}')
@@ -350,5 +351,5 @@ def written(value: object) -> str:
 
 
 def ends(limits: tuple[float, float]) -> str:
-    """Limits as a table of TOML."""
+    """The text of two limits as a table of TOML, `{lower = ..., upper = ...}`."""
     return f"{{lower = {written(limits[0])}, upper = {written(limits[1])}}}"

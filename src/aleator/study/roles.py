@@ -20,12 +20,13 @@ from aleator.observations.tables import Table
 
 @dataclass(frozen=True)
 class RoleRules:
-    """How roles of columns are recognized; chosen by tests/test_cli_new.py on published tables.
+    """Settings that recognize roles of columns. tests/test_cli_new.py chose the values.
 
-    levels: the most different texts of a covariate. each: experiments for each covariate that is
-    proposed. words: the most different words of a column that marks censored values. naming: the
-    fewest experiments that a column may identify if its name does not say that it does; fewer
-    values are rather suppliers or benches.
+    That test uses published tables. levels: the largest number of different texts in a covariate.
+    each: the number of experiments that each proposed covariate needs. words: the largest number of
+    different words in a column that marks censored values. naming: the smallest number of different
+    values by which a column identifies experiments if its name does not say so; a column with fewer
+    values rather names suppliers or test benches.
     """
 
     levels: int = 6
@@ -40,7 +41,7 @@ RULES = RoleRules()
 def numbers_of(table: Table, name: str) -> Array | None:
     """The numbers of a column: NaN for a blank cell, 20 for "> 20".
 
-    None for a column with other texts, and for one without any number.
+    The result is None if the column has other texts, or no number at all.
     """
     try:
         numbers, _ = table.bounds(name)
@@ -50,7 +51,7 @@ def numbers_of(table: Table, name: str) -> Array | None:
 
 
 def varies_within(table: Table, name: str, id: str | None) -> bool:
-    """Whether a column has different values within an experiment."""
+    """Whether a column has different values in the rows of the same experiment."""
     if id is None:
         return False
     texts = table.texts(name)
@@ -60,9 +61,10 @@ def varies_within(table: Table, name: str, id: str | None) -> bool:
 def covariates_in(table: Table, names: Sequence[str], id: str | None) -> dict[str, str]:
     """The columns that may be covariates of a law, each with its term in a formula.
 
-    A covariate has no blank cell, and one value for each experiment. Texts have few levels, with
-    two experiments or more at each level; numbers differ, and do not merely count the rows. There
-    is at most one covariate for ten experiments, and one in any case.
+    A covariate has no blank cell, and one value for each experiment. A column of texts needs few
+    different texts, each in two experiments or more. A column of numbers must vary and must not
+    merely count the rows. There is at most one covariate for every ten experiments, but one may
+    always be proposed.
 
     >>> cells = {"by": ["a", "a", "b", "b"], "t": ["20", "25", "20", "30"]}
     >>> covariates_in(Table("a.csv", cells, ["row"] * 4), ["by", "t"], None)
@@ -84,7 +86,7 @@ def _first_rows(table: Table, id: str | None) -> list[int]:
 
 
 def _term(table: Table, name: str, rows: Sequence[int]) -> str:
-    """The term of a column in a formula; empty where the column is no covariate."""
+    """The term of a column in a formula; empty if the column cannot be a covariate."""
     texts = [table.texts(name)[row] for row in rows]
     numbers = numbers_of(table, name)
     if "" in texts or len({*texts}) < 2:
@@ -113,7 +115,7 @@ _FLAG = re.compile(r"(right-?)?censored|cens|run-?out|suspended")
 _EVENT = re.compile(r"event|fail(ed|ure)|broken|died")
 _NO, _YES = ("0", "no", "false", "n"), ("1", "yes", "true", "y")
 _LETTERS = ({"f", "s"}, {"f", "c"})
-"""The letters of tables of reliability programs: failed and suspended, failed and censored."""
+"""Letters that programs for reliability use: f for failed, s for suspended, c for censored."""
 _UPPER = re.compile(r"(?:(?P<stem>.+)_)?(upper|upper_end|high|max|to|until|latest)", re.IGNORECASE)
 _LOWER = re.compile(r"(?:(?P<stem>.+)_)?(lower|lower_end|low|min|from|since|earliest)",
                     re.IGNORECASE)  # fmt: skip
@@ -122,9 +124,10 @@ _LOWER = re.compile(r"(?:(?P<stem>.+)_)?(lower|lower_end|low|min|from|since|earl
 def censoring_of(table: Table, outcome: str, columns: Iterable[str]) -> Censoring | None:
     """How a table marks censored values of an outcome: by signs in its cells, or by a column.
 
-    A column of words does so if some but not all of its words are like "run-out" or "<LOD", or if
-    its name is like "censored" or "event" and it has two values. A column of numbers does so if its
-    name is that of an upper end and it is never below the outcome. None where nothing is marked.
+    A column of words marks censored values if some but not all of its words are like "run-out" or
+    "<LOD", or if its name is like "censored" or "event" and its values are like yes and no. A
+    column of numbers does if its name is like "upper" and it is never below the outcome. The result
+    is None if nothing marks censored values.
 
     >>> table = Table("a.csv", {"y": ["1", "2"], "s": ["", "Run-out"]}, ("row 2", "row 3"))
     >>> censoring_of(table, "y", ["s"]).right
@@ -141,19 +144,22 @@ def censoring_of(table: Table, outcome: str, columns: Iterable[str]) -> Censorin
 
 
 def shows_bounds(table: Table, name: str) -> bool:
-    """Whether a column has cells with the sign of a bound, as "> 20"."""
+    """Whether a column has cells that state a bound, such as "> 20"."""
     return any(text.startswith((">", "<", "≥", "≤")) for text in table.texts(name))
 
 
 def tells_bounds(table: Table, name: str, among: Sequence[str]) -> bool:
-    """Whether a column is the upper end of another one, or marks censored values."""
+    """Whether a column marks censored values, or is the upper end of one of the columns `among`."""
     return _by_words(table, name) is not None or any(
         is_upper_end(table, other, name) for other in among if other != name
     )
 
 
 def is_upper_end(table: Table, outcome: str, name: str) -> bool:
-    """Whether a column has the name of an upper end of another one, and is never below that."""
+    """Whether a column is the upper end of intervals that begin at the outcome.
+
+    Its name must be like "upper" or "max", and its numbers never below the outcome's.
+    """
     upper = _UPPER.fullmatch(name)
     lower = _LOWER.fullmatch(outcome)
     if upper is None:
@@ -211,7 +217,7 @@ class Sheet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its columns."""
+        """The names of the columns of the table."""
         return tuple(self.table.columns)
 
 
@@ -219,10 +225,10 @@ class Sheet:
 class Roles:
     """The possible roles of the columns of a table, for a simulator with known inputs.
 
-    `conditions` are inputs of the simulator. `outcomes` are other columns of numbers that vary, if
-    possible within experiments; `errors` have the name of a measurement error. `id` identifies the
-    experiments, with `repeated` where several rows share an id; None where no column seems to.
-    `constant` columns have one value, and `others` are all that remain.
+    `conditions` are inputs of the simulator. `outcomes` are other columns of numbers that vary; if
+    some vary within experiments, only these. `errors` are columns with the name of a measurement
+    error. `id` is the column that identifies the experiments, or None; `repeated` says that several
+    rows share an id. `constant` columns have one value, and `others` are all remaining columns.
     """
 
     conditions: tuple[str, ...]
@@ -235,14 +241,15 @@ class Roles:
 
 
 def sheet_of(path: Path, head: int = 10_000) -> Sheet:
-    """Read a file with the most frequent delimiter of its header, and its decimal sign.
+    """Read a table from a file, and recognize its delimiter and its decimal sign.
 
-    The header lies within the first `head` bytes. Raises ExperimentsError as `tables.read` does.
+    The delimiter is the most frequent one in the first line, which lies within the first `head`
+    bytes. Raises ExperimentsError if the file cannot be read as a table.
     """
     try:
         header = path.read_bytes()[:head].decode("utf-8", "replace").partition("\n")[0]
     except OSError:
-        header = ""  # `tables.read` tells it
+        header = ""  # `tables.read` raises the error of a file that cannot be read.
     delimiter = max(DELIMITERS, key=header.count)
     table = tables.read(path, delimiter)
     cells = [str(cell) for column in table.columns.values() for cell in column]
@@ -253,12 +260,12 @@ def sheet_of(path: Path, head: int = 10_000) -> Sheet:
 
 
 def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) -> Roles:
-    """The roles of the columns; `taken` are the inputs of the simulator.
+    """The roles of the columns of a table; `taken` are the inputs of the simulator.
 
-    A known `outcome` has no other role. The id is the column "id", or else a column of texts or
-    whole numbers that is no condition and has a name like "specimen", a different text in each row,
-    the numbers of the rows, or values that separate rows with equal conditions. Of several such
-    columns the one with the most values is the id.
+    A column in `outcome` has no other role. The id is the column "id", or else a column of texts or
+    whole numbers that is no condition. Such a column is the id if it has a name like "specimen", a
+    different text in each row, consecutive numbers, or values that distinguish rows with equal
+    conditions. Of several such columns the one with the most different values is the id.
     """
     numbers = {name: numbers_of(table, name) for name in table.columns}
     distinct = {name: len({*table.texts(name)}) for name in table.columns}
@@ -284,7 +291,10 @@ def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) 
 
 
 def _measured(table: Table, numbers: list[str], id: str) -> tuple[str, ...]:
-    """The columns of numbers that may be outcomes; if any varies within experiments, only these."""
+    """The columns of numbers that may be outcomes: those that vary within experiments, or else all.
+
+    Columns that mark censored values are left out.
+    """
     values = [name for name in numbers if not tells_bounds(table, name, numbers)]
     varying = [name for name in values if varies_within(table, name, id or None)]
     return tuple(varying or values)
@@ -293,7 +303,7 @@ def _measured(table: Table, numbers: list[str], id: str) -> tuple[str, ...]:
 def spread_of(table: Table, column: str, *, log: bool = False) -> float:
     """The standard deviation of the numbers of a column, or of their logarithms.
 
-    NaN of fewer than two.
+    The result is NaN if the column has fewer than two numbers.
     """
     known = _known(table, column)
     if known.size < 2:
@@ -307,7 +317,7 @@ def count_of(table: Table, id: str | None) -> int:
 
 
 def decades_of(table: Table, column: str) -> float:
-    """Decades from the smallest number to the largest; zero where one is not positive."""
+    """The decades from the smallest to the largest number of a column; 0 if one is not positive."""
     known = _known(table, column)
     if known.size < 2 or known.min() <= 0.0:
         return 0.0
@@ -340,7 +350,7 @@ def _names_experiments(
 
 
 def _counts_or_text(table: Table, name: str) -> bool:
-    """Whether a column has texts, or consecutive numbers."""
+    """Whether a column has texts, or numbers that count the rows."""
     numbers = numbers_of(table, name)
     return numbers is None or bool(np.all(np.diff(numbers) == 1.0))
 

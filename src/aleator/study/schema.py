@@ -18,10 +18,10 @@ _TEMPLATE = "#/$defs/{model}"
 
 
 def study_schema() -> dict[str, Any]:
-    """The schema of the whole file, with the built-in kinds and those of plug-ins.
+    """The JSON schema of study.toml, with the built-in laws and other kinds, and those of plug-ins.
 
-    It accepts all that `load_study` reads. Mistakes that depend on the table, the simulator or
-    arithmetic, such as a box whose ends are swapped, are found by `load_study` only.
+    The schema accepts every file that `load_study` reads. Only `load_study` notices mistakes that
+    depend on the table, on the simulator or on arithmetic, such as a range whose ends are swapped.
 
     >>> found = study_schema()
     >>> found["required"]
@@ -44,7 +44,7 @@ def study_schema() -> dict[str, Any]:
 def _kind(
     kinds: Kinds[Any], name: str, defined: dict[str, Any], open_: dict[str, Kinds[Any]]
 ) -> dict[str, Any] | None:
-    """The schema of one kind; None for a plug-in that cannot be imported."""
+    """The JSON schema of the keys of one kind; None for a plug-in that cannot be imported."""
     try:
         section = kinds.section(name)
     except Exception:
@@ -61,26 +61,30 @@ def _kind(
 
 
 def _noting(open_: dict[str, Kinds[Any]]) -> type[GenerateJsonSchema]:
-    """A schema generator that writes a mark in place of kinds, and collects these in `open_`."""
+    """A generator of JSON schemas for sections that choose a kind, such as a law.
+
+    It writes a placeholder for the kinds, which `_resolved` replaces, and collects the kinds in
+    `open_`.
+    """
 
     class Generator(GenerateJsonSchema):
         def function_plain_schema(
             self, schema: core_schema.PlainValidatorFunctionSchema
         ) -> JsonSchemaValue:
             read = schema["function"]["function"]
-            # the function `_law` stands for LAWS, which is defined after the sections that use it
+            # The function `_law` stands for LAWS, which is defined after the sections that use it.
             kinds = getattr(read, "__self__", LAWS)
             open_[kinds.group] = kinds
             return {_KINDS: kinds.group}
 
         def emit_warning(self, kind: Any, detail: str) -> None:
-            """No warning: defaults that are objects of the library are left out of a schema."""
+            """Print no warning about a default that is no JSON value; the schema leaves it out."""
 
     return Generator
 
 
 def _resolved(value: Any) -> Any:
-    """The schema with references in place of marks, and without infinite defaults."""
+    """A part of the JSON schema with references to kinds for placeholders, and finite defaults."""
     if isinstance(value, dict):
         if _KINDS in value:
             return {"$ref": _TEMPLATE.format(model=value[_KINDS])}
@@ -94,5 +98,5 @@ def _kept(value: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     for key, part in value.items():
         endless = isinstance(part, float) and not math.isfinite(part)
         if not (key == "default" and endless):
-            # one value may fit two alternatives, as {variable = "x"} does
+            # A value such as {variable = "x"} may fit two alternatives; oneOf would refuse it.
             yield "anyOf" if key == "oneOf" else key, _resolved(part)

@@ -55,12 +55,12 @@ TransformName = Annotated[Transform, Field(strict=False)]
 
 
 def _words(value: Any) -> Any:
-    """A list; a single word or number becomes a list of one."""
+    """The value if it is a list; a single word or number as a list of one."""
     return value if isinstance(value, list) else [value]
 
 
 def _one(value: Any) -> Any:
-    """A single outcome; raises for a list, which belongs to the key `outcomes`."""
+    """The value of the key `outcome`; raises for a list, which belongs to the key `outcomes`."""
     if isinstance(value, list):
         raise fault(f"{in_toml(value)} is a list", f"write outcomes = {in_toml(value)}")
     return value
@@ -82,7 +82,7 @@ class CensoringSection(Section):
     signs: bool = False
 
     def build(self) -> Censoring:
-        """The rules of censoring that the keys state."""
+        """The rules by which the table marks censored values, as the keys state them."""
         return Censoring(**self.stated())
 
 
@@ -93,7 +93,7 @@ def _of_each(value: Any) -> str:
 
 
 class ExperimentsSection(Section):
-    """`[experiments]`: the table, and what its columns are."""
+    """`[experiments]`: the file of the table, and the role of each of its columns."""
 
     file: str
     outcome: Annotated[str | None, BeforeValidator(_one)] = None
@@ -126,9 +126,10 @@ class ExperimentsSection(Section):
         return self
 
     def read(self, folder: Path, beside: Collection[str] = ()) -> Experiments:
-        """The table; columns `beside` are no conditions unless they are named.
+        """The experiments in the table; `folder` is the folder of the study.
 
-        Raises ExperimentsError as Experiments.from_csv does.
+        Columns in `beside` are no conditions, unless the key `conditions` names them. Raises
+        ExperimentsError for the errors that `Experiments.from_csv` reports.
         """
         return Experiments.from_csv(
             folder / self.file,
@@ -144,12 +145,15 @@ class ExperimentsSection(Section):
         )
 
     def stated_units(self, folder: Path) -> Mapping[str, str]:
-        """The units of columns: those of `units` before those in the heads of the table."""
+        """The units of columns: from the key `units`, or else from the heads of the table."""
         heads = tables.stated_units(folder / self.file, self.delimiter)
         return {**heads, **self.units}
 
     def censoring(self) -> Censored:
-        """The rules of censoring; raises ExperimentsError for keys that contradict each other."""
+        """The rules for censored values of one or each response, or None.
+
+        Raises ExperimentsError for keys that contradict each other.
+        """
         if isinstance(self.censored, CensoringSection):
             return self.censored.build()
         if self.censored is None:
@@ -163,11 +167,11 @@ Sd = Annotated[
     | Annotated[str, Tag("text")],
     BY_FORM,
 ]
-"""The key `sd`: a number, limits, or the name of a column with known standard deviations."""
+"""The type of the key `sd`: a number, limits, or the name of a column of standard deviations."""
 
 
 class NoiseSection(Section):
-    """Keys of every kind of noise."""
+    """Keys of every kind of noise: its standard deviation, and a part relative to the outcome."""
 
     sd: Sd | None = None
     relative: Spec | None = None
@@ -190,7 +194,7 @@ OBSERVATIONS: Kinds[ObservationModel] = Kinds(
     "normal",
     NoiseSection,
 )
-"""`[noise] kind = "..."`: how a measured outcome is distributed about the simulated one."""
+"""`[noise] kind = "..."`: the distribution of a measured outcome about the simulated outcome."""
 
 OneNoise = Annotated[ChosenKind[ObservationModel], PlainValidator(OBSERVATIONS.read)]
 
@@ -207,13 +211,16 @@ NoiseChoice = Annotated[
     Annotated[OneNoise, Tag("one")] | Annotated[dict[str, OneNoise], Tag("each")],
     Discriminator(_form),
 ]
-"""`[noise]` with its keys, or `[noise.RESPONSE]` for each response."""
+"""The type of `[noise]`: a table with the keys of a noise, or `[noise.RESPONSE]` for each."""
 
 
 def scales_of(
     choice: ChosenKind[ObservationModel],
 ) -> tuple[Specification | str | None, Specification | None]:
-    """The specifications of the standard deviation and of the relative part of a noise."""
+    """The specifications of a noise's standard deviation and of its part relative to the outcome.
+
+    Each is None if the section does not state it.
+    """
     assert isinstance(choice.keys, NoiseSection)
     sd, relative = choice.keys.sd, choice.keys.relative
     return (
@@ -223,7 +230,7 @@ def scales_of(
 
 
 def columns_of(noise: Noise | Mapping[str, Noise] | None) -> tuple[str, ...]:
-    """The columns with known standard deviations, which are no conditions."""
+    """The columns of the table that have standard deviations of the noise."""
     noises = noise.values() if isinstance(noise, Mapping) else [noise]
     return tuple(one.column for one in noises if one is not None and one.column is not None)
 
@@ -239,7 +246,7 @@ RULES: Kinds[Any] = Kinds(
         "probability_grid": "aleator.laws.quadrature:ProbabilityGrid",
     },
 )
-"""`nodes = {rule = "sobol", points = 1024}`: other nodes than those of Gauss rules."""
+"""`nodes = {rule = "sobol", points = 1024}`: the rule for nodes and weights of expectations."""
 
 
 Nodes = Annotated[
@@ -256,7 +263,7 @@ def response_surface(
     nodes: Nodes | None = None,
     surfaces: Surfaces | None = None,
 ) -> ResponseSurface:
-    """Response surfaces in place of the simulator, one for each experiment."""
+    """Propagation by response surfaces, which replace the simulator, one for each experiment."""
     return ResponseSurface(
         tolerance=tolerance, max_runs=max_runs, nodes=_nodes(nodes, folder), surfaces=surfaces
     )
@@ -270,7 +277,10 @@ def collocation(
     fit: Literal["projection", "regression"] | None = None,
     terms: Literal["total_degree", "hyperbolic"] | None = None,
 ) -> Any:
-    """Collocation: the simulator runs at the nodes of the law for every alpha."""
+    """Propagation by collocation: for every alpha the simulator runs at the nodes of the law.
+
+    Raises StudyError for `terms` without `fit`, and for `fit` without `degree`.
+    """
     from aleator.moments.expansion import Hyperbolic, IndexSet, TotalDegree
     from aleator.moments.projection import Projection, Regression
     from aleator.moments.propagation import Collocation
@@ -299,11 +309,11 @@ PROPAGATIONS: Kinds[Any] = Kinds(
     {"response_surface": response_surface, "collocation": collocation},
     "response_surface",
 )
-"""`[propagation] method = "..."`."""
+"""`[propagation] method = "..."`: how the law of the parameters becomes that of the outcome."""
 
 
 ALL = "all"
-"""The key of `[correlation]` that correlates every pair of a list."""
+"""The key of `[correlation]` with a list of parameters; every pair of them is correlated."""
 
 
 def _paired(section: Any) -> Any:
@@ -326,9 +336,9 @@ CorrelationSection = Annotated[dict[str, Tied], BeforeValidator(_paired)]
 
 
 def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
-    """The correlations by pair of parameters.
+    """The specification of the correlation of each pair of parameters.
 
-    `all` correlates every pair of a list; a pair that has a key of its own follows that key.
+    The key `all` correlates every pair of a list; a pair with a key of its own follows that key.
 
     >>> from aleator.study.kinds import FreeSection
     >>> pairs({"a": {"b": 0.5, "c": FreeSection()}})
@@ -345,7 +355,10 @@ def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
 
 
 def automatic() -> None:
-    """No density made of moments: the likelihood is an integral over level sets or parameters."""
+    """No density is made of moments: the likelihood is an integral over level sets or parameters.
+
+    A level set has all parameters for which the simulator gives the measured outcome.
+    """
 
 
 DENSITIES: Kinds[Any] = Kinds(
@@ -358,7 +371,7 @@ DENSITIES: Kinds[Any] = Kinds(
     },
     "automatic",
 )
-"""`[density] kind = "..."`: the model of the outcome's density."""
+"""`[density] kind = "..."`: how the density of the outcome is made, from moments or without."""
 
 SEARCHES: Kinds[Search] = Kinds(
     "aleator.searches",
@@ -380,12 +393,12 @@ class VerificationSection(Section):
     samples: int | None = None
 
     def build(self) -> Check:
-        """The check on the simulator."""
+        """The check of the identified law on the simulator itself."""
         return Check(self.samples)
 
 
 class StudyFile(Section):
-    """The whole of study.toml."""
+    """The whole of study.toml: its sections, with the defaults of those that it lacks."""
 
     title: str = ""
     seed: Annotated[int, Field(ge=0)] = 0

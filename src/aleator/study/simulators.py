@@ -48,7 +48,7 @@ _CROSSING = ("value", "direction", "after", "interpolation")
 
 
 class OutcomeSection(Section):
-    """`outcome = {...}` of an FMU: a variable and its reduction to a number, or a function."""
+    """`outcome = {...}` of an FMU: a variable and how it becomes a number, or a function."""
 
     variable: str | None = None
     reduce: Literal["final", "maximum", "minimum", "crossing"] = "final"
@@ -77,7 +77,7 @@ class OutcomeSection(Section):
         return self
 
     def build(self, folder: Path) -> Reduction:
-        """The reduction of a simulation to an outcome; `folder` is that of the study."""
+        """The rule that reduces a simulation to its outcome; `folder` is the study's folder."""
         if self.function is not None:
             return Hook(self.function, tuple(self.record or ()), str(folder))
         signal = str(self.variable)
@@ -110,13 +110,16 @@ FmuOutcome = Annotated[
     Annotated[_FmuOutcome, Tag("one")] | Annotated[dict[str, _FmuOutcome], Tag("several")],
     Discriminator(_several),
 ]
-"""`outcome = "variable"`, `"module.py:function"` or `{...}`; one for each of several responses."""
+"""The type of the key `outcome`: `"variable"`, `"module.py:function"` or a table `{...}`.
+
+A study with several responses has a table with one of these for each response.
+"""
 
 
 def reductions(
     outcome: OutcomeSection | Mapping[str, OutcomeSection], folder: Path
 ) -> Reduction | dict[str, Reduction]:
-    """The reductions to the outcomes; `folder` is that of the study."""
+    """The rules that reduce a simulation to the outcome, or to that of each response by name."""
     if isinstance(outcome, OutcomeSection):
         return outcome.build(folder)
     return {response: each.build(folder) for response, each in outcome.items()}
@@ -126,7 +129,7 @@ FmuTime = Annotated[
     Annotated[float, Tag("number")] | Annotated[str, Tag("text")],
     BY_FORM,
 ]
-"""A time in seconds, or the name of the condition that has it."""
+"""The type of a key for a time: seconds, or the name of the condition that has the seconds."""
 
 
 def _named(value: Any) -> Any:
@@ -136,11 +139,17 @@ def _named(value: Any) -> Any:
 FmuInputs = Annotated[
     dict[str, str], BeforeValidator(_named, json_schema_input_type=dict[str, str] | str)
 ]
-"""`inputs = {variable = "file.csv:column"}`, or a file with a column for each input over time."""
+"""The type of the key `inputs`: `{variable = "file.csv:column"}`, or the name of a file.
+
+The file has a column of values over time for each input.
+"""
 
 
 def signals(section: Mapping[str, str], folder: Path, fmu: Description) -> dict[str, Signal]:
-    """The inputs over time by variable. Raises SimulatorError as `read_signal` does."""
+    """The inputs of an FMU over time, by variable; `folder` is the folder of the study.
+
+    Raises SimulatorError for a file or a column that cannot be read.
+    """
     if "*" in section:
         file = section["*"]
         section = dict.fromkeys(columns_of(folder / file, fmu), file)
@@ -150,8 +159,8 @@ def signals(section: Mapping[str, str], folder: Path, fmu: Description) -> dict[
 class RunsSection(Section):
     """Keys of every kind of simulator.
 
-    `store` is the file that keeps its runs, `retries` how often a failed run is repeated, and
-    `max_failed` the share of failed runs above which a study stops.
+    `store` is the file that keeps the runs, `retries` is how often a failed run is repeated, and
+    `max_failed` is the share of failed runs above which a study stops.
     """
 
     store: str = "runs.sqlite"
@@ -168,11 +177,11 @@ def function(
     series: bool = False,
     timeout: float | None = None,
 ) -> FunctionSimulator:
-    """A Python function."""
+    """A simulator that is a Python function, "file.py:name" relative to the study's folder."""
     return FunctionSimulator.named(function, folder, vectorized, version, block, series, timeout)
 
 
-# How the outcome of a program is found: by the key of each way, its class and its further keys.
+# The ways to read the outcome of a program: the key of each way, its class and its further keys.
 _OUTPUTS: dict[str, tuple[Callable[..., Output], tuple[str, ...]]] = {
     "regex": (RegexOutput, ("file", "match")),
     "column": (CsvOutput, ("file", "row", "delimiter", "skip")),
@@ -182,7 +191,7 @@ _OUTPUTS: dict[str, tuple[Callable[..., Output], tuple[str, ...]]] = {
 
 
 class OutputSection(Section):
-    """`output = {...}`: where a program's outcome is."""
+    """`output = {...}`: where a program writes its outcome, and how the outcome is read."""
 
     file: str = "stdout"
     regex: str | None = None
@@ -212,7 +221,7 @@ class OutputSection(Section):
         return self
 
     def build(self, folder: Path) -> Output:
-        """The way in which the outcome is read."""
+        """The reader of the outcome, by the keys that the section states."""
         if self.hook is not None:
             return HookOutput(self.hook, folder)
         way = next((way for way in _OUTPUTS if way in self.model_fields_set), None)
@@ -271,7 +280,10 @@ def command(
     series: bool = False,
     rows: str = "rows.csv",
 ) -> CommandSimulator:
-    """A program that is started once for each run."""
+    """A simulator that is a program, started once for each run.
+
+    Raises StudyError for keys that contradict each other.
+    """
     outputs = output if isinstance(output, dict) else {"": output}
     for key in ("match", "row"):
         if series and any(key in one.model_fields_set for one in outputs.values()):
@@ -330,7 +342,10 @@ def fmu(
     series: bool = False,
     time: str | None = None,
 ) -> FMUSimulator:
-    """A Functional Mock-up Unit."""
+    """A simulator that is a Functional Mock-up Unit, a model in the FMI standard.
+
+    Raises StudyError for `time` without `series`.
+    """
     if time is not None and not series:
         raise StudyError(
             f'time = "{time}" without series',

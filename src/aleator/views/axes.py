@@ -29,13 +29,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FigureSettings:
-    """How figures look as files; by what the eye sees.
+    """Settings of the look of figures in files. The values are chosen by judgement, by eye.
 
-    width: inches of a figure, with so many dots an inch. letters: those of a line of the title,
-    which begins at the share `left` of the width. columns: entries of the legend in a row.
-    points: points of a line or a mark for each pixel that it has on a page. dots: marks from which
-    on they become smaller. bars: of more than these, steps are drawn, as bars would run into each
-    other. room: the largest width of a bar, what each bar adds to it, and the least width.
+    width: width of a figure in inches. dots_an_inch: its resolution. letters: the largest number of
+    letters in a line of the title. left: where the title begins, as a share of the width. columns:
+    the number of entries in a row of the legend. points: typographic points of a line or a mark for
+    each pixel that it has on a page. dots: with more marks than these, marks become smaller. bars:
+    with more bars than these, steps are drawn, because bars would overlap. room: the width of a bar
+    over the distance to the next, as its largest value, what each bar adds, and its least value.
     """
 
     width: float = 9.0
@@ -51,7 +52,7 @@ class FigureSettings:
 
 FIGURES = FigureSettings()
 BLACK = INK
-# Further colors of the palette of Okabe and Ito.
+# These are further colors of the palette of Okabe and Ito.
 ORANGE, PURPLE, SKY = "#e69f00", "#aa5a8c", "#56b4e9"
 
 _STYLE = {
@@ -78,7 +79,7 @@ _STYLE = {
 def styled() -> Iterator[None]:
     """A context in which matplotlib has the style of Aleator's figures, whatever a user has set.
 
-    Raises AleatorError where matplotlib is not installed.
+    Raises AleatorError if matplotlib is not installed.
     """
     try:
         from matplotlib import style
@@ -91,7 +92,7 @@ def styled() -> Iterator[None]:
 
 
 def empty_figure(title: str | None, width: float, height: float) -> Figure:
-    """A figure of this size in inches that has a title only."""
+    """A figure of this size in inches, with a title but no axes."""
     from matplotlib.figure import Figure
 
     figure = Figure((width, height), FIGURES.dots_an_inch, layout="constrained")
@@ -102,9 +103,10 @@ def empty_figure(title: str | None, width: float, height: float) -> Figure:
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure as .png or .svg, without version and date, and make its folder.
+    """Write a figure as .png or .svg, and make its folder if necessary.
 
-    Raises AleatorError where the file cannot be written.
+    The file states no version and no date, so that equal figures give equal bytes. Raises
+    AleatorError if the file cannot be written.
     """
     png = path.suffix == ".png"
     metadata = {"Software": None} if png else {"Date": None, "Creator": None}
@@ -155,10 +157,10 @@ def draw(chart: Chart, axes: Axes) -> Axes:
 
 
 def legend(figure: Figure) -> None:
-    """One legend of all axes, under the figure, where it hides no data."""
+    """Add one legend for all axes of a figure; it lies under the figure, where it hides no data."""
     every = (axes.get_legend_handles_labels() for axes in figure.axes)
     pairs = [pair for own in every for pair in zip(*own, strict=True)]
-    pairs.sort(key=lambda pair: not isinstance(pair[0], tuple))  # bars are under all others
+    pairs.sort(key=lambda pair: not isinstance(pair[0], tuple))  # Bars come first in the legend.
     handles = {text: handle for handle, text in pairs}
     figure.legend(handles.values(), handles.keys(), loc="outside lower left", ncols=FIGURES.columns)
 
@@ -187,7 +189,7 @@ def _band(axes: Axes, mark: Mark) -> None:
 
 
 def _room(size: int) -> float:
-    """The width of a bar, over the distance between two: less where there are few bars."""
+    """The width of a bar over the distance between two bars; smaller if there are few bars."""
     most, more, least = FIGURES.room
     return min(most, more * size + least)
 
@@ -200,7 +202,7 @@ def _spans(axes: Axes, mark: Mark) -> None:
         axes.fill_between(x[order], low[order], high[order], step="mid", color=mark.color, lw=0.0,
                           label=mark.legend or None)  # fmt: skip
         return
-    axes.use_sticky_edges = False  # else the lowest bar stands on the axis as if cut there
+    axes.use_sticky_edges = False  # Otherwise the lowest bar would touch the axis, as if cut.
     axes.bar(x[known], (high - low)[known], _room(x.size), low[known], color=mark.color,
              label=mark.legend or None)  # fmt: skip
 
@@ -212,7 +214,7 @@ def _bars(axes: Axes, mark: Mark) -> None:
 
 
 def _points(axes: Axes, mark: Mark) -> None:
-    """Marks with the same color and marker are one line of matplotlib: one entry of the legend."""
+    """Draw marks; those of the same color and marker are one line and one entry of the legend."""
     x, y = mark.array("x"), mark.array("y")
     if mark.marker == "dash":
         half = 0.5 * _room(x.size) if x.size <= FIGURES.bars else 0.5

@@ -1,7 +1,8 @@
 """A chart as data: marks on axes, drawn from named columns.
 
-Bokeh draws it in report.html (`interactive`), matplotlib as a figure (`axes`). The data of a chart
-are a `Series`. An experiment that a reader marks is marked in all charts of the same series.
+Bokeh draws a chart in report.html (`interactive`), matplotlib draws it as a figure (`axes`). The
+data of a chart are a `Series`. When a reader marks an experiment in one chart, all charts with the
+same series mark it.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ import numpy as np
 from aleator.core.types import Array
 from aleator.results.printed import PAGE, Depth
 
-# The palette of Okabe and Ito, whose colors remain distinct in every form of color blindness, and
-# grays. Each color has one value for a light page and one for a dark page; all values differ, for
-# the page replaces the one by the other.
+# The colors are grays and the palette of Okabe and Ito, whose colors remain distinct in every form
+# of color blindness. Each color has one value for a light page and one for a dark page. All values
+# differ, because the page exchanges them to change from light to dark.
 BLUE = "#0072b2"
 VERMILION = "#d55e00"
 PICKED = "#c77700"
@@ -31,7 +32,7 @@ WIDE = "#cfe3f1"
 NARROW = "#7fb8dc"
 BAND = "#e4e4e4"
 PAPER = "#ffffff"
-# Colors between the contours of a likelihood, from its maximum outward.
+# These colors fill the areas between the contours of a likelihood, from its maximum outward.
 HEIGHTS = ("#9ecae8", "#c6dff0", "#e3eff8", "#f6fafd")
 PAIRS = (
     (BLUE, "#56b4e9"), (VERMILION, "#ff8f3f"), (PICKED, "#ffd166"), (GREEN, "#2fd1a2"),
@@ -40,19 +41,20 @@ PAIRS = (
     (PAPER, "#14181d"),
     *zip(HEIGHTS, ("#2d6b96", "#234f70", "#1b394f", "#162734"), strict=True),
 )  # fmt: skip
-"""Each color for a light page and for a dark page."""
+"""The two values of each color: for a light page and for a dark page."""
 
 
 @dataclass(frozen=True)
 class ChartSettings:
-    """Sizes of marks and charts, in pixels of a page; by what the eye sees.
+    """Settings of charts: sizes in pixels of a page. The values are chosen by judgement, by eye.
 
-    thin: width of a thin line. over: width of a line over a map, which is seen because the wider
-    line `halo` lies under it. faint: opacity of a color that others are seen through. dot: size of
-    a mark. tick: size of ticks and crosses. low, high: heights of a chart that needs little room,
-    and of one that needs much. cell: width of a cell of a map over the step to the next, so that no
-    seams are seen. spans: the width of all bars of predictions together, and the least and the
-    largest width of one. sd: standard deviations of a normal law beyond which lie 5 %.
+    thin: width of a thin line. over: width of a line on a color map. halo: width of a light line
+    under it, against which it is seen. faint: opacity of a line through which others are seen. dot:
+    size of a mark. tick: size of ticks and crosses. low, high: heights of a chart that needs little
+    room, and of one that needs much. cell: width of a cell of a color map over the distance to the
+    next cell; above 1 so that no gaps are seen. spans: the total width of all bars of predictions,
+    then the least and the largest width of one bar. sd: half the width of an interval with 95 % of
+    a normal law, in standard deviations.
     """
 
     thin: float = 1.2
@@ -73,9 +75,10 @@ CHARTS = ChartSettings()
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Named columns of equal length, the data of a chart. A cell may be a list: a curve.
+    """The data of a chart: named columns of equal length. A cell may be a list that is a curve.
 
-    `each` holds other columns for some experiments: those that are shown when one is marked.
+    `each` has further columns for some experiments, by id. They replace the columns when a reader
+    marks the experiment.
     """
 
     name: str
@@ -83,13 +86,16 @@ class Series:
     each: Mapping[str, Mapping[str, Any]] | None = None
 
     def array(self, key: str) -> Array:
-        """A column of numbers; NaN for none."""
+        """The numbers of a column; a missing number is NaN."""
         return numbers(self.columns[key])
 
 
 @dataclass(frozen=True)
 class Axis:
-    """The title of an axis, with its unit. `log`: a logarithmic axis; `share`: ticks in percent."""
+    """An axis of a chart: its title with the unit, and its scale.
+
+    `log` means a logarithmic axis, `share` an axis of percentages.
+    """
 
     title: str
     log: bool = False
@@ -104,11 +110,12 @@ class Mark:
     """One layer of a chart: columns of a series, drawn as a shape.
 
     A "line" goes through (x, y); "lines" are one line for each row; a "band" fills the range from y
-    to `high` over x; "spans" are vertical bars from y to `high`; "bars" stand on zero; "cells" are
-    rectangles of size `step`, colored by the column "value"; a "contour" shows the `grid` (x, y,
-    height) by curves at `levels`. Color, marker, size, width and dash are one value for all rows,
-    or the name of a column. `hover` lists what a tooltip shows: a title, and column names in
-    braces. `pick`: a click marks the experiment. `right`: the scale is that on the right.
+    to `high` over x; "spans" are vertical bars from y to `high`; "points" are markers at (x, y);
+    "bars" stand on zero; "cells" are rectangles of size `step`, colored by the column "value"; a
+    "contour" shows the `grid` (x, y, height) by curves at `levels`. Color, marker, size, width and
+    dash are one value for all rows, or the name of a column with a value for each row. `hover`
+    lists the lines of a tooltip: a title, and a text with column names in braces. With `pick` a
+    click marks the experiment. With `right` the axis on the right is the scale of y.
     """
 
     shape: Shape
@@ -132,12 +139,12 @@ class Mark:
     levels: Sequence[float] = ()
 
     def array(self, end: str) -> Array:
-        """The numbers of its column "x", "y" or "high"; NaN for none."""
+        """The numbers of the column that the mark draws as "x", "y" or "high"; NaN if missing."""
         return self.series.array(getattr(self, end))
 
 
 def looks(mark: Mark) -> dict[tuple[str, str], list[int]]:
-    """The rows of a mark, grouped by color and marker."""
+    """The indices of a mark's rows, grouped by color and marker."""
     columns, every = mark.series.columns, range(len(mark.series.columns[mark.x]))
     colors = columns.get(mark.color) or [mark.color for _ in every]
     markers = columns.get(mark.marker) or [mark.marker for _ in every]
@@ -148,7 +155,7 @@ def looks(mark: Mark) -> dict[tuple[str, str], list[int]]:
 
 
 def meaning(color: str, marker: str) -> str:
-    """The legend of measured values with this color and marker."""
+    """The text in the legend for measured values with this color and marker."""
     bounds = {"triangle": "at least", "inverted_triangle": "at most", "square": "between bounds"}
     exact = {VERMILION: "measured, outside the 95 %", GRAY: "measured, no density"}
     return bounds.get(marker) or exact.get(color) or "measured"
@@ -156,9 +163,9 @@ def meaning(color: str, marker: str) -> str:
 
 @dataclass(frozen=True)
 class GuideLine:
-    """A straight line through the whole chart: horizontal at a y, or vertical at an x.
+    """A straight line through the whole chart, at a value `at` of one axis.
 
-    A gray line is dashed.
+    It is horizontal if `across`, else vertical. A gray line is dashed.
     """
 
     at: float
@@ -170,10 +177,10 @@ class GuideLine:
 class Chart:
     """Marks on axes, with a caption that says how to read them.
 
-    `columns` names the columns of its data that a reader can save as CSV, with their headings.
-    `switched`: the reader of a page chooses the quantity on the x axis. `wide`: the chart fills a
-    row of the page. `marked`: the experiment that is shown before a reader marks another one.
-    `foot`: the y axis begins at zero.
+    `columns` maps the columns that a reader can save as CSV to their headings. With `switched` the
+    reader of a page chooses the quantity on the x axis. A `wide` chart fills a row of the page.
+    `marked` is the experiment that is shown before a reader marks another one. With `foot` the y
+    axis begins at zero.
     """
 
     name: str
@@ -195,7 +202,7 @@ class Chart:
 
     @property
     def source(self) -> Series:
-        """The data of the chart: `data`, or those of its first mark."""
+        """The data of the chart: `data` if they are stated, else the series of its first mark."""
         return self.data or self.marks[0].series
 
     @property
@@ -205,7 +212,7 @@ class Chart:
 
 
 def numbers(values: Iterable[Any]) -> Array:
-    """Numbers of a document as an array; null and texts become NaN.
+    """The values of a list in a document as an array of numbers; null and texts become NaN.
 
     >>> numbers([1, None, "a"])
     array([ 1., nan, nan])
@@ -216,7 +223,7 @@ def numbers(values: Iterable[Any]) -> Array:
 
 
 def evenly(count: int, most: int) -> list[int]:
-    """Indices of at most `most` of `count` things, evenly spaced.
+    """At most `most` evenly spaced indices of a list with `count` entries.
 
     >>> evenly(5, 3), evenly(2, 3)
     ([0, 2, 4], [0, 1])

@@ -1,4 +1,4 @@
-"""Two identifications side by side: verdicts, estimates, laws, predictions, experiments."""
+"""The page of two identifications side by side: verdicts, estimates, laws, and predictions."""
 
 from __future__ import annotations
 
@@ -39,11 +39,14 @@ from aleator.views.page import written
 Document = Mapping[str, Any]
 Pair = Mapping[str, Document]
 LOOKS = ((chart.BLUE, "solid"), (chart.VERMILION, "dashed"))
-"""Color and dash of each model; the dash serves readers who do not see colors."""
+"""Color and line style of each identification; the style serves readers who see no colors."""
 
 
 def compared_page(documents: Pair) -> str:
-    """The HTML page of two identifications, given by name; equal documents give equal text."""
+    """The HTML page of two identifications; `documents` has the content of each by its name.
+
+    Equal documents give equal text.
+    """
     choices: dict[str, Sequence[AxisChoice]] = {}
     predicted: list[Part] = []
     number = 0
@@ -138,7 +141,7 @@ def _two(
     lines: Mapping[str, tuple[Any, Any]],
     behind: Sequence[Mark] = (),
 ) -> Chart:
-    """A chart with a line for each model that has one."""
+    """A chart of two identifications, with a line for each of them that has the quantity."""
     marks = []
     for model, (color, dash) in zip(names, LOOKS, strict=True):
         if model in lines:
@@ -154,7 +157,7 @@ def _two(
 
 
 def _experiments(documents: Pair, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
-    """The difference of the log-density of each experiment between the two models."""
+    """The difference between two identifications in the log-density of each experiment."""
     each = [
         {str(e["id"]): e["log_density"] for e in d["experiments"] if e["log_density"] is not None}
         for d in documents.values()

@@ -1,7 +1,7 @@
 """The figures that commands write: of an identification, a check, a sensitivity, a comparison.
 
-Each figure is a pure function of a document, drawn with matplotlib. AleatorError is raised where
-matplotlib is not installed.
+Each figure depends only on a document, the content of a result's JSON file. matplotlib draws it;
+AleatorError is raised if matplotlib is not installed.
 """
 
 from __future__ import annotations
@@ -54,15 +54,17 @@ Draw = Callable[[Document], "Figure"]
 
 @dataclass(frozen=True)
 class SheetSettings:
-    """Heights of figures in inches, and what of the gradient function is drawn; by what is seen.
+    """Settings of figures: heights in inches, and the range that is drawn; chosen by judgement.
 
-    Heights are those of all but the panels, then of each row of panels or of each line of bars; of
-    `sensitivity` and `compare` the least height is first. letters: those of all ids that have room
-    beside each other; else they are turned by `turned` degrees.
+    Fields with the name of a figure are its height. If there are two numbers, the first is the
+    height of the frame, the second that of each row of the figure. For sensitivity and compare the
+    least height of the figure stands before these two. letters: if the ids of all experiments have
+    more letters than these, they are turned by `turned` degrees.
 
-    tallest: the gradient function is cut there, as what matters is where it is above zero. linear:
-    gradients up to which colors are linear. nothing: a gradient below it says that no experiment
-    has anything there. density: share of the largest density from which on an axis shows it.
+    The gradient function of `aleator ceiling` says where more mass of the law would make the
+    experiments more likely: where it is above zero. tallest: the chart cuts higher values. linear:
+    colors are linear up to this gradient. nothing: where the gradient is lower, no experiment needs
+    mass. density: the axis shows densities from this share of the largest density on.
     """
 
     experiments: tuple[float, float] = (1.0, 3.6)
@@ -87,9 +89,9 @@ SHEETS = SheetSettings()
 def save_figures(document: Document, directory: str | Path) -> list[Path]:
     """Write experiments.png and calibration.png into a folder, which is made if necessary.
 
-    Where experiments have individual parameters, parameters.png is written too. Returns the paths
-    written. The bytes depend on the document and the version of matplotlib only. Raises
-    AleatorError where matplotlib is not installed or a file cannot be written.
+    If experiments have parameters of their own, parameters.png is written too. Returns the paths of
+    the written files. Their bytes depend only on the document and the version of matplotlib.
+    Raises AleatorError if matplotlib is not installed or a file cannot be written.
     """
     figures: dict[str, Draw] = {"experiments": experiments_figure}
     if document.get("observations"):
@@ -104,8 +106,9 @@ def save_figures(document: Document, directory: str | Path) -> list[Path]:
 def experiments_figure(document: Document) -> Figure:
     """Measured values beside their predicted distributions, ordered by the predicted median.
 
-    Where a condition varies within experiments, as time does, each experiment has a panel. Of many
-    experiments there are the four with the largest residuals, and others evenly chosen.
+    If a condition such as time varies within experiments, each experiment has a chart of its own.
+    If experiments are many, the four with the largest residuals are drawn, and others evenly
+    chosen.
 
     >>> quantiles = {"0.025": 0.0, "0.25": 0.7, "0.5": 1.0, "0.75": 1.3, "0.975": 2.0}
     >>> one = {"id": "7", "outcome": 1.2, "quantiles": quantiles, "pit": 0.65}
@@ -132,7 +135,7 @@ def experiments_figure(document: Document) -> Figure:
 
 
 def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
-    """The identified law of each parameter, with the means of the individual laws as ticks."""
+    """The identified law of each parameter, with a tick at each experiment's own mean of it."""
     names, individuals = [*law_curves(document)], individuals_of(document)
     with styled():
         rows = max(-(-len(names) // amounts.across), 1)
@@ -153,12 +156,12 @@ def parameters_figure(document: Document, amounts: Amounts = AMOUNTS) -> Figure:
 
 
 def calibration_figure(document: Document) -> Figure:
-    """The predicted probabilities of smaller values, compared with a uniform sample.
+    """Calibration: the predicted probabilities of smaller outcomes, compared with a uniform sample.
 
-    Left their histogram, with the range that each bin of a uniform sample has in 95 % of all
-    samples (binomial). Right their cumulative distribution minus that of the uniform law, with the
-    band that holds the whole curve in 95 % of all uniform samples (Kolmogorov). Both are a little
-    wide, for the law was fitted to the same outcomes.
+    The left chart is their histogram, with the range of a bin's count in 95 % of all uniform
+    samples (binomial). The right chart is their cumulative distribution minus the uniform one, with
+    the band that contains the whole curve in 95 % of all uniform samples (Kolmogorov). Range and
+    band are a little too wide, because the law was fitted to the same outcomes.
 
     >>> ten = [{"id": k, "pit": (k + 0.5) / 10} for k in range(10)]
     >>> [axes.get_ylabel() for axes in calibration_figure({"experiments": ten}).axes]
@@ -184,7 +187,7 @@ def _series(
     name: str,
     amounts: Amounts = AMOUNTS,
 ) -> Figure:
-    """A panel for each of some experiments and each response."""
+    """The figure of outcomes over a condition: a chart for each experiment shown and response."""
     responses = len(all_measured)
     most = max(amounts.across, amounts.named // responses // amounts.across * amounts.across)
     ids = chosen(document["observations"], most)
@@ -220,7 +223,7 @@ def _series(
 
 
 def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> list[str]:
-    """Ids of at most `most` experiments: those with the largest residuals, others evenly chosen."""
+    """Ids of at most `most` experiments: some with the largest residuals, others evenly chosen."""
     size: dict[str, float] = {}
     for entry in seen:
         size[entry["id"]] = max(size.get(entry["id"], 0.0), abs(entry["residual"] or 0.0))
@@ -234,7 +237,10 @@ def chosen(seen: Sequence[Document], most: int, amounts: Amounts = AMOUNTS) -> l
 
 
 def _name(axes: Axes, seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> None:
-    """Name the experiments on the x axis, or, of many, those outside their predicted 95 %."""
+    """Write the ids of the experiments at the x axis.
+
+    If experiments are many, only those outside their predicted 95 % range are named, at their mark.
+    """
     ids, place, size = seen.columns["id"], seen.columns["order"], len(seen)
     axes.set_xlim(0.5, size + 0.5)
     if size <= amounts.named:
@@ -252,13 +258,13 @@ def _name(axes: Axes, seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> None:
 
 
 def _high(inches: Sequence[float], count: int) -> float:
-    """The height of a figure: that of its frame, and of each of `count` rows."""
+    """The height of a figure: the height of its frame plus that of `count` rows; both in inches."""
     other, each = inches
     return other + each * count
 
 
 def _figure(document: Document, height: float) -> Figure:
-    """An empty figure under the title of the study."""
+    """An empty figure of this height in inches, with the title of the study."""
     title = document.get("title")
     return empty_figure(str(title) if title else None, FIGURES.width, height)
 
@@ -271,11 +277,11 @@ def _save(make: Draw, name: str, document: Document, folder: str | Path) -> Path
 
 
 def check_figure(document: Document) -> Figure:
-    """The outcome of each observation over each parameter, a panel a parameter and response.
+    """The simulated outcomes over each parameter: a chart for each parameter and response.
 
-    `document` is the content of check.json. The other parameters are in the middle of the region.
-    The gray band is the range of the measured outcomes. Experiments whose measured value no run
-    reaches have another color.
+    `document` is the content of check.json. A line has the outcomes of one observation, while all
+    other parameters are in the middle of their ranges. The gray band is the range of the measured
+    outcomes. Experiments whose measured value is reached by no run have another color.
     """
     rows, responses = document["parameters"], [*document["measured"]]
     across = min(len(rows), 3)
@@ -316,7 +322,7 @@ def _panel(axes: Axes, document: Document, response: str, k: int, row: Document)
 
 
 def _drawable(values: ArrayLike) -> Array:
-    """Values cut where matplotlib ends: no axis is longer than the largest number."""
+    """The values, limited to numbers that matplotlib can draw on an axis."""
     most = np.finfo(np.float64).max / 10.0
     return np.clip(np.asarray(values, dtype=np.float64), -most, most)
 
@@ -327,9 +333,10 @@ def _drawable(values: ArrayLike) -> Array:
 def sensitivity_figure(document: Document) -> Figure:
     """Sobol' indices of each parameter, and the alignment of each pair of parameters.
 
-    `document` is the content of sensitivity.json. Left the mean first-order and total Sobol'
-    indices over the experiments with the range of the total, right the alignment of the linear
-    effects.
+    `document` is the content of sensitivity.json. The left chart shows the means of the first-order
+    and the total Sobol' indices over the experiments, and the total index of each experiment. The
+    right chart shows the alignment: how far two parameters have the same linear effects (1 or -1:
+    they cannot be distinguished).
     """
     rows = document["parameters"]
     names = [row["parameter"] for row in rows]
@@ -379,10 +386,10 @@ def _alignment(
 
 
 def compare_figure(document: Document) -> Figure:
-    """The predictive log-likelihood of each model minus that of the best, in all and by experiment.
+    """The predictive log-likelihood of each model, minus that of the best model.
 
-    `document` is the content of compare.json. Left the difference of the predictive log-likelihood
-    with two standard errors, right that of each experiment.
+    `document` is the content of compare.json. The left chart shows the difference summed over the
+    experiments, with two standard errors; the right chart shows it for each experiment.
     """
     models = document["models"]
     best, places = models[0]["name"], range(len(models) - 1, -1, -1)
@@ -413,9 +420,9 @@ LACKING = "#f6d5c3"
 def ceiling_figure(document: Document) -> Figure:
     """The chosen law, the points of the best possible law, and where the chosen law lacks mass.
 
-    `document` is the content of ceiling.json. Above the density of the chosen law with the points
-    of the best one as stems, below the gradient function: where it is above zero, more mass would
-    make the experiments more likely.
+    `document` is the content of ceiling.json. The upper charts show the density of the chosen law,
+    and the points of the best law as stems. The lower charts show the gradient function: where it
+    is above zero, more mass would make the experiments more likely.
     """
     names, flat = [*document["curves"]], document["map"] is not None
     with styled():
@@ -436,7 +443,7 @@ def ceiling_figure(document: Document) -> Figure:
 
 
 def _mass(axes: Axes, name: str, document: Document) -> None:
-    """The density of the chosen law over its maximum, and the probabilities of points as stems."""
+    """Draw the chosen law's density over its maximum, and the best law's points as stems."""
     curve = document["curves"][name]
     x, density = numbers(curve["x"]), numbers(curve["density"])
     tall = np.nanmax(density, initial=0.0) or 1.0
@@ -460,7 +467,7 @@ def _gradient(axes: Axes, name: str, document: Document) -> None:
     axes.fill_between(x, value, where=value > 0.0, interpolate=True, color=LACKING, lw=0.0,
                       label="the chosen law lacks mass here")  # fmt: skip
     axes.plot(x, value, color=VERMILION)
-    # from where to where there is density, gain, or a point
+    # The axis spans all values with density, with a gain, or with a point of the best law.
     some = density > SHEETS.density * np.nanmax(density, initial=0.0)
     some |= gradient > SHEETS.nothing
     at = np.concatenate([x[some], [point[name] for point in document["points"]]])
@@ -470,7 +477,7 @@ def _gradient(axes: Axes, name: str, document: Document) -> None:
 
 
 def _map(figure: Figure, axes: Axes, names: list[str], document: Document) -> None:
-    """The gradient function of two parameters; blue where there is too much mass."""
+    """Draw the gradient function over two parameters; blue where the law has too much mass."""
     from matplotlib.colors import AsinhNorm
 
     first, second = (numbers(document["map"][key]) for key in ("first", "second"))

@@ -1,6 +1,6 @@
-"""The report of an identification, made from its document, for the terminal and for the page.
+"""The report of an identification, made from its document, for the terminal and for report.html.
 
-The sections are the same in both. The page has charts and further tables too.
+The sections are the same in both. report.html has charts and further tables too.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ SCATTER = "the outcome's scatter"
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """The data of the charts of a page: their series, the best possible law, the study file."""
+    """The data of the charts in report.html, the content of ceiling.json, and the study file."""
 
     measured: Sequence[MeasuredValues]
     sources: Sequence[Series]
@@ -73,8 +73,8 @@ class Drawn:
 def render(document: Document, files: Sequence[str] = (), details: bool = False) -> RenderableType:
     """The report of an identification for a terminal, with the names of the `files` at its end.
 
-    With `details` it has the effect of other densities, all tests of consistency, all optima, and
-    runs and seconds by stage too. What the document lacks is left out.
+    With `details` the report also has the effect of other densities, all tests of consistency, all
+    optima, and runs and seconds by stage. Parts that the document lacks are left out.
     """
     return terminal(_content(document, None), files, DETAILS if details else WHOLE)
 
@@ -82,9 +82,10 @@ def render(document: Document, files: Sequence[str] = (), details: bool = False)
 def identification(
     document: Document, ceiling: Document | None = None, study: str | None = None
 ) -> tuple[Content, dict[str, Sequence[AxisChoice]]]:
-    """The content of a page, and the choices of the x axis by the name of each series.
+    """The content of report.html, and the quantities that a reader can choose for the x axis.
 
-    `ceiling` is the content of ceiling.json, `study` the text of the study file, where they exist.
+    The choices are by the name of each series of data. `ceiling` is the content of ceiling.json,
+    and `study` the text of the study file; each is None if it does not exist.
     """
     seen = measured(document)
     sources = [one.thinned().series(place) for place, one in enumerate(seen)]
@@ -98,7 +99,7 @@ def identification(
 
 
 def _content(document: Document, drawn: Drawn | None) -> Content:
-    """All sections that have parts; with charts where `drawn` has their data."""
+    """The content of the report: its sections, with charts only if `drawn` has their data."""
     short = answer(document)
     name = varying(document)
     sections = {
@@ -123,7 +124,7 @@ def _content(document: Document, drawn: Drawn | None) -> Content:
 
 
 def missing(what: str, remedy: str) -> Sentence:
-    """A sentence that says why something is missing on a page, and how to obtain it."""
+    """A sentence that says what report.html lacks and why, and how to obtain it."""
     return Sentence(f"{what} {remedy}", "missing", depth=PAGE)
 
 
@@ -157,7 +158,7 @@ def _law(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 
 
 def _gap(best: Document) -> str:
-    """The gap to the best possible law, and whether chance explains it."""
+    """A text on the log-likelihood that the best possible law gains, and whether by chance only."""
     gap = f"at most {number(best['gap'], 3)} more log-likelihood"
     if best.get("p_value") is None:
         return gap
@@ -188,7 +189,7 @@ def _estimates(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 
 
 def _correlations(document: Document, thresholds: Thresholds = THRESHOLDS) -> Iterator[Part]:
-    """The strongest correlation of two estimates, and the correlations of parameters."""
+    """The strongest correlation between two estimates, and the correlations of parameters."""
     correlation = document.get("correlation") or {}
     names, matrix = correlation.get("names") or [], correlation.get("matrix") or []
     pairs = [
@@ -218,7 +219,7 @@ def _correlations(document: Document, thresholds: Thresholds = THRESHOLDS) -> It
 
 
 def _likelihoods(document: Document) -> Iterator[Part]:
-    """Log-likelihoods of other models, and the effect of densities made of moments."""
+    """Log-likelihoods of simpler models, and the effect of densities made of moments."""
     rows = [*_other_likelihoods(document)]
     columns = heads("log-likelihood of", ">", "~what it is")
     yield TextTable(columns, rows, "likelihoods", "Log-likelihoods of simpler models", WHOLE)
@@ -321,7 +322,7 @@ def _worst(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
 
 
 def _worst_observed(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Part]:
-    """A table of the observations with the largest residuals, in scales of the error."""
+    """A table of the observations with the largest residuals, in units of the error's scale."""
     seen = [entry for entry in document["observations"] if entry["residual"] is not None]
     worst = sorted(seen, key=lambda entry: -abs(entry["residual"]))[: amounts.worst]
     responses = transforms(document)
@@ -342,7 +343,7 @@ def _worst_observed(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[
 
 
 def place(entry: Document, several: bool) -> str:
-    """An observation by its experiment, its response where there are several, its conditions.
+    """The name of an observation: its experiment, its response if `several`, its conditions.
 
     >>> place({"id": "308", "response": "y", "conditions": {"days": 3.0}}, False)
     'experiment 308, days 3'
@@ -353,7 +354,7 @@ def place(entry: Document, several: bool) -> str:
 
 
 def bounds(entry: Document) -> str:
-    """A value, or the bounds of one.
+    """The text of a measured value, or of its bounds if it is censored.
 
     >>> bounds({"lower": 1.0, "upper": None}), bounds({"lower": 2.0, "upper": 2.0})
     ('> 1', '2')
@@ -420,7 +421,7 @@ def _individuals(document: Document, drawn: Drawn | None) -> Iterator[Part]:
 
 
 def shrinkage(document: Document) -> Iterator[Part]:
-    """The shrinkage and the scatter of the individual parameters, and the most probable classes."""
+    """A table of the parameters of single experiments: shrinkage, range and scatter of each."""
     experiments = document["experiments"]
     rows = []
     for name, share in document["shrinkage"].items():
@@ -455,7 +456,7 @@ def shrinkage(document: Document) -> Iterator[Part]:
 def _simulator(
     document: Document, drawn: Drawn | None, amounts: Amounts = AMOUNTS
 ) -> Iterator[Part]:
-    """The response surfaces, the simulator over its parameters, and its failed runs."""
+    """The section on the simulator: response surfaces, charts over parameters, failed runs."""
     simulator = document.get("simulator") or {}
     for note in simulator.get("notes") or ():
         yield Sentence(str(note), head=str(simulator.get("name", "simulator")), depth=WHOLE)
@@ -509,7 +510,7 @@ def _surfaces(surface: Document, experiments: int) -> str:
 
 
 def _effort(document: Document) -> Iterator[Part]:
-    """The optima of the search, and runs and seconds of each stage."""
+    """The section on cost: the optima of the search, and runs and seconds of each stage."""
     search = document.get("search") or {}
     optima = search.get("optima") or ()
     if search:
@@ -550,7 +551,7 @@ def _effort(document: Document) -> Iterator[Part]:
 def _experiments(
     document: Document, drawn: Drawn | None, amounts: Amounts = AMOUNTS
 ) -> Iterator[Part]:
-    """A table with a row for each experiment; of very many, for the least probable ones."""
+    """A table with a row for each experiment, or if they are very many, for the least probable."""
     if drawn is None:
         return
     entries = document["experiments"]
@@ -589,7 +590,10 @@ def _head(document: Document, name: str) -> str:
 
 
 def _outcome(entry: Document, log: bool) -> dict[str, str]:
-    """The cells of an experiment with one outcome: measured value and prediction, in its unit."""
+    """The table cells of an experiment with one outcome: measured and predicted, in its unit.
+
+    With `log` the document has logarithms, which are converted back.
+    """
     quantiles = entry.get("quantiles") or {}
 
     def shown(value: float | None) -> str:
@@ -625,7 +629,7 @@ def _individual(entry: Document) -> dict[str, str]:
 
 
 def exponential(value: float) -> float:
-    """The outcome whose logarithm is `value`; infinite where that is too large for a number."""
+    """The outcome whose logarithm is `value`; infinity if it is too large for a number."""
     with np.errstate(over="ignore"):
         return float(np.exp(value))
 
@@ -638,7 +642,7 @@ def _cell(value: Any, digits: int = 4) -> str:
 
 
 def _origin(document: Document, drawn: Drawn | None) -> Iterator[Part]:
-    """Versions, seed, study file and commands: what is needed to compute the same again."""
+    """The section with all that is needed to repeat the computation: versions, seed, study file."""
     if drawn is None:
         return
     columns = heads("what", "~value")

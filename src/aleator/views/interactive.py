@@ -17,7 +17,7 @@ from bokeh.document import Document
 from aleator.views import chart as colors
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, looks, meaning
 
-# Bokeh's own types know fewer arguments than it takes.
+# The type hints of Bokeh lack arguments that it takes.
 models: Any = bokeh.models
 plotting: Any = bokeh.plotting
 Sources = dict[int, Any]
@@ -25,11 +25,12 @@ Sources = dict[int, Any]
 
 @dataclass(frozen=True)
 class BokehSettings:
-    """How Bokeh draws charts, in pixels; by what the eye sees.
+    """Settings of charts that Bokeh draws, in pixels. The values are chosen by judgement, by eye.
 
-    row: entries of a legend that a narrow screen has room for. border: room for half of the last
-    number under the axis. picked: width of the line about what was picked. scale: width of a scale
-    of colors. top: the end of a scale on the right, over the largest value.
+    row: the number of entries in a row of a legend, for narrow screens. border: room on the right
+    for half of the last number under the axis. picked: width of the line about a marked experiment.
+    scale: width of the scale of colors beside a map. top: the end of an axis on the right, over
+    its largest value.
     """
 
     row: int = 4
@@ -43,21 +44,21 @@ BOKEH = BokehSettings()
 PALETTE = "Cividis256"
 TOOLS = "pan,box_zoom,wheel_zoom,reset"
 TEX = re.compile(r'\[(?:\{start:"[^"]+",end:"[^"]+",inline:![01]\},?)+\]')
-"""The part of Bokeh's script that lists the delimiters of TeX in titles and labels."""
+"""A pattern for the part of Bokeh's script that lists the delimiters of TeX in labels."""
 RENDERER = re.compile(r"https://cdn\.jsdelivr\.net/npm/mathjax[^\"]*")
-"""The address from which Bokeh would fetch a renderer of TeX."""
+"""A pattern for the address from which Bokeh would load a renderer of TeX."""
 ID = re.compile(r'"id":"(p[0-9]+)"')
 
 
 def drawable(charts: Iterable[Chart]) -> dict[str, Any]:
-    """The argument of Bokeh's `embed_items`: one document of all charts, and the place of each.
+    """The argument of Bokeh's `embed_items`: one document with all charts, and the place of each.
 
-    Models are numbered from 1, so that the same charts give the same text.
+    The objects of Bokeh are numbered from 1, so that the same charts give the same text.
     """
     sources: Sources = {}
     plots = {chart.name: drawn(chart, sources) for chart in charts}
     document = Document()
-    with document.models.freeze():  # else all models are walked again at each chart
+    with document.models.freeze():  # Otherwise Bokeh would visit all objects for each chart.
         for plot in plots.values():
             document.add_root(plot)
     text = json.dumps(document.to_json(deferred=False), separators=(",", ":"))
@@ -68,9 +69,9 @@ def drawable(charts: Iterable[Chart]) -> dict[str, Any]:
 
 
 def bokeh_script() -> str:
-    """Bokeh's JavaScript from its wheel, changed so that it treats no text as TeX.
+    """Bokeh's JavaScript from its package, changed so that it treats no text as TeX.
 
-    For TeX it would fetch another script from a public address.
+    To show TeX, the script would load another script from a public address.
     """
     script = (files("bokeh") / "server/static/js/bokeh.min.js").read_text(encoding="utf-8")
     return RENDERER.sub("data:,", TEX.sub("[]", script))
@@ -80,7 +81,10 @@ def bokeh_script() -> str:
 
 
 def drawn(chart: Chart, sources: Sources) -> Any:
-    """The Bokeh plot of a chart. `sources` collects Bokeh's data by the id of their series."""
+    """The Bokeh plot of a chart.
+
+    `sources` collects the data objects of Bokeh, so that charts with the same series share one.
+    """
     plot = axes(chart.x, chart.y, chart.height)
     if chart.marked:
         plot.title.text, plot.title.text_color = chart.marked, colors.TEXT
@@ -99,7 +103,7 @@ def drawn(chart: Chart, sources: Sources) -> Any:
                              legend_label=meaning(color, marker))  # fmt: skip
     if plot.legend:
         _legend_below(plot)
-    # What is not marked stays as it is: a band is no less true for it.
+    # When a reader marks an experiment, all else keeps its look; Bokeh would fade it.
     for renderer in plot.renderers:
         if hasattr(renderer, "nonselection_glyph"):
             renderer.nonselection_glyph = None
@@ -107,7 +111,7 @@ def drawn(chart: Chart, sources: Sources) -> Any:
 
 
 def axes(x: Axis, y: Axis, height: int = 320) -> Any:
-    """Empty axes with their labels."""
+    """A Bokeh plot of this height in pixels, with labeled axes and no data."""
     plot = plotting.figure(
         height=height, sizing_mode="stretch_width", tools=TOOLS, active_drag=None,
         active_scroll=None, toolbar_location="above", x_axis_label=x.title, y_axis_label=y.title,
@@ -150,7 +154,7 @@ def _style(axis: Any) -> None:
 
 
 def _source(series: Series, sources: Sources) -> Any:
-    """Bokeh's data of a series: one object for all charts that share the series."""
+    """The data object of Bokeh for a series; all charts with the series share this object."""
     if id(series) not in sources:
         each = [] if series.each is None else [series.each]
         columns = {
@@ -162,7 +166,7 @@ def _source(series: Series, sources: Sources) -> Any:
 
 
 def _legend_below(plot: Any) -> None:
-    """Put the legend under the axes, where it hides no data."""
+    """Put the legend of a plot under its axes, where it hides no data."""
     legend = plot.legend[0]
     plot.add_layout(legend, "below")
     legend.orientation = "horizontal"
@@ -186,7 +190,7 @@ def _lines(plot: Any, mark: Mark, source: Any) -> None:
     look = {"legend_group": mark.legend_by} if mark.legend_by else {}
     found = plot.multi_line(mark.x, mark.y, source=source, line_width=mark.width,
                             line_dash=mark.dash, **_look(mark), **look)  # fmt: skip
-    if mark.legend_by:  # as rows follow, not as words do
+    if mark.legend_by:  # The legend follows the order of the rows, not the alphabet.
         plot.legend[0].items.sort(key=lambda item: item.index)
     if mark.pick:
         found.selection_glyph = found.glyph.clone(
@@ -268,7 +272,7 @@ def _look(mark: Mark, of: tuple[str, ...] = ("color", "alpha", "legend_label")) 
 
 
 def _answers(plot: Any, renderer: Any, mark: Mark, snap: bool = True) -> None:
-    """Add a tooltip; with `pick` a click marks the experiment in every chart."""
+    """Add the tooltip of a mark; if `mark.pick`, a click marks the experiment in every chart."""
     more = {"point_policy": "snap_to_data"} if snap else {}
     plot.add_tools(models.HoverTool(renderers=[renderer], tooltips=_tooltips(mark), **more))
     if not mark.pick:
@@ -281,7 +285,10 @@ def _answers(plot: Any, renderer: Any, mark: Mark, snap: bool = True) -> None:
 
 
 def _tooltips(mark: Mark) -> list[tuple[str, str]]:
-    """The tooltips of a mark in Bokeh's notation: @ before a column, a format after a share."""
+    """The tooltips of a mark in the notation of Bokeh: @ before a column, a format after a share.
+
+    A share is a number that is shown in percent.
+    """
     return [
         (title, words.replace("{", "@{").replace(":%}", "}{0.[0000] %}"))
         for title, words in mark.hover
@@ -289,8 +296,8 @@ def _tooltips(mark: Mark) -> list[tuple[str, str]]:
 
 
 def _right(plot: Any, mark: Mark, axis: Axis | None) -> None:
-    """Add a scale on the right, from zero, for a mark."""
-    plot.y_range.renderers = list(plot.renderers)  # else the mark stretches the scale on the left
+    """Add an axis on the right, which begins at zero, as the scale of a mark."""
+    plot.y_range.renderers = list(plot.renderers)  # The mark must not extend the left axis.
     top = BOKEH.top * float(np.max(mark.array("high")))
     plot.extra_y_ranges = {"right": models.Range1d(0.0, top)}
     scale = models.LinearAxis(y_range_name="right", axis_label=axis.title if axis else "")

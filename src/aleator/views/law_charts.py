@@ -20,15 +20,18 @@ from aleator.views.outcome_charts import Individuals
 
 Document = Mapping[str, Any]
 LEVELS = tuple(float(stats.chi2.ppf(share, 2)) / 2.0 for share in PICTURES.contours)
-"""Drops of the log-likelihood at the ends of joint confidence regions of two hyperparameters."""
+"""How far the log-likelihood is below its maximum at the ends of joint confidence regions.
+
+The regions are for two hyperparameters: half of a chi-squared quantile with 2 degrees of freedom.
+"""
 DASHES = {"first": "dotted", "middle": "dashed", "last": "solid"}
-"""Dash of a line by the place of its row in a series."""
+"""The style of the line of a row, by the place of the row in its series."""
 
 # ------------------------------------------------------------------------------------ the law
 
 
 def law_curves(document: Document) -> Mapping[str, Document]:
-    """The density of each parameter's law, with its 95 % band if the document has it."""
+    """The curve of the density of each parameter's law, with its 95 % band if it was computed."""
     pictures = document.get("pictures") or {}
     return pictures.get("laws") or document.get("law_curves") or {}
 
@@ -39,7 +42,10 @@ def law_chart(
     individuals: Individuals | None = None,
     best: Document | None = None,
 ) -> Chart:
-    """The density of a law, with the individual means and the points of the `best` possible law."""
+    """The density of a parameter's law, with the experiments' own means as ticks.
+
+    `best` is the content of ceiling.json; the points of its best possible law are stems.
+    """
     curve, head = law_curves(document)[name], label(document, name)
     source = Series(f"law-{name}", {key: numbers(curve[key]) for key in curve})
     marks, columns = [], {"x": name, "density": "density"}
@@ -75,7 +81,7 @@ def law_chart(
 
 
 def joint_chart(document: Document, pair: Document, individuals: Individuals | None) -> Chart:
-    """Curves that enclose 50 % and 95 % of the law of two parameters."""
+    """The joint law of two parameters, as curves that enclose 50 % and 95 % of it."""
     first, second = pair["between"]
     rows = [(share, *curve) for share, curve in pair["curves"].items()]
     source = Series(
@@ -129,7 +135,7 @@ def profile_chart(document: Document, name: str) -> Chart:
 
 
 def surface_chart(document: Document) -> Chart | None:
-    """The likelihood over the two most correlated estimates; None where it is not known."""
+    """The log-likelihood over the two most correlated estimates; None if it was not computed."""
     surface = (document.get("pictures") or {}).get("surface")
     if not surface:
         return None
@@ -137,7 +143,7 @@ def surface_chart(document: Document) -> Chart | None:
     x, y, below = (np.array([numbers(r) for r in surface[k]]) for k in ("first", "second", "below"))
     known = np.isfinite(below)
     if known.any(axis=0).sum() < 2 or known.any(axis=1).sum() < 2:
-        return None  # no more than a line of points
+        return None  # The known points lie on one line.
     best = np.unravel_index(np.nanargmin(below), below.shape)
     source = Series(
         f"surface-{first}-{second}",
@@ -164,10 +170,10 @@ def surface_chart(document: Document) -> Chart | None:
 def profile_line(
     at: Array, below: Array, settings: PictureSettings = PICTURES
 ) -> tuple[Array, Array]:
-    """A line through the points of a profile: its signed root is nearly straight.
+    """A smooth line through the points of a profile log-likelihood: values x, and ordinates y.
 
-    `below` is how far the log-likelihood is below its maximum at the values `at`, in ascending
-    order; the line's ordinate is minus that.
+    `below` is how far the log-likelihood is below its maximum at the ascending values `at`; the
+    ordinates are minus that. The signed root of 2 `below` is interpolated, for it is nearly linear.
 
     >>> x, y = profile_line(np.array([-3.0, 0.0, 2.0]), np.array([4.5, 0.0, 2.0]))
     >>> bool(np.allclose(y, -0.5 * x**2))
@@ -183,7 +189,9 @@ def profile_line(
 
 
 def finer(grid: Array, settings: PictureSettings = PICTURES) -> Array:
-    """A square grid with steps between its points: smooth, or straight where some are unknown.
+    """The values of a square grid, interpolated to a finer one.
+
+    The interpolation is a spline, or linear if some values are NaN.
 
     >>> side = np.arange(4.0)
     >>> steps = PICTURES.steps
@@ -202,7 +210,7 @@ def finer(grid: Array, settings: PictureSettings = PICTURES) -> Array:
 
 
 def simulator_charts(document: Document) -> Iterator[Chart]:
-    """Charts of the simulator over each parameter, and maps over two parameters."""
+    """Charts of each response over each parameter, and color maps over two parameters."""
     drawn = (document.get("pictures") or {}).get("response") or {}
     for number, response in enumerate(responses_drawn(drawn)):
         shown = [entry for entry in drawn["shown"] if entry["response"] == response]
@@ -213,12 +221,16 @@ def simulator_charts(document: Document) -> Iterator[Chart]:
 
 
 def responses_drawn(drawn: Document) -> list[str]:
-    """The responses whose simulated values are in the document."""
+    """The names of the responses whose simulated values identification.json has."""
     return list(dict.fromkeys(entry["response"] for entry in drawn.get("shown", ())))
 
 
 def response_chart(document: Document, name: str, response: str, number: int = 0) -> Chart:
-    """The simulator over one parameter: a line for each of some experiments, or marks at nodes."""
+    """A response over one parameter: a line for each experiment shown, or marks at nodes.
+
+    With collocation the simulator ran at the nodes of the law, and there are no lines. `number` is
+    the index of the response.
+    """
     drawn = document["pictures"]["response"]
     shown = [entry for entry in drawn["shown"] if entry["response"] == response]
     log = transforms(document).get(response) == "log"
@@ -272,7 +284,10 @@ def _map(
     entries: Sequence[Document],
     place: str,
 ) -> Chart:
-    """A color map of a response over two parameters, at this place of each series."""
+    """A color map of a response over two parameters, for one row of each experiment's series.
+
+    `place` is "first", "middle" or "last"; a curve shows where the response is the measured value.
+    """
     shown = [entry for entry in entries if _place(entry) == place]
     row = "" if len(shown) == len(entries) else f"-{place}"
     (first, x), (second, y) = ((name, numbers(side)) for name, side in sides.items())
@@ -322,18 +337,18 @@ def _map(
 
 
 def _place(entry: Document) -> str:
-    """The place of an observation in its series; "last" where an old document does not tell."""
+    """The place of an observation in its series, such as "first"; "last" in old documents."""
     return str(entry.get("place", "last"))
 
 
 def _measured(entry: Document) -> float | None:
-    """The measured value of an observation, or its bound."""
+    """The measured value of an observation, or its bound if it is censored."""
     low, high = entry.get("lower"), entry.get("upper")
     return high if low is None else low
 
 
 def _level(x: Array, y: Array, entry: Document) -> dict[str, list[list[float]]]:
-    """The level curves of a map at the measured value."""
+    """The curves of a color map on which the response is the measured value."""
     value = _measured(entry)
     plane = np.ma.masked_invalid(np.array([numbers(row) for row in entry["map"]]).T)
     lines: Any = () if value is None else contourpy.contour_generator(x, y, plane).lines(value)

@@ -19,15 +19,15 @@ Bools = NDArray[np.bool_]
 Document = Mapping[str, Any]
 QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
 SHAPES = {"at least": "triangle", "at most": "inverted_triangle", "between": "square"}
-"""Markers of values of which only bounds are known."""
+"""The marker of a censored value, by its kind: only bounds of it are known."""
 
 
 @dataclass(frozen=True)
 class AxisChoice:
     """A quantity that a reader can choose for the x axis: its column `key` and its title.
 
-    A column of texts holds numbers 0, 1, 2, ..., and `labels` their texts. `name` is the name of a
-    condition without its unit; empty for any other quantity.
+    A quantity with texts has a column of numbers 0, 1, 2, ..., and `labels` are the texts. `name`
+    is the name of a condition without its unit; it is empty for any other quantity.
     """
 
     key: str
@@ -40,11 +40,13 @@ class AxisChoice:
 class MeasuredValues:
     """The M observations of one response, in its unit, with what is predicted for them.
 
-    `columns` have M values each: `id`; `value` (of a bound, the bound); `kind` ("measured", "at
-    least", "at most", "between"); the ends `low` and `high` of what is known; quantiles `q0.025` to
-    `q0.975` predicted by the law; `own`, `own_low` and `own_high`, the prediction by the
-    parameters of the experiment with 95 % of the measurement errors; `pit`; and a column for each
-    condition. `log`: the axis is logarithmic. `label` is the name of the response with its unit.
+    `columns` have M values each. `id` is the experiment. `value` is the measured value, or the
+    bound of a censored value; `kind` says which ("measured", "at least", "at most", "between");
+    `low` and `high` are the bounds. `q0.025` to `q0.975` are quantiles predicted by the law. `own`
+    is the prediction with the parameters of the experiment itself, and `own_low` to `own_high` the
+    range with 95 % of the measurement errors. `pit` is the predicted probability of a smaller
+    value. Each condition has a column, too. `log` means a logarithmic axis. `label` is the name of
+    the response with its unit.
     """
 
     response: str
@@ -57,39 +59,42 @@ class MeasuredValues:
         return len(self.columns["id"])
 
     def array(self, key: str) -> Array:
-        """A column of numbers; NaN for none."""
+        """The numbers of a column (M,); a missing number is NaN."""
         return numbers(self.columns[key])
 
     @property
     def by_law(self) -> bool:
-        """Whether the law's predictions are known; else there are individual predictions only."""
+        """Whether predictions by the law are known, not only by each experiment's parameters."""
         return "q0.5" in self.columns
 
     @property
     def exact(self) -> Bools:
-        """Which values are measured exactly."""
+        """Which values were measured and are not censored (M,)."""
         return np.array([kind == "measured" for kind in self.columns["kind"]], dtype=bool)
 
     @property
     def outside(self) -> Bools:
-        """Which of the exact values lie outside the predicted 95 %."""
+        """Which values lie outside their predicted 95 % range (M,); False for censored ones."""
         value, (low, high) = self.array("value"), (self.array(key) for key in self.ends)
         with np.errstate(invalid="ignore"):
             return np.asarray(self.exact & ((value < low) | (value > high)))
 
     @property
     def exact_probabilities(self) -> list[float]:
-        """The known predicted probabilities of values below the exactly measured ones."""
+        """The predicted probabilities of values below the measured ones, censored ones left out."""
         pit = self.array("pit")
         return [float(p) for p in pit[self.exact & np.isfinite(pit)]]
 
     @property
     def ends(self) -> tuple[str, str]:
-        """The columns with the ends of the predicted 95 %."""
+        """The names of the two columns with the ends of the predicted 95 % range."""
         return ("q0.025", "q0.975") if self.by_law else ("own_low", "own_high")
 
     def thinned(self, amounts: Amounts = AMOUNTS) -> MeasuredValues:
-        """The same with a limited number of rows: those farthest out, and others evenly chosen."""
+        """These values with a limited number of rows, so that a chart can show them.
+
+        Rows whose values are farthest from their prediction remain, and others evenly chosen.
+        """
         if len(self) <= amounts.marks:
             return self
         away = np.abs(np.nan_to_num(self.array("pit"), nan=0.5) - 0.5)
@@ -99,7 +104,10 @@ class MeasuredValues:
         return replace(self, columns=part)
 
     def series(self, number: int = 0) -> Series:
-        """The data that charts share, with color, marker and size of each row's mark."""
+        """The data of charts of these values, with the color, marker and size of each row.
+
+        `number` is the index of the response.
+        """
         exact, outside = self.exact, self.outside
         known = np.isfinite([self.array(key) for key in self.ends]).all(axis=0)
         inside = np.where(known, INK, GRAY)
@@ -116,9 +124,10 @@ class MeasuredValues:
 
 
 def measured(document: Document, seen: bool = False) -> list[MeasuredValues]:
-    """The measured values of each response; with `seen` on the scale of the likelihood.
+    """The measured values of each response with their predictions, from identification.json.
 
-    The likelihood may see the logarithm of a response.
+    With `seen` they are on the scale of the likelihood, which is the logarithm of a response with
+    transform = "log".
     """
     conditions = conditions_of(document)
     if document.get("observations"):
@@ -127,7 +136,9 @@ def measured(document: Document, seen: bool = False) -> list[MeasuredValues]:
 
 
 def varying(document: Document) -> str | None:
-    """The numeric condition with the most different values of those that vary within experiments.
+    """The numeric condition that varies within experiments and has the most different values.
+
+    The result is None if no condition varies within experiments.
 
     >>> varying({"observations": [{"conditions": {"time": 1.0}}, {"conditions": {"time": 2.0}}]})
     'time'
@@ -141,7 +152,7 @@ def varying(document: Document) -> str | None:
 
 
 def conditions_of(document: Document) -> Mapping[str, Sequence[Any]]:
-    """Columns (N,) of the conditions that are constant within each experiment."""
+    """The conditions that are constant within each experiment: a column (N,) for each name."""
     found: Mapping[str, Sequence[Any]] = (document.get("pictures") or {}).get("conditions") or {}
     count = len(document["experiments"])
     return {name: column for name, column in found.items() if len(column) == count}
@@ -228,7 +239,10 @@ def _finished(
     conditions: Mapping[str, Sequence[Any]],
     seen: bool,
 ) -> MeasuredValues:
-    """The values of a response, completed by the quantities that may be chosen for the x axis."""
+    """The measured values of a response, from columns to which choices of the x axis are added.
+
+    The choices are the order and the value of the prediction, and the conditions.
+    """
     middle = numbers(columns["q0.5"]) if "q0.5" in columns else numbers(columns.get("own", []))
     rank = np.empty(len(middle), dtype=int)
     rank[np.lexsort((numbers(columns["value"]), np.nan_to_num(middle, nan=np.inf)))] = np.arange(
@@ -251,7 +265,10 @@ def _finished(
 def add_conditions(
     document: Document, columns: dict[str, list[Any]], conditions: Mapping[str, Sequence[Any]]
 ) -> list[AxisChoice]:
-    """Add conditions to the columns of a chart, texts as numbers; returns the choices of x."""
+    """Add conditions to the columns of a chart, and return them as choices of the x axis.
+
+    Texts become numbers 0, 1, 2, ....
+    """
     choices = []
     for k, (name, column) in enumerate(conditions.items()):
         texts = sorted({v for v in column if isinstance(v, str)})

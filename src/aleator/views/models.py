@@ -31,7 +31,7 @@ Document = Mapping[str, Any]
 
 
 def comparison(document: Document) -> Content:
-    """The report of compare.json: criteria, predictions of experiments left out, ratios."""
+    """The report of compare.json: AIC and BIC, predictions of left-out experiments, ratio tests."""
     models = document["models"]
     lead = (
         f"N = {document['experiments']} experiments, M = {models[0]['observations']} observations."
@@ -49,7 +49,7 @@ def comparison(document: Document) -> Content:
 
 
 def _best(document: Document) -> str:
-    """A sentence that names the model that predicts best, and those that may be as good.
+    """A sentence that names the model that predicts best, and judges the others against it.
 
     >>> best, other = {"name": "a", "sound": True}, {"name": "b", "sound": True}
     >>> other |= {"difference": -9.0, "difference_error": 2.0}
@@ -77,7 +77,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _alike(model: Document, thresholds: Thresholds = THRESHOLDS) -> bool:
-    """Whether chance explains the difference of a model to the best one."""
+    """Whether chance explains that a model predicts worse than the best model."""
     gap, error = model["difference"], model["difference_error"]
     if gap is None or error is None or not math.isfinite(gap + error):
         return True
@@ -159,7 +159,10 @@ def _to_two(value: float | None) -> str:
 
 
 def ceiling(document: Document) -> Content:
-    """The report of ceiling.json: log-likelihoods, points of the best law, meaning of the gap."""
+    """The report of ceiling.json: how much more likely any law could make the experiments.
+
+    The gap is the log-likelihood of the best possible law minus that of the chosen law.
+    """
     names = ", ".join(document["region"])
     lead = (
         f"The largest log-likelihood that any law of {names} can have with these experiments: a "
@@ -178,7 +181,7 @@ def ceiling(document: Document) -> Content:
 
 
 def ceiling_verdict(document: Document) -> str:
-    """A sentence with both log-likelihoods and the p value of the gap."""
+    """A sentence with the log-likelihoods of the best and the chosen law, and p of their gap."""
     value, test = document["log_likelihood"], document["bootstrap"]
     least = "" if document["covered"] else "at least "
     text = (
@@ -191,7 +194,7 @@ def ceiling_verdict(document: Document) -> str:
 def meaning(
     document: Document, amounts: Amounts = AMOUNTS, thresholds: Thresholds = THRESHOLDS
 ) -> str:
-    """A sentence on whether the gap speaks against the family of the chosen law."""
+    """A sentence on whether the gap to the best possible law speaks against the chosen law."""
     test, value = document["bootstrap"], document["log_likelihood"]
     if test is None:
         return (
@@ -234,7 +237,7 @@ def _values(document: Document, least: float = 1e-4) -> TextTable:
 
 
 def _points(document: Document, amounts: Amounts = AMOUNTS) -> list[Part]:
-    """The points of most probability, in the order of their parameters."""
+    """A table of the best law's most probable points, in the order of their parameters."""
     points: Sequence[Mapping[str, float]] = document["points"]
     least = sorted((point["probability"] for point in points), reverse=True)[: amounts.named][-1]
     kept = [point for point in points if point["probability"] >= least][: amounts.named]

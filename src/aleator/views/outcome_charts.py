@@ -1,4 +1,4 @@
-"""Charts of measured values: against predictions, as probabilities, over time, by parameters."""
+"""Charts of measured values: against predictions, for calibration, over time, by experiment."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ PROBABILITY = "probability of a smaller value"
 
 
 def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
-    """Measured values against their predicted distributions, or against individual predictions.
+    """Measured values against the distributions that the law predicts for them.
 
+    If these are not known, the predictions with each experiment's own parameters take their place.
     `source` has the rows that are drawn, which may be fewer than those of `seen`.
     """
     whole, least, most = CHARTS.spans
@@ -59,7 +60,7 @@ def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
 
 
 def hover(seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
-    """The tooltip of a measured value."""
+    """The lines of the tooltip of a measured value: a title, and a text with names of columns."""
     lines = [("experiment", "{id}"), (seen.label, "{value} ({kind})")]
     if seen.by_law:
         lines += [("predicted median", "{q0.5}"), ("95 %", "{q0.025} .. {q0.975}")]
@@ -75,7 +76,7 @@ def _outside(seen: MeasuredValues, source: Series) -> str:
     beyond = int(np.sum(seen.outside))
     words = f"Outside the predicted 95 % are {beyond} of {int(known.sum()):,} (diamonds). "
     if pit := seen.exact_probabilities:
-        # each given the earlier ones: those of the diamonds are not independent
+        # These probabilities are conditional on earlier observations, hence independent.
         words += "Given the earlier observations of its experiment, " + outside(pit)
     if not seen.exact.all():
         words += " Triangles are bounds: the value lies above, or below."
@@ -89,7 +90,7 @@ def _outside(seen: MeasuredValues, source: Series) -> str:
 
 
 def probabilities(all_measured: Sequence[MeasuredValues]) -> tuple[Array, list[str]]:
-    """The known predicted probabilities of smaller values, ascending, and their experiments."""
+    """The predicted probabilities of values below the measured ones, ascending, with their ids."""
     pit = np.concatenate([seen.array("pit") for seen in all_measured])
     ids = [one for seen in all_measured for one in seen.columns["id"]]
     order = [k for k in np.argsort(pit, kind="stable").tolist() if np.isfinite(pit[k])]
@@ -97,7 +98,10 @@ def probabilities(all_measured: Sequence[MeasuredValues]) -> tuple[Array, list[s
 
 
 def histogram_chart(pit: Array) -> Chart:
-    """The histogram of probabilities (N,), with the 95 % range of a bin of a uniform sample."""
+    """The histogram of predicted probabilities `pit` (N,), for calibration.
+
+    A band shows the range of a bin's count in 95 % of all uniform samples.
+    """
     bins = counted(pit)
     left, right = bins.edges[:-1], bins.edges[1:]
     source = Series(
@@ -122,9 +126,10 @@ def histogram_chart(pit: Array) -> Chart:
 
 
 def cumulative_chart(pit: Array, ids: Sequence[str] = (), amounts: Amounts = AMOUNTS) -> Chart:
-    """The cumulative share of ascending probabilities (N,) minus the uniform one, and its band.
+    """The cumulative distribution of ascending probabilities `pit` (N,), minus the uniform one.
 
-    With `ids` of their experiments each has a mark.
+    A band contains the whole curve in 95 % of all uniform samples. If the `ids` of the experiments
+    are stated, each probability has a mark.
     """
     kept = evenly(pit.size, amounts.marks) if ids else []
     share = (np.array(kept, dtype=float) + 0.5) / pit.size
@@ -148,7 +153,7 @@ def cumulative_chart(pit: Array, ids: Sequence[str] = (), amounts: Amounts = AMO
 
 
 def curve_and_band(pit: Array) -> tuple[Mark, Mark]:
-    """The 95 % band of a uniform sample, and the curve of these probabilities."""
+    """The 95 % band of a uniform sample, and the curve of the probabilities `pit`, as two marks."""
     curve = cumulated(pit)
     around = {"x": curve.band_x, "low": curve.band_low, "high": curve.band_high}
     line = Series("pit", {"x": curve.x, "y": curve.difference})
@@ -165,7 +170,7 @@ def curve_and_band(pit: Array) -> tuple[Mark, Mark]:
 def series_charts(
     seen: MeasuredValues, name: str, number: int, amounts: Amounts = AMOUNTS
 ) -> Iterator[Chart]:
-    """A chart of all series over the condition `name`, and one of the marked experiment."""
+    """Two charts of outcomes over the condition `name`: all experiments, and the marked one."""
     choice = next((one for one in seen.choices if one.name == name), None)
     if choice is None:
         return
@@ -192,7 +197,11 @@ def series_charts(
 def single_series_chart(
     seen: MeasuredValues, choice: AxisChoice, number: int, lines: Mapping[str, Any], one: str
 ) -> Chart:
-    """The observations of one experiment, with its individual prediction and that of the law."""
+    """The observations of the experiment `one`, with two predictions of them.
+
+    One is by the law, the other by the experiment's own parameters. `lines` has the data of each
+    experiment that a reader can mark.
+    """
     line = lines[one]
     source = Series(f"marked-{number}", {"id": [one] * len(line["x"]), **line}, lines)
     by_law = [Mark("band", source, y="q0.025", high="q0.975", color=chart.BAND, legend="law, 95 %")]
@@ -218,7 +227,7 @@ def single_series_chart(
 def lines_of(
     seen: MeasuredValues, choice: AxisChoice, ids: Sequence[str]
 ) -> dict[str, dict[str, list[Any]]]:
-    """The observations of each of these experiments, in the order of a condition."""
+    """For each id, the columns of the experiment's observations, in the order of a condition."""
     at, columns = seen.array(choice.key), seen.columns
     rows: dict[str, list[int]] = {one: [] for one in ids}
     for k, one in enumerate(columns["id"]):
@@ -234,7 +243,7 @@ def lines_of(
 
 
 def _least_probable(lines: Mapping[str, Mapping[str, list[Any]]]) -> str:
-    """The experiment with the least probable observation: shown before one is marked."""
+    """The experiment with the least probable observation; it is shown until a reader marks one."""
 
     def far(one: str) -> float:
         return float(np.nanmax(np.abs(numbers(lines[one].get("pit", [])) - 0.5), initial=0.0))
@@ -247,7 +256,10 @@ def _least_probable(lines: Mapping[str, Mapping[str, list[Any]]]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Individuals:
-    """The individual parameters of `count` experiments, as data that charts share."""
+    """The parameters of each of `count` experiments, given its own observations.
+
+    `series` has the data of charts, and `choices` the quantities for the x axis.
+    """
 
     parameters: tuple[str, ...]
     series: Series
@@ -256,9 +268,10 @@ class Individuals:
 
 
 def individuals_of(document: Document, amounts: Amounts = AMOUNTS) -> Individuals | None:
-    """Means and 95 % ranges of the individual laws; None where experiments have one outcome each.
+    """Mean and 95 % range of the parameters of each experiment, given its observations.
 
-    Of very many experiments some hundreds are drawn.
+    The result is None if each experiment has a single exact outcome. If experiments are very many,
+    some hundreds are chosen.
     """
     entries = document["experiments"]
     if not document.get("observations") or not entries:
@@ -281,7 +294,7 @@ def individuals_of(document: Document, amounts: Amounts = AMOUNTS) -> Individual
 
 
 def individual_charts(document: Document, individuals: Individuals) -> Iterator[Chart]:
-    """A chart for each parameter: the individual laws of the experiments over a condition."""
+    """A chart for each parameter: its mean and 95 % range in each experiment, over a condition."""
     for name in individuals.parameters:
         share = (document.get("shrinkage") or {}).get(name)
         caption = (
@@ -309,7 +322,10 @@ def individual_charts(document: Document, individuals: Individuals) -> Iterator[
 
 
 def roughness_chart(seen: MeasuredValues, source: Series, against: str) -> Chart | None:
-    """The errors of the response surfaces over a condition; None where they are not known."""
+    """The error of each response surface over a condition; None if the errors are not known.
+
+    `against` names the quantity to which the errors are relative.
+    """
     if all(value is None for value in seen.columns.get("error", ())):
         return None
     return Chart(

@@ -1,7 +1,7 @@
-"""report.html: a content as one HTML file that needs no network, with interactive charts.
+"""report.html: a report as one HTML file with interactive charts, which needs no network.
 
 The page begins with the verdicts; sections follow, with sentences, tables and charts. A bar at the
-top selects an experiment, which is then marked in every chart. Equal contents give equal text.
+top selects an experiment, which is then marked in every chart. Equal reports give equal text.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from aleator.views.measured import AxisChoice
 class HtmlReport:
     """An HTML page as text, which needs no network; a notebook shows it in a frame.
 
-    `height` is that of the frame in pixels.
+    `height` is the height of the frame in pixels.
 
     >>> HtmlReport("<p>Found</p>")
     Report of 12 characters: save it, or show it in a notebook
@@ -40,12 +40,12 @@ class HtmlReport:
         return f"Report of {len(self.text):,} characters: save it, or show it in a notebook"
 
     def save(self, path: str | Path) -> Path:
-        """Write the page. Raises AleatorError where that is not possible."""
+        """Write the page as an HTML file. Raises AleatorError if the file cannot be written."""
         documents.write_text(self.text, path)
         return Path(path)
 
     def _repr_html_(self) -> str:
-        """The page in a frame, which keeps its styles and scripts apart from the notebook's."""
+        """The page in an HTML frame, which separates its styles and scripts from the notebook's."""
         return (
             f'<iframe srcdoc="{escape(self.text)}" title="Report" '
             f'style="width:100%;height:{self.height}px;border:1px solid #ccc"></iframe>'
@@ -53,9 +53,9 @@ class HtmlReport:
 
 
 def report_of(document: Mapping[str, Any]) -> HtmlReport:
-    """The report of the content of identification.json.
+    """The report of an identification, from the content of identification.json.
 
-    Raises AleatorError where Bokeh is not installed.
+    Raises AleatorError if Bokeh is not installed.
     """
     return HtmlReport(page(documents.plain(document)))
 
@@ -65,17 +65,18 @@ def page(
 ) -> str:
     """The text of report.html for an identification; equal documents give equal text.
 
-    `document` is the content of identification.json, `ceiling` that of ceiling.json, and `study`
-    the text of the study file, where they are known. Raises AleatorError where Bokeh is not
-    installed.
+    `document` is the content of identification.json, `ceiling` the content of ceiling.json, and
+    `study` the text of the study file; the last two may be None. Raises AleatorError if Bokeh is
+    not installed.
     """
     return written(*identification(document, ceiling, study))
 
 
 def written(content: Content, choices: Mapping[str, Sequence[AxisChoice]]) -> str:
-    """The text of a page; `choices` are those of the x axis, by the name of a series.
+    """The text of an HTML page with a content.
 
-    Raises AleatorError where Bokeh is not installed.
+    `choices` are the quantities that a reader can choose for the x axis, by the name of a series.
+    Raises AleatorError if Bokeh is not installed.
     """
     try:
         from aleator.views.interactive import bokeh_script, drawable
@@ -120,7 +121,7 @@ def written(content: Content, choices: Mapping[str, Sequence[AxisChoice]]) -> st
 
 
 def opening(content: Content) -> str:
-    """The head of a page: both verdicts, each with a color, and the lead of the content."""
+    """The HTML of the head of a page: the verdicts, each in a color, and the first sentences."""
     verdicts = []
     for verdict in content.verdicts:
         head, colon, rest = verdict.text.partition(":")
@@ -130,7 +131,7 @@ def opening(content: Content) -> str:
 
 
 def safe(value: Any) -> str:
-    """A value as JSON text that is safe within a script element.
+    """A value as JSON text that can stand within a script element of HTML.
 
     >>> safe({"a": "</script>"})
     '{"a":"\\\\u003c/script>"}'
@@ -142,7 +143,7 @@ def safe(value: Any) -> str:
 
 
 def _parts(parts: Sequence[Part]) -> str:
-    """Sentences, tables and charts as HTML; consecutive charts that are not wide share a row."""
+    """The HTML of sentences, tables and charts; consecutive charts share a row unless wide."""
     text = ""
     for beside, group in groupby(parts, lambda part: isinstance(part, Chart) and not part.wide):
         each = "".join(map(_part, group))
@@ -174,7 +175,7 @@ def _sentence(part: Sentence) -> str:
 
 
 def _table(part: TextTable) -> str:
-    """A table with a button that copies it; a folded table is opened by a click on its title."""
+    """The HTML of a table with a button that copies it; a click opens a folded table."""
     if not part.rows:
         return ""
     name, title = escape(part.name), escape(part.title)
@@ -187,7 +188,7 @@ def _table(part: TextTable) -> str:
 
 
 def _figure(chart: Chart) -> str:
-    """The frame of a chart, with title, caption and the buttons that save it."""
+    """The HTML of the frame of a chart, with title, caption and the buttons that save it."""
     name = escape(chart.name)
     return (
         f'<figure id="figure-{name}"><h3>{escape(chart.title)}</h3>'
@@ -203,7 +204,7 @@ def _figure(chart: Chart) -> str:
 
 
 def _choices(choices: Mapping[str, Sequence[AxisChoice]]) -> list[dict[str, Any]]:
-    """The choices of the x axis by title, each with its column in every series that has it."""
+    """The choices of the x axis: the title of each, and its column in every series that has it."""
     titles: dict[str, dict[str, Any]] = {}
     for series, own in choices.items():
         for choice in own:
@@ -213,7 +214,10 @@ def _choices(choices: Mapping[str, Sequence[AxisChoice]]) -> list[dict[str, Any]
 
 
 def _switch(section: Chapter) -> str:
-    """The menu of x axes, if a chart of the section has one; the script of the page fills it."""
+    """The HTML of a section's menu for the x axis; the script of the page fills the menu.
+
+    It is empty if no chart of the section has a choice.
+    """
     charts = [part for part in section.parts if isinstance(part, Chart) and part.switched]
     if not charts:
         return ""
@@ -231,7 +235,7 @@ def _ids(charts: Iterable[Chart]) -> Iterator[str]:
 
 
 def _bar(charts: Iterable[Chart]) -> str:
-    """The bar that selects the marked experiment, by mouse or keyboard."""
+    """The HTML of the bar at the top, where a reader selects the experiment that is marked."""
     listed = "".join(f"<option>{escape(one)}</option>" for one in dict.fromkeys(_ids(charts)))
     return (
         '<div class="bar" role="toolbar" aria-label="Marked experiment"><label>Experiment '

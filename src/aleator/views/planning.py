@@ -1,4 +1,4 @@
-"""The reports of `aleator check`, `box`, `sensitivity` and `next`, from their documents."""
+"""The reports of `aleator check`, `box`, `sensitivity` and `next`, made from their JSON files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Document = Mapping[str, Any]
 
 
 def first_look(document: Document) -> Content:
-    """The report of check.json: effects of parameters, values out of reach, expected cost."""
+    """The report of check.json: effects of parameters, outcomes that no run gives, the cost."""
     seen, every = document["conditions"]["looked_at"], document["conditions"]["all"]
     under = f"all {every} conditions" if seen == every else f"{seen} of {every} conditions"
     took = number(document["seconds_a_run"], 2)
@@ -64,7 +64,7 @@ def first_look(document: Document) -> Content:
 
 
 def duration(hours: float) -> str:
-    """A duration in days, hours, minutes or seconds.
+    """The text of a duration in hours, as days, hours, minutes or seconds.
 
     >>> duration(0.0001), duration(0.2), duration(5.0), duration(100.0)
     ('less than a second', '12 minutes', '5 hours', '4.2 days')
@@ -146,7 +146,10 @@ def _cost(document: Document) -> str:
 
 
 def box(document: Document, thresholds: Thresholds = THRESHOLDS) -> Content:
-    """The report of box.json: each side of the feasible box, and the keys for study.toml."""
+    """The report of box.json: the range of each parameter in which every experiment works.
+
+    It has the keys for study.toml, too.
+    """
     columns = heads("parameter", "side", ">value", "~limited by")
     rows = []
     for side in document["sides"]:
@@ -189,7 +192,7 @@ def box(document: Document, thresholds: Thresholds = THRESHOLDS) -> Content:
 
 
 def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
-    """The report of sensitivity.json: Sobol' indices, and pairs of parameters that act alike."""
+    """The report of sensitivity.json: Sobol' indices, and pairs of parameters with like effects."""
     expansion, outcome = document["expansion"], document["study"]["outcome"]
     missed = expansion["unexplained"]
     lead = (
@@ -244,11 +247,11 @@ def sensitivity(document: Document, amounts: Amounts = AMOUNTS) -> Content:
 # ------------------------------------------------------------------------------------ next
 
 BESIDE = ("id", "standard_error", "chosen", "ties")
-"""Keys of a candidate that are not conditions."""
+"""The keys of a candidate experiment in next.json that are not conditions."""
 
 
 def next_experiments(document: Document) -> Content:
-    """The report of next.json: the best candidates, the best set, and errors after that set."""
+    """The report of next.json: the best single experiments, the best set, its standard errors."""
     laws = "" if document["laws"] == 1 else f", in the mean over {document['laws']} possible laws"
     lead = (
         f"About {document['about']}{laws}: {_error(document)} now {_value(document['now'])}. "
@@ -274,7 +277,7 @@ def next_experiments(document: Document) -> Content:
 
 
 def _gain(document: Document) -> str:
-    """A sentence on the effect of the chosen set, and on repetitions with the same effect."""
+    """A sentence on the standard error after the chosen set, and on repetitions for the same."""
     chosen = document["chosen"]
     begin = (
         f"{len(chosen)} experiments: {_error(document)} {_value(document['now'])} -> "
@@ -294,7 +297,7 @@ def _error(document: Document) -> str:
 
 
 def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
-    """Warnings about a plan, each as a head and a sentence."""
+    """Warnings about planned experiments, each as a head and a sentence."""
     notes = [
         (f"{name} ended on its limit", f"no experiment tells anything of it there. Planned for "
          f"{number(value)}, the end of its interval.")

@@ -1,4 +1,4 @@
-"""The tables of `aleator predict`: distributions, probabilities and limits by condition."""
+"""The tables of `aleator predict`: a distribution, probability or limit for each condition."""
 
 from __future__ import annotations
 
@@ -25,7 +25,11 @@ Columns = Mapping[Any, Sequence[Any]]
 
 
 def distributions(columns: Columns, outcome: str, transform: str = "none") -> Content:
-    """A table of mean, sd and ranges; ranges of a logarithm are in the unit of the outcome."""
+    """A table of predicted distributions: mean, standard deviation, median and ranges.
+
+    If `transform` is "log", mean and standard deviation are those of the logarithm; median and
+    ranges are in the unit of the outcome.
+    """
     log = transform == "log"
     back: Callable[[float], float] = exponential if log else float
 
@@ -46,7 +50,7 @@ def distributions(columns: Columns, outcome: str, transform: str = "none") -> Co
 
 
 def probabilities(columns: Columns, title: str) -> Content:
-    """A table of probabilities with their intervals, and notes on what limits them."""
+    """A table of probabilities with their intervals, and notes on how far they can be trusted."""
     shown = heads(
         "id", ">probability", ">95 % interval", ">+-", ">estimate alone", ">beyond", "~note"
     )
@@ -78,7 +82,7 @@ def probabilities(columns: Columns, title: str) -> Content:
 
 
 def limits(columns: Columns, title: str) -> Content:
-    """A table of tolerance limits or of design values."""
+    """A table of the tolerance limits, or of the design value, of each condition."""
     ends = [name for name in ("lower", "upper") if name in columns]
     shown = heads("id", *(f">{end} limit" for end in ends), ">+-", ">beyond")
     rows = [
@@ -92,7 +96,9 @@ def limits(columns: Columns, title: str) -> Content:
 
 
 def beyond(value: float | None) -> str:
-    """How far a row lies beyond the tested conditions, in ranges of these; empty for one within.
+    """A text on how far a new condition lies beyond the tested ones, in widths of their range.
+
+    The text is empty for a condition within the tested ones.
 
     >>> beyond(0.0), beyond(0.512), beyond(float("inf"))
     ('', '0.51 ranges', 'untested')
@@ -111,7 +117,7 @@ def _rows(columns: Columns) -> list[dict[Any, Any]]:
 
 
 def _chance(value: float, digits: int = 3, thresholds: Thresholds = THRESHOLDS) -> str:
-    """A probability; one near zero or one with the digits that differ from these."""
+    """The text of a probability; if it is near 1, as 1 minus a small number."""
     if math.isnan(value):
         return NONE
     if 0.0 < value < thresholds.rare:

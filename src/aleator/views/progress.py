@@ -1,4 +1,4 @@
-"""Progress on the screen: one moving line on a terminal or in a notebook, lines elsewhere."""
+"""Progress on the screen: one line that changes on a terminal or in a notebook, else many lines."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from rich.text import Text
 
 @dataclass(frozen=True)
 class ProgressSettings:
-    """How often progress is shown; by judgement.
+    """Settings of the display of progress. The values are chosen by judgement.
 
-    first: seconds until the first line about a stage that takes long. every: seconds between two
-    changes of the line in a notebook, whose file keeps each of them. bar: width in characters.
+    first: seconds until a long stage prints its second line. every: least seconds between two
+    changes of the line in a notebook, whose file keeps each change. bar: width of the bar in
+    characters.
     """
 
     first: float = 5.0
@@ -31,7 +32,7 @@ PROGRESS = ProgressSettings()
 
 
 class Lines:
-    """Progress as plain lines: one for each stage, and ever rarer ones during a long stage."""
+    """Progress as plain lines: one for each stage, and more, ever less often, in a long stage."""
 
     def __init__(self, console: Console, interval: float = PROGRESS.first) -> None:
         self._console = console
@@ -44,10 +45,10 @@ class Lines:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing is left open."""
+        """Do nothing: plain lines need no end."""
 
     def stage(self, name: str) -> None:
-        """Begin a stage with a line."""
+        """Begin a stage, and print a line with its name."""
         self._stage, self._began = name, time.monotonic()
         self._next = self._began + self._interval
         self._say(f"{name} ...")
@@ -65,19 +66,19 @@ class Lines:
 
 
 class _Elapsed(ProgressColumn):
-    """The time since the first stage began."""
+    """A column of the progress line: the time since the first stage began."""
 
     def __init__(self) -> None:
         super().__init__()
         self._began = time.monotonic()
 
     def render(self, _: Task) -> Text:
-        """As hours, minutes and seconds."""
+        """The elapsed time as hours, minutes and seconds."""
         return Text(str(timedelta(seconds=int(time.monotonic() - self._began))))
 
 
 class Bars:
-    """Progress as one moving line: the stage, a bar where the share is known, the total time."""
+    """Progress as one line that changes: the stage, a bar, a text and the total time."""
 
     def __init__(self, console: Console) -> None:
         self._progress = Progress(
@@ -100,18 +101,18 @@ class Bars:
         self._progress.stop()
 
     def stage(self, name: str) -> None:
-        """Begin a stage, which takes the place of the one before."""
+        """Begin a stage, which replaces the previous stage on the line."""
         self._progress.refresh()
         self._progress.remove_task(self._task)
         self._task = self._progress.add_task(name, total=None, text="")
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
-        """Move the bar and change the text of the stage."""
+        """Set the bar to `done` of `total` units, and change the text of the stage."""
         self._progress.update(self._task, completed=done, total=total, text=text)
 
 
 def shown_on(console: Console) -> Bars | Lines:
-    """Progress for a console: a moving line on a terminal, plain lines elsewhere."""
+    """The display of progress for a console: a changing line on a terminal, else plain lines."""
     return Bars(console) if console.is_terminal else Lines(console)
 
 
@@ -133,7 +134,7 @@ class ProgressLine:
         self._stage, self._began, self._last = "", time.monotonic(), 0.0
 
     def stage(self, name: str) -> None:
-        """Begin a stage; the one before is over."""
+        """Begin a stage of the call, which ends the previous stage."""
         if self._handle is None:
             self._lines.stage(name)
             return
@@ -141,7 +142,10 @@ class ProgressLine:
         self._show("")
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
-        """Show a text about the stage, at most four times a second in a notebook."""
+        """Show a text about the stage, with the share `done` of `total` in a notebook.
+
+        A notebook shows a new text at most four times a second.
+        """
         if self._handle is None:
             self._lines.update(text, done, total)
         elif time.monotonic() - self._last >= PROGRESS.every:
@@ -155,7 +159,7 @@ class ProgressLine:
 
 
 class _Line:
-    """A line of text as a notebook shows it."""
+    """A line of text that a notebook shows without changes of its spaces."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -168,7 +172,7 @@ class _Line:
 
 
 def _notebook() -> Any:
-    """The handle of a line that a notebook can change; None outside of a notebook."""
+    """An object of IPython by which a line in a notebook can be changed; else None."""
     try:
         shell = import_module("IPython").get_ipython()
         if shell is None or not hasattr(shell, "kernel"):

@@ -1,4 +1,4 @@
-"""The tables of `aleator runs`: the store's simulators, its runs, and one run."""
+"""The tables of `aleator runs`: the simulators in a store of runs, their runs, and one run."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from aleator.views.terminal import terminal
 
 @dataclass(frozen=True)
 class RunListSettings:
-    """How runs are listed; by judgement.
+    """Settings of lists of runs. The values are chosen by judgement.
 
-    moment: characters of a time, up to the minute. fingerprint: characters of a fingerprint that
-    are shown, enough to identify it.
+    moment: the number of characters of a time that are shown, up to the minute. fingerprint: the
+    number of characters of a fingerprint that are shown, enough to identify it.
     """
 
     moment: int = 16
@@ -41,7 +41,10 @@ RUNS = heads(">run", "when", ">outcome", "~of")
 
 
 def holdings(stored: Sequence[SimulatorRuns], current: str | None, store: str) -> RenderableType:
-    """A row for each simulator; the one with the fingerprint `current` is the study's."""
+    """A table of the simulators in a store, with the number and the cost of their runs.
+
+    The simulator with the fingerprint `current` is marked as the study's.
+    """
     if not stored:
         return terminal(Content(f"{store} holds no runs."))
     rows = [
@@ -77,7 +80,7 @@ def runs(stored: Sequence[StoredRun], more: int) -> RenderableType:
 
 
 def one(run: StoredRun) -> RenderableType:
-    """A table with everything known of one run, and its log."""
+    """A table of all that is stored about one run, and the log of the run."""
     simulator = run.simulator
     rows = [
         ("simulator", f"{simulator.name} ({simulator.description}) {simulator.version}".strip()),
@@ -100,14 +103,14 @@ def _shown(title: str, *parts: TextTable | Sentence) -> RenderableType:
 
 
 def _outcome(outcome: float | tuple[float, ...]) -> str:
-    """An outcome, or the first of several values and their number."""
+    """The text of an outcome; of several values, the first one and their number."""
     if isinstance(outcome, float):
         return f"{outcome:.6g}"
     return f"{outcome[0]:.6g}, ... ({len(outcome)} values)"
 
 
 def _outcomes(run: StoredRun) -> list[tuple[str, str]]:
-    """The outcome of a run, or the values of each response."""
+    """Rows of a table with the outcome of a run, or with the values of each response."""
     if not isinstance(run.outcome, tuple):
         return [("outcome", "none" if run.outcome is None else repr(run.outcome))]
     names = [f"outcome {name}" for name in run.responses] or ["outcome"]
@@ -116,12 +119,15 @@ def _outcomes(run: StoredRun) -> list[tuple[str, str]]:
 
 
 def moment(seconds: float) -> str:
-    """A time as local date and time of day."""
+    """The text of a time in seconds since 1970, as local date and time of day."""
     return datetime.fromtimestamp(seconds).strftime("%Y-%m-%d %H:%M:%S")
 
 
 def _cut(text: str, start: bool = True, amounts: Amounts = AMOUNTS) -> str:
-    """A text cut to a readable length: a failing program may print millions of characters."""
+    """A text cut to a readable length, because a failing program may print very much.
+
+    Its start is kept, or else its end.
+    """
     if len(text) <= amounts.failure:
         return text
     left_out = f"... ({len(text) - amounts.failure:,} letters are left out) ..."
@@ -133,7 +139,7 @@ def _cut(text: str, start: bool = True, amounts: Amounts = AMOUNTS) -> str:
 
 
 def _values_of(run: StoredRun) -> str:
-    """Conditions and parameters of a run, and the reason of its failure."""
+    """A text with the conditions and parameters of a run, and the reason of its failure if any."""
     parts = [_values(run.conditions), _values(run.parameters), _cut(run.failure or "")]
     return "; ".join(part for part in parts if part)
 
@@ -143,7 +149,7 @@ def _values(values: dict[str, Any]) -> str:
 
 
 def _short(value: Any) -> str:
-    """A value, or the first and the last value of a series."""
+    """The text of a condition or parameter; of a series, its first and its last value."""
     if isinstance(value, list) and len(value) > 1:
         return f"{_value(value[0])}...{_value(value[-1])}"
     return _value(value)

@@ -1,4 +1,4 @@
-"""A content printed on a terminal, in its width, with or without color."""
+"""Reports printed on a terminal, in its width, with or without color."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ STYLES = {
 
 
 def terminal(content: Content, files: Sequence[str] = (), depth: Depth = WHOLE) -> RenderableType:
-    """The content as a report with a blank line between its parts, and the `files` at its end."""
+    """A content as a report for the terminal, with the names of the written `files` at its end.
+
+    `depth` says how much of the content is shown. Verdicts come last, before the files.
+    """
     shown = [part for part in paragraphs(content, depth) if part]
     last = shown.pop() if content.verdicts else []
     lines: list[RenderableType] = []
@@ -38,13 +41,13 @@ def terminal(content: Content, files: Sequence[str] = (), depth: Depth = WHOLE) 
 
 
 def written(files: Sequence[str]) -> list[Text]:
-    """A line for each file that was written; paths are not wrapped, so that they can be copied."""
+    """A line for each written file; a path is not broken into lines, so that it can be copied."""
     return [Text(f"Written: {file}", no_wrap=True, overflow="ignore") for file in files]
 
 
 @dataclass(frozen=True)
 class TerminalTable:
-    """A table in the width of the terminal, with a rule under its head; no word is cut."""
+    """A table as wide as the terminal at most, with a line under its head; no word is cut."""
 
     columns: Sequence[Column]
     rows: Sequence[Sequence[str]]
@@ -60,7 +63,7 @@ class TerminalTable:
 
 
 def _part(part: Sentence | TextTable) -> list[RenderableType]:
-    """The lines of a table or of a sentence, whose words up to the colon are colored."""
+    """The lines of a table, or of a sentence with a color up to its colon."""
     if isinstance(part, TextTable):
         title = [Text(), Text(part.title, style="bold")] if part.folded else []
         return [*title, TerminalTable(part.columns, part.rows)]

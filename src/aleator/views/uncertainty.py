@@ -1,4 +1,4 @@
-"""The reports of `aleator bootstrap`, `posterior` and `recover`, from their documents."""
+"""The reports of `aleator bootstrap`, `posterior` and `recover`, made from their JSON files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Document = Mapping[str, Any]
 
 
 def bootstrap(document: Document) -> Content:
-    """The report of bootstrap.json: error, bias and interval of each hyperparameter."""
+    """The report of bootstrap.json: standard error, bias and interval of each hyperparameter."""
     arrived, size = document["statuses"].get("arrived", 0), document["replicates"]
     parametric = document["kind"] == "parametric"
     drawn = (
@@ -74,7 +74,7 @@ def _bias(row: Document, thresholds: Thresholds = THRESHOLDS) -> str:
 
 
 def posterior(document: Document) -> Content:
-    """The report of posterior.json: mean, sd and interval of each hyperparameter, warnings."""
+    """The report of posterior.json: mean, sd and interval of each hyperparameter, and warnings."""
     rows = []
     for name, row in document["hyperparameters"].items():
         error, ess = row["sd"], min(row["ess_bulk"], row["ess_tail"])
@@ -151,7 +151,7 @@ def recovery(document: Document) -> Content:
 
 
 def _unexplained(row: Document, replicates: int, thresholds: Thresholds = THRESHOLDS) -> str:
-    """A note on a bias or a coverage that chance does not explain."""
+    """A note on a bias or a coverage of intervals that chance does not explain; "" if none."""
     notes = []
     if row["bias_error"] and abs(row["bias"]) > thresholds.chance * row["bias_error"]:
         notes.append(f"biased by {row['bias'] / row['scatter']:+.1f} scatter")
