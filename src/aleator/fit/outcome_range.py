@@ -1,7 +1,8 @@
-"""The density of exact outcomes on a response that reaches them, or is known not to.
+"""Whether the simulator can give every measured outcome, for a likelihood without noise.
 
-An outcome is out of reach only if the simulator, sought by a maximizer from several starts all over
-the laws' support, does not come to it. Surfaces that miss one by their own error get runs there.
+A measured outcome has no density if the simulator gives it at no admissible parameters. It counts
+as out of range only if an optimizer, started from several points of the laws' support, does not
+find parameters with this outcome. A surface that misses it by its own error gets more runs there.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ from aleator.surrogates.surface import Axes, logarithms
 
 @dataclass(frozen=True)
 class OutcomeSearch:
-    """How an outcome is searched for on the simulator; measured by `benchmarks folds`.
+    """Settings of the search for parameters that give an outcome; measured by `benchmarks folds`.
 
-    An ascent from the point that the surface says is nearest, then one from each of the best
-    `starts` of `looks` points of the support, each of at most `steps` runs a parameter. An outcome
-    that is missed by less than the share `near` of all that the outcome changes is not taken to be
-    out of reach. Surfaces get runs up to `rounds` times, drawn from the `draws` nearest of
-    `candidates` points of the region.
+    The first local search begins at the point that the surface says is nearest. Others begin at
+    the best `starts` of `looks` points of the laws' support. Each takes at most `steps` runs for
+    each parameter. An outcome missed by less than the share `near` of the range of all simulated
+    outcomes counts as reached. Surfaces get new runs up to `rounds` times, at points chosen among
+    the `draws` nearest of `candidates` points of the region.
     """
 
     looks: int = 32
@@ -61,11 +62,11 @@ OUTCOME_SEARCH = OutcomeSearch()
 def on_surfaces(
     question: Question, surfaces: AdaptiveSurfaces, region: Array, progress: Progress
 ) -> Problem:
-    """The likelihood of exact outcomes on surfaces, whose region is widened to reach them.
+    """The likelihood of exact outcomes on surfaces whose region is widened to reach them.
 
-    Outcomes that a surface still misses by its own error are left to later rounds, and all where a
-    budget does not have the runs by which one is sought. Raises ExperimentsError for an outcome
-    that the simulator itself does not reach.
+    An outcome that a surface still misses by its own error is left to later rounds. If the budget
+    does not allow the runs to search for one outcome, all are left. Raises ExperimentsError for an
+    outcome that the simulator itself does not give anywhere.
     """
     runner, inputs = question.runner, question.inputs
     model, outcomes = question.choices.model, question.measured
@@ -97,9 +98,10 @@ def on_surfaces(
 def on_simulator(question: Question, progress: Progress) -> Problem:
     """The likelihood of exact outcomes by the simulator itself.
 
-    Raises ExperimentsError for an outcome without level set that the simulator misses. It is sought
-    there as with surfaces. One between the outcomes that the simulator has, in the gap of a jump,
-    is left to the diagnostics. Raises NoOutcome for an experiment of which no run has a value.
+    An outcome without a level set (no grid point's neighbourhood gives it) is searched for with an
+    optimizer. Raises ExperimentsError where the simulator does not give it anywhere. An outcome in
+    the gap of a jump, between simulated outcomes, is left to the diagnostics. Raises NoOutcome for
+    an experiment all of whose runs fail.
     """
     runner, inputs, y = question.runner, question.inputs, question.measured
     model = question.choices.model
@@ -146,17 +148,18 @@ def _support(inputs: Inputs) -> Array:
 def _reached(
     run: Run, start: Array, condition: int, outcome: float, side: float, whole: Array
 ) -> Array | None:
-    """A point (n,) where the simulator of a condition is at the outcome or beyond; None without.
+    """Parameters (n,) at which the simulator reaches the outcome or exceeds it; None if none.
 
-    Beyond is above it if `side` is 1, and below it if -1. It is sought from `start` (n,) first;
-    `whole` (n, 2) is the support of the parameters that move.
+    To exceed it is to be above it if `side` is 1, and below it if `side` is -1. The search begins
+    at `start` (n,). `whole` (n, 2) is the support of the n parameters that are not constant, and
+    `condition` the index of the simulated experiment.
     """
     axes = Axes(whole, logarithms(whole))
     first = np.clip(axes.inward(start), -1.0, 1.0)
     best, farthest, seen = first, -np.inf, [outcome]
 
     def short(z: Array) -> float:
-        """How far the outcome at z is from being reached; negative beyond."""
+        """How much the simulated outcome at z falls short of the measured one; negative beyond."""
         nonlocal best, farthest
         inside = np.clip(z, -1.0, 1.0)
         y = float(run(np.array([condition]), axes.outward(inside[None]))[0])
@@ -191,7 +194,7 @@ def _reached(
 
 
 def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bool:
-    """Run some conditions near their outcomes; False where none is granted a run."""
+    """Make runs near the outcomes `lost` by the surfaces; False where no run is allowed."""
     members = np.isin(np.arange(surfaces.good.size), lost)
     granted = np.flatnonzero(surfaces.granted(members))
     for condition in granted.tolist():
@@ -204,7 +207,7 @@ def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bo
 
 
 def _holding(region: Array, x: Array, box: Array) -> Array:
-    """The region (n, 2), widened so that it holds the point x (moving,) with some room."""
+    """The region (n, 2), widened to contain the point x of its non-constant parameters."""
     moving = moving_parameters(region)
     wide = region.copy()
     inside = np.clip(x, *region[moving].T)
