@@ -34,7 +34,7 @@ class Ledger:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Announce a stage and count its seconds and runs; a stage may come again."""
+        """Announce a stage of the work and count its seconds and runs; a stage may be repeated."""
         if name != self._last:
             self.progress.stage(name)
         self._last = name

@@ -52,7 +52,7 @@ class OutcomeSearch:
     draws: int = 512
 
     def most(self, parameters: int) -> int:
-        """The most runs that the search for one outcome takes."""
+        """The largest number of runs in the search for one outcome, for so many `parameters`."""
         return self.looks + (1 + self.starts) * self.steps * parameters
 
 
@@ -139,7 +139,7 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
 
 
 def _support(inputs: Inputs) -> Array:
-    """The part of the box (n, 2) where laws of admissible hyperparameters have their mass."""
+    """The range (n, 2) of parameters covered by the laws for all admissible hyperparameters."""
     lower, upper = (end[: inputs.size] for end in limits_of(inputs.hyperparameters))
     u = qmc.Sobol(max(inputs.size, 1), rng=0).random(OUTCOME_SEARCH.looks)[:, : inputs.size]
     return within(inputs.box, law_region(inputs, [*(lower + u * (upper - lower)), lower, upper]))
@@ -216,7 +216,7 @@ def _holding(region: Array, x: Array, box: Array) -> Array:
 
 
 def _spread(box: Array) -> Array:
-    """4096 quasi-random points all over a box (n, 2)."""
+    """Quasi-random points (4096, n) that fill the parameters' ranges `box` (n, 2)."""
     axes = Axes(box, logarithms(box))
     return np.asarray(
         axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(OUTCOME_SEARCH.candidates) - 1.0)
@@ -224,6 +224,6 @@ def _spread(box: Array) -> Array:
 
 
 def _by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Array]:
-    """4096 points all over the region, and the outcomes of one condition's surface there."""
+    """Points (4096, n) that fill the surfaces' region, and one surface's outcomes there (4096,)."""
     points = _spread(surfaces.box)
     return points, surfaces.surface().take(np.array([condition])).evaluate(points)[0]

@@ -94,7 +94,7 @@ NODE_ACCURACY = NodeAccuracy()
 
 
 AnyLikelihood = IndividualLikelihood | Problem
-"""The integral over individual parameters, or the density of exact outcomes."""
+"""A likelihood with noise (an integral over parameters) or without (a density of outcomes)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,7 +104,7 @@ class Choices:
 
     @cached_property
     def model(self) -> Model:
-        """How the density of an exact outcome is computed."""
+        """The model by which the density of an outcome without noise is computed."""
         return Model.of(self.inputs, self.propagation, self.density)
 
     @cached_property
@@ -167,7 +167,7 @@ class Question:
 
     @property
     def table(self) -> Experiments:
-        """The experiments."""
+        """The table of experiments."""
         return self.choices.table
 
     @property
@@ -192,12 +192,12 @@ class Question:
 
     @property
     def column(self) -> Indices:
-        """The place (M,) of each observation among the values of its run."""
+        """The index (M,) of each observation among the output values of its simulator run."""
         return self.runner.column[self.kept]
 
     @cached_property
     def layout(self) -> Layout:
-        """The run that gives each observation, and its experiment."""
+        """The layout of the data: the simulator run and the experiment of each observation."""
         experiment = self.table.observations.experiment
         return Layout(len(self.ids), experiment, self.unit, self.column)
 

@@ -132,7 +132,7 @@ class Refined:
 
     @property
     def alpha(self) -> Array:
-        """The maximum (K,)."""
+        """The values alpha (K,) of the hyperparameters at the maximum."""
         return self.maximum.alpha
 
 
@@ -424,7 +424,7 @@ class Refinement:
         return known[1:]
 
     def _calm(self, before: Maximum, after: Maximum, inference: Inference) -> bool:
-        """Whether neither alpha nor the log-likelihood has moved in a round."""
+        """Whether alpha and the log-likelihood have changed so little that the rounds may end."""
         step = (after.alpha - before.alpha)[inference.identified]
         length = float(step @ inference.information @ step)
         change = abs(after.value - before.value)

@@ -187,5 +187,5 @@ def within(box: Array, region: Array) -> Array:
 
 
 def _laws(inputs: Inputs, experiments: int) -> int:
-    """The number of different laws: one for each experiment with covariates, else one."""
+    """The number of distinct laws: one for each experiment if laws have covariates, else one."""
     return experiments if inputs.regressed else 1

@@ -275,7 +275,7 @@ def estimates_of(
 def parameter_correlations_of(
     inputs: Inputs, alpha: Array, hyperparameters: Sequence[Hyperparameter], inference: Inference
 ) -> tuple[ParameterCorrelation, ...]:
-    """Every correlation of two parameters that is not zero by assumption."""
+    """The correlations of two parameters, except those assumed zero, with standard errors."""
     matrix, slope = inputs.correlation_matrix(alpha), inputs.correlation_slope(alpha)
     uncertain = np.array([h.free for h in hyperparameters[: inputs.size]])
     # Column f of the covariance belongs to hyperparameter free[f]; those of the noise are left out.
@@ -302,7 +302,7 @@ def parameter_correlations_of(
 def search_of(
     found: SearchResult, inference: Inference, hyperparameters: Sequence[Hyperparameter]
 ) -> dict[str, Any]:
-    """The search in numbers, and its optima."""
+    """The report of the search: its method, number of starts and evaluations, and optima."""
     return {
         "method": found.method,
         "starts": len(found.ascents),

@@ -189,7 +189,10 @@ def least_squares(likelihood: AnyLikelihood, y: Array) -> LeastSquares:
 def fitted(
     simulated: Callable[[Array], tuple[Array, Array]], y: Array, box: Array, start: Array
 ) -> LeastSquares:
-    """Least squares of a function that maps x (n,) to values (M,) with slopes (M, n)."""
+    """The least-squares fit of a function to y (M,), from a start (n,) and within ranges `box`.
+
+    The function `simulated` maps parameters x (n,) to values (M,) with slopes (M, n).
+    """
     moving = moving_parameters(box)
     width = box[moving, 1] - box[moving, 0]
 

@@ -218,7 +218,7 @@ def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
 
 
 def _near(found: Any, wanted: Any, relative: float = 1e-5, absolute: float = 1e-12) -> bool:
-    """Whether numbers read from a file equal the expected ones to a relative difference."""
+    """Whether numbers read from a file equal the expected ones up to a relative difference."""
     try:
         numbers = np.array(found, dtype=float)
     except (OverflowError, TypeError, ValueError):  # damaged
@@ -259,7 +259,7 @@ class Bootstrap:
         return printed.shown(f"{len(self.runs)} replicates, {self.kind}", self.table())
 
     def replicates(self) -> pd.DataFrame:
-        """A row for each replicate: the hyperparameters, `log_likelihood`, `status`."""
+        """A table with a row for each replicate: its estimates, `log_likelihood`, `status`."""
         frame = pd.DataFrame([run.alpha for run in self.runs], columns=[*self.names])
         frame["log_likelihood"] = [run.log_likelihood for run in self.runs]
         frame["status"] = [run.status for run in self.runs]
@@ -315,7 +315,7 @@ class Bootstrap:
         return pd.DataFrame(ends, index=[*self.names], columns=["lower", "upper"])
 
     def to_dict(self) -> dict[str, Any]:
-        """The document bootstrap.json as plain dictionaries, lists, numbers and texts."""
+        """The content of bootstrap.json as plain dictionaries, lists, numbers and texts."""
         status = [run.status for run in self.runs]
         return {
             "kind": self.kind,
@@ -402,7 +402,10 @@ def bootstrapped(
 
 
 def influence(fit: Fit) -> Array:
-    """The influence H^-1 s_l (N, F) of each experiment on the estimates; zero on a limit."""
+    """The influence H^-1 s_l (N, F) of experiment l on the estimates, with its score s_l.
+
+    H is the information matrix. The influence on an estimate at a limit is zero.
+    """
     inference, scores = fit.inference, fit.scored().scores
     found = np.zeros((fit.count, inference.identified.size))
     if inference.positive and scores is not None:

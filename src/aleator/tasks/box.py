@@ -251,7 +251,7 @@ class _BoxSearch:
             self.known.culprit += culprits
 
     def _failing(self, points: Array, batch: NDArray[np.intp]) -> NDArray[np.int64]:
-        """For each point an experiment of the batch that fails there, or -1."""
+        """The index, for each point, of an experiment of the batch that fails there, or -1."""
         if not len(points):
             return np.zeros(0, dtype=np.int64)
         x = np.repeat(np.stack([self.point(p) for p in points]), batch.size, axis=0)

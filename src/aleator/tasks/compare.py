@@ -321,7 +321,7 @@ class Comparison:
         return pd.DataFrame(rows, columns=[*RATIO])
 
     def to_dict(self) -> dict[str, Any]:
-        """The document compare.json as plain dictionaries, lists, numbers and texts."""
+        """The content of compare.json as plain dictionaries, lists, numbers and texts."""
         details = {
             model.name: {
                 "of_law": model.criteria.of_law,

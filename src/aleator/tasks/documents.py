@@ -138,7 +138,7 @@ def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def recovery_document(recovery: Recovery) -> dict[str, Any]:
-    """A recovery as plain lists and numbers: the table by hyperparameter, and every replicate."""
+    """A recovery study as plain lists and numbers: its table, and the estimates of replicates."""
     alpha, ends = recovery.alpha.tolist(), recovery.intervals.tolist()
     rows = zip(alpha, ends, recovery.log_likelihood, recovery.converged, strict=True)
     return {

@@ -333,7 +333,7 @@ class SurfaceDoubt:
 
     @property
     def probability(self) -> float:
-        """The probability of the event by the surface."""
+        """The probability of the event if the surface were exact."""
         return float(np.sum(self.mass, where=self.within))
 
 

@@ -166,7 +166,8 @@ class Identification(Result):
         draws of alpha.
 
         The method is that of `aleator.predict`, with the simulator, inputs and noise of the
-        identification. A data frame may have further columns. Raises AleatorError if the
+        identification. A data frame may have further columns. If the experiments have a "log"
+        transform, the prediction is that of the logarithm. Raises AleatorError if the
         identification was read from a file without the simulator.
         """
         return self.session.predict(
