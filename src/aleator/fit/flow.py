@@ -39,9 +39,9 @@ class Answer:
 def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
     """Identify the laws, and check the result on the simulator where it rests on surfaces.
 
-    Surfaces are accurate where the law has its mass. An exact outcome in the tail of its law has
-    its parameters elsewhere, where a surface may be wrong. The check finds such an error. The
-    surface then gets more runs near that outcome, and the laws are identified again.
+    Surfaces are accurate where the law has its mass. Without noise, an outcome in the tail of its
+    law has its parameters elsewhere, where a surface may be wrong. The check finds such an error.
+    The surface then gets more runs near that outcome, and the laws are identified again.
     """
     runner = question.runner
     start = np.clip(start_point(question.inputs), *question.inputs.box.T)

@@ -62,7 +62,7 @@ OUTCOME_SEARCH = OutcomeSearch()
 def on_surfaces(
     question: Question, surfaces: AdaptiveSurfaces, region: Array, progress: Progress
 ) -> Problem:
-    """The likelihood of exact outcomes on surfaces whose region is widened to reach them.
+    """The likelihood without noise on surfaces, whose region is widened to reach all outcomes.
 
     An outcome that a surface still misses by its own error is left to later rounds. If the budget
     does not allow the runs to search for one outcome, all are left. Raises ExperimentsError for an
@@ -96,10 +96,10 @@ def on_surfaces(
 
 
 def on_simulator(question: Question, progress: Progress) -> Problem:
-    """The likelihood of exact outcomes by the simulator itself.
+    """The likelihood without noise on the simulator itself, if it can give every outcome.
 
-    An outcome without a level set (no grid point's neighbourhood gives it) is searched for with an
-    optimizer. Raises ExperimentsError where the simulator does not give it anywhere. An outcome in
+    If no cell of the grid of parameters contains an outcome, an optimizer searches for parameters
+    that give it. Raises ExperimentsError if the simulator does not give it anywhere. An outcome in
     the gap of a jump, between simulated outcomes, is left to the diagnostics. Raises NoOutcome for
     an experiment all of whose runs fail.
     """
@@ -194,7 +194,10 @@ def _reached(
 
 
 def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bool:
-    """Make runs near the outcomes `lost` by the surfaces; False where no run is allowed."""
+    """Make runs near the `outcomes` that surfaces miss; False if the budget allows no run.
+
+    `lost` are the indices of these surfaces.
+    """
     members = np.isin(np.arange(surfaces.good.size), lost)
     granted = np.flatnonzero(surfaces.granted(members))
     for condition in granted.tolist():

@@ -55,26 +55,28 @@ class NodeAccuracy:
     """The change of the log-likelihood by more nodes that is admitted while response surfaces are
     still coarse."""
     scoring: int = 3
-    """The least number of Gauss-Hermite nodes for each variate that scores need."""
+    """The least number of Gauss-Hermite nodes for each scattering parameter that scores need."""
     products: int = 4
-    """The largest number of variates for which product rules of Gauss-Hermite nodes are used."""
+    """The largest number of scattering parameters with a Gauss-Hermite product rule."""
     sample: int = 300
     """The number of experiments on which large rules are tried and second modes are sought."""
     large: int = 400
     """The number of nodes for each experiment from which a rule is called large."""
     slow: float = 0.7
-    """The ratio of successive changes of a large rule above which it converges slowly."""
+    """The ratio of successive changes of the log-likelihood above which a large rule converges
+    slowly."""
     plane_large: int = 100
-    """The number of nodes from which a rule for two variates is called large; the alternative is a
-    piecewise Gauss-Legendre rule over the plane."""
+    """The number of nodes from which a rule for two scattering parameters is called large; the
+    alternative is a piecewise Gauss-Legendre rule over the plane."""
     plane_slow: float = 0.25
-    """The ratio of successive changes above which a rule for two variates converges slowly."""
+    """The ratio of successive changes of the log-likelihood above which a rule for two scattering
+    parameters converges slowly."""
     smooth: float = 1e-4
     """The change by more nodes around one mode below which the integrand has no kink."""
     some: int = 150
     """The largest number of nodes around one mode in the test for a kink of the integrand."""
     panels_tried: int = 40
-    """The number of experiments on which the piecewise rule for two variates is tried."""
+    """The number of experiments on which the piecewise Gauss-Legendre rule is tried."""
     points_tried: tuple[int, int] = (600, 1200)
     """Two numbers of importance points, with which nodes around one mode are compared."""
     certain: float = 3.0
@@ -145,9 +147,9 @@ def _integral_with_enough_nodes(
     """Maximize, adapt the nodes, and add more of them, until the log-likelihood does not change.
 
     It does not change if more nodes alter it by less than `enough`. The first nodes lie around one
-    mode of each experiment's integrand; with more than four variates they lie along its ridge. If
-    other modes count, or too many nodes would be needed, importance points replace them. With two
-    variates a piecewise Gauss-Legendre rule over the plane replaces them.
+    mode of each experiment's integrand; with more than four scattering parameters they lie along
+    its ridge. If other modes count, or too many nodes would be needed, importance points replace
+    them. With two scattering parameters a piecewise Gauss-Legendre rule replaces them.
     """
     variates = likelihood.inputs.scattering
     many = variates > NODE_ACCURACY.products
@@ -167,7 +169,7 @@ def _integral_with_enough_nodes(
 
 
 def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
-    """The likelihood with at least three nodes for each variate, which scores need.
+    """The likelihood with at least three nodes for each scattering parameter, as scores need.
 
     One node at the mode gives the height of an experiment's density but not its width. The score
     of a standard deviation would then differ from the slope of the log-likelihood.
@@ -178,7 +180,7 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
 
 
 def _told_by_panels(end: _IntegralMaximum, most: float, enough: float) -> bool:
-    """Whether nodes around one mode of two variates agree with a piecewise rule over the plane.
+    """Whether nodes around one mode agree with a piecewise rule over two scattering parameters.
 
     The piecewise rule covers the whole plane and misses no mode. They agree if more nodes change
     the log-likelihood by less than `most`, and the piecewise rule by less than `enough`.
@@ -245,7 +247,7 @@ def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
 def _some(
     likelihood: IndividualLikelihood, size: int = NODE_ACCURACY.sample
 ) -> IndividualLikelihood:
-    """The likelihood of a random sample of the experiments, or of all if they are few."""
+    """The likelihood of an evenly spread sample of the experiments, or of all if they are few."""
     return likelihood.sampled(size) if likelihood.count > 2 * size else likelihood
 
 
@@ -420,7 +422,7 @@ class Highest:
     def of(
         cls, end: Maximum, found: SearchResult, looked: Sequence[Optimum], rest: Sequence[Optimum]
     ) -> Highest:
-        """The maximum `end`, then the optima `looked` with new log-likelihoods, then the `rest`."""
+        """The highest maximum `end`, with the optima `looked` evaluated anew, and the `rest`."""
         lower = [replace(o, log_likelihood=min(o.log_likelihood, end.value)) for o in looked]
         lower.sort(key=lambda optimum: -optimum.log_likelihood)
         optima = (Optimum(end.alpha, end.value, found.optima[0].starts), *lower, *rest)
@@ -490,7 +492,7 @@ def _moved(ascent: Ascent, optimum: Optimum, climb: Optimum) -> Ascent:
 
 
 def _reached(end: Maximum, ascents: Sequence[Ascent]) -> int:
-    """The number of ascents of the search that ended on the same hill as the maximum `end`."""
+    """The number of ascents that ended about a standard error or less from the maximum `end`."""
     scores = end.likelihood(end.alpha).scores
     assert scores is not None
     free = np.flatnonzero([h.free for h in end.likelihood.hyperparameters])

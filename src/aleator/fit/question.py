@@ -54,7 +54,7 @@ FEWEST = GaussHermite(3, 1)
 def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
     """Whether the likelihood is the density of the outcomes, without measurement noise.
 
-    This requires one exact outcome for each experiment, and the same law for all experiments,
+    This requires one uncensored outcome for each experiment, and the same law for all of them,
     which is no mixture. Otherwise the likelihood is an integral over each experiment's parameters.
     """
     return noise is None and table.simple and not inputs.regressed and len(inputs.classes) == 1
@@ -99,7 +99,7 @@ class Choices:
 
     @property
     def exact(self) -> bool:
-        """Whether the likelihood is the density of exact outcomes (see `is_exact`)."""
+        """Whether the likelihood is the density of outcomes without noise (see `is_exact`)."""
         return is_exact(self.table, self.inputs, self.noise)
 
     @cached_property
@@ -177,7 +177,7 @@ class Question:
 
     @property
     def exact(self) -> bool:
-        """Whether the likelihood is the density of exact outcomes (see `is_exact`)."""
+        """Whether the likelihood is the density of outcomes without noise (see `is_exact`)."""
         return self.choices.exact
 
     @property
@@ -334,11 +334,11 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
 
 
 def way_of_outcomes(runner: Runner, model: Model) -> Way:
-    """Whether to use the simulator itself or response surfaces, for exact outcomes.
+    """Whether to use the simulator itself or response surfaces, without measurement noise.
 
-    The simulator itself is possible only where the likelihood is computed by level sets. Raises
-    InputsError if the user requests it for another method. With collocation there is no choice,
-    and the reason is empty.
+    The simulator itself is possible only where the likelihood is computed by level sets, the
+    parameters that give just the measured outcome. Raises InputsError if the user requests it for
+    another method. With collocation there is no choice, and the reason is empty.
     """
     choice, inputs = model.surfaces, model.inputs
     if choice is None:

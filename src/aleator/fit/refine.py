@@ -64,8 +64,8 @@ class Rounds:
 
     Errors of surfaces are relative to the noise, or without noise to the scatter of the outcome
     under the law. The first surfaces have an error of at most `begin` in their whole region. Each
-    round reduces the error below a level where the laws lie, with up to `together` batches of
-    runs. The level begins at `first` and is halved from round to round, down to `finest`.
+    round then makes up to `together` batches of runs where the laws lie, until the error there is
+    below a level. The level begins at `first` and is halved in later rounds, down to `finest`.
 
     The rounds end at a level of `last` or less, if alpha moves by less than `still` standard errors
     and the log-likelihood by less than `change`, or by `each` for each experiment if that is more.
@@ -184,11 +184,10 @@ class Refinement:
         return EXACT if self.question.exact else WITH_NOISE
 
     def answer(self, region: Array, reason: str) -> Refined:
-        """The highest maximum on surfaces that more runs do not move, and lower maxima.
+        """Refine surfaces for each of the best optima, and return the highest maximum.
 
-        The first surfaces are too coarse to decide which optimum is the highest. So surfaces are
-        refined for each of the best optima. Each refinement starts from a copy of the first
-        surfaces.
+        The first surfaces are too coarse to decide which optimum is the highest. Each refinement
+        starts from a copy of them, and ends when further runs do not change the maximum.
         """
         first = self._first(region, reason)
         others = self._elsewhere(first)
@@ -456,8 +455,7 @@ def under_law(
 
 
 def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
-    """The region (n, 2) for the next surfaces: one with the laws of all plausible alphas, or the
-    present one.
+    """The region (n, 2) of the next surfaces: a new one for the plausible laws, or the present.
 
     The region changes if the identified law extends beyond it, or if the new region has less than
     the share `shrink` of its volume.
@@ -477,7 +475,7 @@ def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
 
 
 def _noise(likelihood: IndividualLikelihood, alpha: Array, sites: Sites) -> Array:
-    """The smallest standard deviation (U,) of the measurement error for each output."""
+    """The smallest scale (U,) of the measurement error of each output (if normal, its sd)."""
     least = np.full(len(sites), np.inf)
     of_errors = alpha[likelihood.inputs.size :]
     for block in likelihood.blocks:

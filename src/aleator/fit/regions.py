@@ -80,7 +80,7 @@ def region_of(inputs: Inputs, alphas: Sequence[Array], experiments: int, far: fl
         own = alpha[: inputs.size]
         nothing = np.zeros((laws, len(inputs.classes), s))
         mixing = inputs.individual(own, nothing, slice(0, laws)).mixing
-        # Rows of the Cholesky factor have length one: along a row that variate is largest.
+        # A row of the Cholesky factor has length one, so this point has the largest theta of it.
         xi = far * np.concatenate([np.zeros((1, s)), mixing, -mixing])
         all_of = np.tile(xi, (laws, len(inputs.classes), 1))
         x = inputs.individual(own, all_of, slice(0, laws)).x

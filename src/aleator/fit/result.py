@@ -163,7 +163,7 @@ def _verified(
     cells: float,
     doubted: surface_diagnostics.Doubt,
 ) -> LogLikelihoodReport:
-    """The log-likelihood of exact outcomes, its value verified by the check, and its error.
+    """The log-likelihood without noise, its value verified by the check, and its error.
 
     `honest` is the reported log-likelihood, `exact` the one by level sets. The verified value is
     the exact one plus the change from the surfaces to the simulator. `cells` is the error of the

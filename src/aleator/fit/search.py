@@ -45,7 +45,8 @@ class GuessSettings:
     """The residual that replaces an infinite one; its square is still finite."""
     groups: int = 20
     """The number of random groupings of the experiments from which a mixture's starting points are
-    computed. With five components, 3 to 4 of 7 lead to the better of two maxima 0.08 apart."""
+    computed. In a study with five components, 3 to 4 of 7 groupings led to the better of two
+    maxima, whose log-likelihoods differ by 0.08."""
     same: float = 1e-2
     """The relative difference within which two optima are equal, up to the order of components."""
     format: int = 2
@@ -61,7 +62,7 @@ GUESSES = GuessSettings()
 class SampledSearch:
     """Settings of a search with more than `large` experiments; `pytest tests/fit/test_search.py`.
 
-    The search is made on a random sample of `size` experiments. The likelihood of all experiments
+    The search is made on an even sample of `size` experiments. The likelihood of all experiments
     is then maximized from the `best` optima of the sample. These lie within the sample's standard
     errors of the maxima of all experiments, so that few evaluations are needed.
     """
@@ -92,7 +93,8 @@ class LeastSquares:
 class LinearGaussian:
     """The law identified with the simulator linearized at one point, as in CIRCE.
 
-    `alpha` (K,) are its hyperparameters, `log_likelihood` their value in the linear-Gaussian model.
+    `alpha` (K,) are its hyperparameters. `log_likelihood` is the maximum in the model with a linear
+    simulator and normal laws.
     """
 
     alpha: Array

@@ -157,9 +157,9 @@ class Reviewed:
 
     @property
     def _centering(self) -> list[Diagnostic]:
-        """Advice to measure conditions from their middle, from simulator slopes at the medians.
+        """Advice to centre a condition, if one parameter acts like another times this condition.
 
-        Centred conditions make the hyperparameters of a covariate model less correlated.
+        It is based on the slopes of the simulator at the medians of the parameters.
         """
         certain, seen = self.answer.inferred, self._seen.observations
         likelihood, alpha = certain.maximum.likelihood, certain.maximum.alpha

@@ -67,7 +67,8 @@ class UncertaintySettings:
     adapted: int = 4
     """The largest number of times that an interval is computed with nodes adapted to its ends."""
     nodes: int = 5
-    """The largest number of Gauss-Hermite nodes for each variate in the search for other maxima."""
+    """The largest number of Gauss-Hermite nodes for each scattering parameter, in the search for
+    other maxima."""
     others: int = 2
     """The number of optima of the search, besides the best, that are tested as other maxima."""
 
@@ -150,9 +151,9 @@ def inferred(
 def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
     """Other maxima of the likelihood among the optima of the search, the highest first.
 
-    An optimum counts if maximizing from it converges to a maximum inside the limits. With a
-    piecewise rule for two variates, which is slow, only optima already maximized with that rule
-    are tried. Cost: some tens of evaluations for each.
+    An optimum counts if maximizing from it converges to a maximum inside the limits. With the slow
+    piecewise Gauss-Legendre rule for two scattering parameters, only optima already maximized with
+    that rule are tried. Cost: some tens of evaluations for each.
     """
     if not inference.positive:
         return ()
@@ -321,7 +322,7 @@ def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inf
 
 
 def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikelihood | None:
-    """The likelihood with the next finer quadrature rule; None for importance points."""
+    """The likelihood with the next finer quadrature rule; None if there is no finer rule."""
     if likelihood.rule.centers > 1:
         return None
     rules = likelihood.rule.finer(likelihood.inputs.scattering)

@@ -357,7 +357,7 @@ def explored(
 ) -> Explored:
     """New runs of the simulator all over the law and its tails, compared with the surface.
 
-    They lie at Sobol' points of the standard normal variates, each under another plausible law.
+    They lie at Sobol' points of the standard normal variates, each under a drawn plausible law.
     """
     assert predicted.surface is not None
     d = variates(predicted)

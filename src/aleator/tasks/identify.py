@@ -66,7 +66,8 @@ def identify(
     with floats for each run, or with arrays of R runs if `vectorized`. `experiments` is an
     `Experiments`, or a data frame whose column `outcome` is the measured outcome and whose other
     columns are conditions. With `noise` the likelihood is an integral over each experiment's own
-    parameters. Without noise it is an integral over the level sets of the response. Both are exact.
+    parameters. Without noise it is an integral over level sets, the parameters at which the
+    simulator gives the measured outcome. Neither is an approximation of the model.
     If a `density`, `Collocation` or `nodes` of the law are chosen, the density of an outcome
     without noise is computed from its moments instead.
 
@@ -165,7 +166,7 @@ def _session(answer: Answer, table: Experiments) -> Session:
     if isinstance(end.likelihood, Problem):
         model = end.likelihood.model
         fit = Fit.of_outcomes(end.likelihood, end.alpha, inferred.inference, table)
-        # Predictions of exact outcomes use response surfaces.
+        # Without noise predictions use response surfaces.
         return Session(
             model.inputs, None, responses, table, runners(runner.simulator, model.inputs.names),
             fit, False, model.surfaces or ResponseSurface(), model,
