@@ -35,18 +35,21 @@ from aleator.tasks.identification import Identification
 class CeilingSettings:
     """Settings for computing, plotting and reporting the best law; chosen by judgement.
 
-    The support of the best law is chosen from `points` in number, for one, two, and more
-    parameters. With many observations they are fewer, but at least `fewest`, so that points times
-    observations are at most `values`. Half of them are drawn from the identified law, widened by
-    the factor `wider`. With more than `covered` parameters the points leave gaps. A point is on an
-    edge of the region if it is within the share `edge` of the region's width.
+    The best law has its mass at some of many candidate points. `points` is the number of these for
+    one, two, and more parameters. With many observations there are fewer, but at least `fewest`, so
+    that candidates times observations are at most `values`. Half of them are drawn from the
+    identified law, widened by the factor `wider`. With more than `covered` parameters they leave
+    gaps. A point is on an edge of the region if it is within the share `edge` of its width.
 
     Curves have 2 `line` points, each averaged over `across` draws of the other parameters; maps
-    have `side` points along each axis. The report of `identify` has the best law if there are at
-    least `experiments` (any law explains fewer), at most `parameters` scattering ones, and at most
-    `nodes` quadrature nodes in all. A replicate must need at most `direct` values of the simulator
-    itself, or `surfaces` values of surfaces; there are `replicates`. `seed` and `start` are the
-    seeds of the draws for curves and of the starting points.
+    have `side` points along each axis. `seed` and `start` are the seeds of these draws and of the
+    starting points.
+
+    The report of `identify` has the best law, tested with `replicates`, if it is quick to compute.
+    This needs at least `experiments` experiments (fewer do not restrict a law), at most
+    `parameters` scattering parameters, and at most `nodes` quadrature nodes over all observations.
+    A replicate must need at most `direct` values of the simulator itself, or at most `surfaces`
+    values of response surfaces.
     """
 
     points: tuple[int, int, int] = (256, 1024, 2048)
