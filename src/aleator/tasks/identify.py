@@ -67,9 +67,9 @@ def identify(
     `Experiments`, or a data frame whose column `outcome` is the measured outcome and whose other
     columns are conditions. With `noise` the likelihood is an integral over each experiment's own
     parameters. Without noise it is an integral over level sets, the parameters at which the
-    simulator gives the measured outcome. Neither is an approximation of the model.
-    If a `density`, `Collocation` or `nodes` of the law are chosen, the density of an outcome
-    without noise is computed from its moments instead.
+    simulator gives the measured outcome. Both are exact up to numerical errors. If a `density`,
+    `Collocation` or `nodes` of the law are chosen, the density of an outcome without noise is
+    computed from its moments instead.
 
     Runs are made by the workers of `executor`, or in this process; the result is the same.
     `consistency` False leaves out the second verdict, and `best_law` False the best possible law;

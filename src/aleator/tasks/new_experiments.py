@@ -480,7 +480,7 @@ class OneSurface:
 
     @property
     def kriged(self) -> Kriged:
-        """The surface corrected by kriging; once used, all later values are corrected too."""
+        """The surface corrected by kriging, as `predictor` returns it until the next refit."""
         if self._kriged is None:
             self._kriged = self._through_runs(SHARING.steps[0])
         return self._kriged
@@ -496,7 +496,7 @@ class OneSurface:
     def _through_runs(self, steps: int) -> Kriged:
         """The surface with kriging of the polynomial's errors at all runs.
 
-        Its covariance is improved by so many `steps` of maximum likelihood.
+        Its covariance parameters are improved by so many `steps` of a maximization.
         """
         trend = self._polynomial()
         both = (self.surfaces.emulator.samples.inside(self.surfaces.box), self.further)

@@ -38,7 +38,7 @@ ALL = "all"
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """A predicted quantity: a quantile of a measurement, or the probability to exceed a limit.
+    """A predicted quantity: a quantile of a measurement, or its probability beyond a limit.
 
     The measurement is made under the `conditions`. Give one of `quantile` (a probability), `below`
     and `above` (a limit in the outcome's unit). Raises InputsError for none or several of them, and
