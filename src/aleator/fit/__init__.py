@@ -1,11 +1,11 @@
-"""The flow of an identification, from experiments and a simulator to an answer.
+"""The flow of an identification, from experiments and a simulator to the identified laws.
 
-A `Question` says what is to be answered: experiments, laws, noise, a simulator, and how to compute.
-`refined` finds the maximum that neither nodes nor runs move, on the simulator itself or on surfaces
-that are made exact where the laws lie (`quadrature.py`, `refine.py`). `with_uncertainty` adds the
-information, profile intervals and other maxima. `identified` adds the check on the simulator; what
-it returns is an `Answer`, and `result_of` writes it down as a `Result`, which is plain data. Read
-`flow.py` first.
+A `Question` collects the experiments, laws, noise, simulator and settings of one identification.
+`refined` maximizes the likelihood, on the simulator itself or on response surfaces, until neither
+more quadrature nodes nor more simulator runs move the maximum (`quadrature.py`, `refine.py`).
+`with_uncertainty` adds the information matrix, profile intervals and other maxima. `identified`
+adds the check of the surfaces on the simulator and returns an `Answer`. `result_of` turns this into
+a `Result`, which is plain data. Read `flow.py` first.
 
 Three nouns: question, maximum, answer.
 """

@@ -1,6 +1,6 @@
-"""The flow of an identification: question, refine, uncertainty, check.
+"""The steps of an identification: maximize, compute uncertainty, check on the simulator.
 
-`identify` asks for the experiments that were measured, `recover` for virtual ones.
+The command `identify` takes these steps for measured experiments, `recover` for simulated ones.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from aleator.simulators.response_functions import moving_parameters
 class Answer:
     """The maximum with its uncertainty, its check on the simulator, and the surfaces' errors.
 
-    `checked` is None where nothing rests on surfaces, or no run was left or wanted.
+    `checked` is None where no response surface is used, no run was left, or the user switched the
+    check off. `doubt` is the effect of the surfaces' errors on the estimates.
     """
 
     inferred: Inferred
@@ -36,11 +37,11 @@ class Answer:
 
 
 def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
-    """The answer to a question, checked on the simulator where it rests on surfaces.
+    """Identify the laws, and check the result on the simulator where it rests on surfaces.
 
-    Surfaces are made exact where the law has its mass. An exact outcome far out is explained
-    elsewhere, and its log-density may rest on what a surface has wrong there: the check sees it,
-    and the surface has more runs near that outcome.
+    Surfaces are accurate where the law has its mass. Without noise, an outcome in the tail of its
+    law has its parameters elsewhere, where a surface may be wrong. The check finds such an error.
+    The surface then gets more runs near that outcome, and the laws are identified again.
     """
     runner = question.runner
     start = np.clip(start_point(question.inputs), *question.inputs.box.T)
@@ -54,19 +55,19 @@ def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
                 break
             again = _checked(better, check, ledger)
             if again.checked is None or again.doubt.size > answer.doubt.size:
-                # runs beside each other may spoil a surface
+                # Runs that lie very close together can make a surface worse.
                 break
             answer = again
     return answer
 
 
 def answered(question: Question, ledger: Ledger) -> Inferred:
-    """The maximum that neither nodes nor runs move, with its uncertainty."""
+    """The maximum likelihood with its uncertainty, not yet checked on the simulator."""
     return with_uncertainty(refined(question, ledger), ledger)
 
 
 def _checked(found: Inferred, check: Check, ledger: Ledger) -> Answer:
-    """The answer with the check: a few fresh runs under the individual laws."""
+    """Check an identification with new simulator runs at parameters of each experiment's law."""
     question, surfaces = found.refined.question, found.refined.surfaces
     likelihood, alpha, runner = found.maximum.likelihood, found.maximum.alpha, question.runner
     none = np.zeros(likelihood.count)
@@ -81,7 +82,7 @@ def _checked(found: Inferred, check: Check, ledger: Ledger) -> Answer:
         return Answer(found, result, Doubt(np.full(likelihood.count, np.nan), none))
     doubted = doubt(likelihood, found.inference, alpha, result)
     if surfaces is not None:
-        # what a step does is not known: that is said, and no run helps
+        # The error near a step of the simulator is unknown, and more runs would not reduce it.
         doubted = doubted.but_for(surfaces.stepped[likelihood.condition])
     return Answer(found, result, doubted)
 
@@ -101,7 +102,10 @@ def _against_simulator(found: Inferred, check: Check, runs: int) -> Checked:
 
 
 def _nearer(answer: Answer, ledger: Ledger) -> Inferred | None:
-    """The answer with more runs near outcomes whose surfaces are doubted; None without any."""
+    """Identify again with more runs near outcomes whose surfaces have too large an error.
+
+    None where no surface needs runs, or none are left.
+    """
     found, likelihood = answer.inferred, answer.inferred.maximum.likelihood
     surfaces = found.refined.surfaces
     if surfaces is None or not isinstance(likelihood, Problem):
@@ -119,9 +123,10 @@ def _nearer(answer: Answer, ledger: Ledger) -> Inferred | None:
 def _draws_near(
     problem: Problem, found: Inferred, rows: Indices, times: int = 16
 ) -> dict[int, Array]:
-    """Draws (512, moving) near the measured outcomes of some experiments, by condition.
+    """Parameter points (512, moving) with outcomes near the measured ones, by condition.
 
-    Of `times` as many draws of plausible laws, those whose outcomes are nearest are taken.
+    `rows` are the experiments. From `times` as many draws of plausible laws, those whose outcomes
+    by the surface are nearest to the measured ones are kept.
     """
     inputs, region = problem.inputs, problem.region
     likely = plausible_alphas(found.maximum.alpha, found.inference, problem.hyperparameters)

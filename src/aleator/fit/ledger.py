@@ -1,4 +1,4 @@
-"""What an identification takes by stage, and what of it a budget has."""
+"""The runs and seconds of each stage of an identification, and the user's budget of runs."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from aleator.moments.propagation import Collocation
 
 SURFACE, SEARCH = "response surface", "search"
-"""What the rounds and searches are called in the account of runs and seconds."""
+"""The names of two stages in the account of runs and seconds."""
 
 
 class Ledger:
-    """Seconds and simulator runs of each stage, which a progress display follows."""
+    """An account of the seconds and simulator runs of each stage, with a progress display."""
 
     def __init__(self, runner: Runner, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}
@@ -34,7 +34,7 @@ class Ledger:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Announce a stage and count its seconds and runs; a stage may come again."""
+        """Announce a stage of the work and count its seconds and runs; a stage may be repeated."""
         if name != self._last:
             self.progress.stage(name)
         self._last = name
@@ -52,8 +52,8 @@ def spend(
 ) -> None:
     """Count the runs of an identification against a budget from now on.
 
-    Raises InputsError where it is less than the first surfaces and the least check take, and the
-    store of the runner does not have the rest; or where there are no surfaces to save runs at.
+    Raises InputsError if the budget, with the runs in the store, is less than the first surfaces
+    and the smallest check take. Raises it also for collocation, whose number of runs is fixed.
     """
     runner.allow(budget)
     if budget == Budget():
@@ -75,9 +75,9 @@ def spend(
 
 
 def affordable(runner: Runner, runs: int) -> int | None:
-    """How many of `runs` runs of each unit the budget allows; None if all of them.
+    """How many of `runs` runs of each simulated unit the budget allows; None if it allows all.
 
-    None at all, 0, where they are fewer than the least check takes.
+    The number is 0 where the budget allows fewer than the smallest check takes.
     """
     given = runner.account.granted(runs * runner.units)
     if given == runs * runner.units:

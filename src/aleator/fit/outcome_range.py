@@ -1,7 +1,8 @@
-"""The density of exact outcomes on a response that reaches them, or is known not to.
+"""Whether the simulator can give every measured outcome, for a likelihood without noise.
 
-An outcome is out of reach only if the simulator, sought by a maximizer from several starts all over
-the laws' support, does not come to it. Surfaces that miss one by their own error get runs there.
+A measured outcome has no density if the simulator gives it at no admissible parameters. It counts
+as out of range only if an optimizer, started from several points of the laws' support, does not
+find parameters with this outcome. A surface that misses it by its own error gets more runs there.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ from aleator.surrogates.surface import Axes, logarithms
 
 @dataclass(frozen=True)
 class OutcomeSearch:
-    """How an outcome is searched for on the simulator; measured by `benchmarks folds`.
+    """Settings of the search for parameters that give an outcome; measured by `benchmarks folds`.
 
-    An ascent from the point that the surface says is nearest, then one from each of the best
-    `starts` of `looks` points of the support, each of at most `steps` runs a parameter. An outcome
-    that is missed by less than the share `near` of all that the outcome changes is not taken to be
-    out of reach. Surfaces get runs up to `rounds` times, drawn from the `draws` nearest of
-    `candidates` points of the region.
+    The first local search begins at the point that the surface says is nearest. Others begin at
+    the best `starts` of `looks` points of the laws' support. Each takes at most `steps` runs for
+    each parameter. An outcome missed by less than the share `near` of the range of all simulated
+    outcomes counts as reached. Surfaces get new runs up to `rounds` times, at points chosen among
+    the `draws` nearest of `candidates` points of the region.
     """
 
     looks: int = 32
@@ -51,7 +52,7 @@ class OutcomeSearch:
     draws: int = 512
 
     def most(self, parameters: int) -> int:
-        """The most runs that the search for one outcome takes."""
+        """The largest number of runs in the search for one outcome, for so many `parameters`."""
         return self.looks + (1 + self.starts) * self.steps * parameters
 
 
@@ -61,11 +62,11 @@ OUTCOME_SEARCH = OutcomeSearch()
 def on_surfaces(
     question: Question, surfaces: AdaptiveSurfaces, region: Array, progress: Progress
 ) -> Problem:
-    """The likelihood of exact outcomes on surfaces, whose region is widened to reach them.
+    """The likelihood without noise on surfaces, whose region is widened to reach all outcomes.
 
-    Outcomes that a surface still misses by its own error are left to later rounds, and all where a
-    budget does not have the runs by which one is sought. Raises ExperimentsError for an outcome
-    that the simulator itself does not reach.
+    An outcome that a surface still misses by its own error is left to later rounds. If the budget
+    does not allow the runs to search for one outcome, all are left. Raises ExperimentsError for an
+    outcome that the simulator itself does not give anywhere.
     """
     runner, inputs = question.runner, question.inputs
     model, outcomes = question.choices.model, question.measured
@@ -95,11 +96,12 @@ def on_surfaces(
 
 
 def on_simulator(question: Question, progress: Progress) -> Problem:
-    """The likelihood of exact outcomes by the simulator itself.
+    """The likelihood without noise on the simulator itself, if it can give every outcome.
 
-    Raises ExperimentsError for an outcome without level set that the simulator misses. It is sought
-    there as with surfaces. One between the outcomes that the simulator has, in the gap of a jump,
-    is left to the diagnostics. Raises NoOutcome for an experiment of which no run has a value.
+    If no cell of the grid of parameters contains an outcome, an optimizer searches for parameters
+    that give it. Raises ExperimentsError if the simulator does not give it anywhere. An outcome in
+    the gap of a jump, between simulated outcomes, is left to the diagnostics. Raises NoOutcome for
+    an experiment all of whose runs fail.
     """
     runner, inputs, y = question.runner, question.inputs, question.measured
     model = question.choices.model
@@ -137,7 +139,7 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
 
 
 def _support(inputs: Inputs) -> Array:
-    """The part of the box (n, 2) where laws of admissible hyperparameters have their mass."""
+    """The range (n, 2) of parameters covered by the laws for all admissible hyperparameters."""
     lower, upper = (end[: inputs.size] for end in limits_of(inputs.hyperparameters))
     u = qmc.Sobol(max(inputs.size, 1), rng=0).random(OUTCOME_SEARCH.looks)[:, : inputs.size]
     return within(inputs.box, law_region(inputs, [*(lower + u * (upper - lower)), lower, upper]))
@@ -146,17 +148,18 @@ def _support(inputs: Inputs) -> Array:
 def _reached(
     run: Run, start: Array, condition: int, outcome: float, side: float, whole: Array
 ) -> Array | None:
-    """A point (n,) where the simulator of a condition is at the outcome or beyond; None without.
+    """Parameters (n,) at which the simulator reaches the outcome or exceeds it; None if none.
 
-    Beyond is above it if `side` is 1, and below it if -1. It is sought from `start` (n,) first;
-    `whole` (n, 2) is the support of the parameters that move.
+    To exceed it is to be above it if `side` is 1, and below it if `side` is -1. The search begins
+    at `start` (n,). `whole` (n, 2) is the support of the n parameters that are not constant, and
+    `condition` the index of the simulated experiment.
     """
     axes = Axes(whole, logarithms(whole))
     first = np.clip(axes.inward(start), -1.0, 1.0)
     best, farthest, seen = first, -np.inf, [outcome]
 
     def short(z: Array) -> float:
-        """How far the outcome at z is from being reached; negative beyond."""
+        """How much the simulated outcome at z falls short of the measured one; negative beyond."""
         nonlocal best, farthest
         inside = np.clip(z, -1.0, 1.0)
         y = float(run(np.array([condition]), axes.outward(inside[None]))[0])
@@ -191,7 +194,10 @@ def _reached(
 
 
 def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bool:
-    """Run some conditions near their outcomes; False where none is granted a run."""
+    """Make runs near the `outcomes` that surfaces miss; False if the budget allows no run.
+
+    `lost` are the indices of these surfaces.
+    """
     members = np.isin(np.arange(surfaces.good.size), lost)
     granted = np.flatnonzero(surfaces.granted(members))
     for condition in granted.tolist():
@@ -204,7 +210,7 @@ def _sharpened(surfaces: AdaptiveSurfaces, lost: Indices, outcomes: Array) -> bo
 
 
 def _holding(region: Array, x: Array, box: Array) -> Array:
-    """The region (n, 2), widened so that it holds the point x (moving,) with some room."""
+    """The region (n, 2), widened to contain the point x of its non-constant parameters."""
     moving = moving_parameters(region)
     wide = region.copy()
     inside = np.clip(x, *region[moving].T)
@@ -213,7 +219,7 @@ def _holding(region: Array, x: Array, box: Array) -> Array:
 
 
 def _spread(box: Array) -> Array:
-    """4096 quasi-random points all over a box (n, 2)."""
+    """Quasi-random points (4096, n) that fill the parameters' ranges `box` (n, 2)."""
     axes = Axes(box, logarithms(box))
     return np.asarray(
         axes.outward(2.0 * qmc.Sobol(len(box), rng=0).random(OUTCOME_SEARCH.candidates) - 1.0)
@@ -221,6 +227,6 @@ def _spread(box: Array) -> Array:
 
 
 def _by_surface(surfaces: AdaptiveSurfaces, condition: int) -> tuple[Array, Array]:
-    """4096 points all over the region, and the outcomes of one condition's surface there."""
+    """Points (4096, n) that fill the surfaces' region, and one surface's outcomes there (4096,)."""
     points = _spread(surfaces.box)
     return points, surfaces.surface().take(np.array([condition])).evaluate(points)[0]

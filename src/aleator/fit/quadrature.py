@@ -1,7 +1,8 @@
-"""From a maximum that a search found to one that neither nodes nor further steps move.
+"""Maximize the likelihood again with more quadrature nodes, until more of them change nothing.
 
-Without noise the nodes are those of the level sets, or of the law: they serve at every alpha, and
-an answer has finer ones than a search.
+With noise the likelihood is an integral over each experiment's parameters, whose nodes are adapted
+to alpha. Without noise one set of nodes serves at every alpha: that of the level sets, or of the
+law. The reported result has finer nodes than the search.
 """
 
 from __future__ import annotations
@@ -32,70 +33,79 @@ from aleator.search.newton import ascended, outer
 
 @dataclass(frozen=True)
 class NodeAccuracy:
-    """When the nodes of an answer are enough, by judgement where nothing else is said."""
+    """Settings for the number of quadrature nodes of the reported result.
+
+    The values are chosen by judgement where no other reason is given.
+    """
 
     rounds: int = 30
-    """Times that nodes are adapted and climbed with, at most."""
+    """The largest number of times that nodes are adapted and the likelihood is maximized."""
     rough: float = 0.01
-    """Log-likelihood that may be left to climb before nodes are fixed."""
+    """The estimated gain of log-likelihood below which alpha is near enough to fix the nodes."""
     still: float = 1e-5
-    """Gain of log-likelihood by adapting the nodes again that counts as none."""
+    """The gain of log-likelihood by adapting the nodes again that counts as zero."""
     close: float = 0.1
-    """Distance in law over which nodes that are fixed as parameters still serve."""
+    """The distance between two laws within which nodes fixed at parameter values still serve."""
     enough: float = 2e-3
-    """Change of the log-likelihood by more nodes that counts as none. If it is more, 1e-5 an
-    experiment, up to the change that is reported."""
+    """The change of the log-likelihood by more nodes that counts as zero. With many experiments it
+    is 1e-5 for each experiment, but never more than the change that the report mentions."""
     hardly: float = 0.02
-    """Change of the log-likelihood by more nodes that does not matter to an interval."""
+    """The change of the log-likelihood by more nodes that does not matter for an interval."""
     little: float = 0.1
-    """The same while surfaces are still coarse and more runs follow."""
+    """The change of the log-likelihood by more nodes that is admitted while response surfaces are
+    still coarse."""
     scoring: int = 3
-    """Gauss-Hermite nodes a variate that scores need, at least."""
+    """The least number of Gauss-Hermite nodes for each scattering parameter that scores need."""
     products: int = 4
-    """Variates for which product rules of Gauss-Hermite nodes are affordable, at most."""
+    """The largest number of scattering parameters with a Gauss-Hermite product rule."""
     sample: int = 300
-    """Experiments on which rules of many nodes are tried and second modes are sought."""
+    """The number of experiments on which large rules are tried and second modes are sought."""
     large: int = 400
-    """Nodes of an experiment from which a rule is large."""
+    """The number of nodes for each experiment from which a rule is called large."""
     slow: float = 0.7
-    """Ratio of successive changes of a large rule above which it converges slowly."""
+    """The ratio of successive changes of the log-likelihood above which a large rule converges
+    slowly."""
     plane_large: int = 100
-    """Nodes from which a rule of two variates is large; panels are the alternative."""
+    """The number of nodes from which a rule for two scattering parameters is called large; the
+    alternative is a piecewise Gauss-Legendre rule over the plane."""
     plane_slow: float = 0.25
-    """Ratio of successive changes above which a rule of two variates converges slowly."""
+    """The ratio of successive changes of the log-likelihood above which a rule for two scattering
+    parameters converges slowly."""
     smooth: float = 1e-4
-    """Change by more nodes about one mode that rules out a kink."""
+    """The change by more nodes around one mode below which the integrand has no kink."""
     some: int = 150
-    """Nodes about one mode, at most, by which it is tested whether there is a kink."""
+    """The largest number of nodes around one mode in the test for a kink of the integrand."""
     panels_tried: int = 40
-    """Experiments on which panels of two variates are tried."""
+    """The number of experiments on which the piecewise Gauss-Legendre rule is tried."""
     points_tried: tuple[int, int] = (600, 1200)
-    """Importance points, coarse and fine, that show what nodes about one mode miss."""
+    """Two numbers of importance points, with which nodes around one mode are compared."""
     certain: float = 3.0
-    """Standard errors of the points beyond which a difference is no chance."""
+    """The number of standard errors beyond which a difference from importance points is real."""
     mode_points: int = 16
-    """Importance points where only the modes matter."""
+    """The number of importance points where only the modes are needed."""
     others: int = 3
-    """Optima besides the best that are evaluated with the nodes of the answer."""
+    """The number of optima besides the best that are evaluated with the reported nodes."""
     higher: float = 2e-3
-    """Log-likelihood by which another maximum must be higher to be taken."""
+    """The gain of log-likelihood from which another maximum replaces the present one."""
     same: float = 0.3
-    """Standard errors, by the outer product of the scores, within which two maxima are one."""
+    """The distance in standard errors, by the outer product of the scores, within which two maxima
+    are the same."""
 
 
 NODE_ACCURACY = NodeAccuracy()
 
 
 AnyLikelihood = IndividualLikelihood | Problem
-"""The integral over individual parameters, or the density of exact outcomes."""
+"""A likelihood with noise (an integral over parameters) or without (a density of outcomes)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """A maximum alpha (K,), with nodes adapted there and the `gap` that more nodes change.
+    """A maximum alpha (K,) of a likelihood whose quadrature nodes are adapted to it.
 
-    `coarse` is the likelihood with the fewest nodes of which more hardly change it, or change it
-    little; None where the nodes serve at every alpha.
+    `gap` is the change of the log-likelihood by more nodes. `coarse` is the likelihood with the
+    fewest nodes that are accurate enough for profile intervals. It is None where one set of nodes
+    serves at every alpha.
     """
 
     likelihood: AnyLikelihood
@@ -105,13 +115,13 @@ class Maximum:
 
     @property
     def value(self) -> float:
-        """The log-likelihood with priors, by the nodes of the maximum."""
+        """The log-likelihood at the maximum, with the log prior density."""
         return self.likelihood.evaluate(self.alpha).total
 
 
 @dataclass(frozen=True, eq=False)
 class _IntegralMaximum(Maximum):
-    """A maximum of an integral over individual parameters."""
+    """A maximum of a likelihood that is an integral over each experiment's parameters."""
 
     likelihood: IndividualLikelihood
     coarse: IndividualLikelihood
@@ -120,7 +130,10 @@ class _IntegralMaximum(Maximum):
 def with_enough_nodes(
     likelihood: AnyLikelihood, alpha: Array, enough: float = NODE_ACCURACY.enough
 ) -> Maximum:
-    """The nearest maximum, with as many nodes as are `enough` for it."""
+    """The local maximum reached from alpha (K,), with enough quadrature nodes.
+
+    Nodes are added until more of them change the log-likelihood by less than `enough`.
+    """
     if isinstance(likelihood, Problem):
         fine = likelihood.fine() if enough < NODE_ACCURACY.rough else likelihood
         end, alpha = nearest_maximum(fine, alpha)
@@ -131,12 +144,12 @@ def with_enough_nodes(
 def _integral_with_enough_nodes(
     likelihood: IndividualLikelihood, alpha: Array, enough: float
 ) -> Maximum:
-    """Climb with fixed nodes, adapt them, and take more of them, until nothing moves.
+    """Maximize, adapt the nodes, and add more of them, until the log-likelihood does not change.
 
-    Nodes are enough where more of them change the log-likelihood by less than `enough`. With more
-    than four variates they are points along the ridge of each individual law. Importance points
-    replace nodes about one mode where an individual law has other modes that count, or where these
-    nodes would be too many; with two variates panels do.
+    It does not change if more nodes alter it by less than `enough`. The first nodes lie around one
+    mode of each experiment's integrand; with more than four scattering parameters they lie along
+    its ridge. If other modes count, or too many nodes would be needed, importance points replace
+    them. With two scattering parameters a piecewise Gauss-Legendre rule replaces them.
     """
     variates = likelihood.inputs.scattering
     many = variates > NODE_ACCURACY.products
@@ -156,10 +169,10 @@ def _integral_with_enough_nodes(
 
 
 def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
-    """The likelihood with at least three nodes a variate, as scores need.
+    """The likelihood with at least three nodes for each scattering parameter, as scores need.
 
-    One node at the mode gives an individual density its height but not its width, so that the score
-    of a standard deviation would not be the slope of the log-likelihood.
+    One node at the mode gives the height of an experiment's density but not its width. The score
+    of a standard deviation would then differ from the slope of the log-likelihood.
     """
     if not isinstance(likelihood.rule, GaussHermite) or likelihood.inputs.scattering < 2:
         return likelihood
@@ -167,10 +180,10 @@ def _scoring(likelihood: IndividualLikelihood) -> IndividualLikelihood:
 
 
 def _told_by_panels(end: _IntegralMaximum, most: float, enough: float) -> bool:
-    """Whether nodes about one mode of two variates give the same value as panels.
+    """Whether nodes around one mode agree with a piecewise rule over two scattering parameters.
 
-    Panels cover the whole plane and miss nothing. It is so where more nodes change less than
-    `most`, and panels change less than `enough`.
+    The piecewise rule covers the whole plane and misses no mode. They agree if more nodes change
+    the log-likelihood by less than `most`, and the piecewise rule by less than `enough`.
     """
     if abs(end.gap) > most:
         return False
@@ -182,9 +195,9 @@ def _told_by_panels(end: _IntegralMaximum, most: float, enough: float) -> bool:
 
 
 def _smooth(end: _IntegralMaximum) -> bool:
-    """Whether ever more nodes about one mode converge, as they do not at a kink.
+    """Whether the integral converges with more nodes around one mode.
 
-    A hundred nodes cost a hundredth of what panels cost.
+    It does not where the integrand has a kink. The test costs a hundredth of a piecewise rule.
     """
     held, gap = end.likelihood, end.gap
     while abs(gap) >= NODE_ACCURACY.smooth:
@@ -198,7 +211,7 @@ def _smooth(end: _IntegralMaximum) -> bool:
 
 
 def _misses_modes(end: _IntegralMaximum) -> bool:
-    """Whether nodes about one mode of each experiment miss a part of the likelihood."""
+    """Whether nodes around one mode of each experiment miss other modes that count."""
     likelihood, alpha = end.likelihood, end.alpha
     if not several_modes(likelihood, alpha):
         return False
@@ -213,9 +226,10 @@ def _misses_modes(end: _IntegralMaximum) -> bool:
 
 
 def _points_tell_less(end: _IntegralMaximum) -> bool:
-    """Whether importance points would have a larger error than the nodes of the answer.
+    """Whether importance points would have a larger error than the present nodes.
 
-    The error of the largest number of points is extrapolated as that of random points.
+    Their error is measured with few points, and extrapolated to the largest number of points by
+    the square root law of random points.
     """
     coarse, fine = (
         _some(end.likelihood).by(ImportancePoints(n), end.alpha) for n in NODE_ACCURACY.points_tried
@@ -225,7 +239,7 @@ def _points_tell_less(end: _IntegralMaximum) -> bool:
 
 
 def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
-    """Whether the individual law of an experiment has a second mode; a sample of many is tested."""
+    """Whether the integrand of any experiment, or of a sample of them, has a second mode."""
     found = _some(likelihood).by(ImportancePoints(NODE_ACCURACY.mode_points, 2), alpha).nodes.modes
     return bool(np.any(found[:, :, 1] != found[:, :, 0]))
 
@@ -233,12 +247,12 @@ def several_modes(likelihood: IndividualLikelihood, alpha: Array) -> bool:
 def _some(
     likelihood: IndividualLikelihood, size: int = NODE_ACCURACY.sample
 ) -> IndividualLikelihood:
-    """The likelihood of a sample of the experiments; of all where they are few."""
+    """The likelihood of an evenly spread sample of the experiments, or of all if they are few."""
     return likelihood.sampled(size) if likelihood.count > 2 * size else likelihood
 
 
 def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _IntegralMaximum:
-    """The nearest maximum by one kind of rule, with as many nodes as are enough."""
+    """The local maximum with one kind of quadrature rule, whose nodes are added until `enough`."""
     tried = list[tuple[float, IndividualLikelihood]]()
     variates = likelihood.inputs.scattering
     while True:
@@ -252,7 +266,7 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
         slowly = NODE_ACCURACY.plane_slow if exact else NODE_ACCURACY.slow
         slow = held.nodes.xi.shape[1] > large and abs(gap) > slowly * before
         if held.rule.centers == 1 and slow and abs(gap) > NODE_ACCURACY.hardly:
-            # what is not smooth converges slowly about one centre
+            # A rule around one mode converges slowly where the integrand is not smooth.
             return _IntegralMaximum(held, alpha, gap, _fewest(tried))
         none = max(enough, min(1e-5 * held.count, EXPERIMENTS.noted_gap))
         finer = held.rule.refined(gaps, none, variates)
@@ -262,7 +276,10 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
 
 
 def _fewest(tried: Sequence[tuple[float, IndividualLikelihood]]) -> IndividualLikelihood:
-    """The likelihood with the fewest nodes of which more hardly change it; else with the most."""
+    """The likelihood with the fewest nodes whose error is small enough, else with the most nodes.
+
+    `tried` has the absolute error and the likelihood of each rule, from few nodes to many.
+    """
     for most in (NODE_ACCURACY.hardly, NODE_ACCURACY.little):
         for gap, held in tried:
             if gap < most:
@@ -271,7 +288,7 @@ def _fewest(tried: Sequence[tuple[float, IndividualLikelihood]]) -> IndividualLi
 
 
 def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
-    """The changes of the log-likelihood by each of the finer rules."""
+    """The change of the log-likelihood by each quadrature rule that is one step finer."""
     variates = held.inputs.scattering
     rules = held.rule.finer(variates)
     if isinstance(held.rule, ImportancePoints | RidgePoints):
@@ -281,7 +298,10 @@ def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
 
 
 def _change(held: IndividualLikelihood, rule: NodeRule, alpha: Array, large: bool) -> float:
-    """The change of the log-likelihood by a rule; a large rule is tried on a sample."""
+    """The change of the log-likelihood by another quadrature rule.
+
+    A `large` rule is tried on a sample of the experiments, and its change is scaled to all.
+    """
     tried = _some(held) if large else held
     change = tried.by(rule, alpha).evaluate(alpha).total - tried.evaluate(alpha).total
     return float(change * held.count / sum(len(block) for block in tried.blocks))
@@ -290,8 +310,9 @@ def _change(held: IndividualLikelihood, rule: NodeRule, alpha: Array, large: boo
 def _change_of_points(finer: IndividualLikelihood, alpha: Array, each: Array) -> float:
     """The change of the log-likelihood by other importance points.
 
-    It is at least the root of the sum of squares, since changes of experiments may cancel by
-    chance, and at least what there is left to climb with the other points.
+    `each` (N,) are the log-densities of the experiments by the first points. Changes of different
+    experiments may cancel by chance, so that the root of the sum of their squares is a lower
+    limit. Another is the estimated gain of maximizing with the other points.
     """
     hyperparameters, found = finer.hyperparameters, finer(alpha)
     free = np.array(
@@ -305,7 +326,7 @@ def _change_of_points(finer: IndividualLikelihood, alpha: Array, each: Array) ->
 
 
 def nearest_maximum(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelihood, Array]:
-    """The nearest maximum, and the likelihood with nodes adapted there."""
+    """The local maximum (K,) reached from alpha, and the likelihood with nodes adapted to it."""
     if not isinstance(likelihood, Problem):
         return _nearest_of_integral(likelihood, alpha)
     hyperparameters = likelihood.hyperparameters
@@ -320,7 +341,7 @@ def nearest_maximum(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelih
 def _nearest_of_integral(
     likelihood: IndividualLikelihood, alpha: Array
 ) -> tuple[IndividualLikelihood, Array]:
-    """The nearest maximum: nodes follow alpha until it is near, then they are fixed."""
+    """The local maximum with noise: nodes are adapted to alpha until it is near, then fixed."""
     hyperparameters = likelihood.hyperparameters
     free = np.flatnonzero([h.free for h in hyperparameters])
     held = (
@@ -337,7 +358,7 @@ def _nearest_of_integral(
     nearest = following.nearest(alpha)
     held = nearest if nearest.distance(alpha) < NODE_ACCURACY.close else held.adapted(alpha)
     if isinstance(held.rule, RidgePoints):
-        # held where a ridge was, points promise much beside it that is not there
+        # Points fixed along one ridge give wrong, too high values beside it.
         alpha = ascended(held.followed, alpha, hyperparameters, free, information).alpha
         return held.adapted(alpha), alpha
     if held.rule.centers > 1:
@@ -345,13 +366,13 @@ def _nearest_of_integral(
     for _ in range(NODE_ACCURACY.rounds):
         before = held.evaluate(alpha).total
         following.remember(held)
-        # variates as a plain function: a search would let the nodes follow
+        # Nodes fixed as standard variates are passed as a plain function, so that they stay fixed.
         objective = held.__call__ if held.parameters is None else following
         end = ascended(objective, alpha, hyperparameters, free, information)
         again, close = held.adapted(end.alpha), held.distance(end.alpha) < NODE_ACCURACY.close
         gain = again.evaluate(end.alpha).total - before
         if gain < 0.0 and end.value > before:
-            # nodes that were held too far from where they were adapted promised what is not there
+            # The gain was an error of nodes too far from the alpha that they were adapted to.
             break
         held, alpha, information = again, end.alpha, end.information
         if close or abs(gain) < NODE_ACCURACY.still:
@@ -362,7 +383,7 @@ def _nearest_of_integral(
 def _climbed_with_points(
     held: IndividualLikelihood, alpha: Array, information: Array, free: Indices
 ) -> tuple[IndividualLikelihood, Array]:
-    """The maximum with fixed importance points, drawn anew until a climb gains nothing."""
+    """The local maximum with importance points, drawn anew until maximizing gains nothing."""
     for _ in range(NODE_ACCURACY.rounds):
         before = held.evaluate(alpha).total
         end = ascended(held.__call__, alpha, held.hyperparameters, free, information)
@@ -376,7 +397,10 @@ def _climbed_with_points(
 
 
 def _outer(scores: Array | None, free: Indices, hyperparameters: Sequence[Hyperparameter]) -> Array:
-    """The sum of outer products of the scores (F, F), and at least 1/width^2 of the limits."""
+    """The sum of outer products of the scores (F, F), plus 1/width^2 of the limits' intervals.
+
+    F is the number of free hyperparameters; the second term keeps the matrix positive definite.
+    """
     assert scores is not None
     own = scores[:, free]
     lower, upper = limits_of(hyperparameters, free)
@@ -385,9 +409,9 @@ def _outer(scores: Array | None, free: Indices, hyperparameters: Sequence[Hyperp
 
 @dataclass(frozen=True, eq=False)
 class Highest:
-    """The highest maximum, and other optima (K,) less than 1.92 below it by the same nodes.
+    """The highest maximum, and `others`: optima (K,) less than 1.92 of log-likelihood below it.
 
-    `search_result` is the search with the answer as its first optimum, and the others after it.
+    `search_result` is the search with this maximum as its first optimum, and the others after it.
     """
 
     maximum: Maximum
@@ -398,7 +422,7 @@ class Highest:
     def of(
         cls, end: Maximum, found: SearchResult, looked: Sequence[Optimum], rest: Sequence[Optimum]
     ) -> Highest:
-        """The maximum with those optima that were evaluated anew, then the `rest`."""
+        """The highest maximum `end`, with the optima `looked` evaluated anew, and the `rest`."""
         lower = [replace(o, log_likelihood=min(o.log_likelihood, end.value)) for o in looked]
         lower.sort(key=lambda optimum: -optimum.log_likelihood)
         optima = (Optimum(end.alpha, end.value, found.optima[0].starts), *lower, *rest)
@@ -407,16 +431,17 @@ class Highest:
 
 
 def with_other_optima(end: Maximum, found: SearchResult) -> Highest:
-    """The maximum as it is, with the log-likelihoods of the next optima by its nodes."""
+    """The maximum unchanged, and the next optima of the search evaluated with its nodes."""
     looked = _looked_at(end.likelihood.continued, found)
     return Highest.of(end, found, looked, found.optima[1 + NODE_ACCURACY.others :])
 
 
 def highest_maximum(end: Maximum, found: SearchResult) -> Highest:
-    """The highest of the maxima climbed to from the best optima of the search.
+    """The highest of the maxima that are reached from the best optima of the search.
 
-    A search has few nodes: with those of the answer another optimum than its best may be the
-    highest. One that is ruled out by these is not climbed from.
+    A search has few quadrature nodes. With the accurate nodes of `end`, another optimum than the
+    best of the search may be the highest, so that the likelihood is maximized from each again. An
+    optimum far below `end` by the accurate nodes is left out.
     """
     looked, climbs, ascents = [], list[Optimum](), found.ascents
     objective = end.likelihood.continued
@@ -443,7 +468,7 @@ def highest_maximum(end: Maximum, found: SearchResult) -> Highest:
 
 
 def _looked_at(objective: Objective, found: SearchResult) -> list[Optimum]:
-    """The next optima of a search, with their log-likelihoods by the nodes of the answer."""
+    """The next best optima of a search, with log-likelihoods by the accurate nodes."""
     return [
         replace(optimum, log_likelihood=objective(optimum.alpha).total)
         for optimum in found.optima[1 : 1 + NODE_ACCURACY.others]
@@ -460,14 +485,14 @@ def _climbed(likelihood: AnyLikelihood, optimum: Optimum) -> Optimum:
 
 
 def _moved(ascent: Ascent, optimum: Optimum, climb: Optimum) -> Ascent:
-    """An ascent whose end is moved to where a climb from its optimum ended."""
+    """An ascent of the search; if it ended at the optimum, its end is moved to that of `climb`."""
     if not np.array_equal(ascent.alpha, optimum.alpha):
         return ascent
     return replace(ascent, alpha=climb.alpha, log_likelihood=climb.log_likelihood)
 
 
 def _reached(end: Maximum, ascents: Sequence[Ascent]) -> int:
-    """The number of starts that ended on the hill of the answer."""
+    """The number of ascents that ended about a standard error or less from the maximum `end`."""
     scores = end.likelihood(end.alpha).scores
     assert scores is not None
     free = np.flatnonzero([h.free for h in end.likelihood.hyperparameters])

@@ -1,7 +1,7 @@
-"""What is to be answered: experiments, laws, noise and a simulator, and the choices by which to.
+"""What an identification needs: experiments, laws, noise, a simulator, and settings.
 
-`Choices` is a study without its runs, `Question` one with them. `way_of` says whether the
-likelihood is integrated over the simulator itself or over surfaces of it.
+`Choices` holds everything but the simulator, `Question` adds it. `way_of` decides whether the
+likelihood is integrated over the simulator itself or over response surfaces of it.
 """
 
 from __future__ import annotations
@@ -41,28 +41,28 @@ if TYPE_CHECKING:
 
 
 Noises = Noise | Mapping[str, Noise]
-"""The noise of the only response, or of each by name."""
+"""The measurement noise: of the only response, or of each response by name."""
 DEFAULT_PROPAGATION = ResponseSurface()
 DEFAULT_SEARCH = GradientMultistart()
 
 FIRST = (GaussHermite(1), GaussHermite(5), GaussHermite(3), GaussHermite(3))
-"""The nodes that a search begins with, by the number of variates."""
+"""The quadrature rule that a search begins with, for 0, 1, 2 and 3 scattering parameters."""
 FEWEST = GaussHermite(3, 1)
-"""... for more variates than that."""
+"""The quadrature rule that a search begins with, for four or more scattering parameters."""
 
 
 def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
-    """Whether outcomes have a density of their own, without an integral over parameters.
+    """Whether the likelihood is the density of the outcomes, without measurement noise.
 
-    It is so for one exact outcome an experiment, under one law for all experiments that is no
-    mixture. Everything else is integrated over the parameters of each experiment.
+    This requires one uncensored outcome for each experiment, and the same law for all of them,
+    which is no mixture. Otherwise the likelihood is an integral over each experiment's parameters.
     """
     return noise is None and table.simple and not inputs.regressed and len(inputs.classes) == 1
 
 
 @dataclass(frozen=True, eq=False)
 class Choices:
-    """A study without its runs: the table, the laws, the noise, and how to compute and search."""
+    """A study without its simulator: table, laws, noise, and the settings of all computations."""
 
     table: Experiments
     inputs: Inputs
@@ -81,10 +81,11 @@ class Choices:
         density: Density | None = None,
         search: Search = DEFAULT_SEARCH,
     ) -> Choices:
-        """Checked choices, in which laws that follow covariates are resolved by the table.
+        """Checked choices; laws that depend on covariates get the covariates of the table.
 
-        Raises InputsError for what does not go together: a density, collocation or nodes of the
-        law with noise, several observations without it, and nothing that scatters.
+        Raises InputsError for combinations that have no likelihood: a density method, collocation
+        or nodes of the law together with noise, several observations of an experiment without
+        noise, and no scattering parameter.
         """
         made = cls(table, inputs, noise, propagation, density, search)
         if not is_exact(table, inputs, noise):
@@ -98,12 +99,12 @@ class Choices:
 
     @property
     def exact(self) -> bool:
-        """Whether the outcomes have a density of their own (see `is_exact`)."""
+        """Whether the likelihood is the density of outcomes without noise (see `is_exact`)."""
         return is_exact(self.table, self.inputs, self.noise)
 
     @cached_property
     def model(self) -> Model:
-        """How the density of an exact outcome is computed."""
+        """The model by which the density of an outcome without noise is computed."""
         return Model.of(self.inputs, self.propagation, self.density)
 
     @cached_property
@@ -114,7 +115,7 @@ class Choices:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """The hyperparameters of the laws, then those of the errors."""
+        """The hyperparameters of the laws, then those of the measurement errors."""
         if self.exact:
             return self.model.hyperparameters
         return (*self.inputs.hyperparameters, *self.errors.hyperparameters)
@@ -136,7 +137,10 @@ class Choices:
             )
 
     def question(self, runner: Runner, seen: Observations, seed: int) -> Question:
-        """The question for these observations at the places of the table; NaN is no observation."""
+        """The question with other observations at the places of the table; NaN ones are left out.
+
+        `seen` has a value for each observation of the table.
+        """
         kept = ~np.isnan(seen.lower)
         table = self.table.with_observations(seen.only(kept))
         return Question(replace(self, table=table), runner, seed, kept)
@@ -144,9 +148,9 @@ class Choices:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """The choices of a study, and what makes its runs.
+    """A study with the runner of its simulator.
 
-    Of the observations that the runner gives values of the table has those that are `kept`.
+    `kept` marks which of the observations that the runner simulates the table contains.
     """
 
     choices: Choices
@@ -155,7 +159,7 @@ class Question:
     kept: Flags
 
     def without(self, lost: Flags) -> Question:
-        """The question without some of the observations (M,), of which no run gives a value."""
+        """The question without the observations marked in `lost` (M,), whose runs all fail."""
         kept = self.kept.copy()
         kept[kept] = ~lost
         table = self.choices.table.only(~lost)
@@ -163,7 +167,7 @@ class Question:
 
     @property
     def table(self) -> Experiments:
-        """The experiments."""
+        """The table of experiments."""
         return self.choices.table
 
     @property
@@ -173,7 +177,7 @@ class Question:
 
     @property
     def exact(self) -> bool:
-        """Whether the outcomes have a density of their own (see `is_exact`)."""
+        """Whether the likelihood is the density of outcomes without noise (see `is_exact`)."""
         return self.choices.exact
 
     @property
@@ -183,28 +187,28 @@ class Question:
 
     @property
     def unit(self) -> Indices:
-        """The unit (M,) whose run gives each observation."""
+        """The index (M,) of the simulation, with its conditions, that gives each observation."""
         return self.runner.unit[self.kept]
 
     @property
     def column(self) -> Indices:
-        """The place (M,) of each observation among the values of its run."""
+        """The index (M,) of each observation among the output values of its simulator run."""
         return self.runner.column[self.kept]
 
     @cached_property
     def layout(self) -> Layout:
-        """The run that gives each observation, and its experiment."""
+        """The layout of the data: the simulator run and the experiment of each observation."""
         experiment = self.table.observations.experiment
         return Layout(len(self.ids), experiment, self.unit, self.column)
 
     @cached_property
     def measured(self) -> Array:
-        """The observations (M,) as numbers; of a censored one the bound."""
+        """The observations (M,) as numbers; for a censored one its finite bound."""
         seen = self.table.observations
         return np.where(np.isfinite(seen.lower), seen.lower, seen.upper)
 
     def integral(self, predictor: Predictor) -> IndividualLikelihood:
-        """The integral over individual parameters, with few nodes, for a search."""
+        """The likelihood, integrated over each experiment's parameters by the rule of a search."""
         variates = self.inputs.scattering
         rule = FIRST[variates] if variates < len(FIRST) else FEWEST
         errors = self.choices.errors
@@ -224,7 +228,7 @@ def start_point(inputs: Inputs) -> Array:
 
 
 def varying_conditions(table: Experiments, requested: Sequence[str]) -> list[str]:
-    """Those of the simulator's conditions that vary within an experiment."""
+    """The names of the conditions, among those requested, that vary within an experiment."""
     first = np.unique(table.experiment, return_index=True)[1]
     return [
         name
@@ -251,10 +255,10 @@ def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> 
 def surfaces_alone(
     propagation: ResponseSurface | Collocation, density: Density | None
 ) -> ResponseSurface:
-    """The settings of surfaces, for a likelihood over individual parameters.
+    """The settings of response surfaces, for a likelihood with measurement noise.
 
-    Raises InputsError for what only the density of an exact outcome has: the density itself,
-    collocation, a surface of all experiments, and nodes of the law.
+    Raises InputsError for settings that only a likelihood without noise has: a density method,
+    collocation, one shared surface of all experiments, and nodes of the law.
     """
     if density is not None:
         raise _of_exact_outcomes(f"the density ({density.name})", "[density]")
@@ -277,18 +281,18 @@ def _of_exact_outcomes(what: str, key: str) -> InputsError:
 
 @dataclass(frozen=True)
 class WaySettings:
-    """How runs without surfaces are counted beforehand, and where failures are looked for."""
+    """Settings for counting runs without response surfaces, and for finding failing runs."""
 
     evaluations: int = 400
-    """Evaluations of the likelihood that an identification takes, about."""
+    """The approximate number of evaluations of the likelihood in an identification."""
     nodes: int = 9
-    """Nodes a variate that an identification comes to, about; of more than three variates fewer."""
+    """The approximate final number of quadrature nodes for each of up to three parameters."""
     line: int = 33
-    """Points of a line on which failures are looked for that lie alone."""
+    """Points on each line through the region on which isolated failing runs are searched for."""
     tried: int = 128
-    """Points at which a run must give no value of an observation for that to be lost."""
+    """Points of the region at which all runs must fail before an observation is left out."""
     grids: tuple[int, int] = (100, 5000)
-    """Grids of level sets in an identification, fewest and most of the studies of `make judges`."""
+    """The least and largest number of grids for level sets in the studies of `make judges`."""
 
 
 WAYS = WaySettings()
@@ -296,19 +300,22 @@ WAYS = WaySettings()
 
 @dataclass(frozen=True)
 class Way:
-    """Whether the simulator itself is integrated over, or else surfaces; the `reason` in words."""
+    """Whether the likelihood uses the simulator itself (`direct`) or response surfaces, and why.
+
+    `reason` is shown in the report.
+    """
 
     direct: bool
     reason: str
 
 
 def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> Way:
-    """The simulator itself where it is vectorized, else surfaces.
+    """Whether to use the simulator itself, if it is vectorized, or else response surfaces.
 
-    The choice says otherwise by `surfaces`. A tolerance and a budget of runs are for surfaces, and
-    so is a simulator of which single runs fail between others that do not. `x` (n,) is a point of
-    the `region` (n, 2) where the laws may be. No time is measured, so that the same study goes the
-    same way on every machine. Cost: 33 runs a unit and parameter of a vectorized simulator.
+    The user's setting `surfaces` comes first. Surfaces are used where a tolerance or a budget of
+    runs is set, and where single runs fail between others that succeed. `x` (n,) is a point of the
+    `region` (n, 2) in which the laws may lie. No time is measured, so that the decision is the same
+    on every machine. Cost: 33 runs for each simulated unit and parameter, if vectorized.
     """
     if choice.surfaces == "none":
         runner.takes_arrays(region)
@@ -327,10 +334,11 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
 
 
 def way_of_outcomes(runner: Runner, model: Model) -> Way:
-    """The same choice for exact outcomes, one an experiment; without choice no reason.
+    """Whether to use the simulator itself or response surfaces, without measurement noise.
 
-    The simulator itself serves where the likelihood is that of level sets, and the user chose no
-    tolerance. Raises InputsError where it is asked for elsewhere.
+    The simulator itself is possible only where the likelihood is computed by level sets, the
+    parameters that give just the measured outcome. Raises InputsError if the user requests it for
+    another method. With collocation there is no choice, and the reason is empty.
     """
     choice, inputs = model.surfaces, model.inputs
     if choice is None:
@@ -347,23 +355,23 @@ def way_of_outcomes(runner: Runner, model: Model) -> Way:
 
 
 def grids_each(inputs: Inputs, conditions: int) -> tuple[int, int]:
-    """The least and most runs of each condition for level sets of the simulator itself."""
+    """The least and largest number of runs of each condition, for level sets of the simulator."""
     few, s = searched(inputs, conditions), inputs.scattering
     points = few**s if on_a_grid(inputs) else few * (CROSSINGS.steps + 2 * s)
     return WAYS.grids[0] * points, WAYS.grids[1] * points
 
 
 def runs_each(inputs: Inputs) -> int:
-    """About how many runs of each unit an identification without surfaces takes."""
+    """The approximate number of runs of each simulated unit without response surfaces."""
     moving = int(moving_parameters(inputs.box).size)
     return int(WAYS.nodes ** min(inputs.scattering, 3)) * (2 * moving + 1) * WAYS.evaluations
 
 
 def fails_here_and_there(runner: Runner, x: Array, region: Array) -> bool:
-    """Whether single runs of a simulator fail between others that do not.
+    """Whether single runs of a simulator fail between others that succeed.
 
-    On lines through x (n,) along each side of a region (n, 2). An integral over such a simulator
-    itself is one over holes, of which each set of nodes meets others; a surface goes over them.
+    Runs are made on lines through x (n,) along each side of a region (n, 2). An integral over such
+    a simulator depends on which nodes happen to fail. A response surface interpolates the failures.
     """
     share = np.linspace(0.02, 0.98, WAYS.line)
     units = np.arange(runner.units)
@@ -380,9 +388,10 @@ def fails_here_and_there(runner: Runner, x: Array, region: Array) -> bool:
 
 
 def failing_observations(runner: Runner, region: Array, unit: Indices, column: Indices) -> Flags:
-    """Which observations (M,) a simulator gives no value of at 128 points of a region (n, 2).
+    """Which observations (M,) have no simulated value at any of 128 points of a region (n, 2).
 
-    None where that is so of all: the simulator may work in a small part of the region only.
+    No observation is marked if this is true of all, because the simulator may then succeed in a
+    small part of the region only.
     """
     u = qmc.Sobol(len(region), rng=3).random_base2(int(np.log2(WAYS.tried)))
     lost = np.ones(len(unit), dtype=np.bool_)

@@ -1,8 +1,9 @@
-"""From a question to a maximum that neither more nodes nor more runs of the simulator move.
+"""Maximize the likelihood until neither more quadrature nodes nor more simulator runs move alpha.
 
-Search on the simulator itself, or on coarse surfaces of it; look where the laws are; run there,
-climb, and so on until alpha stays. No run is lost on the way. Only the runs that this
-identification asked for decide where the next one is, so that a store does not change the answer.
+The search is made on the simulator itself or on coarse response surfaces. With surfaces, runs are
+then made where the identified laws lie, and the likelihood is maximized again, until alpha stays.
+All runs are kept. Only runs of this identification decide where the next one is made, so that
+earlier runs in a store do not change the result.
 """
 
 from __future__ import annotations
@@ -59,19 +60,22 @@ from aleator.surrogates.samples import Sites, features
 
 @dataclass(frozen=True)
 class Rounds:
-    """When surfaces are exact enough for an answer; chosen by `make judges`.
+    """Settings for the accuracy of response surfaces; the values are chosen by `make judges`.
 
-    Errors of surfaces are compared with the noise; without noise with the scatter of the outcome
-    under the law. The first surfaces are exact to `begin` all over their region. A round makes them
-    exact to a level where the laws lie, with up to `together` rounds of runs; the level begins at
-    `first` and is halved from round to round, to `finest` at least. An answer has come to rest at a
-    level of `last` or less where alpha moves by less than `still`, in the metric of the
-    information, and the log-likelihood by less than `change`, or `each` for each experiment. Runs
-    lie `wide` times as far out as the laws say. At the ends of the intervals an error of `ends` is
-    admitted, and any after `at_ends` rounds. Up to `others` optima of the first surfaces are
-    followed besides the best: those that lie `apart` standard errors. At most `most` rounds are
-    made. A region is narrowed to less than the share `shrink` of itself only, and under a law that
-    is known surfaces are exact to `fixed_law`.
+    Errors of surfaces are relative to the noise, or without noise to the scatter of the outcome
+    under the law. The first surfaces have an error of at most `begin` in their whole region. Each
+    round then makes up to `together` batches of runs where the laws lie, until the error there is
+    below a level. The level begins at `first` and is halved in later rounds, down to `finest`.
+
+    The rounds end at a level of `last` or less, if alpha moves by less than `still` standard errors
+    and the log-likelihood by less than `change`, or by `each` for each experiment if that is more.
+    At most `most` rounds are made. Runs are drawn from laws `wide` times as wide as the identified
+    ones. At the ends of the profile intervals an error of `ends` is admitted, and after `at_ends`
+    rounds any error.
+
+    Besides the best optimum of the first surfaces, up to `others` are refined too, if they lie
+    `apart` standard errors from each other. A region is narrowed only to less than the share
+    `shrink` of its volume. Under a given law the surfaces have an error of at most `fixed_law`.
     """
 
     begin: float
@@ -100,14 +104,14 @@ EXACT = Rounds(begin=np.inf, first=0.05, last=0.025, together=1, change=0.2, eac
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A maximum, the search that led to it, and the surfaces that it rests on.
+    """A maximum, the search that led to it, and the response surfaces that it rests on.
 
-    `question` is what was answered: without observations of which no run gives a value. `surfaces`
-    are None where the simulator itself was integrated over, and `sites` their distinct values on
-    the `region` (n, 2). `others` are lower maxima with surfaces of their own, `possible` other
-    optima (K,) of the search that a drop of 1.92 does not rule out. A `spread` region holds the
-    laws at the ends of the intervals, and is not narrowed. `reason` says why there are surfaces, or
-    none.
+    `question` leaves out observations whose runs all fail. `surfaces` is None where the simulator
+    itself was integrated over. `sites` are the distinct outputs that have a surface each, on the
+    `region` (n, 2) of the parameters. `others` are lower maxima with surfaces refined for them.
+    `possible` are optima (K,) of the search whose log-likelihood is less than 1.92 below the
+    maximum. If `spread` is true, the region contains the laws at the ends of the profile intervals
+    and is not narrowed. `reason` says why there are surfaces, or none.
     """
 
     question: Question
@@ -123,17 +127,17 @@ class Refined:
 
     @property
     def likelihood(self) -> AnyLikelihood:
-        """The likelihood with nodes adapted to the maximum."""
+        """The likelihood, with quadrature nodes adapted to the maximum."""
         return self.maximum.likelihood
 
     @property
     def alpha(self) -> Array:
-        """The maximum (K,)."""
+        """The values alpha (K,) of the hyperparameters at the maximum."""
         return self.maximum.alpha
 
 
 def refined(question: Question, ledger: Ledger) -> Refined:
-    """The maximum that further runs do not move."""
+    """The maximum of the likelihood that more nodes and more runs of the simulator do not move."""
     choices, runner, inputs = question.choices, question.runner, question.inputs
     region = first_region(inputs, choices.hyperparameters, len(question.ids))
     if question.exact:
@@ -149,7 +153,7 @@ def refined(question: Question, ledger: Ledger) -> Refined:
 
 
 def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger) -> Refined:
-    """The maximum by the simulator itself, where only nodes are refined."""
+    """The maximum with the simulator itself, where only the quadrature nodes are refined."""
     runner, inputs = question.runner, question.inputs
     likelihood: AnyLikelihood
     if question.exact:
@@ -169,21 +173,21 @@ def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """Makes better answers on surfaces from those before."""
+    """The refinement of response surfaces, and of the maximum on them, by further runs."""
 
     question: Question
     ledger: Ledger
 
     @property
     def rounds(self) -> Rounds:
-        """The settings for exact outcomes, or those with noise."""
+        """The settings for the accuracy of surfaces: without noise `EXACT`, else `WITH_NOISE`."""
         return EXACT if self.question.exact else WITH_NOISE
 
     def answer(self, region: Array, reason: str) -> Refined:
-        """The answer that further runs do not move.
+        """Refine surfaces for each of the best optima, and return the highest maximum.
 
-        The first surfaces are too coarse to tell which optimum is the highest: each of the best is
-        followed to its own end. Runs are made anew for each, where they are not the same.
+        The first surfaces are too coarse to decide which optimum is the highest. Each refinement
+        starts from a copy of them, and ends when further runs do not change the maximum.
         """
         first = self._first(region, reason)
         others = self._elsewhere(first)
@@ -201,9 +205,9 @@ class Refinement:
         return replace(best, others=tuple(end.maximum for end in lower))
 
     def spread(self, answer: Refined, inference: Inference, intervals: Array) -> Refined | None:
-        """The answer on surfaces that hold at the ends of the intervals (K, 2) too.
+        """The maximum on surfaces that are also accurate at the ends of the intervals (K, 2).
 
-        None where the present ones do.
+        None where the present surfaces are accurate enough there.
         """
         surfaces, likelihood, alpha = answer.surfaces, answer.likelihood, answer.alpha
         assert surfaces is not None
@@ -234,7 +238,10 @@ class Refinement:
         return self._finished(moved)
 
     def sharpened(self, answer: Refined, draws_of: dict[int, Array]) -> Refined:
-        """The answer after a round of runs at some sites, each where its own draws lie."""
+        """The maximum after new runs for some outputs, made at the points given for each.
+
+        `draws_of` has candidate points (D, moving) by the index of the output.
+        """
         surfaces = answer.surfaces
         assert surfaces is not None
         with self.ledger.stage(SURFACE):
@@ -246,7 +253,7 @@ class Refinement:
         return self._finished(replace(moved, maximum=start, search_result=found))
 
     def _first(self, region: Array, reason: str) -> Refined:
-        """Surfaces of all observations, exact to the user's tolerance or coarse, and a search."""
+        """The first surfaces, coarse or to the user's tolerance, and the best optimum on them."""
         question, runner = self.question, self.question.runner
         choice = question.choices.surfaces
         assert choice is not None
@@ -273,7 +280,10 @@ class Refinement:
     def _made(
         self, question: Question, surfaces: AdaptiveSurfaces, region: Array, sites: Sites
     ) -> tuple[AnyLikelihood, Array]:
-        """The likelihood on the surfaces as they are, and the region of the surfaces."""
+        """The likelihood on the present surfaces, and the region (n, 2) of the surfaces.
+
+        If the user set a tolerance, the surfaces are first refined to it.
+        """
         progress = self.ledger.progress
         if surfaces.choice.tolerance is not None:
             surfaces.judge(None)
@@ -289,19 +299,19 @@ class Refinement:
         made, region = self._made(answer.question, answer.surfaces, answer.region, answer.sites)
         before = answer.likelihood
         if isinstance(made, IndividualLikelihood) and isinstance(before, IndividualLikelihood):
-            # the nodes of the last round will do again
+            # Begin with as many nodes as the last round needed.
             made = replace(made, rule=before.rule)
         return replace(answer, maximum=replace(answer.maximum, likelihood=made), region=region)
 
     def _likelihood(self, answer: Refined) -> AnyLikelihood:
-        """The likelihood with few nodes, on the surfaces of an answer."""
+        """The likelihood with few quadrature nodes, on the surfaces of a maximum."""
         likelihood = answer.likelihood
         if isinstance(likelihood, IndividualLikelihood):
             return answer.question.integral(likelihood.predictor)
         return likelihood
 
     def _ended(self, answer: Refined) -> Refined:
-        """Run and climb from an answer until neither moves it, and no search finds a higher one."""
+        """Refine surfaces and maximum until they stay, and a new search finds no higher one."""
         while True:
             answer = self._refined(answer)
             before, likelihood = answer.maximum, self._likelihood(answer)
@@ -314,7 +324,7 @@ class Refinement:
             answer = replace(answer, maximum=again, search_result=found)
 
     def _finished(self, answer: Refined) -> Refined:
-        """The answer with as many nodes as it needs, on the surfaces as they are."""
+        """The maximum with as many quadrature nodes as it needs, on the present surfaces."""
         with self.ledger.stage(SEARCH):
             end = with_enough_nodes(self._likelihood(answer), answer.alpha)
             top = with_other_optima(end, answer.search_result)
@@ -323,9 +333,9 @@ class Refinement:
         )
 
     def _refined(self, answer: Refined, known: Sequence[Array] = ()) -> Refined:
-        """Make runs where the laws are, and climb, until nothing moves.
+        """Make runs where the laws lie and maximize again, until alpha and log-likelihood stay.
 
-        It also ends where the answer comes to one of the `known` alphas.
+        It also ends where alpha comes close to one of the `known` maxima (K,).
         """
         rounds, surfaces = self.rounds, answer.surfaces
         assert surfaces is not None
@@ -351,7 +361,7 @@ class Refinement:
     def _sharpened(
         self, answer: Refined, inference: Inference, level: float
     ) -> tuple[Refined, bool]:
-        """Make runs at all sites whose error is above a level; also whether none is left above."""
+        """Refine all surfaces whose error exceeds a level; the bool says whether none is left."""
         likelihood, alpha, surfaces = answer.likelihood, answer.alpha, answer.surfaces
         assert surfaces is not None
         likely = plausible_alphas(alpha, inference, likelihood.hyperparameters)
@@ -384,15 +394,15 @@ class Refinement:
         return x[:, moving_parameters(region)]
 
     def _together(self, answer: Refined, members: Flags) -> Flags:
-        """The members and all other sites that the same runs serve."""
+        """The selected outputs, and all others that the same simulator runs give."""
         assert answer.sites is not None
         return answer.sites.together(members)
 
     def _elsewhere(self, first: Refined) -> list[Array]:
-        """Other optima (K,) of the first search that exact surfaces may prefer to its best.
+        """Other optima (K,) of the first search that may be the highest on accurate surfaces.
 
-        They lie apart from each other, no mean of them is on a limit, and the noise that they need
-        is at most e times larger.
+        They lie apart from each other, and no location is on a limit. Their log-likelihood is at
+        most one per observation lower than that of the best, as with a noise e times larger.
         """
         found, likelihood = first.search_result, first.maximum.likelihood
         inference = _infer(first.maximum)
@@ -413,7 +423,7 @@ class Refinement:
         return known[1:]
 
     def _calm(self, before: Maximum, after: Maximum, inference: Inference) -> bool:
-        """Whether neither alpha nor the log-likelihood has moved in a round."""
+        """Whether alpha and the log-likelihood have changed so little that the rounds may end."""
         step = (after.alpha - before.alpha)[inference.identified]
         length = float(step @ inference.information @ step)
         change = abs(after.value - before.value)
@@ -424,10 +434,10 @@ class Refinement:
 def under_law(
     runner: Runner, model: Model, alpha: Array, progress: Progress | None = None
 ) -> Forward:
-    """The forward problem under a known law alpha (K,), without a search.
+    """The distribution of the outcomes under a given law alpha (K,), without an identification.
 
-    With a tolerance the surfaces are exact all over the region of the law, without one under the
-    law (see `Rounds`).
+    If the user set a tolerance, response surfaces are refined to it in the whole region of the
+    law. Otherwise they are refined where the law has its mass (see `Rounds`).
     """
     inputs, choice = model.inputs, model.surfaces
     region = padded(region_of(inputs, [alpha], 1, REGIONS.far), inputs.box)
@@ -445,9 +455,10 @@ def under_law(
 
 
 def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
-    """A region that holds the laws of all plausible alphas, where it is better than the present.
+    """The region (n, 2) of the next surfaces: a new one for the plausible laws, or the present.
 
-    A narrower region is better only if it is smaller than the share `shrink` of the present one.
+    The region changes if the identified law extends beyond it, or if the new region has less than
+    the share `shrink` of its volume.
     """
     likelihood, alpha, region = answer.likelihood, answer.alpha, answer.region
     inputs = likelihood.inputs
@@ -464,14 +475,14 @@ def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
 
 
 def _noise(likelihood: IndividualLikelihood, alpha: Array, sites: Sites) -> Array:
-    """The smallest scale (U,) of the measurement error at each site."""
+    """The smallest scale (U,) of the measurement error of each output (if normal, its sd)."""
     least = np.full(len(sites), np.inf)
     of_errors = alpha[likelihood.inputs.size :]
     for block in likelihood.blocks:
         eta = likelihood.at(alpha, block, likelihood.nodes.mode[block.experiments]).eta
         scale = likelihood.errors.scale(of_errors, eta, block.rows).min(axis=1)
         np.minimum.at(least, sites.of[block.rows], scale)
-    # a site of observations that are left out is compared with nothing
+    # An output all of whose observations are left out has no noise to compare with.
     return np.where(np.isfinite(least), least, 1.0)
 
 

@@ -1,8 +1,8 @@
-"""Where the laws lie: draws of their parameters, and regions that hold them.
+"""Draws of the parameters under their laws, and the regions of parameters that contain them.
 
-A surface on a region much wider than the laws spends its runs, and measures its error, where no
-experiment ever is. So an identification begins on the box, or on what the limits of locations
-span, and asks after each search whether another region fits better.
+On a region much wider than the laws, a response surface would spend its runs, and measure its
+error, where no experiment lies. An identification begins with the region of the parameters' ranges,
+or of the limits of the locations. After each search it decides whether another region fits better.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from aleator.laws.inputs import Inputs
 
 @dataclass(frozen=True)
 class RegionSettings:
-    """Where laws are taken to lie; by judgement."""
+    """Settings for the region of parameters that contains the laws; chosen by judgement."""
 
     alphas: int = 32
-    """Laws that represent alpha's uncertainty."""
+    """The number of values of alpha that represent its uncertainty."""
     spread: float = 1.5
-    """By how much these laws are wider apart than alpha's uncertainty."""
+    """The factor by which these values scatter more than the uncertainty of alpha."""
     draws: int = 512
-    """Draws of the laws of one alpha, or of all that are likely."""
+    """The number of draws of the parameters, under one law or under several plausible laws."""
     far: float = 5.2
-    """Standard normal variates beyond which a law has no mass that counts: 1e-7 at either end."""
+    """The standard normal quantile where the identified law is cut off (1e-7 in each tail)."""
     plausible: float = 3.1
-    """The same of laws that are only possible: 1e-3."""
+    """The standard normal quantile where other plausible laws are cut off (1e-3 in each tail)."""
     pad: float = 0.05
-    """Share of its width by which a region is widened on either side."""
+    """The share of its width by which a region is widened on either side."""
     least: float = 1e-3
-    """Width of a region over that of the box, at least."""
+    """The least widening on either side, as a share of the parameter's whole range."""
     slack: float = 0.02
-    """Share of its width by which a region may be too narrow."""
+    """The share of its width by which a region may be too narrow before it is replaced."""
 
 
 REGIONS = RegionSettings()
@@ -53,9 +53,10 @@ def draws(
     wide: float = 1.0,
     count: int = REGIONS.draws,
 ) -> Array:
-    """`count` draws (D, n) of the experiments' parameters, as many under each alpha.
+    """`count` draws (D, n) of the experiments' parameters, equally many under each alpha.
 
-    Variates are `wide` times as far out as the laws say.
+    Their standard normal variates are multiplied by `wide`, to draw beyond the laws. The points
+    are quasi-random (Sobol').
     """
     laws = _laws(inputs, experiments)
     each = max(1, count // (laws * len(alphas)))
@@ -69,14 +70,17 @@ def draws(
 
 
 def region_of(inputs: Inputs, alphas: Sequence[Array], experiments: int, far: float) -> Array:
-    """The smallest region (n, 2) of all variates up to `far` under the experiments' laws."""
+    """The smallest region (n, 2) of parameters with standard normal variates up to `far`.
+
+    It contains the laws of all experiments under each of the `alphas`.
+    """
     n, s, laws = len(inputs.names), inputs.scattering, _laws(inputs, experiments)
     low, high = np.full(n, np.inf), np.full(n, -np.inf)
     for alpha in alphas:
         own = alpha[: inputs.size]
         nothing = np.zeros((laws, len(inputs.classes), s))
         mixing = inputs.individual(own, nothing, slice(0, laws)).mixing
-        # a row of L has length one: this is where its theta is as far out as it may be
+        # A row of the Cholesky factor has length one, so this point has the largest theta of it.
         xi = far * np.concatenate([np.zeros((1, s)), mixing, -mixing])
         all_of = np.tile(xi, (laws, len(inputs.classes), 1))
         x = inputs.individual(own, all_of, slice(0, laws)).x
@@ -87,9 +91,10 @@ def region_of(inputs: Inputs, alphas: Sequence[Array], experiments: int, far: fl
 def first_region(
     inputs: Inputs, hyperparameters: Sequence[Hyperparameter], experiments: int
 ) -> Array:
-    """The box if every law has one; else what limits of locations and constants span.
+    """The region (n, 2) of parameters with which an identification begins.
 
-    With the standard deviations at their starts.
+    It is the parameters' ranges if all are finite. Otherwise it is what the laws cover when their
+    locations and constants are at their limits, and their standard deviations at their starts.
     """
     if inputs.bounded:
         return inputs.box
@@ -101,9 +106,10 @@ def first_region(
 def plausible_alphas(
     alpha: Array, inference: Inference, hyperparameters: tuple[Hyperparameter, ...]
 ) -> Array:
-    """32 values (32, K) of alpha within its uncertainty and its limits.
+    """Quasi-random values (32, K) of alpha that represent its uncertainty, within its limits.
 
-    1.5 times as wide as the information says, and no wider than the limits in any direction.
+    They scatter 1.5 times as much as the information matrix says, and in no direction more than
+    the limits admit.
     """
     free = inference.identified
     lower, upper = limits_of(hyperparameters)
@@ -111,7 +117,7 @@ def plausible_alphas(
         :, : free.size
     ]
     width = (upper - lower)[free]
-    # a direction that the experiments leave open ends at the limits: information of 4 / width^2
+    # The information is at least 4 / width^2 in every direction, which is what the limits give.
     scaled = inference.information * np.outer(width, width)
     values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     root = vectors / np.sqrt(np.maximum(values, 4.0))
@@ -126,7 +132,10 @@ def interval_alphas(
     intervals: Array,
     hyperparameters: tuple[Hyperparameter, ...],
 ) -> list[Array]:
-    """alpha at the ends of every interval (K, 2), the others moved by the covariance."""
+    """alpha (K,) at both ends of the interval (K, 2) of each free hyperparameter.
+
+    The other hyperparameters are moved along with it by their covariance.
+    """
     lower, upper = limits_of(hyperparameters)
     out = []
     for place, k in enumerate(inference.free.tolist()):
@@ -141,9 +150,10 @@ def interval_alphas(
 
 
 def reaching_out(region: Array, box: Array, other: Array) -> Flags:
-    """Which parameters (n,) of another region lie outside this one by 2 % of its width.
+    """Which parameters (n,) of the region `other` extend beyond `region` by over 2 % of its width.
 
-    Not those that do only where the box ends too, or that are known.
+    A side where `region` ends at the end of the parameter's range does not count, nor does a
+    constant parameter.
     """
     slack = REGIONS.slack * np.diff(region, axis=1)[:, 0]
     low = (other[:, 0] < region[:, 0] - slack) & (region[:, 0] > box[:, 0])
@@ -152,16 +162,17 @@ def reaching_out(region: Array, box: Array, other: Array) -> Flags:
 
 
 def hull(region: Array, other: Array) -> Array:
-    """The smallest region (n, 2) that holds two regions."""
+    """The smallest region (n, 2) that contains two regions."""
     return np.stack(
         [np.minimum(region[:, 0], other[:, 0]), np.maximum(region[:, 1], other[:, 1])], axis=1
     )
 
 
 def padded(region: Array, box: Array) -> Array:
-    """The region wider by a twentieth on either side, at least by a thousandth of the box.
+    """The region widened by a twentieth on either side, at least by a thousandth of the range.
 
-    At most by half of the way to the end of the box: an end that no law reaches is not reached.
+    It is widened at most half of the way to the end of the parameter's range in `box` (n, 2), so
+    that it does not touch an end that no law touches.
     """
     pad = np.maximum(REGIONS.pad * np.diff(region, axis=1), REGIONS.least * np.diff(box, axis=1))
     room = 0.5 * np.abs(box - region)
@@ -169,12 +180,12 @@ def padded(region: Array, box: Array) -> Array:
 
 
 def within(box: Array, region: Array) -> Array:
-    """The part of a region that lies in the box."""
+    """The part of a region (n, 2) that lies within the parameters' ranges `box` (n, 2)."""
     return np.stack(
         [np.maximum(region[:, 0], box[:, 0]), np.minimum(region[:, 1], box[:, 1])], axis=1
     )
 
 
 def _laws(inputs: Inputs, experiments: int) -> int:
-    """The number of different laws: one for each experiment with covariates, else one."""
+    """The number of distinct laws: one for each experiment if laws have covariates, else one."""
     return experiments if inputs.regressed else 1

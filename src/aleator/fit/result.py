@@ -1,4 +1,4 @@
-"""From an answer to its result: every number of the report is put in its place here."""
+"""The conversion of an `Answer` to a `Result`: plain data with every number of the report."""
 
 from __future__ import annotations
 
@@ -53,15 +53,15 @@ from aleator.search import SearchResult
 from aleator.search.interface import LogLikelihood
 
 DIRECT = "direct"
-"""How an answer calls its propagation where the simulator itself was integrated over."""
+"""The name of the propagation method in a result where the simulator itself was integrated over."""
 LEAST = 5e-4
-"""An error is told to be no less than this: half of the last digit that is shown."""
+"""The smallest error that is reported: half of the last digit that is shown."""
 CUT = {(True, True): "both", (True, False): "lower", (False, True): "upper", (False, False): None}
-"""Which ends of an interval are limits, by whether the lower one and the upper one is."""
+"""The word for the interval ends that are limits, by (lower end is a limit, upper end is one)."""
 
 
 def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) -> Result:
-    """The result of an answer to the experiments of a table, as plain data."""
+    """The result of an identification from the experiments of a table, as plain data."""
     certain = answer.inferred
     end, inference, profile = certain.maximum, certain.inference, certain.profile
     likelihood, alpha, question = end.likelihood, end.alpha, certain.refined.question
@@ -111,7 +111,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
 
 
 def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
-    """The part of a result that only exact outcomes have."""
+    """The fields of a result that are computed differently without measurement noise."""
     answer, table, at = reviewed.answer, reviewed.table, reviewed.at
     alpha, surface_error = answer.inferred.maximum.alpha, reviewed.surface_error
     where = "under the law" if problem.model.follows else "on the box"
@@ -130,7 +130,7 @@ def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
 
 
 def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dict[str, Any]:
-    """The part of a result that only experiments with noise have."""
+    """The fields of a result that are computed differently with measurement noise."""
     certain, checked = reviewed.answer.inferred, reviewed.answer.checked
     alpha, gap, surfaces = certain.maximum.alpha, certain.maximum.gap, certain.refined.surfaces
     question, inputs, at = certain.refined.question, likelihood.inputs, reviewed.at
@@ -163,10 +163,11 @@ def _verified(
     cells: float,
     doubted: surface_diagnostics.Doubt,
 ) -> LogLikelihoodReport:
-    """The log-likelihood of exact outcomes with its error.
+    """The log-likelihood without noise, its value verified by the check, and its error.
 
-    The verified value is the `exact` one on the surfaces with the change by the simulator; `cells`
-    is the error of the level sets.
+    `honest` is the reported log-likelihood, `exact` the one by level sets. The verified value is
+    the exact one plus the change from the surfaces to the simulator. `cells` is the error of the
+    level sets, and `doubted` that of the surfaces.
     """
     found = honest.likelihood
     if checked is None:
@@ -179,7 +180,10 @@ def _verified(
 
 
 def _with_nodes(total: float, gap: float, check: Checked | None) -> LogLikelihoodReport:
-    """The log-likelihood with its error: that of the check and that of the quadrature."""
+    """The log-likelihood with noise and its error, from the check and from the quadrature.
+
+    `gap` is the change of the log-likelihood by more quadrature nodes.
+    """
     if check is None:
         return LogLikelihoodReport(total, None, None)
     error = max(float(np.hypot(check.standard_error, gap)), LEAST)
@@ -190,7 +194,7 @@ def _with_nodes(total: float, gap: float, check: Checked | None) -> LogLikelihoo
 def _distances(
     problem: Problem, alpha: Array, exact: LogLikelihood | None
 ) -> tuple[DensityDistance, ...]:
-    """How far the densities by moments are from the exact ones, where moments were chosen."""
+    """The distances of densities by moments from exact ones, if the user chose moments."""
     if exact is None or not np.isfinite(exact.total) or not np.all(exact.status == Status.SOLVED):
         return ()
     from aleator.moments.likelihood import Likelihood, density_distances
@@ -204,7 +208,7 @@ def _distances(
 
 
 def prior_of(at: LogLikelihood, hyperparameters: Sequence[Hyperparameter]) -> float | None:
-    """The log prior of an answer; None where no hyperparameter has one."""
+    """The log prior density at the estimate; None where no hyperparameter has a prior."""
     return at.prior if has_prior(hyperparameters) else None
 
 
@@ -215,9 +219,9 @@ def experiment_reports(
     ids: Sequence[str],
     surface_error: Array,
 ) -> tuple[ExperimentReport, ...]:
-    """The distribution of each outcome under the law alpha, beside the measured value.
+    """The distribution of each outcome under the law alpha (K,), beside the measured value.
 
-    Log-densities are those of the `honest` log-likelihood: they sum to the total that is told.
+    The log-densities are those of the `honest` (reported) log-likelihood, and sum to its total.
     """
     under = problem.predictor.under(alpha)
     pit, quantiles = under.cdf(problem.outcomes), under.quantile(np.array(REPORTED.quantiles))
@@ -253,7 +257,7 @@ def estimates_of(
     for k, h in enumerate(hyperparameters):
         known = bool(np.isfinite(inference.standard_error[k]))
         (low, high), (lower, upper) = profile.intervals[k], profile.drops[k]
-        # without a maximum there is no drop from it to measure
+        # A profile interval is measured from a maximum; without one it is not reported.
         sure = bool(np.isfinite(low) and np.isfinite(high)) and inference.positive
         estimates[h.name] = Estimate(
             estimate=float(alpha[k]),
@@ -271,10 +275,10 @@ def estimates_of(
 def parameter_correlations_of(
     inputs: Inputs, alpha: Array, hyperparameters: Sequence[Hyperparameter], inference: Inference
 ) -> tuple[ParameterCorrelation, ...]:
-    """Every correlation of two parameters that is not zero by assumption."""
+    """The correlations of two parameters, except those assumed zero, with standard errors."""
     matrix, slope = inputs.correlation_matrix(alpha), inputs.correlation_slope(alpha)
     uncertain = np.array([h.free for h in hyperparameters[: inputs.size]])
-    # column f of the covariance is hyperparameter free[f]; the noise's is none of the inputs'
+    # Column f of the covariance belongs to hyperparameter free[f]; those of the noise are left out.
     estimated = inference.free < inputs.size
     free = inference.free[estimated]
     covariance = inference.covariance[np.ix_(estimated, estimated)]
@@ -298,7 +302,7 @@ def parameter_correlations_of(
 def search_of(
     found: SearchResult, inference: Inference, hyperparameters: Sequence[Hyperparameter]
 ) -> dict[str, Any]:
-    """The search in numbers, and its optima."""
+    """The report of the search: its method, number of starts and evaluations, and optima."""
     return {
         "method": found.method,
         "starts": len(found.ascents),
@@ -343,7 +347,7 @@ def _individuals(
 
 def _baselines(fit: LeastSquares, inputs: Inputs) -> dict[str, Any]:
     if fit.rmse > 1e-3 * GUESSES.huge:
-        # at every point that was tried some observation has no simulated value
+        # At every point tried, at least one observation has no simulated value.
         return {}
     return {
         "least_squares": {
@@ -362,9 +366,9 @@ def observation_reports(
     requested: Sequence[str],
     pit: Array,
 ) -> tuple[ObservationReport, ...]:
-    """A report for each of M observations, with those of the conditions that vary.
+    """A report for each of M observations, with the conditions that vary within experiments.
 
-    `pit` (M,) are their probabilities, see `sequential_pit`.
+    `pit` (M,) are the predicted probabilities of smaller values (see `sequential_pit`).
     """
     seen, predicted = table.observations, found.predicted
     every = slice(0, len(seen))
@@ -372,7 +376,7 @@ def observation_reports(
     scale = np.broadcast_to(scale, (len(seen), 1))[:, 0]
     nearest = np.clip(predicted, seen.lower, seen.upper)
     with np.errstate(invalid="ignore"):
-        # a prediction without end lies within every bound below it
+        # An infinite prediction satisfies every censoring bound below it.
         residual = np.where(nearest == predicted, 0.0, (nearest - predicted) / scale)
     names = varying_conditions(table, requested)
     columns = {name: table.conditions[name].to_numpy()[seen.row].tolist() for name in names}
@@ -400,10 +404,10 @@ def _finite(value: float) -> float | None:
 def law_curves(
     inputs: Inputs, alpha: Array, experiments: int, far: float = 3.3, points: int = 121
 ) -> dict[str, dict[str, list[float]]]:
-    """The density of each scattering parameter's law over x; a mean over experiments.
+    """The density curve of each scattering parameter's law, averaged over the experiments.
 
-    p(x) = phi(theta)/(dx/dtheta) at x = T(theta), up to `far` standard normal variates: all but a
-    thousandth of the law.
+    p(x) = phi(theta)/(dx/dtheta) at x = T(theta), for standard normal variates theta from -`far` to
+    `far`, which leaves out a thousandth of the law.
     """
     theta = np.linspace(-far, far, points)
     phi = np.exp(-0.5 * theta**2) / np.sqrt(2.0 * np.pi)
@@ -434,7 +438,7 @@ def _named(alpha: Array, hyperparameters: Sequence[Hyperparameter]) -> dict[str,
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and the packages that the numbers were computed with."""
+    """The versions of Python and of the packages with which the numbers were computed."""
     return {
         "aleator": metadata.version("aleator"),
         "python": platform.python_version(),

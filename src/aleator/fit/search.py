@@ -1,7 +1,7 @@
-"""The search of a question: where it begins, on how many experiments, and what is kept of it.
+"""The search for the maximum of the likelihood: its starting points, sample, and stored results.
 
-It begins at what an identified law must improve on: a deterministic fit of one parameter point, and
-the law identified with the simulator linearized there.
+The search begins also at two baselines that an identified law must improve on: the least-squares
+fit of one parameter point, and the law identified with a linearized simulator.
 """
 
 from __future__ import annotations
@@ -39,20 +39,20 @@ from aleator.simulators.store import keep, kept
 
 @dataclass(frozen=True)
 class GuessSettings:
-    """Where a search begins, and when two searches are the same; by judgement."""
+    """Settings for the starting points and the stored results of a search, chosen by judgement."""
 
     huge: float = 1e100
-    """A residual whose square is still finite."""
+    """The residual that replaces an infinite one; its square is still finite."""
     groups: int = 20
-    """Groups that a mixture is guessed by, for all starts of a search that has to go on: of five
-    components 3 to 4 of 7 lead to the best of two maxima that differ by 0.08."""
+    """The number of random groupings of the experiments from which a mixture's starting points are
+    computed. In a study with five components, 3 to 4 of 7 groupings led to the better of two
+    maxima, whose log-likelihoods differ by 0.08."""
     same: float = 1e-2
-    """Relative difference of two optima that are one but for the order of components."""
+    """The relative difference within which two optima are equal, up to the order of components."""
     format: int = 2
-    """To be changed with what a search does, or with how its result is written."""
+    """The version of stored searches; it must be raised when the search or its file changes."""
     probes: int = 3
-    """Alphas at which two likelihoods agree in every digit of every experiment if they are the
-    same."""
+    """The number of alphas at which log-densities are compared to recognize the same likelihood."""
 
 
 GUESSES = GuessSettings()
@@ -60,10 +60,11 @@ GUESSES = GuessSettings()
 
 @dataclass(frozen=True)
 class SampledSearch:
-    """Of more than `large` experiments a search is made on a sample of `size`, its ends on all.
+    """Settings of a search with more than `large` experiments; `pytest tests/fit/test_search.py`.
 
-    An optimum of the sample lies within its standard errors of one of all, and a climb from there
-    takes few evaluations. `best` are climbed from. Measured by `pytest tests/fit/test_search.py`.
+    The search is made on an even sample of `size` experiments. The likelihood of all experiments
+    is then maximized from the `best` optima of the sample. These lie within the sample's standard
+    errors of the maxima of all experiments, so that few evaluations are needed.
     """
 
     large: int = 1000
@@ -76,10 +77,11 @@ SAMPLE = SampledSearch()
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """The one parameter point x (n,) that minimizes sum_l (y_l - eta_l(x))^2 over the box.
+    """The parameter point x (n,) that minimizes sum_l (y_l - eta_l(x))^2 within the ranges.
 
-    `rmse` in the unit of the outcome; `log_likelihood` that of independent Normal(0, rmse^2)
-    residuals, -N/2 (log(2 pi rmse^2) + 1), comparable with the identified law's.
+    `rmse` is the root mean square of the residuals, in the unit of the outcome. `log_likelihood` is
+    that of independent Normal(0, rmse^2) residuals, -N/2 (log(2 pi rmse^2) + 1), which can be
+    compared with the log-likelihood of the identified law.
     """
 
     x: Array
@@ -89,9 +91,10 @@ class LeastSquares:
 
 @dataclass(frozen=True)
 class LinearGaussian:
-    """The law identified with the simulator linearized at one point (as CIRCE does).
+    """The law identified with the simulator linearized at one point, as in CIRCE.
 
-    `alpha` (K,) and its `log_likelihood` under the linear-Gaussian model.
+    `alpha` (K,) are its hyperparameters. `log_likelihood` is the maximum in the model with a linear
+    simulator and normal laws.
     """
 
     alpha: Array
@@ -101,10 +104,10 @@ class LinearGaussian:
 def searched(
     question: Question, likelihood: AnyLikelihood, guess: Sequence[Array], ledger: Ledger
 ) -> SearchResult:
-    """The result of the user's search, which begins at baselines of the same likelihood too.
+    """The result of the search chosen by the user, which also starts at the baselines.
 
-    From a `guess` (K,) on it only climbs: what a search finds at other surfaces need not be sought
-    everywhere again.
+    With a `guess` (K,), such as the maximum on earlier response surfaces, it is only a local
+    maximization from there and from the baselines.
     """
     with ledger.stage("baselines"):
         fit = least_squares(likelihood, question.measured)
@@ -125,7 +128,7 @@ def searched(
 
 
 def makes_runs(likelihood: AnyLikelihood) -> bool:
-    """Whether an evaluation makes runs of the simulator."""
+    """Whether each evaluation of the likelihood makes runs of the simulator."""
     if isinstance(likelihood, Problem):
         return likelihood.surface is None
     return isinstance(likelihood.predictor, Direct)
@@ -139,9 +142,10 @@ def by_sample(
     search: Callable[[Objective], SearchResult],
     settings: SampledSearch = SAMPLE,
 ) -> SearchResult:
-    """The search made on a sample where experiments are many, then climbed on with all.
+    """Search on a sample of many experiments, then maximize with all of them from its best optima.
 
-    Starts that ended at none of the best optima of the sample are left out.
+    Starts that did not end at one of these optima are left out of the result. With few experiments
+    the search uses all of them at once.
     """
     if likelihood.count <= settings.large:
         return search(likelihood.continued)
@@ -174,10 +178,10 @@ def _level(one: float, other: float) -> bool:
 
 
 def least_squares(likelihood: AnyLikelihood, y: Array) -> LeastSquares:
-    """The one point of the box that is nearest to all observations y (M,).
+    """The least-squares fit of one parameter point to all observations y (M,), within the ranges.
 
-    By a bounded trust-region method from the starts of the laws. Parameters that are known stay. A
-    local method: it may end in a local minimum. Cost: some tens of simulations of all observations.
+    A bounded trust-region method starts at the laws' starting means; constants with known values
+    stay fixed. It may end in a local minimum. Cost: some tens of simulations of all observations.
     """
     box = likelihood.region
     start = np.clip(start_point(likelihood.inputs), *box.T)
@@ -187,7 +191,10 @@ def least_squares(likelihood: AnyLikelihood, y: Array) -> LeastSquares:
 def fitted(
     simulated: Callable[[Array], tuple[Array, Array]], y: Array, box: Array, start: Array
 ) -> LeastSquares:
-    """Least squares of a function that maps x (n,) to values (M,) with slopes (M, n)."""
+    """The least-squares fit of a function to y (M,), from a start (n,) and within ranges `box`.
+
+    The function `simulated` maps parameters x (n,) to values (M,) with slopes (M, n).
+    """
     moving = moving_parameters(box)
     width = box[moving, 1] - box[moving, 0]
 
@@ -197,7 +204,7 @@ def fitted(
         return x
 
     def at(u: Array) -> tuple[Array, Array]:
-        # limits many orders too wide let a simulator overflow; the fit must only move away
+        # Far out a simulator may overflow; the fit then only has to move away from there.
         with np.errstate(all="ignore"):
             value, slopes = simulated(placed(u))
             off, jacobian = value - y, slopes[:, moving] * width
@@ -206,7 +213,7 @@ def fitted(
         residual, jacobian = clipped
         return residual, jacobian
 
-    # just off the ends: a box may be much wider than where the law lies
+    # Start just inside the ends of the ranges, since the method needs an interior point.
     u = np.clip((start[moving] - box[moving, 0]) / width, 1e-6, 1.0 - 1e-6)
     if moving.size:
         u = optimize.least_squares(
@@ -231,7 +238,7 @@ def linear_gaussian(
 
 
 def by_tangent(problem: Problem, search: Search, seed: int) -> LinearGaussian:
-    """The law identified with the tangent at the start of the laws."""
+    """The law identified with the simulator linearized at the laws' starting means."""
     x0 = np.clip(start_point(problem.inputs), *problem.region.T)
     own = problem.inputs, x0, *problem.at_point(x0), problem.outcomes
     return linear_gaussian(*own, search, seed)
@@ -239,7 +246,10 @@ def by_tangent(problem: Problem, search: Search, seed: int) -> LinearGaussian:
 
 @dataclass(frozen=True)
 class _GaussianModel:
-    """The log-likelihood of y_l ~ Normal of the mean and sd of eta_l(x0) + g_l (x - x0)."""
+    """The log-likelihood of outcomes y_l that are normal with the moments of a linear simulator.
+
+    The simulator is eta_l(x0) + g_l (x - x0) with slopes g_l (n,) at x0 (n,).
+    """
 
     inputs: Inputs
     x0: Array
@@ -248,7 +258,7 @@ class _GaussianModel:
     outcomes: Array
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """Value and score at alpha (K,); none where nothing scatters."""
+        """The log-likelihood and its score at alpha (K,); degenerate where the sd is zero."""
         mean, sd, dmean, dsd = self._moments(alpha)
         some = sd > 0.0
         scale = np.where(some, sd, 1.0)
@@ -260,7 +270,7 @@ class _GaussianModel:
         return found.believed(self.inputs.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
-        """Totals (A,) at alphas (A, K)."""
+        """The log-likelihoods (A,) at alphas (A, K)."""
         return np.array([self(alpha).total for alpha in np.asarray(alphas)])
 
     def _moments(self, alpha: Array) -> tuple[Array, Array, Array, Array]:
@@ -288,10 +298,10 @@ class _GaussianModel:
 
 
 def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -> list[Array]:
-    """Laws about the point of least squares, from which the search starts too.
+    """Starting points of the search: alphas (K,) of laws centred at the least-squares point.
 
-    Of exact outcomes also the law of the tangent; with noise also much narrower laws; of mixtures
-    also components about groups of the experiments' own parameters.
+    Without noise the law of the linearized simulator is added, with noise a much narrower law. For
+    mixtures, laws are added whose components are centred at groups of the experiments' parameters.
     """
     inputs, around = question.inputs, likelihood.inputs.centered(fit.x)
     if isinstance(likelihood, Problem):
@@ -312,8 +322,11 @@ def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -
 def _grouped(
     likelihood: IndividualLikelihood, fit: LeastSquares, y: Array, seed: int
 ) -> Iterator[Array]:
-    """Mixtures about random groups of experiments, with the noise that the groups leave."""
-    # wide laws leave each experiment's parameters to its observations
+    """Starting mixtures (K,) with components centred at random groups of the experiments.
+
+    Their noise is the root mean square of the residuals from the group centres.
+    """
+    # Under wide laws each experiment's parameters depend on its observations only.
     inputs, alone = likelihood.inputs, undivided(likelihood.inputs)
     wide = alone.centered(fit.x)
     for k, h in enumerate(alone.hyperparameters):
@@ -333,7 +346,7 @@ def _grouped(
 
 
 def _with_noise(likelihood: IndividualLikelihood, of_laws: Array, rmse: float) -> Array:
-    """Values (K,) of all hyperparameters: those of the laws, then errors of this size."""
+    """All hyperparameters (K,): those of the laws, then a measurement error of size `rmse`."""
     errors = likelihood.errors.hyperparameters
     sizes = [float(np.clip(rmse, h.lower, h.upper)) if h.log else h.start for h in errors]
     return np.concatenate([of_laws, sizes])
@@ -343,7 +356,7 @@ def _with_noise(likelihood: IndividualLikelihood, of_laws: Array, rmse: float) -
 
 
 def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
-    """The search with optima merged that differ in the order of equal components only."""
+    """The search result with optima merged that differ only in the order of equal components."""
     if not classes.exchangeable(inputs):
         return found
     optima: list[Optimum] = []
@@ -360,7 +373,7 @@ def ordered(found: SearchResult, inputs: Inputs) -> SearchResult:
 
 
 def in_order(alpha: Array, inputs: Inputs) -> Array:
-    """alpha (K,) with equal components in the order of their first hyperparameters."""
+    """alpha (K,) with the equal components of a mixture sorted by their first hyperparameters."""
     return np.concatenate([classes.ordered(inputs, alpha[: inputs.size]), alpha[inputs.size :]])
 
 
@@ -376,10 +389,11 @@ def _kept(
     seed: int,
     searched: Callable[[], SearchResult],
 ) -> SearchResult:
-    """The result of a search, read from the store where the same search was made before.
+    """The result of a search, read from the store if the same search was made before.
 
-    A likelihood is recognized by its values and scores at some alphas. A search that is no
-    dataclass may have hidden settings, and one that makes runs counts them: both are made again.
+    A likelihood is recognized by its values and scores at some alphas. Two searches are always made
+    again: a search that is no dataclass, since it may have hidden settings, and one that makes
+    simulator runs, since these must be counted.
     """
     if runner is None or runner.cache is None or not is_dataclass(search):
         return searched()
@@ -400,7 +414,7 @@ def _key(
     guesses: Sequence[Array],
     seed: int,
 ) -> str:
-    """A digest of all that a search depends on."""
+    """A hash of everything on which the result of a search depends."""
     digest = hashlib.sha256(repr((GUESSES.format, search, [*hyperparameters], seed)).encode())
     start = np.array([h.start for h in hyperparameters])
     for guess in guesses:

@@ -1,4 +1,4 @@
-"""The first verdict: whether an answer was computed soundly, and what a reader must know of it."""
+"""The verdict "sound": whether a result is computed reliably, and the warnings to its reader."""
 
 from __future__ import annotations
 
@@ -22,31 +22,34 @@ from aleator.search.interface import LogLikelihood
 
 @dataclass(frozen=True, eq=False)
 class Reviewed:
-    """The verdict on an answer: what refuses it, and what its reader must know."""
+    """The verdict on a result: the refusals that make it unsound, and other warnings."""
 
     answer: Answer
     table: Experiments
 
     @property
     def sound(self) -> bool:
-        """Whether nothing refuses the answer."""
+        """Whether there are no refusals, so that the result is computed reliably."""
         return not self._refusals
 
     @cached_property
     def warnings(self) -> tuple[Diagnostic, ...]:
-        """Refusals first, then other warnings."""
+        """All diagnostics of the result: refusals first, then other warnings."""
         return (*self._refusals, *self._notes)
 
     @cached_property
     def at(self) -> LogLikelihood:
-        """The log-likelihood at the estimate, minus infinity where there is no density."""
+        """The log-likelihood at the estimate; minus infinity for an outcome without density."""
         likelihood, alpha = self._likelihood, self._end.alpha
         honest = likelihood.likelihood if isinstance(likelihood, Problem) else likelihood
         return honest.evaluate(alpha)
 
     @cached_property
     def exact(self) -> LogLikelihood | None:
-        """The log-likelihood by level sets, where a density of moments was chosen; else None."""
+        """The exact log-likelihood by level sets, if the user chose densities by moments.
+
+        None otherwise.
+        """
         problem = self._likelihood
         return (
             on_surfaces.exact_density(problem, self._end.alpha)
@@ -56,7 +59,7 @@ class Reviewed:
 
     @cached_property
     def by_cells(self) -> Array:
-        """Changes (2, N) of log-densities by the last two halvings of the cells of level sets."""
+        """The changes (2, N) of log-densities by the last two refinements of the level sets."""
         problem = self._likelihood
         if not isinstance(problem, Problem):
             return np.zeros((2, problem.count))
@@ -64,7 +67,7 @@ class Reviewed:
 
     @property
     def surface_error(self) -> Array:
-        """Relative errors (M,) of surfaces near the observations by the check; NaN if unknown."""
+        """The relative error (M,) of the surface near each observation; NaN without a check."""
         checked = self.answer.checked
         unknown = np.full(len(self._seen.observations), np.nan)
         return unknown if checked is None else checked.relative
@@ -79,7 +82,7 @@ class Reviewed:
 
     @property
     def _seen(self) -> Experiments:
-        """The experiments without those observations that no run gives a value of."""
+        """The experiments, without the observations whose simulator runs all fail."""
         return self.answer.inferred.refined.question.table
 
     @cached_property
@@ -142,7 +145,7 @@ class Reviewed:
         return notes
 
     def _of_individuals(self, likelihood: IndividualLikelihood) -> list[Diagnostic]:
-        """Warnings of missing data, and of laws that a formula leads to their limits."""
+        """Warnings about failing or missing data, and about covariates that push laws to limits."""
         ids, alpha, model = self._seen.ids, self._end.alpha, likelihood.inputs.covariate_model
         failing = failing_share(likelihood, alpha)
         return [
@@ -154,14 +157,17 @@ class Reviewed:
 
     @property
     def _centering(self) -> list[Diagnostic]:
-        """Advice to count conditions from their middle, by the slopes at the middle of the laws."""
+        """Advice to centre a condition, if one parameter acts like another times this condition.
+
+        It is based on the slopes of the simulator at the medians of the parameters.
+        """
         certain, seen = self.answer.inferred, self._seen.observations
         likelihood, alpha = certain.maximum.likelihood, certain.maximum.alpha
         inputs = likelihood.inputs
         conditions = self._seen.conditions.iloc[seen.row]
         if isinstance(likelihood, Problem):
             if not likelihood.free:
-                # with collocation slopes would cost runs
+                # With collocation the slopes would need further simulator runs.
                 return []
             middle = inputs.marginal(alpha, np.full((1, len(inputs.names)), 0.5))[0]
             slopes = likelihood.at_point(middle)[1]
@@ -188,16 +194,16 @@ class Reviewed:
 
     @property
     def _lost(self) -> Flags:
-        """Which observations (M,) have no surface because too few runs worked."""
+        """Which observations (M,) have no surface because too few simulator runs succeeded."""
         if self.answer.inferred.refined.surfaces is None:
             return np.zeros(len(self._seen.observations), dtype=np.bool_)
         return np.asarray(np.isinf(self._estimated))
 
 
 def failing_share(likelihood: IndividualLikelihood, alpha: Array, points: int = 64) -> Array:
-    """The share (N,) of each experiment's law at which its runs fail.
+    """The probability (N,) that a run fails at parameters drawn from each experiment's law.
 
-    At so many `points` of each law.
+    It is estimated with `points` quasi-random draws of each law.
     """
     inputs, found = likelihood.inputs, np.zeros(likelihood.count)
     theta = standard_points(points, inputs.scattering)

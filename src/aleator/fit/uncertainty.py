@@ -1,8 +1,8 @@
-"""How sure an answer is: information, profile intervals, and other maxima.
+"""The uncertainty of the estimates: information matrix, profile intervals, and other maxima.
 
-A search on a flat top has not learned the information, a saddle has a maximum beside it, a profile
-may meet a better one: each leads the answer on. The laws at the ends of the intervals are others
-than at the answer, and get runs and nodes of their own.
+The estimate itself may still improve here: where the search stopped on a flat top, where it stopped
+at a saddle point, or where a profile meets a higher likelihood. The laws at the ends of the profile
+intervals differ from the estimated law, and get simulator runs and quadrature nodes of their own.
 """
 
 from __future__ import annotations
@@ -39,33 +39,38 @@ from aleator.search.newton import ascend, ascended, outer
 
 @dataclass(frozen=True)
 class UncertaintySettings:
-    """How uncertainty is computed; by judgement where nothing else is said."""
+    """Settings for computing uncertainty.
+
+    The values are chosen by judgement where no other reason is given.
+    """
 
     wider: int = 3
-    """Times that surfaces may be extended to the ends of the intervals."""
+    """The largest number of times that surfaces are extended to the ends of the intervals."""
     enough: float = 1e-3
-    """Log-likelihood that may be left to climb, by the information at the end."""
+    """The gain of log-likelihood still expected from the information matrix that counts as zero."""
     climbs: int = 3
-    """Times that a profile may meet a better maximum, from which all is done again."""
+    """The largest number of times that a profile may meet a better maximum and all is repeated."""
     looks: tuple[float, ...] = (-1.0, -0.5, 0.5, 1.0)
-    """Distances in standard errors at which a suspected saddle is tested."""
+    """The distances in standard errors at which a suspected saddle point is tested."""
     higher: float = 0.01
-    """Log-likelihood by which such a point must be higher to prove a saddle."""
+    """The gain of log-likelihood at such a distance that proves a saddle point."""
     determined: float = 1e-2
-    """Least eigenvalue of the correlations for which outer products of scores replace the
-    information."""
+    """The least eigenvalue of the estimates' correlation matrix for which outer products of scores
+    replace the information matrix."""
     differs: float = 0.04
-    """Difference of a profile's drop by other nodes that counts: twice the error of an end."""
+    """The change of the log-likelihood drop at an interval end, by other quadrature nodes, from
+    which the end is computed again: twice the error of an end."""
     dear: int = 400
-    """Nodes of an experiment beyond which a profile costs minutes."""
+    """The number of nodes for each experiment beyond which a profile takes minutes."""
     unknown: float = 0.2
-    """Change of the drop by more nodes from which an end is not reported."""
+    """The change of the log-likelihood drop by more nodes from which an end is not reported."""
     adapted: int = 4
-    """Times that an interval is sought with nodes adapted to its ends."""
+    """The largest number of times that an interval is computed with nodes adapted to its ends."""
     nodes: int = 5
-    """Gauss-Hermite nodes a variate by which a rival maximum is climbed to."""
+    """The largest number of Gauss-Hermite nodes for each scattering parameter, in the search for
+    other maxima."""
     others: int = 2
-    """Optima of the search, besides the best, that are tested for rival maxima."""
+    """The number of optima of the search, besides the best, that are tested as other maxima."""
 
 
 UNCERTAINTY = UncertaintySettings()
@@ -73,7 +78,7 @@ UNCERTAINTY = UncertaintySettings()
 
 @dataclass(frozen=True, eq=False)
 class Inferred:
-    """A refined maximum with its information, profile intervals and rival maxima."""
+    """A maximum with its information matrix, profile intervals, and rivals (other maxima)."""
 
     refined: Refined
     inference: Inference
@@ -92,7 +97,7 @@ class Inferred:
 
 
 def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
-    """The maximum with its uncertainty, on surfaces that hold at the interval ends too."""
+    """The maximum with its uncertainty, on surfaces that are accurate at the interval ends too."""
     refinement = Refinement(answer.question, ledger)
     for widened in range(UNCERTAINTY.wider + 1):
         with ledger.stage("inference"):
@@ -114,16 +119,18 @@ def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
 def inferred(
     end: Maximum, found: SearchResult, others: Sequence[Array] = ()
 ) -> tuple[Maximum, SearchResult, Inference, Profile]:
-    """The information and the profile intervals, with as few nodes as each end needs.
+    """The maximum, its search, the information matrix and the profile intervals.
 
-    `others` (K,) are lower optima, whose hills the profiles may go over.
+    Each interval end has as few quadrature nodes as it needs. `others` (K,) are lower optima, from
+    which the profile likelihood is maximized too. If a profile meets a higher likelihood, the
+    maximum moves there.
     """
     for _ in range(UNCERTAINTY.climbs):
         before = end
         end, inference = _informed(end)
         likelihood, alpha = end.likelihood, end.alpha
         if inference.positive and inference.edm > UNCERTAINTY.enough:
-            # with the information itself, which a search on a flat top has not learned
+            # A search that stopped on a flat top continues with the true information matrix.
             alpha = ascend(
                 likelihood.followed, alpha, likelihood.hyperparameters, inference.identified,
                 inference.information,
@@ -142,10 +149,11 @@ def inferred(
 
 
 def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
-    """Other optima of the search that are maxima: the climb arrived, inside the limits.
+    """Other maxima of the likelihood among the optima of the search, the highest first.
 
-    With panels of two variates, where a climb costs most, only optima that were climbed to with
-    panels count. Cost: some tens of evaluations for each, with no more nodes than a search takes.
+    An optimum counts if maximizing from it converges to a maximum inside the limits. With the slow
+    piecewise Gauss-Legendre rule for two scattering parameters, only optima already maximized with
+    that rule are tried. Cost: some tens of evaluations for each.
     """
     if not inference.positive:
         return ()
@@ -176,7 +184,7 @@ def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
 
 
 def _followed_rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
-    """The maxima among those optima that were followed with surfaces of their own."""
+    """Other maxima of the likelihood, found with response surfaces refined for each of them."""
     end, kept = answer.maximum, list[Rival]()
     for other in answer.others:
         if not inference.among(other.alpha, [end.alpha], WITH_NOISE.apart):
@@ -188,7 +196,10 @@ def _followed_rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]
 def _maximum(
     likelihood: AnyLikelihood, alpha: Array, drop: float, here: Array, inference: Inference
 ) -> list[Rival]:
-    """The optimum alpha as a rival of `here` (K,), if it is a maximum; it is lower by `drop`."""
+    """A list with the optimum alpha as rival of the maximum `here` (K,), if it is a maximum.
+
+    `drop` is how much lower its log-likelihood is. Otherwise the list is empty.
+    """
     about = infer(likelihood.followed, alpha, likelihood.hyperparameters)
     stuck = [a for a, b in zip(about.at_bound, inference.at_bound, strict=True) if a and a != b]
     if stuck or not about.positive or not about.edm < ESTIMATES.edm or not np.isfinite(drop):
@@ -199,11 +210,11 @@ def _maximum(
 
 
 def _informed(end: Maximum) -> tuple[Maximum, Inference]:
-    """The information at an answer; at a saddle, of the maximum beside it.
+    """The maximum and its information matrix; a saddle point is left for the maximum beside it.
 
-    Where the top is flat, differences of the score may say falsely that it bends upward. If the
-    likelihood is not higher a standard error away, the outer products of the scores give the
-    information in their place, provided that they determine all of it.
+    On a flat top, differences of the score may wrongly show an upward curvature. If the likelihood
+    is not higher up to a standard error away, the information is taken from the outer products of
+    the scores, provided that these determine every hyperparameter.
     """
     likelihood, alpha = end.likelihood, end.alpha
     objective, hyperparameters = likelihood.followed, likelihood.hyperparameters
@@ -226,7 +237,7 @@ def _informed(end: Maximum) -> tuple[Maximum, Inference]:
 def _beside_a_saddle(
     likelihood: AnyLikelihood, alpha: Array, inference: Inference, told: Inference
 ) -> Array | None:
-    """The highest point along the direction that bends upward; None if the answer is higher."""
+    """The highest point (K,) along the direction of upward curvature; None if alpha is higher."""
     inside = np.isin(inference.identified, told.free)
     errors = told.standard_error[told.free]
     bends = inference.information[np.ix_(inside, inside)] * np.outer(errors, errors)
@@ -240,10 +251,10 @@ def _beside_a_saddle(
 
 
 def _profiled(end: Maximum, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
-    """Profile intervals by few nodes, and by more of them where these change an end.
+    """Profile intervals with few quadrature nodes, and with more where these change an end.
 
-    The individual laws at an end differ from those at the answer, and may need more nodes. An end
-    whose drop the finest nodes still change is not reported.
+    Each experiment's integrand at an interval end differs from that at the estimate, and may need
+    more nodes. An end is not reported if the finest nodes still change its log-likelihood drop.
     """
     likelihood = end.likelihood
     if end.coarse is None or not isinstance(likelihood, IndividualLikelihood):
@@ -284,7 +295,7 @@ def _anew(
     inference: Inference,
     rivals: Sequence[Array],
 ) -> Profile:
-    """The profile with those ends sought again whose drop these nodes change by `least`."""
+    """The profile, with ends computed again whose drop this likelihood changes by `least`."""
     higher = _climbed_on(likelihood, found, inference)
     rows = np.flatnonzero(np.any(_off(likelihood, alpha, higher, least), axis=1))
     if not rows.size:
@@ -297,7 +308,7 @@ def _anew(
 
 
 def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inference) -> Profile:
-    """The profile with the conditional maxima at its ends by this likelihood."""
+    """The profile, with the other hyperparameters at its ends maximized by this likelihood."""
     objective, points = likelihood.continued, found.points.copy()
     for k, side in np.argwhere(found.drops > 0.0):
         moving, point = inference.identified[inference.identified != k], points[k, side]
@@ -311,7 +322,7 @@ def _climbed_on(likelihood: IndividualLikelihood, found: Profile, inference: Inf
 
 
 def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikelihood | None:
-    """The likelihood by more nodes about one mode or by finer panels; None if there is none."""
+    """The likelihood with the next finer quadrature rule; None if there is no finer rule."""
     if likelihood.rule.centers > 1:
         return None
     rules = likelihood.rule.finer(likelihood.inputs.scattering)
@@ -319,7 +330,7 @@ def _finer(likelihood: IndividualLikelihood, alpha: Array) -> IndividualLikeliho
 
 
 def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least: float) -> Flags:
-    """Which ends (K, 2) have a drop that this likelihood changes by `least` or more."""
+    """Which interval ends (K, 2) have a drop that this likelihood changes by `least` or more."""
     top = likelihood.adapted(alpha).evaluate(alpha).total
     wrong = np.zeros(profile.drops.shape, dtype=np.bool_)
     for k, side in np.argwhere(profile.drops > 0.0):
@@ -332,10 +343,11 @@ def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least
 def _by_held(
     likelihood: IndividualLikelihood, alpha: Array, inference: Inference, rivals: Sequence[Array]
 ) -> Profile:
-    """Profile intervals by nodes fixed as parameters, which cost more than a profile.
+    """Profile intervals with quadrature nodes that are fixed points of the parameters.
 
-    The nearest nodes in law are used. Nodes adapted to an end verify its drop; where the drop is
-    wrong, the end is sought again with these nodes added.
+    Adapting such nodes costs more than a profile. So at each alpha those adapted to the nearest
+    law are used. Nodes adapted to an interval end verify its drop. Where the drop is wrong, the end
+    is computed again with these nodes added.
     """
     objective, found = likelihood.continued, Profile.unknown_ends(alpha.size)
     for k in inference.identified:
@@ -354,7 +366,10 @@ def _row_by_held(
     rivals: Sequence[Array],
     only: Indices,
 ) -> Profile:
-    """The interval of one hyperparameter; a better maximum must be confirmed by own nodes."""
+    """The interval of one hyperparameter with fixed nodes.
+
+    A higher likelihood on the way counts only if nodes adapted to that point confirm it.
+    """
     hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
     off, about = np.full((alpha.size, 2), np.inf), None
     for _ in range(UNCERTAINTY.adapted):
@@ -373,7 +388,7 @@ def _row_by_held(
 
 
 def _with_own(objective: Following, likelihood: IndividualLikelihood, point: Array) -> float:
-    """The log-likelihood at a point (K,) with nodes adapted near it, which are remembered."""
+    """The log-likelihood at a point (K,) with nodes adapted near it, which are kept for later."""
     own = objective.nearest(point)
     if own.distance(point) > NODE_ACCURACY.close:
         own = likelihood.adapted(point)

@@ -1,4 +1,4 @@
-"""How far the estimates scatter: the same identification of other data, many times."""
+"""The bootstrap: the scatter of the estimates over many drawn data sets."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ from aleator.tasks.runs import in_processes
 
 
 def percentile(alpha: Array, level: float = INTERVALS.level) -> Array:
-    """Intervals (F, 2) between quantiles of replicates (R, F); NaN without any."""
+    """Percentile intervals (F, 2): quantiles of replicates (R, F); NaN without replicates."""
     return quantiles(alpha, np.full((alpha.shape[1], 2), _tails(level)))
 
 
 def basic(estimate: Array, alpha: Array, level: float = INTERVALS.level) -> Array:
-    """Intervals (F, 2) by the errors, estimate - (quantile - estimate) (Efron 1979)."""
+    """Basic intervals (F, 2): estimate - (quantile - estimate) for both tails (Efron, 1979)."""
     return np.asarray(2.0 * estimate[:, None] - percentile(alpha, level)[:, ::-1])
 
 
 def bias_corrected(
     estimate: Array, alpha: Array, influence: Array, level: float = INTERVALS.level
 ) -> Array:
-    """BCa intervals (F, 2) of replicates (R, F), second-order right (Efron 1987).
+    """BCa intervals (F, 2) of replicates (R, F), second-order accurate (Efron, 1987).
 
-    The quantiles are those of the levels Phi(z0 + (z0 + z)/(1 - a (z0 + z))), z = Phi^-1 of the
-    tail; z0 is Phi^-1 of the share of replicates below the estimate, half of the ties counted, and
-    a = sum U^3 / (6 (sum U^2)^1.5) of the influence U (N, F) of each experiment. Where all
-    replicates are on one side of the estimate they are NaN.
+    The ends are quantiles at the levels Phi(z0 + (z0 + z)/(1 - a (z0 + z))), where z = Phi^-1 of
+    the tail probability. z0 is Phi^-1 of the share of replicates below the estimate, with half of
+    the ties. The acceleration is a = sum U^3 / (6 (sum U^2)^1.5), where U (N, F) is the influence
+    of each experiment. The interval is NaN if all replicates are on one side of the estimate.
 
     >>> rng = np.random.default_rng(0)
     >>> alpha = rng.normal(1.0, 2.0, (100_000, 1))
@@ -66,7 +66,10 @@ def bias_corrected(
 
 
 def acceleration(influence: Array) -> Array:
-    """a (F,) of the influence (N, F); zero where nothing has any."""
+    """The acceleration a (F,) of BCa intervals, from the influence (N, F) of each experiment.
+
+    It is zero where no experiment has any influence.
+    """
     square = np.sum(influence**2, axis=0)
     cube = np.sum(influence**3, axis=0)
     known = square > 0.0
@@ -75,7 +78,7 @@ def acceleration(influence: Array) -> Array:
 
 
 def quantiles(alpha: Array, levels: Array) -> Array:
-    """The quantiles (F, L) of replicates (R, F) at levels (F, L); NaN without any."""
+    """The quantiles (F, L) of replicates (R, F) at levels (F, L); NaN without replicates."""
     if not len(alpha):
         return np.full(levels.shape, np.nan)
     return np.array([np.quantile(alpha[:, k], own) for k, own in enumerate(levels)])
@@ -87,9 +90,9 @@ def _tails(level: float) -> Array:
 
 @dataclass(frozen=True)
 class Refitted:
-    """One replicate: its `number`, the free hyperparameters (F,), log L there, and a `status`.
+    """One replicate: its `number`, estimates (F,), log-likelihood, and a `status`.
 
-    The status is "arrived", or says that the climb did not end at a maximum.
+    The status is "arrived", or "not at a maximum" if the maximization did not converge.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -101,20 +104,21 @@ class Refitted:
 
 
 REPLICATE = TypeAdapter(Refitted)
-"""Reads a replicate strictly: a number is no text, and every field is there."""
+"""A reader of a replicate that refuses missing fields and numbers written as text."""
 
 
 @dataclass(frozen=True)
 class ReplicateFile:
-    """A file with a head that identifies the fit, then a line for each replicate."""
+    """A JSON lines file with a head that identifies the fit, then a line for each replicate."""
 
     path: Path
     head: Mapping[str, Any]
 
     def begun(self) -> dict[int, Refitted]:
-        """The finished replicates by number; an incomplete last line is removed.
+        """The finished replicates of the file, by number; an incomplete last line is removed.
 
-        Makes the file where there is none. Raises AleatorError where its head is another one.
+        Creates the file if it does not exist. Raises AleatorError if its head belongs to another
+        fit, seed or kind.
         """
         make_folder(self.path.parent)
         lines, kept = self._lines()
@@ -131,7 +135,7 @@ class ReplicateFile:
         return {replicate.number: replicate for replicate in found}
 
     def _replicate(self, number: int, line: Mapping[str, Any]) -> Refitted:
-        """What a line of the file says; raises AleatorError where it is no replicate."""
+        """The replicate in a line of the file; raises AleatorError if the line is not valid."""
         try:
             found = REPLICATE.validate_json(json.dumps(line), strict=True)
         except ValueError:
@@ -148,7 +152,7 @@ class ReplicateFile:
         self._write(json.dumps(asdict(replicate)).encode() + b"\n", None)
 
     def _lines(self) -> tuple[list[dict[str, Any]], int]:
-        """The complete lines of the file, and how many bytes they have."""
+        """The complete lines of the file, and their total number of bytes."""
         try:
             text = self.path.read_bytes()
         except FileNotFoundError:
@@ -168,7 +172,7 @@ class ReplicateFile:
         return found, size
 
     def _write(self, line: bytes, size: int | None) -> None:
-        """Append a line, after cutting the file to a size where there is one."""
+        """Append a line; with a `size` the file is first cut to this number of bytes."""
         try:
             with self.path.open("ab") as file:
                 if size is not None:
@@ -187,7 +191,10 @@ class ReplicateFile:
 
 
 def head_of(fit: Fit, kind: str, seed: int) -> dict[str, Any]:
-    """The head of a file of replicates: names, limits and data of the fit exactly, alpha nearly."""
+    """The head of a file of replicates: names, limits, estimates and a hash of the data.
+
+    A file with an equal head is continued; alpha and log-likelihood need to be equal only nearly.
+    """
     own = [fit.hyperparameters[k] for k in fit.inference.identified]
     seen, digest = fit.table.observations, sha256()
     for part in (seen.experiment, seen.response, seen.lower, seen.upper):
@@ -211,7 +218,7 @@ def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
 
 
 def _near(found: Any, wanted: Any, relative: float = 1e-5, absolute: float = 1e-12) -> bool:
-    """Whether numbers read from a file equal the expected ones to a relative difference."""
+    """Whether numbers read from a file equal the expected ones up to a relative difference."""
     try:
         numbers = np.array(found, dtype=float)
     except (OverflowError, TypeError, ValueError):  # damaged
@@ -228,11 +235,11 @@ KINDS = ("percentile", "basic", "bca")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Bootstrap:
-    """R replicates of the F free hyperparameters `names`.
+    """R bootstrap replicates of the estimates of the F free hyperparameters `names`.
 
-    `estimate` (F,) are those of the identification, `limits` (F, 2) theirs, `influence` (N, F)
-    what each experiment adds to them. `here` tells that the work was done in this process because
-    the simulator cannot travel to others.
+    `estimate` (F,) are the estimates of the identification, `limits` (F, 2) the limits of the
+    hyperparameters, `influence` (N, F) the influence of each experiment on the estimates. `here` is
+    true if the simulator could not be sent to other processes, so that this process did the work.
     """
 
     kind: str
@@ -252,7 +259,7 @@ class Bootstrap:
         return printed.shown(f"{len(self.runs)} replicates, {self.kind}", self.table())
 
     def replicates(self) -> pd.DataFrame:
-        """A row for each replicate: the hyperparameters, `log_likelihood`, `status`."""
+        """A table with a row for each replicate: its estimates, `log_likelihood`, `status`."""
         frame = pd.DataFrame([run.alpha for run in self.runs], columns=[*self.names])
         frame["log_likelihood"] = [run.log_likelihood for run in self.runs]
         frame["status"] = [run.status for run in self.runs]
@@ -260,17 +267,17 @@ class Bootstrap:
 
     @property
     def alpha(self) -> Array:
-        """Those replicates (R, F) that arrived at a maximum."""
+        """The estimates (R, F) of the replicates whose maximization converged."""
         found = [run.alpha for run in self.runs if run.status == ARRIVED]
         return np.array(found, dtype=float).reshape(len(found), len(self.names))
 
     def table(self) -> pd.DataFrame:
-        """A row for each hyperparameter.
+        """A table with a row for each hyperparameter.
 
-        `estimate`, `bias` (mean of the replicates minus estimate) with its Monte Carlo
-        `bias_error`, `standard_error`, the share `at_limit` of replicates on a limit, and 95 %
-        intervals: `percentile_lower`, `percentile_upper`, `basic_...`, `bca_...`. All of the
-        replicates that arrived; NaN where fewer than two did.
+        The columns are `estimate`, `bias` (mean of the replicates minus estimate) with its Monte
+        Carlo error `bias_error`, `standard_error`, the share `at_limit` of replicates on a limit,
+        and the ends of 95 % intervals: `percentile_lower`, `percentile_upper`, `basic_...`,
+        `bca_...`. Only converged replicates count. Values are NaN if there are fewer than two.
         """
         alpha = self.alpha
         enough = len(alpha) > 1
@@ -291,9 +298,9 @@ class Bootstrap:
         return pd.DataFrame(columns, index=[*self.names])
 
     def intervals(self, kind: str = "bca") -> pd.DataFrame:
-        """95 % intervals by name: "percentile", "basic" or "bca"; columns lower, upper.
+        """The 95 % intervals of a kind, "percentile", "basic" or "bca"; columns lower, upper.
 
-        Cut at the limits. Raises InputsError for another kind.
+        They are cut at the limits of the hyperparameters. Raises InputsError for another kind.
         """
         alpha = self.alpha
         if kind not in KINDS:
@@ -308,7 +315,7 @@ class Bootstrap:
         return pd.DataFrame(ends, index=[*self.names], columns=["lower", "upper"])
 
     def to_dict(self) -> dict[str, Any]:
-        """The document bootstrap.json as plain dictionaries, lists, numbers and texts."""
+        """The content of bootstrap.json as plain dictionaries, lists, numbers and texts."""
         status = [run.status for run in self.runs]
         return {
             "kind": self.kind,
@@ -331,19 +338,21 @@ def bootstrap(
     folder: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Bootstrap:
-    """Estimate again from `replicates` other data sets; no runs where there are surfaces.
+    """Estimate the hyperparameters again from each of `replicates` other data sets.
 
-    "parametric" data are drawn for the same experiments under the identified law and noise (Efron
-    1979); "nonparametric" are as many of the experiments, drawn with replacement, which stays right
-    where the law or the noise is wrong. Each replicate climbs to the maximum of its own data from
-    the estimate; surfaces and the choices made for them stay what they are. Each has a seed of its
-    own, so that the answer does not depend on the number of `workers`, processes of this machine,
-    and more replicates begin with the same ones. With a `folder` each finished replicate is kept
-    there in bootstrap.jsonl, and a call for the same fit, kind and seed goes on from it.
+    "parametric" data are drawn for the same experiments under the identified law and noise (Efron,
+    1979). "nonparametric" data are the same number of experiments, drawn with replacement; they
+    stay valid where the law or the noise is wrong. For each data set the likelihood is maximized
+    from the estimate. Response surfaces stay the same, and with them no runs are made.
 
-    Raises InputsError for fewer than two replicates or another kind, AleatorError for an
-    identification that was read from a file, and where the file is that of another study. Cost: a
-    climb a replicate, some ten evaluations of the likelihood.
+    Each replicate has its own seed. So the result does not depend on the number of `workers`
+    (processes of this machine), and more replicates begin with the same ones. With a `folder` each
+    finished replicate is stored there in bootstrap.jsonl, and a call with the same fit, kind and
+    seed continues it.
+
+    Raises InputsError for fewer than two replicates or another kind. Raises AleatorError for an
+    identification that was read from a file, and for a bootstrap.jsonl of another study. Cost: one
+    maximization for each replicate, some ten evaluations of the likelihood.
 
     >>> from aleator import Free, Inputs, Noise, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -369,7 +378,7 @@ def bootstrapped(
     folder: str | Path | None,
     progress: Progress,
 ) -> Bootstrap:
-    """The bootstrap of a fit, which goes on from the replicates in the folder."""
+    """The bootstrap of a fit, continued from the replicates stored in the folder, if any."""
     progress.stage("bootstrap")
     file = None
     if folder is not None:
@@ -393,7 +402,10 @@ def bootstrapped(
 
 
 def influence(fit: Fit) -> Array:
-    """The influence H^-1 s_l (N, F) of each experiment on the estimates; zero on a limit."""
+    """The influence H^-1 s_l (N, F) of experiment l on the estimates, with its score s_l.
+
+    H is the information matrix. The influence on an estimate at a limit is zero.
+    """
     inference, scores = fit.inference, fit.scored().scores
     found = np.zeros((fit.count, inference.identified.size))
     if inference.positive and scores is not None:
@@ -404,7 +416,7 @@ def influence(fit: Fit) -> Array:
 
 @single_threaded
 def replicated(fit: Fit, kind: str, seed: int, number: int) -> Refitted:
-    """Replicate `number`, which depends on fit, kind, seed and number alone."""
+    """Compute replicate `number`, which depends only on fit, kind, seed and number."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     if kind == PARAMETRIC:
         end = refitted(fit.drawn(rng))
@@ -418,7 +430,10 @@ def replicated(fit: Fit, kind: str, seed: int, number: int) -> Refitted:
 def _made(
     fit: Fit, parcel: bytes | None, kind: str, seed: int, numbers: Sequence[int], workers: int
 ) -> Generator[Refitted, None, None]:
-    """The replicates of these numbers, in this process or in those that take the parcel."""
+    """The replicates with these numbers, computed in this process or in several.
+
+    `parcel` is the serialized fit for other processes; with None all work is done in this one.
+    """
     if parcel is None:
         for number in numbers:
             yield replicated(fit, kind, seed, number)

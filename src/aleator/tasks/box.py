@@ -1,7 +1,8 @@
 """The feasible box: the largest box of the parameters in which every experiment has an outcome.
 
-The paper chooses the clipping box so that "a feasible solution can be obtained for all experiments"
-and is as large as possible; here it is found from runs that may fail.
+A box is a range for each parameter. The paper chooses the box so that "a feasible solution can be
+obtained for all experiments" and so that it is as large as possible. Here it is computed from runs
+of the simulator, some of which fail.
 """
 
 from __future__ import annotations
@@ -25,31 +26,33 @@ from aleator.tasks.runs import AnySimulator, AnyTable, runner_on
 
 @dataclass(frozen=True)
 class BoxSettings:
-    """How the feasible box is sought; by judgement."""
+    """Settings of the search for the feasible box; the values are chosen by judgement."""
 
     points: int = 32
-    """Points that a round looks at, each under every experiment that it survives."""
+    """The number of parameter points that are run in a round, under experiment after experiment
+    until one fails."""
     quiet: int = 3
-    """Rounds without a failure after which a box is taken."""
+    """The number of successive rounds without a failure after which the box is accepted."""
     rounds: int = 100
-    """Rounds of the search, at most."""
+    """The largest number of rounds of the search."""
     seeds: int = 6
-    """Valid points that a largest box is grown around."""
+    """The number of valid points around each of which the largest box is searched for."""
     nodes: int = 4000
-    """Boxes that the search for the largest one looks into, around each seed."""
+    """The number of boxes examined around each such point before the search is shortened."""
     fine: float = 0.005
-    """Share of the limits' width to which the end of a side is found."""
+    """The accuracy of a boundary between valid and failing points, as a share of the limits'
+    width."""
     retreat: float = 0.01
-    """Share of the limits' width by which a side stays away from the failures that limit it."""
+    """The distance of a side from the failures that limit it, as a share of the limits' width."""
     narrowed: float = 0.1
-    """Share of the width of the box by which a side moves inward in one round, at most."""
+    """The largest step of a side inward from a failure, as a share of the box's width."""
     first: int = 8
-    """Experiments that failed last, which are looked at before all others."""
+    """The number of experiments that failed last and are run before all others."""
     again: int = 8
-    """Times as many points, where the first have no valid one."""
+    """The factor by which the number of points grows if no first point is valid."""
     patience: int = 30
-    """Rounds in which that share grows by itself once: where one large box is as good as the next,
-    the failures between them would take forever to find.
+    """The number of rounds after which `retreat` has doubled. Without this the search would not end
+    where several boxes are nearly equally large.
     """
 
 
@@ -58,10 +61,10 @@ BOX = BoxSettings()
 
 @dataclass(frozen=True)
 class Side:
-    """One side of the box, and the failure that limits it.
+    """One side of the box: the `upper` or lower end of a parameter, and the failure beyond it.
 
-    `experiment` is the id of the one that fails beyond it, at the parameters `at` (n,); None where
-    the limits given by the study are reached.
+    `experiment` is the id of the experiment that fails beyond the side, at the parameters `at`
+    (n,). Both are None where the side is on a limit of the study.
     """
 
     parameter: str
@@ -73,12 +76,12 @@ class Side:
 
 @dataclass(frozen=True)
 class FeasibleBox:
-    """The largest box (n, 2) found, its sides, and what it cost.
+    """The largest box (n, 2) found, its sides, and the number of runs made.
 
-    `share` is its volume over that of the limits; `tested` the number of points inside that were
-    run under every experiment without a failure; `confirmed` whether the last rounds saw none.
-    `without` tells for each experiment that limits a side the share that the box would have if it
-    were left out, as far as the failures of the others are known.
+    `share` is its volume divided by that of the limits. `tested` is the number of points inside it
+    that were run under every experiment without a failure. `confirmed` is true if the last rounds
+    had no failure. `without` has, for each experiment that limits a side, the share of the box if
+    that experiment were left out, by the failures of the others seen so far.
     """
 
     names: tuple[str, ...]
@@ -94,14 +97,14 @@ class FeasibleBox:
 
 @dataclass
 class _Known:
-    """Points in the unit cube that failed, with the experiment that did, and valid ones."""
+    """The points of the unit cube that failed, the experiment of each failure, and valid points."""
 
     failed: list[Array]
     culprit: list[int]
     valid: list[Array]
 
     def worst_first(self, groups: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-        """The experiments in batches: first those that failed before."""
+        """The experiments in two batches: first those that failed last, then all others."""
         seen = [l for l in dict.fromkeys(reversed(self.culprit)) if l in set(groups.tolist())]
         first = np.array(seen[: BOX.first], dtype=np.intp)
         rest = np.setdiff1d(groups, first)
@@ -121,14 +124,14 @@ def feasible_box(
 ) -> FeasibleBox:
     """Find the largest box within the inputs' limits in which every experiment has an outcome.
 
-    `simulator` and `experiments` are those of `identify`; measured outcomes are not looked at.
-    Points are run under the experiments that failed before, then under all others; a failure is
-    followed by bisection to the end of the valid part, and the largest box that leaves out every
-    failure is found by best-first search (exact for the failures known). It is taken when three
-    rounds of points inside it and on its sides saw no failure: likely, not proven.
+    `simulator` and `experiments` are those of `identify`; measured outcomes are not used. Points
+    are run under the experiments that failed before, then under all others. From each failure
+    bisection finds the boundary to the valid points. The largest box without any failure seen so
+    far is computed exactly by best-first search. The box is accepted after three rounds of points
+    inside it and on its sides without a failure. It is then probably valid, but not proven.
 
-    Raises SimulatorError where no point is valid for all experiments, naming the one that fails
-    most. Cost: some hundred points times the distinct experiments.
+    Raises SimulatorError if no point is valid for all experiments; it names the experiment that
+    fails most. Cost: some hundred points times the number of distinct experiments.
 
     >>> import pandas as pd
     >>> from aleator.laws import TruncatedNormal
@@ -187,7 +190,7 @@ class _BoxSearch:
         self.known = _Known([], [], [])
 
     def find(self) -> tuple[Array, bool, int]:
-        """The box in the unit cube, whether it is confirmed, and the points tested inside."""
+        """The box in the unit cube, whether it is confirmed, and how many valid points it has."""
         n = self.moving.size
         corners = self.rng.integers(0, 2, (min(2**n, self.settings.points), n)).astype(float)
         first = np.vstack(
@@ -215,13 +218,13 @@ class _BoxSearch:
         return box, quiet == self.settings.quiet, tested
 
     def point(self, unit: Array) -> Array:
-        """Parameters (n,) of a point in the unit cube of the moving ones."""
+        """The parameters (n,) of a point in the unit cube of the non-constant parameters."""
         x = self.limits[:, 0].copy()
         x[self.moving] += unit * np.ptp(self.limits[self.moving], axis=1)
         return x
 
     def limiting(self, box: Array, k: int, end: int) -> int | None:
-        """The failure just beyond a side of the box, or None where the limits end first."""
+        """The index of the failure next beyond a side of the box; None if there is none."""
         if box[k, end] in (0.0, 1.0):
             return None
         failed = np.array(self.known.failed)
@@ -248,7 +251,7 @@ class _BoxSearch:
             self.known.culprit += culprits
 
     def _failing(self, points: Array, batch: NDArray[np.intp]) -> NDArray[np.int64]:
-        """For each point an experiment of the batch that fails there, or -1."""
+        """The index, for each point, of an experiment of the batch that fails there, or -1."""
         if not len(points):
             return np.zeros(0, dtype=np.int64)
         x = np.repeat(np.stack([self.point(p) for p in points]), batch.size, axis=0)
@@ -256,7 +259,7 @@ class _BoxSearch:
         return np.where(bad.any(axis=1), batch[np.argmax(bad, axis=1)], -1)
 
     def _followed(self, failed: Array, culprits: NDArray[np.int64]) -> Array:
-        """The failures (F, n) moved by bisection to the end of the valid part."""
+        """The failures (F, n), moved by bisection to the boundary of the valid points."""
         if not self.known.valid:
             return failed
         valid = np.array(self.known.valid)
@@ -270,20 +273,20 @@ class _BoxSearch:
         return bad
 
     def _inside(self, box: Array) -> Array:
-        """Points inside the box, on its sides and in its corners."""
+        """New points inside the box, on its sides and in its corners."""
         n = len(box)
         points = self.sobol.random(self.settings.points)
         onto = np.arange(self.settings.points) % 4
         which = self.rng.integers(0, n, self.settings.points)
         ends = self.rng.integers(0, 2, (self.settings.points, n)).astype(float)
-        # a quarter inside, a half on one side, a quarter in the corners
+        # A quarter of the points lies inside, a half on one side, a quarter in the corners.
         rows = np.flatnonzero((onto == 1) | (onto == 2))
         points[rows, which[rows]] = ends[rows, which[rows]]
         points[onto == 3] = ends[onto == 3]
         return np.asarray(box[:, 0] + points * np.diff(box, axis=1)[:, 0])
 
     def _works(self, unit: NDArray[np.int64], x: Array) -> Flags:
-        """Which runs have a value."""
+        """Which runs succeed, that is have a finite value."""
         return np.asarray(np.isfinite(self.runner.values(unit, x, most=1.0)).any(axis=1))
 
     def experiment(self, failure: int) -> str:
@@ -291,13 +294,13 @@ class _BoxSearch:
         return str(self.runner.ids[self.runner.experiment[self.known.culprit[failure]]])
 
     def share_without(self, experiment: str) -> float:
-        """Volume of the largest box in the unit cube if an experiment's failures did not count."""
+        """The volume of the largest box in the unit cube without the failures of an experiment."""
         failures = range(len(self.known.failed))
         others = np.array([self.experiment(k) != experiment for k in failures])
         return _volume(_retreated(self._largest(others), self.settings.retreat))
 
     def _largest(self, counted: Flags | None = None) -> Array:
-        """The largest box without the failures, or without those that are `counted`."""
+        """The largest box of the unit cube without failures; `counted` selects some of them."""
         failed = np.array(self.known.failed).reshape(-1, self.moving.size)
         failed = failed if counted is None else failed[counted]
         valid = np.array(self.known.valid)
@@ -325,7 +328,7 @@ def _volume(box: Array) -> float:
 
 
 def _retreated(box: Array, retreat: float) -> Array:
-    """The box with every side that a failure limits moved inward."""
+    """The box with each side moved inward, except sides on the limits of the unit cube."""
     step = np.minimum(retreat, BOX.narrowed * np.diff(box, axis=1)[:, 0])
     low = np.where(box[:, 0] > 0.0, box[:, 0] + step, 0.0)
     high = np.where(box[:, 1] < 1.0, box[:, 1] - step, 1.0)
@@ -333,11 +336,12 @@ def _retreated(box: Array, retreat: float) -> Array:
 
 
 def largest_box(failed: Array, seed: Array, settings: BoxSettings = BOX) -> Array:
-    """The largest box of the unit cube that holds the seed (n,) and no failure (F, n) inside.
+    """The largest box of the unit cube that contains the seed (n,) but no failure (F, n).
 
-    Best-first search: a box that holds a failure is cut on one of the sides between that failure
-    and the seed; volumes only shrink, so that the first box without a failure is the largest.
-    After `NODES` boxes the search goes on depth-first, and the box is large but not the largest.
+    Best-first search: a box with a failure inside is cut between that failure and the seed, along
+    each parameter in turn. Cuts only reduce the volume, so that the first box without a failure is
+    the largest. After `settings.nodes` boxes the search goes on depth-first, and the box found is
+    large but perhaps not the largest.
 
     >>> largest_box(np.array([[0.75, 0.9]]), np.array([0.5, 0.5])).tolist()
     [[0.0, 1.0], [0.0, 0.9]]

@@ -1,6 +1,8 @@
-"""The best possible law of an identification (`inference/npmle.py`): its value, points, p value.
+"""The best possible law: the law of any shape with the largest likelihood, and its test.
 
-`ceiling` answers the question in full, `best_possible` as a line of a report where it is quick.
+It is the nonparametric maximum likelihood estimate (`inference/npmle.py`). Its gap to the
+identified law is tested by a bootstrap. `ceiling` returns all of it, `best_possible` three numbers
+for the report of `identify`, if they are quick to compute.
 """
 
 from __future__ import annotations
@@ -31,17 +33,23 @@ from aleator.tasks.identification import Identification
 
 @dataclass(frozen=True)
 class CeilingSettings:
-    """Where the best law is sought, what is plotted, and when it is quick; by judgement.
+    """Settings for computing, plotting and reporting the best law; chosen by judgement.
 
-    `points` cover a region of one, two, and more parameters: fewer, but `fewest`, where
-    observations at them would be more than `values`. Half of them are of the law with variates
-    `wider` times as far out. More than `covered` parameters leave gaps. A point is on an edge
-    within the share `edge` of the region's width. Curves have 2 `line` points over `across` draws
-    of the other parameters, maps `side` points a side. It is quick for `experiments` at least (any
-    law explains fewer), at most so many scattering `parameters`, `nodes` of all observations, and
-    so many values of the simulator itself (`direct`) or of `surfaces` a replicate, of which there
-    are `replicates`. `seed` is that of draws for a curve, `start` that of the points from which the
-    best law is sought.
+    The best law has its mass at some of many candidate points. `points` is the number of these for
+    one, two, and more parameters. With many observations there are fewer, but at least `fewest`, so
+    that candidates times observations are at most `values`. Half of them are drawn from the
+    identified law, widened by the factor `wider`. With more than `covered` parameters they leave
+    gaps. A point is on an edge of the region if it is within the share `edge` of its width.
+
+    Curves have 2 `line` points, each averaged over `across` draws of the other parameters; maps
+    have `side` points along each axis. `seed` and `start` are the seeds of these draws and of the
+    starting points.
+
+    The report of `identify` has the best law, tested with `replicates`, if it is quick to compute.
+    This needs at least `experiments` experiments (fewer do not restrict a law), at most
+    `parameters` scattering parameters, and at most `nodes` quadrature nodes over all observations.
+    A replicate must need at most `direct` values of the simulator itself, or at most `surfaces`
+    values of response surfaces.
     """
 
     points: tuple[int, int, int] = (256, 1024, 2048)
@@ -68,17 +76,19 @@ CEILING = CeilingSettings()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ceiling:
-    """The largest log-likelihood that any law of the parameters can have, and where it is reached.
+    """The largest log-likelihood that any law of the parameters can have, and that law.
 
     `points` has a row for each point of the best law: its `probability` and its parameters.
-    `log_likelihood` is that of the best law, known to `error`; `estimated` that of the chosen one;
-    `verified` that of a law on the same points by the simulator itself, None without surfaces.
-    `judged` is the parametric bootstrap of the gap, None where none was asked for. `region` is
-    where laws were sought, and `held` what was kept at its estimate meanwhile: constants, and the
-    noise. `covered` is false for more than three scattering parameters: points of the region may
-    then have been missed, and the value is a lower bound. `edges` are the parameters whose best law
-    has mass on an edge of the region where the laws do not end. `gains` are log f_l of the best law
-    above that of the chosen one, by experiment. `curves` and `map` hold the gradient function.
+    `log_likelihood` is the value of the best law, accurate to `error`. `estimated` is the value of
+    the identified law. `verified` is the value of a law on the same points by the simulator itself;
+    None without surfaces. `judged` is the parametric bootstrap of the gap between the two laws, or
+    None. `gains` are the differences of the log-densities of each experiment.
+
+    `region` is the range of each parameter in which laws were searched for. `held` are the
+    hyperparameters kept at their estimates: constants, and the noise. `covered` is false for more
+    than three scattering parameters: the value is then a lower bound. `edges` are the parameters
+    whose best law has mass on an edge of the region that is not an end of the parameter's range.
+    `curves` and `map` have the gradient function (see `gradient_curves`).
     """
 
     log_likelihood: float
@@ -136,12 +146,14 @@ def ceiling(
 ) -> Ceiling:
     """The best of all laws of the scattering parameters, and the gap of the identified one to it.
 
-    The maximum over all probability laws G on the region of sum_l log int p(y_l | x) dG(x), with
-    constants and noise at their estimates (Kiefer and Wolfowitz, 1956). It is a law of at most N
-    points. The gap is judged by at most `replicates` data sets drawn from the identified law, none
-    for 0. On surfaces `verify` asks the simulator at these points: a run for each point and
-    experiment. Raises InputsError without noise, where laws follow covariates, and where nothing
-    scatters; AleatorError where `found` was read from a file. Cost: some seconds for a hundred
+    The best law maximizes sum_l log int p(y_l | x) dG(x) over all probability laws G on the region,
+    with constants and noise at their estimates (Kiefer and Wolfowitz, 1956). It has at most N
+    points. The gap is tested with at most `replicates` data sets drawn from the identified law; 0
+    means no test. With response surfaces, `verify` runs the simulator at these points, once for
+    each point and experiment.
+
+    Raises InputsError without noise, for laws that depend on covariates, and if no parameter
+    scatters. Raises AleatorError if `found` was read from a file. Cost: some seconds for a hundred
     experiments.
 
     >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
@@ -162,7 +174,7 @@ def ceiling(
 def ceiling_of(
     fit: Fit, exact: Fit | None, replicates: int, seed: int, progress: Progress
 ) -> Ceiling:
-    """The best possible law of a fit; `exact` is the fit by the simulator itself, if asked."""
+    """The best possible law of a fit; `exact` is the fit on the simulator itself, or None."""
     sought = LawRegion.of(fit)
     progress.stage("best possible law")
     best = best_of(sought, seed)
@@ -192,15 +204,16 @@ def _on_points(exact: Fit, sought: LawRegion, best: NPMLE) -> float:
 
 
 def gap_of(fit: Fit, seed: int) -> float:
-    """The log-likelihood of the best law minus that of a fit; no runs.
+    """The log-likelihood of the best law minus that of a fit.
 
-    Raises InputsError without noise, where laws follow covariates, and where nothing scatters.
+    Raises InputsError without noise, for laws that depend on covariates, and if no parameter
+    scatters.
     """
     return best_of(LawRegion.of(fit), seed).log_likelihood - fit.scored().likelihood
 
 
 def best_of(sought: LawRegion, seed: int) -> NPMLE:
-    """The best law of a fit, on points of its region."""
+    """The best law of a fit, with support in its region."""
     own = sought.candidates(np.random.default_rng([seed, 0]))
     points = np.concatenate([sought.cover(0, sought.count), own])
     return npmle(sought.log_density, points, sought.cover(sought.settings.start, 2 * sought.count))
@@ -209,10 +222,11 @@ def best_of(sought: LawRegion, seed: int) -> NPMLE:
 def best_possible(
     fit: Fit, seed: int, progress: Progress, settings: CeilingSettings = CEILING
 ) -> dict[str, float] | None:
-    """Log-likelihood, gap and p value of the best law for a report; None if not quick.
+    """The log-likelihood, gap and p value of the best law for a report; None if it takes long.
 
-    Quick are fits by individual parameters of one or two that scatter, with few nodes, and few
-    values to compute for a replicate. So counted, and not timed, the answer is always the same.
+    They are computed for fits with noise and one or two scattering parameters, if the numbers of
+    quadrature nodes and of simulated values are small (see `CeilingSettings`). These are counted,
+    not timed, so that the same study always has the same report.
     """
     here, inputs, observations = fit.likelihood, fit.inputs, len(fit.table.observations)
     small = 1 <= inputs.scattering <= settings.parameters and fit.count >= settings.experiments
@@ -238,7 +252,7 @@ def best_possible(
 
 
 def require_one_law(inputs: Inputs) -> None:
-    """Raise InputsError for laws that follow covariates, and where nothing scatters."""
+    """Raise InputsError for laws that depend on covariates, and if no parameter scatters."""
     if inputs.regressed:
         raise InputsError(
             "the best possible law is one for all experiments, but these laws follow "
@@ -255,7 +269,7 @@ def require_one_law(inputs: Inputs) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LawRegion:
-    """Where the best law of a fit is sought: a region (s, 2) of the parameters that scatter."""
+    """The region (s, 2) of the scattering parameters in which the best law is searched for."""
 
     fit: Fit
     moving: list[int]
@@ -264,9 +278,10 @@ class LawRegion:
 
     @classmethod
     def of(cls, fit: Fit, settings: CeilingSettings = CEILING) -> LawRegion:
-        """The region of a fit: the box, or else the mass of the law, within the surfaces.
+        """The region of a fit, within that of its response surfaces.
 
-        Raises InputsError where there is no such law.
+        For a parameter without a finite range it is where the identified law has its mass. Raises
+        InputsError for laws that depend on covariates, and if no parameter scatters.
         """
         inputs = fit.inputs
         require_one_law(inputs)
@@ -284,14 +299,14 @@ class LawRegion:
 
     @cached_property
     def still(self) -> Array:
-        """The medians (n,) of the parameters: of constants, their values."""
+        """The medians (n,) of the parameters; for a constant its value."""
         inputs, alpha = self.fit.inputs, self.fit.alpha
         middle = np.full((1, len(inputs.names)), 0.5)
         return np.asarray(inputs.marginal(alpha[: inputs.size], middle)[0])
 
     @property
     def held(self) -> dict[str, float]:
-        """The estimates of constants and noise, which stay fixed."""
+        """The estimates of constants and noise, which stay fixed in the search for the best law."""
         inputs = self.fit.inputs
         kept = set(range(inputs.size))
         for i, part in enumerate(inputs.parts):
@@ -306,19 +321,19 @@ class LawRegion:
         }
 
     def x(self, z: Array) -> Array:
-        """Parameters (J, n) of points (J, s) of the unit cube."""
+        """The parameters (J, n) at points (J, s) of the unit cube."""
         low, high = self.region.T
         x = np.tile(self.still, (len(z), 1))
         x[:, self.moving] = low + (high - low) * z
         return x
 
     def z(self, x: Array) -> Array:
-        """Points (J, s) of the unit cube, on its faces where parameters x (J, n) are beyond."""
+        """The points (J, s) of the unit cube for parameters x (J, n), clipped to the cube."""
         low, high = self.region.T
         return np.asarray(np.clip((x[:, self.moving] - low) / (high - low), 0.0, 1.0))
 
     def log_density(self, z: Array) -> Array:
-        """log p(observations | parameters) (N, J) at points (J, s) of the unit cube."""
+        """log p(observations | parameters) (N, J) of each experiment at points (J, s)."""
         return self.fit.likelihood.log_density_at(self.x(z))
 
     @property
@@ -331,7 +346,7 @@ class LawRegion:
         return most if allowed >= most else int(2 ** np.floor(np.log2(allowed)))
 
     def cover(self, seed: int, count: int) -> Array:
-        """Points (J, s), half of them all over the region and half drawn from the law."""
+        """Points (J, s) of the unit cube: half fill the region, half are drawn from the law."""
         s, inputs = len(self.moving), self.fit.inputs
         uniform = qmc.Sobol(s, rng=seed).random(count // 2)
         scores = self.settings.wider * special.ndtri(qmc.Sobol(s, rng=seed + 1).random(count // 2))
@@ -341,18 +356,24 @@ class LawRegion:
         return np.concatenate([uniform, self.z(x)])
 
     def points(self, fit: Fit, rng: np.random.Generator) -> Array:
-        """Points x (J, n) for another fit of the same laws."""
+        """Support points x (J, n) in this region for a fit to other data, such as a replicate."""
         there = replace(self, fit=fit)
         return there.x(np.concatenate([self._covering, there.candidates(rng)]))
 
     def candidates(self, rng: np.random.Generator) -> Array:
-        """A draw (N, s) of the parameters of each experiment."""
+        """Points (N, s) of the unit cube: a draw of the parameters of each experiment.
+
+        The draws are from the distribution of the parameters under the experiment's observations.
+        """
         x = self.fit.likelihood.individuals(rng)
         step = max(1, len(x) // self.count)
         return self.z(x[::step][np.all(np.isfinite(x[::step]), axis=1)])
 
     def edges(self, x: Array) -> tuple[str, ...]:
-        """Parameters of points x (S, s) that are on an edge of the region but not of the box."""
+        """The names of parameters for which points x (S, s) lie on an edge of the region.
+
+        Edges that are ends of the parameter's range do not count.
+        """
         box = self.fit.inputs.box[self.moving]
         slack = self.settings.edge * np.diff(self.region, axis=1)[:, 0]
         low = (x.min(axis=0) < self.region[:, 0] + slack) & (self.region[:, 0] > box[:, 0])
@@ -365,10 +386,10 @@ class LawRegion:
 
 
 def gradient_curves(sought: LawRegion) -> dict[str, pd.DataFrame]:
-    """The gradient function over each parameter `x`, with the `density` of its law.
+    """The gradient function D over each parameter `x`, with the `density` of its law.
 
-    D(x_i) is the mean of D over the other parameters, drawn from the chosen law: a law that moves
-    a share h of mass to x_i, the others as they were, gains N h D(x_i) in log-likelihood.
+    D(x_i) is the mean of D over the other parameters, drawn from the identified law. If a small
+    share h of the law's mass is moved to x_i, the log-likelihood grows by N h D(x_i).
     """
     found = {}
     drawn = _draws(sought)
@@ -387,7 +408,7 @@ def gradient_curves(sought: LawRegion) -> dict[str, pd.DataFrame]:
 
 
 def gradient_map(sought: LawRegion) -> pd.DataFrame | None:
-    """The gradient function on a grid of two parameters; None for any other number."""
+    """The gradient function on a grid of two parameters; None if not exactly two scatter."""
     if len(sought.names) != 2:
         return None
     count = sought.settings.side
@@ -398,7 +419,7 @@ def gradient_map(sought: LawRegion) -> pd.DataFrame | None:
 
 
 def _places(sought: LawRegion, s: int) -> Array:
-    """Places of the unit interval for a curve, half even and half at quantiles of the law."""
+    """Points of the unit interval for a curve: half equidistant, half at quantiles of the law."""
     inputs, alpha = sought.fit.inputs, sought.fit.alpha
     line = sought.settings.line
     level = (np.arange(line) + 0.5) / line
@@ -415,7 +436,7 @@ def _draws(sought: LawRegion) -> Array:
 
 
 def _lacking(sought: LawRegion, points: Array) -> Array:
-    """The gradient function (J,) under the chosen law, in parts that fit into memory."""
+    """The gradient function (J,) of the identified law at points (J, s), computed in parts."""
     each = sought.fit.scored().each
     parts = np.array_split(points, -(-len(points) // sought.count))
     return np.concatenate([gradient(sought.log_density, each, part) for part in parts])

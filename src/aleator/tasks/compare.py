@@ -1,4 +1,4 @@
-"""Several models of the same experiments, side by side."""
+"""The comparison of several models of the same experiments."""
 
 from __future__ import annotations
 
@@ -34,12 +34,13 @@ from aleator.tasks.identification import Identification
 
 @dataclass(frozen=True)
 class ComparisonSettings:
-    """When values and laws of two models are the same; by judgement."""
+    """Settings that decide whether two models have equal data or laws; chosen by judgement."""
 
     same: float = 1e-9
-    """Relative difference up to which two measured values are one."""
+    """The relative difference up to which two measured values are equal."""
     agree: float = 0.02
-    """An experiment's log-density of one law may differ by that, by the surfaces of two models."""
+    """The difference of an experiment's log-density up to which two models have the same law there;
+    it allows for the errors of their response surfaces."""
 
 
 COMPARISON = ComparisonSettings()
@@ -102,11 +103,11 @@ def _difference(
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """Hyperparameters (K,) at which a larger model equals a smaller one.
+    """A rule for the K hyperparameters of a larger model at which it equals a smaller one.
 
-    `source` (K,) is the one of the smaller model that each takes its value from, or -1 where it
-    has the value in `value` (K,). `df` are free in the larger model only, and of these
-    `on_boundary` lie on a limit.
+    `source` (K,) is the index of the hyperparameter of the smaller model that has the same value.
+    It is -1 for a fixed value, which is in `value` (K,). `df` is the number of hyperparameters that
+    are free in the larger model only; `on_boundary` of these are then on a limit.
     """
 
     source: Array
@@ -115,7 +116,7 @@ class Embedding:
     on_boundary: int
 
     def of(self, alpha: Array) -> Array:
-        """The alpha of the larger model at that of the smaller one."""
+        """The alpha (K,) of the larger model that equals the smaller model at its `alpha`."""
         return np.where(self.source >= 0, alpha[self.source], self.value)
 
 
@@ -124,10 +125,11 @@ def embedded(
 ) -> Embedding | None:
     """The embedding of a smaller model in a larger one; None if none is known.
 
-    The hyperparameters are matched by their names: a number in place of a free one, a constant in
-    place of a law whose scale may end at zero, no correlation, a formula with fewer terms. Laws
-    must be of one family, and every experiment must have the same log-likelihood there: other
-    simulators and other codings of covariates are found out by that. Cost: an evaluation.
+    The hyperparameters are matched by their names. The smaller model may have a number in place of
+    a free hyperparameter, a constant in place of a law whose scale may be zero, no correlation, or
+    a formula with fewer terms. Laws must be of the same family. Every experiment must have the same
+    log-likelihood in both models, so that different simulators or codings of covariates are not
+    taken as nested. Cost: an evaluation of the likelihood.
     """
     if not _same_families(smaller.inputs.laws, larger.inputs.laws):
         return None
@@ -149,7 +151,7 @@ def _same_families(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> boo
 
 
 def _family(law: Law) -> object:
-    """What two laws of one family share: all but their hyperparameters."""
+    """A key that two laws have in common if they differ in their hyperparameters only."""
     if isinstance(law, Mixture):
         return [_family(component) for component in law.components]
     own = {h.name for h in law.hyperparameters}
@@ -158,7 +160,7 @@ def _family(law: Law) -> object:
 
 
 def _frozen(value: object) -> object:
-    """A distribution of SciPy by its name and arguments; other values as they are."""
+    """A comparable form of a value: a SciPy distribution by its name and arguments."""
     family = getattr(value, "dist", None)
     return value if family is None else (family.name, value.args, value.kwds)  # type: ignore[attr-defined]
 
@@ -166,7 +168,9 @@ def _frozen(value: object) -> object:
 def matched(
     smaller: Sequence[Hyperparameter], larger: Sequence[Hyperparameter]
 ) -> Embedding | None:
-    """The embedding by the names of the hyperparameters alone.
+    """The embedding of a smaller model in a larger one by hyperparameter names; None if none.
+
+    The likelihoods are not compared.
 
     >>> from aleator.laws import Constant, Free, Inputs, Normal
     >>> one = Inputs({"x": Constant(Free(0.0, 1.0))}).hyperparameters
@@ -195,7 +199,10 @@ def matched(
 
 
 def _aliases(name: str) -> list[str]:
-    """Names of the hyperparameter in models with a constant, or without a covariate."""
+    """The names that a hyperparameter may have in a smaller model.
+
+    There the parameter may be a constant ("value" for "mean"), or not depend on a covariate.
+    """
     bare = name.removesuffix("[Intercept]")
     return [
         *dict.fromkeys(
@@ -205,12 +212,12 @@ def _aliases(name: str) -> list[str]:
 
 
 def _reaches(h: Hyperparameter, source: Hyperparameter | None) -> bool:
-    """Whether a hyperparameter can have the values of its source."""
+    """Whether a hyperparameter can take the values of `source` in the smaller model."""
     return source is None or h.free or (not source.free and source.start == h.start)
 
 
 def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
-    """The value at which a hyperparameter has no effect; None if there is none."""
+    """The value at which a hyperparameter that the smaller model lacks has no effect; else None."""
     parameter = h.name.partition(".")[0]
     constant = any(name.startswith(f"{parameter}.value") for name in known)
     further = parameter == "noise" and any(name.startswith("noise.") for name in known)
@@ -223,15 +230,16 @@ def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
 
 
 RATIO = ("smaller", "larger", "ratio", "df", "reference", "p", "bootstrap_p", "replicates")
-"""The columns of likelihood ratios."""
+"""The columns of the table of likelihood ratios."""
 
 
 @dataclass(frozen=True, eq=False)
 class Competitor:
-    """One model: its two verdicts, its criteria, its predictions.
+    """One of the models compared: its verdicts, information criteria, and predictions.
 
-    `below_ceiling` is how far its log-likelihood is below that of the best of all laws; NaN where
-    that is not known.
+    `sound` and `consistent` are the verdicts of its identification. `left_out` has the predictive
+    log-density of each experiment. `below_ceiling` is how much its log-likelihood is below that of
+    the best possible law; NaN where this was not computed.
     """
 
     name: str
@@ -244,7 +252,7 @@ class Competitor:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """Models of N experiments `ids`, those that predict best first, and likelihood ratios."""
+    """The models of N experiments `ids`, the best prediction first, and their likelihood ratios."""
 
     ids: tuple[str, ...]
     models: tuple[Competitor, ...]
@@ -260,12 +268,13 @@ class Comparison:
         return printed.shown(head, self.table(), best)
 
     def table(self) -> pd.DataFrame:
-        """A row for each model, by its name.
+        """A table with a row for each model, by its name.
 
-        Columns `sound`, `consistent`, `log_likelihood`, `below_ceiling`, `free` hyperparameters,
-        `aic`, `aicc`, `bic`, `elpd` (the predictive log-likelihood of experiments left out) with
-        `elpd_error`, its `difference` to the best with `difference_error`, and `refits`: maxima
-        that were climbed to.
+        The columns are `sound`, `consistent`, `log_likelihood`, `below_ceiling`, the number of
+        `free` hyperparameters, `aic`, `aicc`, `bic`, `elpd` (the predictive log-likelihood of
+        experiments left out) with `elpd_error`, its `difference` to the best model with
+        `difference_error`, and `refits`, the number of experiments whose omission needed a new
+        maximization.
         """
         best = self.models[0].left_out.each
         rows = [
@@ -289,15 +298,16 @@ class Comparison:
         return pd.DataFrame(rows, index=pd.Index([m.name for m in self.models], name="model"))
 
     def experiments(self) -> pd.DataFrame:
-        """Log-densities of each left-out experiment (N rows), with a column for each model."""
+        """The predictive log-density of each left-out experiment (N rows), a column per model."""
         columns = {model.name: model.left_out.each for model in self.models}
         return pd.DataFrame(columns, index=pd.Index(self.ids, name="id"))
 
     def nested(self) -> pd.DataFrame:
-        """A row for each likelihood ratio.
+        """A table with a row for each likelihood ratio of nested models.
 
-        `smaller`, `larger`, `ratio`, `df`, `reference`, its `p`, and `bootstrap_p` of so many
-        `replicates`; NaN where there is none.
+        The columns are the names `smaller` and `larger`, the statistic `ratio`, its degrees of
+        freedom `df`, the `reference` distribution with its p value `p`, and the p value
+        `bootstrap_p` from a number of `replicates`. Missing p values are NaN.
         """
         rows = [
             {
@@ -311,7 +321,7 @@ class Comparison:
         return pd.DataFrame(rows, columns=[*RATIO])
 
     def to_dict(self) -> dict[str, Any]:
-        """The document compare.json as plain dictionaries, lists, numbers and texts."""
+        """The content of compare.json as plain dictionaries, lists, numbers and texts."""
         details = {
             model.name: {
                 "of_law": model.criteria.of_law,
@@ -343,19 +353,19 @@ def compare(
 ) -> Comparison:
     """Compare models of the same data by criteria, likelihood ratios and predictions; no runs.
 
-    Models given by keyword have that name, the others are A, B, and so on. AIC, AICc and BIC come
-    from the maximum of the likelihood; the predictive log-likelihood from leaving out each
-    experiment in turn (`aleator.inference.model_choice`). A likelihood ratio is taken where one
-    model is found to be a special case of another, and for the pairs (smaller, larger) in `nested`.
-    `bootstrap` is the number of data sets drawn under the smaller model of each such pair, by which
-    the ratio is judged too; `seed` is theirs. With `ceilings` the best possible law of each model
-    is found (see `aleator.ceiling`), where it can be. Of models with priors the maximum is that of
-    the posterior density, and ratios have no reference but drawn data.
+    Models passed by keyword have that name, the others are A, B, and so on. AIC, AICc and BIC come
+    from the maximum of the likelihood. The predictive log-likelihood comes from leaving out each
+    experiment in turn (`aleator.inference.model_choice`). A likelihood ratio is computed where one
+    model is recognized as a special case of another, and for the pairs (smaller, larger) in
+    `nested`. `bootstrap` is the number of data sets drawn under the smaller model of each pair, for
+    a second p value; `seed` is their seed. With `ceilings` the best possible law of each model is
+    computed (see `aleator.ceiling`), if there is one. For models with priors the maximum is that
+    of the posterior density, and a ratio has a p value from drawn data only.
 
-    Raises InputsError for fewer than two models, names that are unknown, and a pair of which the
-    larger model has no more free hyperparameters; ExperimentsError where the data or their
-    transforms differ; AleatorError for an identification that was read from a file. Cost: some ten
-    evaluations of each likelihood and a climb for each influential experiment; two climbs or three
+    Raises InputsError for fewer than two models, unknown names, and a pair whose larger model has
+    no more free hyperparameters. Raises ExperimentsError if the data or their transforms differ,
+    and AleatorError for an identification that was read from a file. Cost: some ten evaluations of
+    each likelihood, a maximization for each influential experiment, and two or three maximizations
     for each drawn data set.
 
     >>> import pandas as pd
@@ -389,7 +399,7 @@ def compared(
     progress: Progress,
     settings: ComparisonSettings = COMPARISON,
 ) -> Comparison:
-    """The comparison of fits with their verdicts, sound and consistent."""
+    """The comparison of fits; `verdicts` has (sound, consistent) for each name."""
     require_same_data(fits, settings=settings)
     competitors = []
     for name, fit in fits.items():
@@ -411,7 +421,11 @@ def compared(
 
 
 def criteria(fit: Fit) -> Criteria:
-    """The maximum of a fit, and which of its free hyperparameters belong to laws that scatter."""
+    """The log-likelihood of a fit with the numbers of observations and free hyperparameters.
+
+    Free hyperparameters of scattering laws are counted apart from all others, since BIC relates
+    them to the number of experiments.
+    """
     laws, identified = fit.inputs.laws, fit.inference.identified.tolist()
     of_law = 0
     for k in identified:
@@ -424,7 +438,10 @@ def criteria(fit: Fit) -> Criteria:
 
 
 def _below_ceiling(fit: Fit, seed: int) -> float:
-    """NaN without noise, with laws that follow covariates, and where nothing scatters."""
+    """The gap of a fit to the best possible law; NaN where that law is not defined.
+
+    It is not defined without noise, for laws that depend on covariates, and if nothing scatters.
+    """
     try:
         return gap_of(fit, seed)
     except InputsError:
@@ -457,7 +474,7 @@ def _check(
 def _pairs(
     fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]], settings: ComparisonSettings
 ) -> dict[tuple[str, str], Embedding | None]:
-    """Pairs (smaller, larger), and where the smaller lies in the larger if that is known."""
+    """The nested pairs (smaller, larger), with the embedding if one is known, else None."""
     found: dict[tuple[str, str], Embedding | None] = {}
     for small, large in permutations(fits, 2):
         place = embedded(fits[small], fits[large], settings=settings)
@@ -500,7 +517,10 @@ def _ratio(
 def _drawn_ratio(
     smaller: Fit, larger: Fit, place: Embedding | None, rng: np.random.Generator
 ) -> float:
-    """The ratio of a data set drawn under the smaller model; NaN where a climb did not arrive."""
+    """The likelihood ratio of a data set drawn under the smaller model.
+
+    NaN if a maximization did not converge.
+    """
     drawn = smaller.drawn(rng)
     one = refitted(drawn)
     starts: list[Array] = [larger.alpha]

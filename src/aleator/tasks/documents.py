@@ -1,4 +1,4 @@
-"""Answers of tasks as plain lists and numbers, as their files hold them and views read them."""
+"""The results of tasks as plain lists and numbers, in the form of their JSON files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from aleator.tasks.screen import Sensitivity
 
 
 def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]:
-    """The first runs of a study as plain lists and numbers, as check.json holds them."""
+    """The first runs of a study and its cost, as plain lists and numbers: the file check.json."""
     plan, response = look.plan, np.array(look.response)
     of = {name: response == name for name in dict.fromkeys(look.response)}
     return {
@@ -66,14 +66,14 @@ def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]
 
 
 def _range(lower: Array, upper: Array) -> list[float]:
-    """The least and the largest measured value; bounds count by the end that is known."""
+    """The least and the largest measured value; of a censored one the finite bound counts."""
     known = np.concatenate([lower, upper])
     known = known[np.isfinite(known)]
     return [float(known.min()), float(known.max())]
 
 
 def box_document(found: FeasibleBox) -> dict[str, Any]:
-    """A feasible box as plain lists and numbers, as box.json holds it."""
+    """A feasible box as plain lists and numbers: the content of box.json."""
     return {
         "box": dict(zip(found.names, found.box.tolist(), strict=True)),
         "limits": dict(zip(found.names, found.limits.tolist(), strict=True)),
@@ -98,7 +98,7 @@ def box_document(found: FeasibleBox) -> dict[str, Any]:
 
 
 def sensitivity_document(found: Sensitivity) -> dict[str, Any]:
-    """A sensitivity study as plain lists and numbers, as sensitivity.json holds it."""
+    """A sensitivity study as plain lists and numbers: the content of sensitivity.json."""
     expansion, sobol = found.expansion, found.sobol
 
     def named(values: Any) -> dict[str, float]:
@@ -138,7 +138,7 @@ def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def recovery_document(recovery: Recovery) -> dict[str, Any]:
-    """A recovery as plain lists and numbers: the table by hyperparameter, and every replicate."""
+    """A recovery study as plain lists and numbers: its table, and the estimates of replicates."""
     alpha, ends = recovery.alpha.tolist(), recovery.intervals.tolist()
     rows = zip(alpha, ends, recovery.log_likelihood, recovery.converged, strict=True)
     return {
@@ -156,7 +156,7 @@ def recovery_document(recovery: Recovery) -> dict[str, Any]:
 
 
 def ceiling_document(found: Ceiling) -> dict[str, Any]:
-    """A best possible law as plain lists and numbers, as ceiling.json holds it."""
+    """A best possible law as plain lists and numbers: the content of ceiling.json."""
     test, values = found.judged, found.map
     return {
         "log_likelihood": {

@@ -1,8 +1,9 @@
-"""Points by which the probability of an event, rare or not, is computed; and runs that check it.
+"""Sample points for the probability of an event, rare or not, and simulator runs that check it.
 
-`event_sample` seeks an importance density of the event, on a surface that is made exact there.
-`explored` are fresh runs against a surface, `settling` those where it doubts, and `corrected` is
-what runs near the ends of the event change of its probability.
+An event is an outcome in an interval. `event_sample` computes an importance density of the event
+on a response surface, which gets more runs there. `explored` compares new runs with the surface
+everywhere. `settling` chooses runs where the surface is uncertain about the event. `corrected`
+computes by how much runs near the interval's ends change the probability.
 """
 
 from __future__ import annotations
@@ -35,43 +36,46 @@ from aleator.tasks.new_experiments import (
 
 @dataclass(frozen=True)
 class SampleSettings:
-    """Points of an event and runs that check it: by judgement, see `benchmarks limit_states`."""
+    """Settings of the points that sample an event, and of the runs that check its probability.
+
+    The values are chosen by judgement; `benchmarks limit_states` measures the result.
+    """
 
     laws: int = 32
-    """Laws that an importance density is sought for, the estimate's among them."""
+    """The number of plausible laws, with the estimated one, that share an importance density."""
     far: float = 2.5
-    """By how much points that a surface is first made exact at are farther out than the law says.
-    """
+    """The factor by which the first points of a surface scatter more than the law."""
     placed: int = 24
-    """Such points for each law."""
+    """The number of first points of a surface for each law."""
     sure: float = 2.0
-    """Standard deviations of kriging within which an outcome is possible."""
+    """The number of kriging standard deviations within which an outcome is possible."""
     rounds: int = 6
-    """Rounds in which a surface follows the points of the event, at most."""
+    """The largest number of rounds in which a surface is refined at the points of the event."""
     still: float = 0.02
-    """A relative change of the probability by a surface that is none."""
+    """The relative change of the probability by a refined surface that counts as zero."""
     searches: int = 40
-    """Rounds of the search for the point of an event that is nearest to the middle of the law."""
+    """The number of random steps in the search for the most probable point of an event."""
     doubted: float = 0.7
-    """Share of the runs that are near the ends of the event; the others are anywhere in it."""
+    """The share of the checking runs that lie near the ends of the event's interval; the others are
+    anywhere in the event."""
     checks: int = 20
-    """Runs near the ends of the event that correct a surface."""
+    """The number of checking runs, by which the probability from a surface is corrected."""
     usual: int = 16
-    """The outcome's scatter is by one in so many points of the pool."""
+    """The divisor of `pool` that gives the number of points for the scatter of the outcome."""
     seed: int = 11
-    """Seed of fresh runs and of checks."""
+    """The seed of the new runs and of the checking runs."""
     pool: int = 4096
-    """Points by which the probability of an unseen region, and of a surface's mistakes, is
-    computed.
+    """The number of points from which two probabilities are computed: that of a region without
+    runs, and that of a surface's mistakes.
     """
     missed: float = 0.05
-    """Chance that a region is missed which is said to be excluded."""
+    """The chance of missing a region that the report calls excluded."""
     replicates: int = 16
-    """Independent samples, whose scatter is the error."""
+    """The number of independent samples, whose scatter gives the standard error."""
     each: int = 256
-    """Points of each."""
+    """The number of points of each sample."""
     followed: int = 8
-    """Laws by which a surface is placed."""
+    """The number of plausible laws from which the runs of a surface are placed."""
 
 
 SAMPLE = SampleSettings()
@@ -79,9 +83,9 @@ SAMPLE = SampleSettings()
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Replicates of points, of the law itself or of an importance `density`.
+    """Independent samples of points, drawn from the law or from an importance `density`.
 
-    `reached` says whether a point of the event was found.
+    `density` is None for points of the law. `reached` is true if a point of the event was found.
     """
 
     replicates: tuple[Points, ...]
@@ -90,12 +94,12 @@ class Sample:
 
     @property
     def joined(self) -> Points:
-        """The points of all replicates."""
+        """The points of all samples together."""
         return Points.joined(self.replicates)
 
 
 def of_law(predicted: PredictedValue) -> Sample:
-    """Points drawn from the law itself."""
+    """Independent samples of points drawn from the law itself, without importance density."""
     s = predicted.context.inputs.scattering
     return Sample(tuple(Points.standard(SAMPLE.each, s, seed) for seed in range(SAMPLE.replicates)))
 
@@ -107,11 +111,11 @@ def event_sample(
     choice: CrossEntropy | None = None,
     settings: SampleSettings = SAMPLE,
 ) -> Sample:
-    """Points of an importance density of the event, on a surface made exact there.
+    """Points of an importance density of the event, by the simulator or a refined surface.
 
-    A surface is made exact there first: where the points of the density lie, and again where those
-    of the next one do, until the probability that it tells stays. The laws of all draws share the
-    points: the variates of an event move little with alpha.
+    A response surface is refined where the points lie. The density is then computed again, until
+    the probability of the event stays. All plausible laws share the points, because the standard
+    normal variates of an event change little with alpha.
     """
     laws, choice = chosen_laws(draws), choice or CrossEntropy()
     if predicted.surface is not None:
@@ -148,7 +152,7 @@ def possible(
     choice: CrossEntropy,
     settings: SampleSettings = SAMPLE,
 ) -> Sample:
-    """Points about all that may be in the event, within two kriging standard deviations."""
+    """Points that cover the possible event: outcomes in it within two kriging deviations."""
     laws = chosen_laws(draws, settings.followed)
 
     def away(points: Points) -> tuple[Array, Array]:
@@ -174,32 +178,32 @@ def _sought(
 
 
 def _heavy(points: Points, away: Array, weights: Array) -> Points:
-    """The quarter of the points with the most weight in the event, then the nearest ones."""
+    """The quarter of the points with the most weight in the event, or else nearest to it."""
     mass = np.sum(weights, axis=0, where=away == 0.0)
     order = np.lexsort((np.min(away, axis=0), -mass))[: len(mass) // 4]
     return Points(points.xi[order], points.score[order], points.weights[order])
 
 
 def drawn(predicted: PredictedValue, density: ImportanceDensity, count: int, seed: int) -> Points:
-    """Points of a density, with their weights; `count` is a power of two."""
+    """Points drawn from an importance density, with weights; `count` is a power of two."""
     u = density.drawn(uniform_points(count, variates(predicted) + 1, seed))
     return points_at(predicted, u, density.weights(u))
 
 
 def points_at(predicted: PredictedValue, u: Array, weights: Array | None = None) -> Points:
-    """Points from variates u (J, d): those of parameters first, then that of the error."""
+    """Points from standard normal variates u (J, d): of the parameters, then of the error."""
     s = predicted.context.inputs.scattering
     score = np.zeros(len(u)) if predicted.context.errors is None else u[:, s]
     return Points(u[:, :s], score, np.ones(len(u)) if weights is None else weights)
 
 
 def variates(predicted: PredictedValue) -> int:
-    """The number of variates of parameters and errors, at least one."""
+    """The number of standard normal variates of the parameters and the error, at least one."""
     return max(predicted.context.inputs.scattering + (predicted.context.errors is not None), 1)
 
 
 def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Array]:
-    """Some laws (L, K) with weights (L,): the estimate, and draws along the sequence."""
+    """Plausible laws (L, K) with weights (L,): the estimate, and evenly chosen draws of alpha."""
     if draws.certain:
         return draws.alpha, np.ones(1)
     which = some_of(draws, count - 1)
@@ -211,7 +215,7 @@ def chosen_laws(draws: AlphaDraws, count: int = SAMPLE.laws) -> tuple[Array, Arr
 def missed(
     predicted: PredictedValue, laws: tuple[Array, Array], event: Event, points: Points
 ) -> tuple[Array, Array]:
-    """How far (L, J) outcomes miss the event at the points under each law, with weights."""
+    """The distances (L, J) of outcomes from the event, for points under each law, and weights."""
     y, found = predicted.outcomes(laws[0], points)
     return _by_law(event.missed(y), found, laws[1], points)
 
@@ -219,20 +223,20 @@ def missed(
 def _by_law(
     away: Array, found: DrawnParameters, share: Array, points: Points
 ) -> tuple[Array, Array]:
-    """Misses and weights with a row for each law and class of a mixture."""
+    """Distances and weights (L, J) with a row for each law and class of a mixture."""
     shape = (-1, len(points.score))
     weights = found.weights * share[:, None] * len(points.score)
     return away.reshape(shape), weights.reshape(shape)
 
 
 def by_some(predicted: PredictedValue, draws: AlphaDraws, event: Event, points: Points) -> float:
-    """The probability of an event by points, under some of the laws."""
+    """The probability of an event from these points, averaged over some plausible laws."""
     away, weights = missed(predicted, chosen_laws(draws), event, points)
     return float(np.sum(weights, where=away == 0.0)) / len(points.score)
 
 
 def often(predicted: PredictedValue, draws: AlphaDraws, event: Event) -> bool:
-    """Whether the event is more likely than its contrary."""
+    """Whether the event is more probable than its complement."""
     laws = chosen_laws(draws)
     away, weights = missed(
         predicted, laws, event, Points.standard(SAMPLE.each, predicted.context.inputs.scattering)
@@ -247,10 +251,11 @@ def distance_of(
     samples: Sequence[Points],
     settings: SampleSettings = SAMPLE,
 ) -> float:
-    """The distance of the event from the middle of the law, in standard deviations.
+    """The distance of the event's most probable point from the centre of the law.
 
-    From the shortest of the points, by random steps that are halved where none is shorter. NaN
-    where no point leads there.
+    It is the length of the shortest vector of standard normal variates that leads to the event. The
+    search begins at the shortest of the points and takes random steps, which are halved when none
+    of them is shorter. NaN if no point is in the event.
     """
 
     def inside(points: Points) -> Flags:
@@ -278,10 +283,10 @@ def distance_of(
 
 @dataclass(frozen=True, eq=False)
 class Explored:
-    """Fresh runs x (R, n), and which of them contradict a surface.
+    """New runs at parameters x (R, n), and which of them contradict the surface (`contrary`).
 
-    `unseen` is the largest probability of a region that runs like these had missed by more than
-    5 % chance.
+    `unseen` is the largest probability of a region that these runs would all miss with a chance
+    of more than 5 %.
     """
 
     x: Array
@@ -291,10 +296,11 @@ class Explored:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceDoubt:
-    """What a surface knows of an event at points x (L, J, n) with probabilities `mass` (L, J).
+    """A surface's uncertainty about an event, at points x (L, J, n) of probability `mass` (L, J).
 
-    `within` says which are in the event; `away` (L, J) are the distances of the outcomes from its
-    ends, and `apart` (L, J) the outcomes' standard deviations that the runs leave.
+    L is the number of plausible laws `alphas` (L, K), and `score` (J,) the standard normal variate
+    of the measurement error. `within` (L, J) marks points in the event by the surface. `away` are
+    the distances of the outcomes from the event's ends, `apart` their kriging standard deviations.
     """
 
     x: Array
@@ -309,7 +315,7 @@ class SurfaceDoubt:
     def of(
         cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, points: Points, count: int
     ) -> SurfaceDoubt:
-        """What the surface knows at some of the points, under `count` laws."""
+        """The surface's uncertainty at some of the points, under `count` plausible laws."""
         laws, share = chosen_laws(draws, count)
         y, apart, found = predicted.possible(laws, points.thinned(SAMPLE.pool // len(laws)))
         mass = share[:, None] * found.weights
@@ -318,22 +324,22 @@ class SurfaceDoubt:
 
     @property
     def wrong(self) -> Array:
-        """The probability (L, J) of points on the other side of an end than the surface says.
+        """The expected probability (L, J) that the surface puts on the wrong side of an end.
 
-        m Phi(-d/s), m the mass, d the distance and s the standard deviation (Echard, Gayton and
+        It is m Phi(-d/s) with mass m, distance d and standard deviation s (Echard, Gayton and
         Lemaire, 2011).
         """
         return self.mass * _beyond(self.away, self.apart)
 
     @property
     def probability(self) -> float:
-        """The probability of the event by the surface."""
+        """The probability of the event if the surface were exact."""
         return float(np.sum(self.mass, where=self.within))
 
 
 @dataclass(frozen=True)
 class Correction:
-    """The change of a probability by `runs` of the simulator, with its standard error."""
+    """The change `value` of a probability by checking `runs`, with its standard error `error`."""
 
     value: float
     error: float
@@ -349,9 +355,9 @@ def explored(
     seed: int,
     settings: SampleSettings = SAMPLE,
 ) -> Explored:
-    """Fresh runs of the simulator all over the law and its tails, compared with the surface.
+    """New runs of the simulator all over the law and its tails, compared with the surface.
 
-    Sobol' points of the variates, each under a law of its own.
+    They lie at Sobol' points of the standard normal variates, each under a drawn plausible law.
     """
     assert predicted.surface is not None
     d = variates(predicted)
@@ -380,11 +386,11 @@ def explored(
 
 
 def settling(predicted: PredictedValue, doubt: SurfaceDoubt, count: int) -> Array:
-    """Points (count, n) of runs that most reduce the surface's expected mistakes.
+    """Parameters (count, n) of the runs that most reduce the surface's expected mistakes.
 
-    A run lowers the variances of all outcomes by their covariances with its own. Each point is the
-    best one after those before (stepwise uncertainty reduction; Bect et al., 2012), among those of
-    which the surface has most wrong.
+    A run lowers the kriging variance of every outcome that is correlated with it. The points are
+    chosen one after the other, each as the best one given those before (stepwise uncertainty
+    reduction; Bect et al., 2012). Candidates are the points with the largest expected mistake.
     """
     assert predicted.surface is not None
     wrong = doubt.wrong.ravel()
@@ -394,7 +400,7 @@ def settling(predicted: PredictedValue, doubt: SurfaceDoubt, count: int) -> Arra
     )
     surface = predicted.surface.kriged
     joint, noise = surface.joint(x), surface.missed.noise
-    # measurement errors may stretch deviations
+    # Measurement errors may change the scale of the deviations.
     unit = apart / np.sqrt(np.maximum(np.diag(joint), noise))[:, None]
     chosen: list[int] = []
     for _ in range(count):
@@ -409,7 +415,7 @@ def settling(predicted: PredictedValue, doubt: SurfaceDoubt, count: int) -> Arra
 
 
 def _beyond(away: Array, apart: Array) -> Array:
-    """Phi(-d/s) of distances and standard deviations."""
+    """The probability Phi(-d/s) of an error beyond d, from distances and standard deviations."""
     return np.asarray(special.ndtr(-_deviations(away, apart)))
 
 
@@ -421,10 +427,10 @@ def _deviations(away: Array, apart: Array) -> Array:
 def _all_over(
     count: int, d: int, radius: float, seed: int, settings: SampleSettings
 ) -> tuple[Array, Array]:
-    """Points (J, d), half of the law and half over a ball, and their weights (J,).
+    """Points (J, d), half drawn from the law and half from a ball, and their weights (J,).
 
-    A weight is the density of the law over that of the points. Over the ball points are even in one
-    or two variates, and nearer to the middle in more.
+    A weight is the density of the law divided by that of the points. In the ball the points are
+    uniform for one or two variates; for more they are denser near the centre.
     """
     flat = min(d, 2)
     u, z = normal_points(count // 2, d, seed), normal_points(count // 2, d, seed + settings.pool)
@@ -437,12 +443,12 @@ def _all_over(
 
 
 def unseen_by(weights: Array, runs: int, settings: SampleSettings = SAMPLE) -> float:
-    """The largest probability of a region that `runs` runs may have missed.
+    """The largest probability of a region that all of `runs` runs miss with a chance of 5 %.
 
-    It would have 1 - 0.05^(1/runs) of the density that they were drawn by, about 3/runs; of that
-    share of the points (J,) the law's `weights` over this density are the largest where the
-    region has the most. As of independent runs: of points that are spread evenly it is
-    somewhat less.
+    Under the density from which the runs are drawn, such a region has the probability
+    1 - 0.05^(1/runs), about 3/runs. Its probability under the law is largest if it has the points
+    with the largest `weights` (J,), the ratios of the two densities. The bound holds for
+    independent runs; for evenly spread points the true value is somewhat smaller.
     """
     share = 1.0 - settings.missed ** (1.0 / runs)
     largest = np.sort(weights)[::-1][: int(np.ceil(share * len(weights)))]
@@ -457,12 +463,13 @@ def corrected(
     checks: int,
     settings: SampleSettings = SAMPLE,
 ) -> Correction:
-    """The difference of the probability by simulator and by surface, from a sample of runs.
+    """The difference of an event's probability by simulator and by surface, from R `checks` runs.
 
-    1/R sum_r (1_simulator - 1_surface) m_r/q_r over points drawn with probability q, which is
-    larger near an end of the event, in standard deviations of the surface; m is the mass of a
-    point. Where all agree the correction is zero, and its error is that mass of which one of R + 1
-    might differ. What is in the event far from where the surface sees it is not found.
+    It is 1/R sum_r (1_simulator - 1_surface) m_r/q_r, where 1 indicates the event and m is the mass
+    of a point. Points are drawn with probabilities q, which are larger near an end of the event, in
+    standard deviations of the surface. If all runs agree with the surface the correction is zero.
+    Its error then assumes that one of R + 1 runs differs. A part of the event far from where the
+    surface has it is not found.
     """
     known = SurfaceDoubt.of(predicted, draws, event, points, settings.laws)
     doubt = known.mass * np.exp(-_deviations(known.away, known.apart))

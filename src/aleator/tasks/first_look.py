@@ -1,4 +1,4 @@
-"""The first runs of a study, and its cost: does the simulator reach what was measured?"""
+"""The first runs of a study: does the simulator reach the measured values, and at what cost?"""
 
 from __future__ import annotations
 
@@ -39,9 +39,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SingleValues:
-    """Single values of the simulator's runs, each with a name; `owner` names its experiment.
+    """V single numbers among the outputs of the simulator's runs, each with a name in `ids`.
 
-    `unit`, `column` (V,) say which value of which unit of the runner each is.
+    `owner` has the experiment of each. `unit` (V,) is the index of the simulated conditions in the
+    runner, and `column` (V,) the place among the outputs of such a run.
     """
 
     runner: Runner
@@ -51,7 +52,10 @@ class SingleValues:
     column: Indices
 
     def __call__(self, index: Indices, x: Array) -> Array:
-        """Values `index` (R,) at parameters x (R, n); raises SimulatorError where a run failed."""
+        """The values (R,) with numbers `index` (R,) at parameters x (R, n).
+
+        Raises SimulatorError if a run failed.
+        """
         whole = self.runner.values(self.unit[index], x)
         found = np.asarray(whole[np.arange(len(whole)), self.column[index]])
         lost = np.flatnonzero(np.isnan(found))
@@ -66,7 +70,7 @@ class SingleValues:
 
 
 def of_values(runner: Runner, table: Experiments | Conditions) -> SingleValues:
-    """Every observation of a table, named by experiment, row and response."""
+    """The simulated value of every observation of a table, named by experiment, row, response."""
     seen = table.observations
     several = np.bincount(table.experiment, minlength=len(table.ids)) > 1
     place = pd.Series(table.experiment).groupby(table.experiment).cumcount().to_numpy()
@@ -80,7 +84,7 @@ def of_values(runner: Runner, table: Experiments | Conditions) -> SingleValues:
 
 
 def one_each(runner: Runner) -> bool:
-    """Whether each run serves one experiment and gives one value."""
+    """Whether each simulator run belongs to one experiment and gives one value."""
     return runner.units == len(runner.ids) and bool(
         np.array_equal(runner.unit, np.arange(runner.units))
     )
@@ -88,24 +92,26 @@ def one_each(runner: Runner) -> bool:
 
 @dataclass(frozen=True)
 class LookSettings:
-    """How many first runs there are, and what is reported of them; by judgement."""
+    """Settings for the number of first runs and for their report; chosen by judgement."""
 
     levels: int = 5
-    """Values of each parameter, the others in the middle of the region."""
+    """The number of values of each parameter, while the others are in the middle of the region."""
     corners: int = 4
-    """Parameters of which every corner of the region is run; of more as many corners, at random."""
+    """The largest number of parameters for which every corner of the region is run. With more
+    parameters as many corners are chosen at random."""
     runs: int = 500
-    """Runs that are made for some of the conditions where all would take more, or long."""
+    """The number of runs above which only some of the conditions are simulated."""
     fewest: int = 3
-    """Conditions that are looked at, at least."""
+    """The least number of conditions that are simulated."""
     most_failed: float = 0.9
-    """Share of failed runs at which there is nothing to look at."""
+    """The share of failed runs above which an error is raised."""
     sure: float = 3.0
-    """Standard deviations of the noise by which a measured value may lie beyond what is reached."""
+    """The number of standard deviations of the noise by which a measured value may lie outside the
+    range of simulated values."""
     tiny: float = 1e-300
-    """An outcome below this is as large."""
+    """The least size of an outcome in the test whether a parameter has any influence."""
     nothing: float = 1e-6
-    """Share of all that an outcome moves below which a parameter has no influence."""
+    """The share of an outcome's whole range below which a parameter's effect counts as zero."""
 
 
 LOOK = LookSettings()
@@ -113,11 +119,11 @@ LOOK = LookSettings()
 
 @dataclass(frozen=True, eq=False)
 class LookPlan:
-    """The plan of the first runs: P points x (P, n) of the region under some conditions.
+    """The plan of the first runs: P parameter points x (P, n) of a region, and some conditions.
 
-    `moving` are the parameters whose region has a width; `star[j]` are the points at which only
-    parameter `moving[j]` differs from the middle, which is point 0. `cases` are the places of these
-    conditions among the `count` different ones.
+    Point 0 is the middle of the region. `moving` are the indices of the parameters that are not
+    constant. `star[j]` are the points at which only parameter `moving[j]` differs from the middle.
+    `cases` are the indices of the conditions to be run among the `count` different ones.
     """
 
     names: tuple[str, ...]
@@ -136,13 +142,15 @@ class LookPlan:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """V observations at the P points of a plan: `outcome` (V, P), NaN where a run failed.
+    """The result of the first runs: simulated values of V observations at P points.
 
-    `ids` (V,) name them, `owner` (V,) their experiments, `response` (V,) their responses; `lower`
-    and `upper` (V,) are what was measured, as the likelihood sees it, and `margin` (V,) is what
-    noise explains: three of its standard deviations, known or where their search begins.
-    `runs` were made in all, `failed` of them have no outcome, and one took `seconds`. `fault` is
-    why the first of them failed.
+    `outcome` (V, P) are the simulated values, NaN where a run failed. `ids` (V,) are the names of
+    the observations, `owner` (V,) their experiments and `response` (V,) their responses. `lower`
+    and `upper` (V,) are the ends of the measured values, after the transform of the response.
+    `margin` (V,) is three standard deviations of the noise, as known or at the start of its
+    search. `runs` is the number of runs, `failed` of which have no outcome; `seconds` is the time
+    of one run, and `fault` the message of the first failure. `looked_at` is the number of
+    conditions that were run.
     """
 
     plan: LookPlan
@@ -169,9 +177,10 @@ class Look:
 
     @property
     def beyond(self) -> Array:
-        """How far (V,) each measured value lies outside the reached range: 0 inside, > 0 above.
+        """The distance (V,) of each measured value from the range of simulated values.
 
-        Of a censored one the nearest end counts. NaN where every run failed.
+        It is zero inside the range, positive above and negative below it. Of a censored value the
+        nearest end counts. NaN if every run failed.
         """
         low, high = self.reached.T
         above = np.maximum(self.lower - high, 0.0)
@@ -179,21 +188,21 @@ class Look:
 
     @property
     def out_of_reach(self) -> Indices:
-        """Observations that no point reaches, noise included, the farthest first."""
+        """The indices of observations beyond all simulated values and the noise, farthest first."""
         far = np.maximum(np.abs(self.beyond) - self.margin, 0.0)
         order = np.argsort(-np.nan_to_num(far), kind="stable")
         return order[far[order] > 0.0]
 
     @property
     def swing(self) -> Array:
-        """How much (V, n') each moving parameter alone moves each outcome."""
+        """The range (V, n') of each outcome when only one of the n' parameters varies."""
         part = self.outcome[:, self.plan.star]
         with np.errstate(all="ignore"):
             return np.asarray(np.fmax.reduce(part, axis=2) - np.fmin.reduce(part, axis=2))
 
     @property
     def without_influence(self) -> Flags:
-        """Which moving parameters (n',) move no outcome."""
+        """Which of the n' varied parameters have no effect on any outcome."""
         low, high = self.reached.T
         size = self.settings.nothing * np.maximum(np.abs(high), self.settings.tiny)
         least = np.where(
@@ -205,12 +214,13 @@ class Look:
 def planned_look(
     runner: Runner, table: Experiments, inputs: Inputs, settings: LookSettings = LOOK
 ) -> LookPlan:
-    """The few points and conditions of the first runs of a study.
+    """The parameter points and conditions of the first runs of a study; nothing is run.
 
-    One after the other each parameter takes five values over the region, the others in its middle;
-    then the corners of the region follow, sixteen at most. The region is the box, or where a law
-    has none what its limits span. All conditions are taken if that makes 500 runs at most, else as
-    many as make 500, evenly over the measured values with both ends. Nothing is run.
+    Each parameter takes five values over the region, with the others in the middle. Then the
+    corners of the region follow, sixteen at most. The region consists of the parameters' ranges; if
+    these are not all finite, it is what the laws cover at the limits of their hyperparameters. All
+    conditions are run if that makes at most 500 runs. Otherwise some are chosen evenly over the
+    measured values, with the least and the largest.
     """
     if inputs.regressed:
         inputs = inputs.resolved(covariates(table, inputs.covariates))
@@ -231,9 +241,9 @@ def first_look(
     progress: Progress | None = None,
     settings: LookSettings = LOOK,
 ) -> Look:
-    """Make the first runs; of a vectorized simulator under all conditions.
+    """Make the first runs of a plan; a vectorized simulator is run under all conditions.
 
-    A run that fails stops nothing. Raises SimulatorError where nine of ten do.
+    Single failing runs are counted. Raises SimulatorError if more than nine of ten runs fail.
     """
     progress = progress or Silent()
     cases = plan.cases
@@ -271,7 +281,7 @@ def _margin(
     outcome: Array,
     settings: LookSettings,
 ) -> Array:
-    """Three standard deviations of the noise, in the middle of its limits."""
+    """Three standard deviations (V,) of the noise, as known or at the start of its search."""
     errors = MeasurementErrors.of(noise, table)
     values = np.array([h.start for h in errors.hyperparameters])
     eta = np.zeros((len(table.observations), 1))
@@ -281,7 +291,7 @@ def _margin(
 
 
 def _points(region: Array, moving: Indices, settings: LookSettings) -> tuple[Array, Indices]:
-    """The points (P, n) of a plan, the middle first, and the places of each parameter's own."""
+    """The points (P, n) of a plan, and the indices of the points that vary one parameter each."""
     middle = region.mean(axis=1)
     shares = np.linspace(0.0, 1.0, settings.levels)
     points, star = [middle], np.zeros((len(moving), settings.levels), dtype=np.intp)
@@ -299,7 +309,7 @@ def _points(region: Array, moving: Indices, settings: LookSettings) -> tuple[Arr
 
 
 def _corners(n: int, settings: LookSettings) -> list[Indices]:
-    """The ends of n parameters at every corner of the region, or at sixteen corners."""
+    """The corners of the region, each with 0 (lower) or 1 (upper) for n parameters; 16 at most."""
     if n <= settings.corners:
         return [np.array(ends) for ends in product((0, 1), repeat=n)]
     some = np.random.default_rng(0).integers(0, 2, (2 ** (settings.corners - 1), n))
@@ -307,7 +317,7 @@ def _corners(n: int, settings: LookSettings) -> list[Indices]:
 
 
 def _chosen(runner: Runner, table: Experiments, most: int, settings: LookSettings) -> Indices:
-    """At most `most` conditions, evenly over the measured values."""
+    """The indices of at most `most` conditions, chosen evenly over the measured values."""
     count, seen = len(runner.cases), table.observations
     if count <= most:
         return np.arange(count)
@@ -330,11 +340,12 @@ def _run(
 
 @dataclass(frozen=True)
 class CostSettings:
-    """How the number of runs is predicted.
+    """Settings for predicting the number of simulator runs of an identification.
 
-    growth: runs that surfaces came to, over those of their first round, least and most, in the
-    examples and in trials of one and two parameters: the wet clutch 4.1, an outcome that wiggles
-    against a small noise 4.7. The most runs of each unit for the check are those of `Check`.
+    `growth` is the least and largest ratio of all runs of response surfaces to the runs of their
+    first round. It was measured in the examples and in trials with one and two parameters: 4.1 for
+    the wet clutch, 4.7 for an oscillating outcome with small noise. The largest number of checking
+    runs is that of `Check`.
     """
 
     growth: tuple[float, float] = (1.0, 5.0)
@@ -345,10 +356,10 @@ COST = CostSettings()
 
 @dataclass(frozen=True)
 class Cost:
-    """Runs that an identification takes, from `least` to `most`.
+    """The expected number of simulator runs of an identification, from `least` to `most`.
 
-    `direct` says that the simulator itself is run at every node, without surfaces, and its runs
-    are not kept.
+    `direct` is true if the simulator itself is run at every quadrature node, without response
+    surfaces. Such runs are not stored.
     """
 
     least: int
@@ -367,10 +378,10 @@ def expected_cost(
     plan: LookPlan,
     settings: CostSettings = COST,
 ) -> Cost | None:
-    """The number of runs that `identify` will make; None with collocation.
+    """The expected number of simulator runs of `identify`; None with collocation.
 
-    The numbers are those that studies took (docs/study.md); one whose outcome bends much within
-    the law takes more.
+    The ratios behind it were measured in studies (docs/study.md). An outcome that is strongly
+    nonlinear within the law takes more runs.
     """
     if not isinstance(propagation, ResponseSurface):
         return None

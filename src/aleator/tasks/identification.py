@@ -1,4 +1,4 @@
-"""The answer of `identify`: its values, what can be asked of it, and how it is read from a file."""
+"""The result of `identify`, with its methods for predictions, and `load` to read it from a file."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ if TYPE_CHECKING:
     from aleator.views.page import HtmlReport
 
 NO_SESSION = Session()
-"""That of an identification that was read from a file, with nothing given again."""
+"""The empty session of an identification that was read from a file without further arguments."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Identification(Result):
-    """An identified law: alpha with its uncertainty, its log-likelihood, and how it was found.
+    """An identified law: alpha with its uncertainty, its log-likelihood, and how it was computed.
 
-    `sound` is true only if the search converged, every density was solved with every outcome
-    in its support, and the check on the simulator, where it was made, agrees. `consistent` says
-    whether the experiments look as the identified model says, `consistency` what does not.
-    `warnings` say what to mend or to know. It prints as a report in short. `session` holds what it
-    was made with: model, simulator, surfaces. An identification that was read from a file has only
-    what was given again.
+    `sound` is true only if the search converged, every density was solved with every outcome in
+    its support, and the check on the simulator, if it was made, agrees. `consistent` is true if the
+    experiments agree with the identified model; `consistency` has the tests. `warnings` are
+    sentences about problems and their remedies. It prints as a short report. `session` holds the
+    model, the simulator and the surfaces. An identification that was read from a file has only
+    those parts of the session that were passed to `load`.
 
     >>> from aleator import Free, Inputs, Check, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -83,55 +83,57 @@ class Identification(Result):
 
     @classmethod
     def of(cls, result: Result, session: Session) -> Identification:
-        """A result, with what it was made with."""
+        """The identification with the values of a result and with a session."""
         own = {each.name: getattr(result, each.name) for each in fields(Result)}
         return cls(**own, session=session)
 
     @property
     def law(self) -> JointLaw:
-        """The identified joint law of the parameters: `sample`, `pdf`, `cdf`, `marginals`.
+        """The identified joint law of the parameters, with `sample`, `pdf`, `cdf`, `marginals`.
 
-        Raises AleatorError where the identification was read from a file without the inputs.
+        Raises AleatorError if the identification was read from a file without the inputs.
         """
         return self.session.law(self.alpha)
 
     @property
     def fit(self) -> Fit:
-        """The likelihood with its data at the estimates, for what builds on it; no runs.
+        """The likelihood with its data and estimates, from which other tasks compute; no runs.
 
-        Raises AleatorError where the identification was read from a file: surfaces are not saved.
+        Raises AleatorError if the identification was read from a file, where surfaces are not
+        saved.
         """
         return kept(self.session.fit)
 
     def law_at(self, covariates: Mapping[str, object] | pd.Series) -> JointLaw:
-        """The joint law of an experiment with these covariates, by name.
+        """The joint law of the parameters of an experiment with these covariates, by name.
 
-        The same as `law` where no law follows covariates. Raises InputsError for one that is
-        missing, and for a level that no experiment had.
+        It equals `law` if no law depends on covariates. Raises InputsError for a missing covariate,
+        and for a level of a covariate that no experiment had.
         """
         return self.session.law(self.alpha, covariates)
 
     def log_likelihood_at(self, alpha: Mapping[str, float] | ArrayLike) -> float:
-        """log L(alpha) on the surfaces of the identification; minus infinity outside a support.
+        """log L(alpha) on the response surfaces of the identification.
 
-        `alpha` maps names to values, where hyperparameters that are not named keep their estimate,
-        or is an array (K,) in the order of `values`. The surfaces are exact around the estimate
-        and over its intervals; far beyond them the value is rough. Raises InputsError for a name
-        that is unknown and a value beyond its limits, AleatorError where the identification was
-        read from a file: surfaces are not saved. Cost: some milliseconds, no run.
+        It is minus infinity if an outcome is outside its support. `alpha` maps names to values, and
+        hyperparameters not named keep their estimates; or it is an array (K,) in the order of
+        `values`. The surfaces are accurate near the estimate and over its intervals; far beyond
+        them the value is rough. Raises InputsError for an unknown name and a value beyond its
+        limits. Raises AleatorError if the identification was read from a file, where surfaces are
+        not saved. Cost: some milliseconds, no run.
         """
         return self.session.log_likelihood(alpha, self.alpha)
 
     def draws(
         self, count: int = DRAWING.count, *, seed: int = 0, by_likelihood: bool = False
     ) -> AlphaDraws:
-        """Values of alpha that the experiments leave plausible, with weights; none leaves limits.
+        """Draws of alpha that represent its uncertainty, with weights, within its limits.
 
-        By the estimates, their intervals and correlations (see `alpha_draws`), which a file holds
-        too. With `by_likelihood` they are weighted by the likelihood itself, which is exact
-        where the intervals are very skew or experiments few; that takes an evaluation of the
-        likelihood for each. Raises AleatorError where the identification was read from a file
-        without inputs, and for `by_likelihood` from any file.
+        They are drawn from the estimates, their intervals and correlations (see `alpha_draws`),
+        which a file has too. With `by_likelihood` they are weighted by the likelihood itself, which
+        is exact also for very skew intervals and few experiments, and takes one evaluation of the
+        likelihood for each draw. Raises AleatorError if the identification was read from a file
+        without inputs, and with `by_likelihood` if it was read from any file.
         """
         found = alpha_draws(
             estimated(self.alpha, self.correlation_names, self.correlation, self._hyperparameters),
@@ -153,18 +155,20 @@ class Identification(Result):
     ) -> pd.DataFrame:
         """The distribution of the outcome under conditions that need not have been tested.
 
-        It is that of a measurement of a new experiment. With `noise` False it is that of the
-        simulated value. `of` names an experiment that was measured, or a column of the conditions
-        with such names ("id": their own ids): the distribution is then that of a further
-        measurement of it.
+        It is the distribution of a measurement in a new experiment, or of the simulated value with
+        `noise` False. `of` is the name of a measured experiment, or a column of the conditions with
+        such names ("id" for their own ids). The distribution is then that of a further measurement
+        of that experiment.
 
-        The uncertainty of alpha is part of it: a mixture over plausible laws (see `draws`), and
-        columns ``q<p>.lower`` and ``q<p>.upper`` have a 95 % interval of each quantile. With
-        `uncertainty` False alpha is taken at its estimate; draws are taken as they are.
+        The uncertainty of alpha is included: the distribution is a mixture over plausible laws (see
+        `draws`), and columns ``q<p>.lower`` and ``q<p>.upper`` have a 95 % interval of each
+        quantile. With `uncertainty` False alpha is fixed at its estimate. `uncertainty` may also be
+        draws of alpha.
 
-        As `aleator.predict`, with the simulator, inputs and noise of the identification. A data
-        frame may have further columns, and the `transform` of the experiments holds for it too.
-        Raises AleatorError where the identification was read from a file without the simulator.
+        The method is that of `aleator.predict`, with the simulator, inputs and noise of the
+        identification. A data frame may have further columns. If the experiments have a "log"
+        transform, the prediction is that of the logarithm. Raises AleatorError if the
+        identification was read from a file without the simulator.
         """
         return self.session.predict(
             conditions, self._taken(uncertainty), quantiles, progress, of, noise
@@ -186,19 +190,21 @@ class Identification(Result):
     ) -> pd.DataFrame:
         """The probability that an outcome is above, below or between values, rare or not.
 
-        Values are in the unit of the outcome, of one `response` where there are several. With
-        `noise` it is that of a measured value; whether something fails is asked of the true one,
-        `noise=False`. Columns: ``probability`` with alpha's uncertainty, its 95 % interval
-        ``lower`` and ``upper``, that ``at_estimate`` alone, the standard ``error`` of the
-        computation, ``distance`` of the most probable point of a rare event in standard deviations,
-        ``checks``, the runs of the simulator that a surface was held against (each row takes as
-        many besides those of its surface; 0 for none), ``beyond``, and a ``status``: "not_reached"
-        where no parameters within 6.5 standard deviations lead there, "unsettled" where the last
-        runs of the simulator still change it, or leave open which outcomes are in the event.
-        ``unseen`` is the largest probability of a region that the runs beside a surface do not
-        exclude with 95 % confidence, by these runs alone.
+        The values are in the unit of the outcome; with several responses name one as `response`.
+        With `noise` it is the probability of a measured value. For the probability of a failure use
+        the true value, with `noise=False`. `checks` is the number of simulator runs that check a
+        response surface for each row; 0 means no check.
 
-        Raises InputsError unless one event of one response is asked for, AleatorError as `predict`.
+        The columns are ``probability`` (including the uncertainty of alpha), its 95 % interval
+        ``lower`` and ``upper``, the probability ``at_estimate`` of alpha, the standard ``error`` of
+        the computation, the ``distance`` of the most probable point of a rare event in standard
+        deviations, the number of ``checks``, the distance ``beyond`` the tested conditions,
+        ``unseen`` and ``status``. ``unseen`` is the largest probability of a region that the runs
+        do not exclude with 95 % confidence. The status is "not_reached" if no parameters within 6.5
+        standard deviations lead to the event. It is "unsettled" if the last runs still change the
+        probability, or leave open which outcomes are in the event.
+
+        Raises InputsError unless there is one event of one response, AleatorError as `predict`.
         """
         draws = self._taken(uncertainty)
         context = self.session.context(conditions, draws.estimate, of, noise)
@@ -218,12 +224,12 @@ class Identification(Result):
         uncertainty: bool | AlphaDraws = True,
         progress: Progress | None = None,
     ) -> pd.DataFrame:
-        """Limits that hold the share `content` of all outcomes, with a confidence.
+        """Tolerance limits, which contain the share `content` of all outcomes with a confidence.
 
-        Between two limits ``lower`` and ``upper``; or with the `side` "upper" below one limit, the
-        design value of that reliability, and with "lower" above one: then also the standard
-        ``error`` of its computation. Limits are in the unit of the outcome. Raises InputsError
-        for a share that is not between 0 and 1, AleatorError as `predict`.
+        The columns ``lower`` and ``upper`` are two limits. With the `side` "upper" or "lower" there
+        is one limit, such as the design value for a reliability, and the standard ``error`` of its
+        computation. Limits are in the unit of the outcome. Raises InputsError for a share that is
+        not between 0 and 1, AleatorError as `predict`.
         """
         draws, asked = self._taken(uncertainty), Tolerance(content, confidence, side)
         context = self.session.context(conditions, draws.estimate, of, noise)
@@ -241,7 +247,7 @@ class Identification(Result):
 
     @property
     def _hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the model; raises AleatorError where there is none."""
+        """The hyperparameters of the model; raises AleatorError if the session has no inputs."""
         known = self.session.hyperparameters
         if not known:
             raise missing(
@@ -253,9 +259,9 @@ class Identification(Result):
     def report(self, *, progress: Progress | None = None) -> HtmlReport:
         """A page of charts that needs no network: a notebook shows it, `.save(path)` writes it.
 
-        What it draws beside the answer is computed where the fit is at hand, in seconds and without
-        runs; of an identification that was read from a file it shows what that has. Raises
-        AleatorError where Bokeh is not installed.
+        Data for further charts are computed from the fit in seconds, without runs. For an
+        identification that was read from a file the page has only the charts whose data the file
+        has. Raises AleatorError if Bokeh is not installed.
         """
         whole = self
         if not self.pictures and self.session.fit is not None:
@@ -266,9 +272,10 @@ class Identification(Result):
 
 
 def pictured(found: Identification, progress: Progress | None = None) -> Identification:
-    """The identification with what its report draws, `pictures`; see `inference.pictures`.
+    """The identification with the data of its report's charts in `pictures`.
 
-    Raises AleatorError where the identification was read from a file.
+    They are computed by `inference.pictures`. Raises AleatorError if the identification was read
+    from a file.
 
     >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -295,11 +302,11 @@ def load(
 ) -> Identification:
     """Read an identification that `found.save` or the command `aleator identify` wrote.
 
-    All values come back as they were. What is no value is given again, as `identify` takes it:
-    `inputs` and `noise` for `found.law`, `simulator` as well for `found.predict`; the `experiments`
-    too for predictions of one that was measured, and where a law follows covariates. Raises
-    AleatorError that names the file and the key where it is no identification, InputsError where
-    the inputs and the noise have other hyperparameters than those that were identified.
+    All numbers come back as they were. Other parts are passed again, as to `identify`: `inputs` and
+    `noise` for `found.law`, and `simulator` as well for `found.predict`. `experiments` are needed
+    for predictions of a measured experiment, and if a law depends on covariates. Raises
+    AleatorError, with the file and the key, if the file is no identification. Raises InputsError if
+    the inputs and the noise have other hyperparameters than those identified.
 
     >>> from tempfile import TemporaryDirectory
     >>> import pandas as pd
@@ -334,7 +341,10 @@ def load(
 def _runners(
     found: Identification, simulator: Simulator, inputs: Inputs, experiments: Experiments | None
 ) -> Runners:
-    """What makes runs with the simulator, which gets arrays of what varied within experiments."""
+    """A function that makes the runner of a table, as in the identification.
+
+    Conditions that varied within an experiment are passed to the simulator as arrays again.
+    """
     if not found.observations:
         return runners(simulator, inputs.names)
     if experiments is not None:

@@ -1,4 +1,4 @@
-"""Experiments and a simulator in, the identified law out."""
+"""The task `identify`: from experiments and a simulator to the identified law."""
 
 from __future__ import annotations
 
@@ -62,20 +62,25 @@ def identify(
 
     alpha* = arg max sum_l log f_Yl(y_l | alpha) (paper, eq. (MLE)).
 
-    `simulator` takes conditions and parameters by keyword and returns the outcome: once a run with
-    floats, or with arrays of R runs if `vectorized`. `experiments` is an `Experiments`, or a data
-    frame whose column `outcome` is the measured outcome and whose other columns are conditions.
-    With `noise` the likelihood is an integral over each experiment's own parameters, without it is
-    one over the level sets of the response: both exact. A `density`, `Collocation` and `nodes` of
-    the law ask for moments of an exact outcome instead. Runs are made by the workers of `executor`,
-    or here; the result does not depend on it. With `consistency` False the second verdict is left
-    out, with `best_law` False the best possible law; the estimates do not depend on them. A
-    `budget` ends the runs of the surfaces with the best answer so far, and a warning says what more
-    would buy: such an answer depends on what the store knows. `units` of outcomes, conditions and
-    parameters by name are shown beside them, no more. Raises AleatorError for input that cannot be
-    used; failures of numerics are statuses and warnings on the result. Cost: the runs of the
-    surfaces and of the check, and some milliseconds for each of some hundred evaluations of the
-    likelihood.
+    `simulator` takes conditions and parameters by keyword and returns the outcome. It is called
+    with floats for each run, or with arrays of R runs if `vectorized`. `experiments` is an
+    `Experiments`, or a data frame whose column `outcome` is the measured outcome and whose other
+    columns are conditions. With `noise` the likelihood is an integral over each experiment's own
+    parameters. Without noise it is an integral over level sets, the parameters at which the
+    simulator gives the measured outcome. Both are exact up to numerical errors. If a `density`,
+    `Collocation` or `nodes` of the law are chosen, the density of an outcome without noise is
+    computed from its moments instead.
+
+    Runs are made by the workers of `executor`, or in this process; the result is the same.
+    `consistency` False leaves out the second verdict, and `best_law` False the best possible law;
+    the estimates do not depend on them. A `budget` limits the runs of response surfaces. The result
+    is then the best one within the budget, with a warning about what more runs would improve, and
+    it depends on the runs in the store. `units` of outcomes, conditions and parameters are only
+    displayed.
+
+    Raises AleatorError for input that cannot be used. Numerical failures are statuses and warnings
+    on the result. Cost: the runs of the surfaces and of the check, and some milliseconds for each
+    of some hundred evaluations of the likelihood.
 
     >>> from aleator.laws import Free, Normal
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -117,9 +122,9 @@ def _judged(
     best_law: bool,
     ledger: Ledger,
 ) -> Identification:
-    """The identification with consistency and the best possible law, as requested.
+    """The identification with the consistency tests and the best possible law, if requested.
 
-    `taken` are the columns that the simulator or a law takes.
+    `taken` are the columns of the table that the simulator or a law uses.
     """
     if consistency:
         with ledger.stage("consistency"):
@@ -154,14 +159,14 @@ def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -
 
 
 def _session(answer: Answer, table: Experiments) -> Session:
-    """The model, the runs and the fit of an answer, for later questions."""
+    """The session of an identification: its model, runner and fit, kept for further tasks."""
     end, inferred = answer.inferred.maximum, answer.inferred
     question, responses = inferred.refined.question, table.observations.responses
     runner, noise = question.runner, question.choices.noise
     if isinstance(end.likelihood, Problem):
         model = end.likelihood.model
         fit = Fit.of_outcomes(end.likelihood, end.alpha, inferred.inference, table)
-        # predictions of exact outcomes take surfaces
+        # Without noise predictions use response surfaces.
         return Session(
             model.inputs, None, responses, table, runners(runner.simulator, model.inputs.names),
             fit, False, model.surfaces or ResponseSurface(), model,

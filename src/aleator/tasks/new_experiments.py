@@ -1,8 +1,9 @@
-"""New experiments, and what makes their outcomes: what every decision about them stands on.
+"""Simulated outcomes of new experiments, for predictions, probabilities and tolerance limits.
 
-A `Ground` has the experiments under their laws. `parameters` are points of these under plausible
-laws, and `predictor_for` is what answers for the simulator there: itself, or surfaces of it. `Near`
-is one value of them, by a surface of its own that is made exact where an event may be.
+A `PredictionContext` has the new experiments with their laws, noise and simulator. `parameters`
+are points of their parameters under plausible laws. `predictor_for` returns what gives simulated
+values there: the simulator itself, or response surfaces of it. A `PredictedValue` is one outcome of
+a context, with a surface that is refined where an event (an outcome in an interval) may be.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from aleator.surrogates.shared import PROCESS, SHARING, Covariance, ProcessPoste
 
 
 def simulator_itself(runner: Runner, box: Array, region: Array) -> Predictor:
-    """The simulator itself as predictor, with arrays where it takes them."""
+    """The simulator itself as the function that gives simulated values."""
     runner.takes_arrays(region)
     return Direct(runner, moving_parameters(box), box)
 
@@ -56,7 +57,10 @@ def local_surfaces(
     ends: Array | None = None,
     tell: Callable[[int, int, int], None] | None = None,
 ) -> Predictor:
-    """Surfaces that are exact at points x (D, n) of the law, and reach to `ends` (n, 2)."""
+    """Response surfaces that are accurate at points x (D, n) drawn from the law.
+
+    Their region is `ends` (n, 2), or the range of the points, widened a little.
+    """
     region = padded(ends_of(x) if ends is None else ends, box)
     moving, sites = moving_parameters(region), Sites.seen(runner, runner.unit, runner.column)
     if not moving.size:
@@ -70,39 +74,43 @@ def local_surfaces(
 
 
 def ends_of(x: Array) -> Array:
-    """The smallest region (n, 2) that holds points x (D, n)."""
+    """The smallest region (n, 2) that contains the points x (D, n)."""
     return np.stack([x.min(axis=0), x.max(axis=0)], axis=1)
 
 
 @dataclass(frozen=True)
 class ContextSettings:
-    """Points of laws, and surfaces that are exact there; by judgement."""
+    """Settings of the points drawn from laws and of response surfaces for new experiments.
+
+    The values are chosen by judgement.
+    """
 
     most: int = 64
-    """Draws of alpha for experiments that were measured."""
+    """The largest number of draws of alpha for predictions of measured experiments."""
     certain: float = 7.9
-    """Scores beyond which the probability of a smaller one is one, as numbers are kept."""
+    """The size to which standard normal variates of the error are limited; beyond it their
+    probability is one in double precision."""
     placed: int = 8
-    """Points of the law of each alpha and experiment by which surfaces are placed."""
+    """The number of points of each law from which the runs of a surface are placed."""
     placing: int = 16
-    """Laws that surfaces about a measured experiment are placed by."""
+    """The approximate number of laws from which the runs for a measured experiment are placed."""
     far: float = 4.0
-    """Standard normal variates that surfaces reach to, for every alpha."""
+    """The size of standard normal variates that the region of a surface contains for every law."""
     level: float = 0.02
-    """Estimated error of a surface over the scatter of its outcome."""
+    """The admitted error of a surface, as a share of the scatter of its outcome."""
     edge: float = 1e-12
-    """Uniform numbers stay so far from zero and one."""
+    """The distance that uniform random numbers keep from zero and one."""
     places: int = 512
-    """Points of a law by which runs are placed and errors judged."""
+    """The largest number of points at which errors of a surface are estimated and runs placed."""
     points: int = 512
-    """Points of the law for each alpha."""
+    """The number of points drawn from the law for each alpha."""
     largest: int = 4_000_000
-    """Simulated values that are held at once."""
+    """The largest number of simulated values in memory at once."""
     reach: float = 6.5
-    """Standard normal variates that a surface of a rare event reaches to: 4e-11 of the law lie
-    beyond."""
+    """The size of standard normal variates up to which rare events are searched for; 4e-11 of the
+    law lies beyond."""
     seed: int = 5
-    """Seed of the points by which such a surface is placed."""
+    """The seed of the points from which the runs for a rare event are placed."""
 
 
 CONTEXT = ContextSettings()
@@ -110,10 +118,10 @@ CONTEXT = ContextSettings()
 
 @dataclass(frozen=True, eq=False)
 class MeasuredExperiments:
-    """B measured experiments, whose places in a likelihood are `which` (B,).
+    """B measured experiments whose next outcomes are predicted from their observations.
 
-    Nodes are adapted to each alpha once: given its observations the variates of an experiment move
-    far with alpha.
+    `which` (B,) are their indices in the likelihood. The parameters of an experiment, given its
+    observations, depend much on alpha, so that quadrature nodes are adapted to each alpha once.
     """
 
     likelihood: IndividualLikelihood
@@ -121,7 +129,7 @@ class MeasuredExperiments:
     _adapted: dict[bytes, IndividualLikelihood] = field(default_factory=dict, repr=False)
 
     def at(self, alpha: Array) -> IndividualLikelihood:
-        """The likelihood with nodes adapted to alpha (K,)."""
+        """The likelihood with quadrature nodes adapted to alpha (K,)."""
         key = alpha.tobytes()
         if key not in self._adapted:
             self._adapted[key] = self.likelihood.adapted(alpha)
@@ -130,11 +138,12 @@ class MeasuredExperiments:
 
 @dataclass(frozen=True, eq=False)
 class PredictionContext:
-    """B experiments with m values to be predicted, under laws `inputs` of their own.
+    """B experiments with m values to be predicted, and all that is needed to simulate them.
 
-    `errors` are those of a measurement; without them the values are the simulated ones.
-    `on_simulator` says whether the simulator itself is asked, or surfaces of it. Experiments are
-    new ones unless they were `measured`. `tested` are those that the laws were identified from.
+    `inputs` are the laws of their parameters. `errors` are the measurement errors; without them
+    simulated values are predicted. `on_simulator` is true if the simulator itself is evaluated, and
+    false if response surfaces are. `measured` has the observations of the experiments, if they are
+    not new. `tested` are the experiments from which the laws were identified.
     """
 
     conditions: Conditions
@@ -154,30 +163,31 @@ class PredictionContext:
 
     @cached_property
     def seen(self) -> Observations:
-        """The places of the values to be predicted."""
+        """The values to be predicted, as observations without measured values."""
         return self.conditions.observations
 
     @cached_property
     def layout(self) -> Layout:
-        """The run that gives each value, and its experiment."""
+        """The simulator run and the experiment of each value to be predicted."""
         return Layout(self.count, self.seen.experiment, self.runner.unit, self.runner.column)
 
     def experiment(self, place: int) -> int:
-        """The experiment of the value at a place."""
+        """The index of the experiment to which the value number `place` belongs."""
         return int(self.seen.experiment[place])
 
     def taken(self, draws: AlphaDraws) -> AlphaDraws:
-        """The draws; for measured experiments 64 at most, since nodes are adapted to each."""
+        """The draws of alpha to be used: all, or 64 for measured experiments to save time."""
         return draws if self.measured is None else draws.fewer(self.settings.most)
 
     def law(self, alpha: Array) -> Array:
-        """The hyperparameters of the laws, without those of the errors."""
+        """The hyperparameters of the laws in alpha, without those of the measurement errors."""
         return alpha[: self.inputs.size]
 
     def values(self, alpha: Array, eta: Array, score: Array, rows: slice) -> Array:
-        """Measured values (m, J) of the observations `rows` for simulated ones eta (m, J).
+        """The measured values (m, J) that belong to simulated values eta (m, J).
 
-        `score` (J,) are the standard normal variates of the errors, which make y increase.
+        `score` (J,) are standard normal variates of the measurement error; the measured value
+        increases with them. `rows` are the numbers of the m values.
         """
         if self.errors is None:
             return eta
@@ -193,9 +203,11 @@ def _below(score: Array, settings: ContextSettings = CONTEXT) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Standard normal variates (J, s) of the law, `score` (J,) of the error, and weights (J,).
+    """J sample points: standard normal variates of parameters and error, and weights (J,).
 
-    The weights have the mean one: they are densities over those that the points were drawn by.
+    `xi` (J, s) are the variates of the s scattering parameters, `score` (J,) those of the
+    measurement error. A weight is the density of the law divided by the density from which the
+    points were drawn; the mean weight is one.
     """
 
     xi: Array
@@ -204,18 +216,18 @@ class Points:
 
     @classmethod
     def standard(cls, count: int, variates: int, seed: int = 0) -> Points:
-        """Scrambled Sobol' points of the standard normal law."""
+        """Scrambled Sobol' points of the standard normal law, with weights of one."""
         u = normal_points(count, variates + 1, seed)
         return cls(u[:, :variates], u[:, variates], np.ones(count))
 
     def thinned(self, count: int) -> Points:
-        """`count` of the points, evenly along the sequence."""
+        """About `count` of the points, chosen evenly along the sequence."""
         step = max(1, len(self.score) // count)
         return Points(self.xi[::step], self.score[::step], self.weights[::step])
 
     @classmethod
     def joined(cls, parts: Sequence[Points]) -> Points:
-        """The points of all parts."""
+        """All points of several samples together."""
         return cls(
             np.concatenate([part.xi for part in parts]),
             np.concatenate([part.score for part in parts]),
@@ -227,7 +239,7 @@ class Points:
 class DrawnParameters:
     """Parameters x (A, J, n) of one experiment under A laws, with weights (A, J) summing to one.
 
-    `score` (J,) are those of the errors that go with them.
+    `score` (J,) are the standard normal variates of the measurement errors.
     """
 
     x: Array
@@ -245,7 +257,7 @@ def normal_points(count: int, dimensions: int, seed: int) -> Array:
 def parameters(
     context: PredictionContext, alphas: Array, experiment: int, points: Points
 ) -> DrawnParameters:
-    """Parameters of one experiment at the same points under each of the laws (A, K)."""
+    """The parameters of one experiment under each of the laws (A, K), from the same variates."""
     if context.measured is not None:
         return _of_measured(context, alphas, experiment, points)
     inputs, one = context.inputs, slice(experiment, experiment + 1)
@@ -261,7 +273,7 @@ def parameters(
 def _of_measured(
     context: PredictionContext, alphas: Array, experiment: int, points: Points
 ) -> DrawnParameters:
-    """Points about the individual law given the observations, with weights."""
+    """Weighted parameters of a measured experiment, distributed as given its observations."""
     assert context.measured is not None
     which, count = int(context.measured.which[experiment]), len(points.score)
     x, weights = [], []
@@ -270,13 +282,13 @@ def _of_measured(
         own, share = individual_points(likelihood, alpha, likelihood.layout.alone(which), count)
         x.append(own[0])
         weights.append(share[0])
-    # the points are in the order of a sequence: errors must not go along with them
+    # The points are ordered, so errors are permuted to be independent of them.
     score = np.random.default_rng(count).permutation(normal_points(x[0].shape[0], 1, 0)[:, 0])
     return DrawnParameters(np.stack(x), np.stack(weights), score)
 
 
 def simulated(values: Callable[[Block, Array], Array], block: Block, x: Array) -> Array:
-    """Simulated `values` (m, A, J) of one experiment at x (A, J, n)."""
+    """The simulated values (m, A, J) of one experiment at x (A, J, n), by the function `values`."""
     laws, points, n = x.shape
     size = block.owner.size
     found = np.empty((size, laws, points))
@@ -291,7 +303,7 @@ def simulated(values: Callable[[Block, Array], Array], block: Block, x: Array) -
 def measured(
     context: PredictionContext, alphas: Array, eta: Array, score: Array, rows: slice
 ) -> Array:
-    """Measured values (m, A, J) for simulated ones eta (m, A, J), under each alpha's errors."""
+    """Measured values (m, A, J) for simulated ones eta (m, A, J), with the errors of each alpha."""
     if context.errors is None:
         return eta
     parts = [context.values(a, eta[:, k], score, rows) for k, a in enumerate(alphas)]
@@ -304,7 +316,7 @@ def predictor_for(
     progress: Progress | None = None,
     settings: ContextSettings = CONTEXT,
 ) -> Predictor:
-    """The simulator, or surfaces of it that are exact under the laws of all draws."""
+    """The simulator, or response surfaces that are accurate under the laws of all draws."""
     x, ends = law_points(context, draws, settings=settings)
     if context.on_simulator:
         return simulator_itself(context.runner, context.inputs.box, ends)
@@ -319,9 +331,10 @@ def law_points(
     only: int | None = None,
     settings: ContextSettings = CONTEXT,
 ) -> tuple[Array, Array]:
-    """Parameters (D, n) of experiments under all draws, and the region (n, 2) of their laws.
+    """Parameters (D, n) of experiments under all draws of alpha, and the region (n, 2) of the laws.
 
-    Of all experiments, or `only` one. The region holds variates four out, one at a time.
+    They are those of all experiments, or of `only` one. The region contains standard normal
+    variates of size four, one at a time.
     """
     inputs, s = context.inputs, context.inputs.scattering
     alphas = np.concatenate([draws.estimate[None], draws.alpha])
@@ -353,17 +366,20 @@ ZERO = np.zeros(1, dtype=np.intp)
 
 @dataclass(frozen=True)
 class Exploration:
-    """How a surface is tested and made exact where an event may be; chosen by trials.
+    """Settings for testing and refining a surface near an event; see `benchmarks limit_states`.
 
-    `benchmarks limit_states` measures it. A polynomial has at most `runs` runs. Each round then
-    makes `runs` fresh ones, half of them by the law and half evenly over a ball, so large that
-    `beyond` of the probability lies farther, and at most as many in batches of `batch`, where
-    kriging doubts on which side of the event's ends the outcome is: until the expected
-    probability of its mistakes is at most `doubt` of that of the event. A fresh run contradicts
-    the surface that misses it by more than kriging leaves possible and `share` of its distance from
-    the event's end and the outcome's standard deviation together: then there is another round, as
-    there is where the round changes the probability by more than `share` of itself. Rounds end
-    where the next might need more than the surface's `max_runs`.
+    The first surface is a polynomial of at most `runs` runs. Each round then makes `runs` new runs,
+    half drawn from the law and half in a ball of standard normal variates. The ball is so large
+    that the share `beyond` of the event's probability lies outside it. Then at most as many runs
+    follow in batches of `batch`, where kriging leaves open whether the outcome is in the event.
+    They end when the expected probability of mistakes is at most the share `doubt` of that of the
+    event.
+
+    A new run contradicts the surface if the surface misses it by more than kriging allows plus a
+    tolerance. The tolerance is `share` times the sum of the outcome's distance from the event's end
+    and its standard deviation. There is another round if a run contradicts the surface, or if the
+    probability changes by more than the share `share`. Rounds end when the next one might exceed
+    the surface's `max_runs`.
     """
 
     runs: int = 96
@@ -375,23 +391,23 @@ class Exploration:
 
 @dataclass(frozen=True, eq=False)
 class Kriged:
-    """A polynomial surface of one value, with kriging of its errors at the runs."""
+    """A response surface of one value: a polynomial plus kriging of its errors at the runs."""
 
     trend: OnSurfaces
     missed: ProcessPosterior
 
     def values(self, block: Block, x: Array) -> Array:
-        """Values (1, J) at points x (1, J, n), which go through the runs."""
+        """The values (1, J) of the surface at points x (1, J, n); at a run it is exact."""
         found, z = self.trend.values(block, x), self.trend.inward(x[0])
         for part in blocks(len(z), len(self.missed.u), CONTEXT.largest):
             found[0, part] += self.missed.mean(_alike(z[part]), z[part])
         return found
 
     def deviation(self, x: Array) -> Array:
-        """Kriging standard deviations (D,) of the values at points x (D, n).
+        """The kriging standard deviations (D,) of the surface at points x (D, n).
 
-        As many times larger as the nearest runs surprise the others, once left out: one
-        covariance serves all of the region, and a hill in it is not expected.
+        They are enlarged by the leave-one-out errors of the nearest runs, in standard deviations.
+        One covariance serves the whole region, and would underestimate the error at a local hill.
         """
         z = self.trend.inward(x)
         _, nearest = cKDTree(self.missed.u).query(z, 1 + z.shape[1])
@@ -399,16 +415,16 @@ class Kriged:
         return np.asarray(self.missed.deviation(_alike(z), z) * np.maximum(surprise, 1.0))
 
     def joint(self, x: Array) -> Array:
-        """Kriging covariances (D, D) of the values at points x (D, n)."""
+        """The kriging covariances (D, D) of the surface at points x (D, n)."""
         z = self.trend.inward(x)
         return self.missed.joint(_alike(z), z)
 
 
 class OneSurface:
-    """A surface of one value that is made exact step by step; its runs are kept.
+    """A response surface of one value that is refined step by step, keeping its runs.
 
-    It is a polynomial of at most `most` runs, until it is `kriged`; then kriging corrects it.
-    `further` are runs that the polynomial does not go through.
+    It begins as a polynomial with at most `most` runs. After `kriged` is used, kriging corrects it.
+    `further` are runs that only the kriging uses.
     """
 
     def __init__(
@@ -432,7 +448,7 @@ class OneSurface:
         self._sharpened(x)
 
     def predictor(self) -> OnSurfaces | Kriged:
-        """The present surface."""
+        """The present surface, with kriging if there is one."""
         return self._kriged or self._polynomial()
 
     def _polynomial(self) -> OnSurfaces:
@@ -441,7 +457,7 @@ class OneSurface:
         return self._trend
 
     def follow(self, x: Array) -> None:
-        """Make the surface exact at points x (D, n) too, on a region that holds them."""
+        """Refine the surface at points x (D, n), on a region widened to contain them."""
         self._reach(x)
         self._sharpened(x)
 
@@ -453,7 +469,7 @@ class OneSurface:
             self.surfaces.move(wanted[moving_parameters(wanted)])
 
     def learn(self, x: Array) -> None:
-        """Run at points x (R, n) and refit the surface, on a region that holds them."""
+        """Run at points x (R, n) and refit the polynomial, on a region widened to contain them."""
         self._reach(x)
         self.surfaces.add(x[:, moving_parameters(self.region)])
 
@@ -464,13 +480,13 @@ class OneSurface:
 
     @property
     def kriged(self) -> Kriged:
-        """The surface with kriging, which corrects it from now on."""
+        """The surface corrected by kriging, as `predictor` returns it until the next refit."""
         if self._kriged is None:
             self._kriged = self._through_runs(SHARING.steps[0])
         return self._kriged
 
     def correct(self, x: Array) -> None:
-        """Run at points x (R, n) within the region, which kriging alone goes through."""
+        """Run at points x (R, n) within the region, and use the runs for the kriging only."""
         where = np.clip(x, *self.region.T)[:, moving_parameters(self.region)]
         self.further = self.further.joined(
             where, _alike(where), np.arange(len(x)), self.run(_alike(where), where)
@@ -478,7 +494,10 @@ class OneSurface:
         self._kriged = self._through_runs(SHARING.steps[1])
 
     def _through_runs(self, steps: int) -> Kriged:
-        """Kriging of the polynomial's errors at all runs; its covariance is learned on."""
+        """The surface with kriging of the polynomial's errors at all runs.
+
+        Its covariance parameters are improved by so many `steps` of a maximization.
+        """
         trend = self._polynomial()
         both = (self.surfaces.emulator.samples.inside(self.surfaces.box), self.further)
         x, y = (np.concatenate(part) for part in zip(*(s.listed[1:] for s in both), strict=True))
@@ -500,7 +519,7 @@ def _alike(z: Array) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class PredictedValue:
-    """Value number `place` of a context, by the simulator or a surface of its own."""
+    """The value number `place` of a context, computed by the simulator or a response surface."""
 
     context: PredictionContext
     place: int
@@ -517,7 +536,7 @@ class PredictedValue:
         progress: Progress | None = None,
         most: int = Exploration.runs,
     ) -> PredictedValue:
-        """The value with a surface about the laws of all draws, unless the simulator is used.
+        """The value with a surface for the laws of all draws, or with the simulator itself.
 
         The surface is a polynomial of at most `most` runs.
         """
@@ -534,31 +553,31 @@ class PredictedValue:
 
     @property
     def fixed(self) -> PredictedValue:
-        """The value with its present surface, which then stays."""
+        """The value with its present surface, which is no longer refined."""
         return replace(self, surface=None, direct=self.predictor)
 
     @property
     def experiment(self) -> int:
-        """The experiment of the value."""
+        """The index of the experiment to which the value belongs."""
         return self.context.experiment(self.place)
 
     @property
     def predictor(self) -> Predictor | Kriged:
-        """The simulator, or the surface in its place."""
+        """The simulator, or the surface that replaces it."""
         if self.surface is not None:
             return self.surface.predictor()
         assert self.direct is not None
         return self.direct
 
     def outcomes(self, alphas: Array, points: Points) -> tuple[Array, DrawnParameters]:
-        """Outcomes (A, J) at the points under each law, with the parameters there."""
+        """The outcomes (A, J) at the points under each law, and the parameters there."""
         found = parameters(self.context, alphas, self.experiment, points)
         eta = simulated(self.predictor.values, self.block, found.x)
         rows = slice(self.place, self.place + 1)
         return measured(self.context, alphas, eta, found.score, rows)[0], found
 
     def possible(self, alphas: Array, points: Points) -> tuple[Array, Array, DrawnParameters]:
-        """Outcomes (A, J) by a surface, with their kriging standard deviations."""
+        """The outcomes (A, J) by a surface, their kriging deviations, and the parameters there."""
         assert self.surface is not None
         surface = self.surface.kriged
         found = parameters(self.context, alphas, self.experiment, points)
@@ -572,7 +591,7 @@ class PredictedValue:
         return y, np.abs(moved - y), found
 
     def at_runs(self, alphas: Array, x: Array, score: Array) -> Array:
-        """Outcomes (R,) by runs of the simulator at x (R, n), each under its own alpha."""
+        """The outcomes (R,) of simulator runs at x (R, n), with the errors of alphas (R, K)."""
         unit = np.repeat(self.context.runner.unit[self.place], len(x))
         eta = self.context.runner.values(unit, x)[:, self.context.runner.column[self.place]]
         rows = slice(self.place, self.place + 1)
@@ -583,7 +602,10 @@ class PredictedValue:
         return np.array(found)
 
     def wide(self, alphas: Array, far: float, count: int) -> Array:
-        """Parameters (D, n) of variates `far` times as far out, and of the farthest ones."""
+        """Parameters (D, n) that scatter `far` times as much as the laws, and extreme ones.
+
+        The extreme ones have one standard normal variate of size 6.5 and all others zero.
+        """
         s = self.context.inputs.scattering
         axes = CONTEXT.reach * np.concatenate([np.eye(s), -np.eye(s)])
         xi = np.concatenate([far * normal_points(count, max(s, 1), CONTEXT.seed)[:, :s], axes])
@@ -594,5 +616,5 @@ class PredictedValue:
 
 
 def some_of(draws: AlphaDraws, count: int) -> Indices:
-    """Places of `count` draws, evenly along the sequence."""
+    """The indices of at most `count` draws, chosen evenly along the sequence."""
     return np.unique(np.linspace(0, len(draws.alpha) - 1, count).astype(np.intp))

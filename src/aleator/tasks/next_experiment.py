@@ -1,4 +1,4 @@
-"""The next experiment: which candidates would tell most of a hyperparameter or a prediction."""
+"""Experimental design: the candidates with most information on a hyperparameter or prediction."""
 
 from __future__ import annotations
 
@@ -33,15 +33,16 @@ from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
 
 ALL = "all"
-"""All hyperparameters together."""
+"""The name that stands for all hyperparameters together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """A quantile of what would be measured under some conditions, or the probability of a limit.
+    """A predicted quantity: a quantile of a measurement, or its probability beyond a limit.
 
-    Give one of `quantile`, a probability, and `below` or `above`, a limit in the outcome's unit.
-    Raises InputsError for none or several of them, and a probability outside (0, 1).
+    The measurement is made under the `conditions`. Give one of `quantile` (a probability), `below`
+    and `above` (a limit in the outcome's unit). Raises InputsError for none or several of them, and
+    for a probability outside (0, 1).
 
     >>> Predicted(pd.DataFrame({"load": [3.0]}), quantile=0.99).name
     'the quantile 0.99'
@@ -64,14 +65,14 @@ class Predicted:
 
     @property
     def name(self) -> str:
-        """The quantity in words."""
+        """The predicted quantity in words, such as "the quantile 0.99"."""
         if self.quantile is not None:
             return f"the quantile {self.quantile:g}"
         side, limit = ("below", self.below) if self.above is None else ("above", self.above)
         return f"the probability {side} {limit:g}"
 
     def gradients(self, scores: Scores, fit: Fit) -> Array:
-        """The gradient (G, K) of the quantity by alpha under each condition of the scores."""
+        """The gradient (G, K) of the quantity with respect to alpha, under each of G conditions."""
         if scores.outcomes is None:
             raise InputsError(
                 f"{self.name}: the conditions have several observations an experiment",
@@ -88,11 +89,11 @@ class Predicted:
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """What is to be determined better, and the alpha (K,) for which experiments are planned.
+    """The aim of a design: the quantity to be estimated better, and the alpha (K,) assumed.
 
-    `moving` (F,) are the hyperparameters that are not known, `target` the place among them of the
-    one that is asked for, if one is. `moved` has the values of those that ended on a limit and
-    are planned for elsewhere: on it, no experiment would tell anything of them.
+    `moving` (F,) are the indices of the uncertain hyperparameters. `target` is the position among
+    them of the hyperparameter aimed at, or None. If its estimate is on a limit, where no experiment
+    has information on it, the design assumes another value, which is in `moved`.
     """
 
     name: str
@@ -104,9 +105,9 @@ class Aim:
 
     @classmethod
     def of(cls, about: str | Predicted | None, estimates: Mapping[str, Estimate], fit: Fit) -> Aim:
-        """The aim by name; None is the standard deviation with the largest relative error.
+        """The aim with this name; None chooses the sd with the largest relative standard error.
 
-        Raises InputsError for a name that is unknown or fixed.
+        Raises InputsError for an unknown or a fixed hyperparameter.
         """
         names = [h.name for h in fit.hyperparameters]
         alpha, moving = fit.alpha.copy(), fit.inference.free
@@ -123,7 +124,7 @@ class Aim:
         return cls(about, alpha, moving, int(np.searchsorted(moving, k)), None, moved)
 
     def observed(self, fit: Fit) -> Array:
-        """The information (F, F) of the measured experiments about the free hyperparameters."""
+        """The observed information (F, F) of the measured experiments on these hyperparameters."""
         place = np.searchsorted(fit.inference.identified, self.moving)
         return np.asarray(fit.inference.information[np.ix_(place, place)])
 
@@ -141,9 +142,9 @@ def require_free(about: str | None, hyperparameters: Sequence[Hyperparameter]) -
 
 
 def _weakest(fit: Fit) -> str:
-    """The standard deviation with the largest relative error; "all" without any.
+    """The name of the standard deviation with the largest relative standard error.
 
-    That of the noise only where no other is identified.
+    That of the noise counts only if no other is identified. Without any it is "all".
     """
     inference, hyperparameters = fit.inference, fit.hyperparameters
     every = [k for k in inference.identified if hyperparameters[k].log]
@@ -156,7 +157,10 @@ def _weakest(fit: Fit) -> str:
 
 
 def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
-    """The end of the interval that is not on the limit; without one, the start."""
+    """A value for a hyperparameter whose estimate is on a limit.
+
+    It is the end of its profile interval that is not on the limit, or else its starting value.
+    """
     h = fit.hyperparameters[k]
     interval = estimates[h.name].interval
     if interval is None:
@@ -168,18 +172,20 @@ def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NextExperiments:
-    """Candidates with what each adds to the knowledge of `about`, and the best set.
+    """The candidate experiments with the standard error of `about` after each, and the best set.
 
-    Errors are standard errors of what it is about; of several quantities, or of all, their means
-    over what they are now (`relative`), geometric for all. `now` is that of the experiments that
-    were made, infinite where they leave it open. `alone` (C,) is that after each candidate by
-    itself, with its Monte Carlo error `uncertain` (C,), zero where it is exact; NaN for one that
-    cannot be simulated. `chosen` are the ids of the best set, the most useful first, `after` the
-    error after each, and `ties` how many others would do as well in its place. As many times all
-    `made` experiments would have to be repeated as `repetitions` says for the same; None where no
-    repetition reaches it. `planned_for` has the value of a hyperparameter that ended on its limit.
-    `hyperparameters` has the error of each now and after the set. `sound` and `consistent` are the
-    verdicts on the identification that all of it rests on.
+    An error is the expected standard error of the quantity `about`. For several quantities it is
+    the mean of their errors relative to the present ones (`relative`); for all hyperparameters the
+    geometric mean. `now` is the error with the `made` experiments only, infinite if they do not
+    determine it. `alone` (C,) is the error after each candidate alone, NaN for one that cannot be
+    simulated. `uncertain` (C,) is its Monte Carlo error, zero where it is exact.
+
+    `chosen` are the ids of the best set, the most useful first. `after` is the error after each of
+    them, and `ties` the number of other candidates that are as good in its place. `repetitions` is
+    how many times all `made` experiments would have to be repeated for the same error; None if no
+    number is enough. `planned_for` has the value assumed for a hyperparameter on a limit.
+    `hyperparameters` has the standard error of each now and after the set. `sound` and `consistent`
+    are the verdicts on the identification.
     """
 
     about: str
@@ -209,10 +215,10 @@ class NextExperiments:
         return printed.shown(now, self.plan(), "The set that tells most together, in this order.")
 
     def table(self) -> pd.DataFrame:
-        """A row for each candidate by its id, the most useful first.
+        """A table with a row for each candidate by its id, the most useful first.
 
-        Its conditions (of the first row, where it has several), `standard_error` after it alone,
-        and `chosen`, how often it is in the set.
+        The columns are its conditions (of its first row), the `standard_error` after it alone, and
+        `chosen`, how often it is in the best set.
         """
         found = self.conditions.assign(
             standard_error=self.alone,
@@ -221,12 +227,12 @@ class NextExperiments:
         return found.sort_values("standard_error", kind="stable")
 
     def plan(self) -> pd.DataFrame:
-        """A row for each experiment of the set, in order: its conditions and the error after it."""
+        """A table of the best set in order: the conditions of each, and the error after it."""
         found = self.conditions.loc[list(self.chosen)]
         return found.assign(standard_error=self.after, ties=self.ties)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as plain lists and numbers, as next.json holds it."""
+        """The design as plain lists and numbers: the content of next.json."""
         return {
             "about": self.about,
             "relative": self.relative,
@@ -246,7 +252,7 @@ class NextExperiments:
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows with their ids; a candidate's own column replaces one of the same name."""
+    """The rows of a table as dictionaries with their "id"; a column "id" replaces it."""
     return [
         {"id": str(name)} | {str(key): value for key, value in row.items()}
         for name, row in zip(table.index, table.to_dict("records"), strict=True)
@@ -264,24 +270,24 @@ def next_experiments(
     simulator: Runner | None = None,
     progress: Progress | None = None,
 ) -> NextExperiments:
-    """The information of each candidate experiment, and the best set of `count` of them.
+    """The expected information of each candidate experiment, and the best set of `count` of them.
 
-    I_c = E[s s'] is the expected information of alpha in one experiment under the conditions c, s
-    its score. What a set S of them leaves unknown of a quantity g(alpha) is the variance
-    g' (I + sum_S I_c)^-1 g, with I the observed information of `found` (Chernoff, 1953). `about`
-    names a hyperparameter, is a `Predicted` quantile or probability, or "all" for the volume of
-    the confidence ellipsoid; left out, the standard deviation that is least known for its size.
+    I_c = E[s s'] is the expected information of one experiment under the conditions c on alpha,
+    where s is its score. After a set S of experiments the variance of a quantity with gradient g is
+    g' (I + sum_S I_c)^-1 g, where I is the observed information of `found` (Chernoff, 1953).
+    `about` is the name of a hyperparameter, a `Predicted` quantile or probability, or "all" for the
+    volume of the confidence ellipsoid. By default it is the standard deviation with the largest
+    relative standard error.
 
-    `candidates` are written as the experiments are, without outcomes; rows with one id are one
-    experiment. A candidate is chosen `repeat` times at most. A plan is best for the law
-    that it was made for, which is the identified one; with `laws` it is best in the mean over so
-    many that the experiments leave possible. A hyperparameter that ended on its limit is planned
-    for at the other end of its interval.
+    `candidates` is a table like that of the experiments, without outcomes; rows with the same id
+    are one experiment. A candidate is chosen at most `repeat` times. The set is best under the
+    identified law, or with `laws` above 1 best on average over so many plausible laws. For a
+    hyperparameter on a limit the other end of its interval is assumed.
 
-    Nothing is measured. Runs are made for surfaces of the candidates, by `simulator`, a Runner
-    of them, or as the identification made its own. Raises InputsError for an unknown name and for
-    more experiments than candidates, AleatorError where `found` was read from a file. Cost: 97
-    evaluations of the likelihood of the candidates, 400 where they have several observations.
+    Runs are made for response surfaces of the candidates, by the Runner `simulator`, or in the same
+    way as in the identification. Raises InputsError for an unknown name and for more experiments
+    than candidates. Raises AleatorError if `found` was read from a file. Cost: 97 evaluations of
+    the likelihood of the candidates, or 400 if they have several observations.
 
     >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.5, 1.2, 4.2, 3.4]})
@@ -305,7 +311,7 @@ def next_experiments(
     if aim.predicted is not None:
         there = _conditions(aim.predicted.conditions, fit)
         predicted = session.fit_on(there, aim.alpha, session.runner_on(there), progress)
-        # what is predicted has no limit of a test
+        # A predicted value is not censored at the limits of the tests.
         predicted = predicted.seeing(unmeasured(there))
     made = planned(fit, offered, predicted, aim, count, repeat, laws, progress)
     runs = runner.runs - before
@@ -323,9 +329,9 @@ def planned(
     progress: Progress,
     seed: int = 11,
 ) -> NextExperiments:
-    """The best set of the `offered` experiments beside the measured ones of the fit.
+    """The best set of the `offered` candidates, in addition to the measured experiments of the fit.
 
-    `predicted` is the fit of what is to be predicted, where that is the aim.
+    `predicted` is the fit of the experiments to be predicted, if a prediction is the aim.
     """
     every = possible_laws(aim.alpha, fit.inference, fit.hyperparameters, laws)
     rng = np.random.default_rng(seed)
@@ -371,7 +377,7 @@ def _first_rows(conditions: Experiments) -> pd.DataFrame:
 
 
 def require_enough_candidates(count: int, candidates: int, repeat: int) -> None:
-    """Raise InputsError where so many experiments cannot be chosen."""
+    """Raise InputsError if `count` experiments cannot be chosen from the candidates."""
     if count < 1:
         raise InputsError(f"next: {count} experiments", "ask for at least one")
     if repeat < 1 or count > candidates * repeat:
@@ -394,7 +400,7 @@ def _directions(
     rng: np.random.Generator,
     progress: Progress,
 ) -> Array | None:
-    """Gradients (A, G, F) of the quantities to be known; None for all hyperparameters."""
+    """The gradients (A, G, F) of the quantities aimed at; None for all hyperparameters."""
     if aim.target is not None:
         return np.tile(np.eye(aim.moving.size)[aim.target], (len(laws), 1, 1))
     if aim.predicted is None or predicted is None:
@@ -412,7 +418,8 @@ def _alone(plan: DesignPlan) -> Array:
 def _uncertain(plan: DesignPlan, scores: Scores) -> Array:
     """The Monte Carlo error (C,) of the standard error after each candidate.
 
-    By the delta method: the variance d' V d moves by -(V d)' dI (V d). Zero for several directions.
+    It is computed by the delta method: an error dI of the information changes the variance d' V d
+    by -(V d)' dI (V d). It is zero for several quantities, where it is not computed.
     """
     nothing = np.zeros(plan.offered.shape[1])
     if scores.outcomes is not None or plan.directions is None or plan.directions.shape[1] > 1:

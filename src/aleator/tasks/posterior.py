@@ -1,4 +1,4 @@
-"""What the experiments and the priors say of alpha: draws from its posterior, without runs."""
+"""The posterior distribution of alpha from experiments and priors: draws, without new runs."""
 
 from __future__ import annotations
 
@@ -38,24 +38,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawnReportSettings:
-    """What is reported of the draws of a posterior; by judgement."""
+    """Settings of the report on the draws of a posterior; the values are chosen by judgement."""
 
     looked_at: int = 16
-    """Draws at which more nodes are tried, and whose laws are held against the region."""
+    """The number of draws at which the errors of quadrature and of the surfaces' region are
+    checked."""
     fewest: int = 10
-    """Draws of a chain, at least."""
+    """The least number of draws of a chain."""
     longer: float = 1.3
-    """Times the draws that the effective sample size asks for."""
+    """The safety factor of the recommended number of draws."""
     shown: float = 0.2
-    """Seconds between two words to the progress."""
+    """The seconds between two messages of the progress display."""
     most_kept: int = 20_000_000
-    """Log-densities of single experiments, of all draws together, that are exported."""
+    """The largest number of log-densities (draws times experiments) that are exported."""
     broken: float = 0.01
-    """Share of trajectories that broke off from where on it is told."""
+    """The share of divergent trajectories above which there is a warning."""
     uneven: float = 0.1
-    """Scatter of the nodes' error over the draws that is told, in log-likelihood."""
+    """The standard deviation of the quadrature error of the log-likelihood over the draws above
+    which there is a warning."""
     outside: float = 0.01
-    """Share of the laws that lies where simulated values are not known that is told."""
+    """The share of the drawn laws outside the surfaces' region above which there is a warning."""
 
 
 REPORTED = DrawnReportSettings()
@@ -63,12 +65,13 @@ REPORTED = DrawnReportSettings()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Posterior:
-    """Draws (C, D, G) of the G hyperparameters `names` that are identified, in C chains of D.
+    """The posterior draws (C, D, G) of the G free hyperparameters `names`, in C chains of D draws.
 
-    `fixed` are the others, `estimates` (G,) the identified ones. `chains` has what belongs to each
-    draw, `ids` are the N experiments. `nodes_error` is the standard deviation over the draws of
-    what more nodes change of the log-likelihood, `outside` the share of the laws that lies where no
-    simulated values are known. `sound` and `consistent` are the verdicts of the identification.
+    `fixed` has the values of all other hyperparameters, `estimates` (G,) the maximum likelihood
+    estimates. `chains` has the log-likelihood and sampler statistics of each draw. `ids` are the N
+    experiments. `nodes_error` is the standard deviation over the draws of the log-likelihood's
+    quadrature error. `outside` is the share of the drawn laws outside the region of the response
+    surfaces. `sound` and `consistent` are the verdicts of the identification.
 
     >>> from aleator import Free, Inputs, Check, Noise, Normal, identify, posterior
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
@@ -114,7 +117,7 @@ class Posterior:
 
     @property
     def verdict(self) -> str:
-        """One sentence: whether the draws may be used, and what to do where not."""
+        """A sentence that says whether the chains converged, and what to do if not."""
         found = self.convergence
         worst = self.names[int(np.argmax(found.r_hat))]
         diagnosis = (
@@ -130,7 +133,7 @@ class Posterior:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What else is to be known of the draws, in a sentence each."""
+        """Further warnings about the draws, a sentence or two each."""
         broken = float(np.mean(self.chains.divergent))
         found = []
         if not self.sound:
@@ -162,10 +165,10 @@ class Posterior:
         return tuple(found)
 
     def table(self) -> pd.DataFrame:
-        """A row for each hyperparameter: mean, sd, median, 95 % interval, R-hat and ESS.
+        """A table with a row for each hyperparameter: mean, sd, median, 95 % interval, diagnostics.
 
-        Columns ``mean``, ``sd``, ``median``, ``lower``, ``upper`` (the quantiles of 2.5 and
-        97.5 %), ``r_hat``, ``ess_bulk``, ``ess_tail``.
+        The columns are ``mean``, ``sd``, ``median``, ``lower`` and ``upper`` (the quantiles of 2.5
+        and 97.5 %), ``r_hat``, ``ess_bulk``, ``ess_tail``.
         """
         flat = self.draws.reshape(-1, len(self.names))
         low, high = INTERVALS.ends
@@ -178,7 +181,7 @@ class Posterior:
         return pd.DataFrame(columns, index=list(self.names))
 
     def frame(self) -> pd.DataFrame:
-        """A row for each draw: ``chain``, ``draw``, the hyperparameters, and both logarithms."""
+        """A table with a row for each draw: its chain and number, alpha, log L and log prior."""
         chains, draws, size = self.draws.shape
         flat = self.draws.reshape(-1, size)
         return pd.DataFrame(
@@ -192,12 +195,12 @@ class Posterior:
         )
 
     def data(self) -> DataTree:
-        """The draws as ArviZ has them since its version 1: an xarray.DataTree.
+        """The draws as an xarray.DataTree, the format of ArviZ since version 1.
 
-        Groups ``posterior``, a variable for each hyperparameter; ``sample_stats`` (``lp``,
-        ``diverging``, ``n_steps``, ``acceptance_rate``); ``log_likelihood`` of each experiment,
-        unless these are more than 20 million numbers; ``constant_data``, what is fixed. Raises
-        AleatorError where ArviZ is not installed.
+        The groups are ``posterior`` with a variable for each hyperparameter, ``sample_stats``
+        (``lp``, ``diverging``, ``n_steps``, ``acceptance_rate``), ``log_likelihood`` of each
+        experiment (left out above 20 million numbers), and ``constant_data`` with the fixed
+        hyperparameters. Raises AleatorError if ArviZ is not installed.
         """
         groups: dict[str, dict[str, Any]] = {
             "posterior": {_key(name): self.draws[:, :, g] for g, name in enumerate(self.names)},
@@ -222,9 +225,9 @@ class Posterior:
         return made
 
     def save(self, path: str | Path) -> None:
-        """Write `data` as a netCDF file, which ``xarray.open_datatree`` and ArviZ read.
+        """Write `data` to a netCDF file, which ``xarray.open_datatree`` and ArviZ can read.
 
-        Raises AleatorError where it cannot be written, and where h5netcdf is not installed.
+        Raises AleatorError if the file cannot be written, or h5netcdf is not installed.
         """
         installed("h5netcdf")
         try:
@@ -235,7 +238,7 @@ class Posterior:
             ) from None
 
     def to_dict(self) -> dict[str, Any]:
-        """The document posterior.json: the table and what was computed, without the draws."""
+        """The content of posterior.json: the table and all other results, without the draws."""
         chains, draws, _ = self.draws.shape
         table = self.table()
         table.insert(0, "estimate", self.estimates)
@@ -263,14 +266,14 @@ class Posterior:
 
     @property
     def _enough(self) -> int:
-        """Draws of each chain that may suffice, by the effective sample size of these."""
+        """The recommended number of draws of each chain, from the present effective sample size."""
         draws = self.draws.shape[1]
         factor = max(2.0, REPORTED.longer * POSTERIOR.least_ess / max(self.convergence.least, 1.0))
         return int(np.ceil(draws * min(factor, 100.0) / 100.0) * 100)
 
 
 def _key(name: str) -> str:
-    """A name as one in netCDF, where a slash would be a group."""
+    """A name that netCDF accepts: a slash, which would start a group there, is replaced."""
     return name.replace("/", " over ")
 
 
@@ -282,14 +285,16 @@ def posterior(
     progress: Progress | None = None,
     settings: DrawnReportSettings = REPORTED,
 ) -> Posterior:
-    """Draws from the posterior p(alpha | y) ~ L(alpha) p(alpha) of an identification.
+    """Draw from the posterior p(alpha | y) ~ L(alpha) p(alpha) of an identification.
 
-    L is the likelihood, minus infinity where an outcome is impossible, and p(alpha)
-    the product of the priors, flat between the limits where a hyperparameter has none. `chains` (at
-    least two) of so many `draws` are made by the No-U-Turn sampler with the exact score, about the
-    mode; the same seed gives the same draws. Raises AleatorError where the extra `bayes` is not
-    installed or the identification was read from a file, InputsError where nothing is identified.
-    Cost: some three to seven evaluations of the likelihood a draw, no run of a slow simulator.
+    L is the likelihood, zero where an outcome is impossible. p(alpha) is the product of the priors;
+    a hyperparameter without a prior has a flat one between its limits. At least two `chains` of
+    `draws` each are made by the No-U-Turn sampler with the exact score, starting near the mode. The
+    same seed gives the same draws.
+
+    Raises AleatorError if the extra `bayes` is not installed or the identification was read from a
+    file, and InputsError if nothing is identified. Cost: some three to seven evaluations of the
+    likelihood for each draw; with response surfaces no simulator runs.
 
     >>> import pandas as pd
     >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
@@ -318,7 +323,7 @@ def sampled_posterior(
     progress: Progress,
     settings: DrawnReportSettings = REPORTED,
 ) -> Posterior:
-    """The posterior of a fit, of which no verdict is known."""
+    """The posterior draws of a fit, without the verdicts of its identification."""
     began, moving = time.perf_counter(), fit.inference.identified
     if not moving.size:
         raise InputsError(
@@ -373,19 +378,19 @@ def _listener(progress: Progress, settings: DrawnReportSettings) -> Callable[[in
 
 
 def _in_order(alpha: Array, fit: Fit) -> Array:
-    """alpha (K,) with equal components of a mixture in one order."""
+    """alpha (K,) with the equal components of a mixture sorted."""
     size = fit.inputs.size
     return np.concatenate([classes.ordered(fit.inputs, alpha[:size]), alpha[size:]])
 
 
 def _nodes_error(fit: Fit, alphas: Array) -> float:
-    """The standard deviation over alphas (A, K) of what more nodes change of log L."""
+    """The standard deviation over alphas (A, K) of the change of log L by more quadrature nodes."""
     changes = np.array([fit.likelihood.more_nodes(alpha) for alpha in alphas])
     return float(np.std(changes[np.isfinite(changes)])) if np.any(np.isfinite(changes)) else 0.0
 
 
 def _outside(fit: Fit, alphas: Array, seed: int) -> float:
-    """The share of the laws alphas (A, K) that lies where no simulated values are known."""
+    """The share of parameters, drawn under alphas (A, K), outside the response surfaces' region."""
     rng = np.random.default_rng(seed)
     size, low, high = fit.inputs.size, *fit.likelihood.region.T
     beyond = [

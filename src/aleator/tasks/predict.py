@@ -1,4 +1,4 @@
-"""The distribution of what would be measured under conditions that were never tested."""
+"""The task `predict`: the distribution of a measurement under conditions that were not tested."""
 
 from __future__ import annotations
 
@@ -43,16 +43,18 @@ def predict(
     quantiles: tuple[float, ...] = REPORTED.quantiles,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
-    """Mean, standard deviation and quantiles of what would be measured under the law alpha.
+    """The mean, standard deviation and quantiles of a measurement under the law alpha.
 
-    `alpha` maps the name of every hyperparameter to its value; the `alpha` of an Identification
-    will do. Measurement noise is part of it; with a "log" transform it is of the logarithm. Rows
-    of `conditions` with the same id are one new experiment; a data frame has the responses of the
-    `noise`, if that is one for each. Returns a table with a row for each row and response: id,
-    mean, standard_deviation, skewness, kurtosis, a column ``q<p>`` for each quantile, and a status.
-    Raises InputsError where alpha lacks a hyperparameter or has an unknown one, and where a law
-    follows covariates: `Identification.predict` knows what their formula was resolved by. Cost:
-    of a slow simulator the runs of one response surface for each condition, built around the law.
+    `alpha` maps the name of every hyperparameter to its value, as the `alpha` of an Identification
+    does. Measurement noise is included. With a "log" transform the prediction is that of the
+    logarithm. Rows of `conditions` with the same id are one new experiment. If `noise` is a mapping
+    by response, a data frame has these responses. Returns a table with a row for each row and
+    response: id, mean, standard_deviation, skewness, kurtosis, a column ``q<p>`` for each quantile,
+    and a status.
+
+    Raises InputsError if alpha lacks a hyperparameter or has an unknown one. Raises it also if a
+    law depends on covariates; use `Identification.predict` then. Cost: with a slow simulator the
+    runs of one response surface for each condition, near the law.
 
     >>> from aleator.laws import Normal
     >>> table = predict(lambda load, x: load * x, pd.DataFrame({"load": [10.0]}),
@@ -82,7 +84,10 @@ def predict(
 
 
 def _require_resolved(inputs: Inputs) -> None:
-    """Raise InputsError for a law that follows covariates by a formula that no table resolved."""
+    """Raise InputsError for a law with a covariate formula that no table of experiments resolved.
+
+    A formula is resolved when the levels and ranges of its covariates are taken from a table.
+    """
     if inputs.regressed and inputs.covariate_model is None:
         raise InputsError(
             f"the law follows {', '.join(inputs.covariates)}, by a formula that the experiments "

@@ -1,8 +1,8 @@
-"""The distribution of new observations: of a new experiment, or of one that was measured.
+"""The predicted distribution of new observations, in a new or in a measured experiment.
 
-`forecast` is that under one law, `widened` that of a mixture over plausible laws with intervals of
-its quantiles, and `tabled` the table of both. `compared` says how far new conditions are beyond
-those that were tested.
+`forecast` computes it under one law. `widened` computes it for a mixture of plausible laws, with
+intervals of its quantiles. `tabled` returns a table of both. `compared` computes how far new
+conditions lie outside those that were tested.
 """
 
 from __future__ import annotations
@@ -41,20 +41,20 @@ from aleator.tasks.new_experiments import (
 
 @dataclass(frozen=True)
 class PredictionSettings:
-    """Points that stand for a law, and distances from tested conditions; by judgement."""
+    """Settings of predictions and of distances from tested conditions; chosen by judgement."""
 
     law_points: int = 4096
-    """Points that stand for the law of an experiment."""
+    """The number of points that represent the law of an experiment."""
     edge: float = 1e-12
-    """Probabilities stay so far from zero and one."""
+    """The distance that probabilities keep from zero and one."""
     step: float = 1e-4
-    """Step in scales of the difference that a density is taken by."""
+    """The step of the numerical derivative of a distribution function, in error scales."""
     lost: float = 1e-3
-    """Share of the law whose runs may fail before what is told is told of what is left."""
+    """The probability of failing runs above which a prediction has the status "runs_failed"."""
     hull: int = 2000
-    """Distinct tested points up to which a distance is one from their convex hull."""
+    """The largest number of distinct tested points whose convex hull is used for distances."""
     rounding: float = 1e-9
-    """Distance below which a point lies within the tested ones."""
+    """The distance below which a point counts as inside the tested ones."""
 
 
 PREDICTION = PredictionSettings()
@@ -63,8 +63,8 @@ PREDICTION = PredictionSettings()
 def beyond_range(tested: Array, new: Array) -> Array:
     """Signed distances (Q, d) of new points (Q, d) from the range of the tested ones (R, d).
 
-    In units of the tested range: 0.5 is half of it above the highest, zero within. Infinite
-    where it has no width and the value is another.
+    The unit is the width of the tested range: 0.5 is half of the width above the highest value,
+    and zero is inside the range. A new value of a column that was never varied is infinitely far.
 
     >>> beyond_range(np.array([[0.0], [2.0]]), np.array([[1.0], [3.0], [-1.0]])).ravel().tolist()
     [0.0, 0.5, -0.5]
@@ -81,10 +81,11 @@ def beyond_range(tested: Array, new: Array) -> Array:
 def beyond_hull(tested: Array, new: Array) -> Array:
     """Distances (Q,) of new points (Q, d) from the convex hull of the tested ones (R, d).
 
-    The least t such that a mean of tested points is within t tested ranges of the new one in every
-    coordinate: min t, |sum_r w_r x_r - x| <= t, w >= 0, sum w = 1, a linear program. Zero for what
-    lies between tested points; never less than the farthest `beyond_range`, which it is with more
-    than 2000 distinct points. Cost: some milliseconds a point.
+    The distance is the least t such that a weighted mean of tested points is within t tested ranges
+    of the new point in every coordinate. It solves the linear program min t with
+    |sum_r w_r x_r - x| <= t, w >= 0, sum w = 1. It is zero for a point between tested points, and
+    never less than the largest `beyond_range`. With more than 2000 distinct tested points it is
+    this largest value. Cost: some milliseconds for each point.
 
     >>> corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     >>> beyond_hull(corners, np.array([[0.2, 0.2], [1.0, 1.0]])).round(3).tolist()
@@ -120,10 +121,11 @@ def _from_hull(points: Array, x: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Beyond:
-    """Distances (R,) of R rows from the tested ones, in tested ranges, and why.
+    """The distances (R,) of R new rows from the tested conditions, with the reasons in words.
 
-    Zero within the convex hull of the tested conditions; infinite for a level or a value of a
-    condition that was never varied. `why` is "" for rows within.
+    The unit is the tested range. A distance is zero inside the convex hull of the tested
+    conditions. It is infinite for an untested level, or a new value of a condition that was never
+    varied. `why` is "" for rows inside.
     """
 
     distance: Array
@@ -131,7 +133,7 @@ class Beyond:
 
 
 def compared(tested: pd.DataFrame, new: pd.DataFrame) -> Beyond:
-    """Distances of new conditions from the tested ones, by column and jointly.
+    """The distances of new conditions from the tested ones, with the column that causes each.
 
     >>> tested = pd.DataFrame({"load": [1.0, 3.0], "oil": ["a", "b"]})
     >>> compared(tested, pd.DataFrame({"load": [2.0, 4.0, 2.0], "oil": ["a", "a", "c"]})).why
@@ -173,14 +175,14 @@ def _words(names: Sequence[str], each: Array, distance: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """Points x (B, J, n) of the parameters of B experiments, of weights (B, J) that sum to one."""
+    """Points x (B, J, n) of the parameters of B experiments, with weights (B, J) of sum one."""
 
     x: Array
     weights: Array
 
     @classmethod
     def new(cls, inputs: Inputs, alpha: Array, experiments: int) -> Draws:
-        """Points of the law of each new experiment."""
+        """Points of the parameters of new experiments, distributed as their laws at alpha (K,)."""
         points = standard_points(PREDICTION.law_points, inputs.scattering)
         xi = np.tile(points, (experiments, len(inputs.classes), 1))
         found = inputs.individual(alpha[: inputs.size], xi, slice(0, experiments))
@@ -189,7 +191,7 @@ class Draws:
 
     @classmethod
     def old(cls, likelihood: IndividualLikelihood, alpha: Array, which: int) -> Draws:
-        """Points of the individual law of one measured experiment at alpha."""
+        """Points of the parameters of one measured experiment, given its observations."""
         return cls(
             *individual_points(
                 likelihood, alpha, likelihood.layout.alone(which), PREDICTION.law_points
@@ -198,7 +200,7 @@ class Draws:
 
     @classmethod
     def joined(cls, parts: Sequence[Draws]) -> Draws:
-        """The points of all experiments, one after the other."""
+        """The points of several groups of experiments together, in this order."""
         return cls(
             np.concatenate([part.x for part in parts]),
             np.concatenate([part.weights for part in parts]),
@@ -207,10 +209,11 @@ class Draws:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Moments (M,) and quantiles (M, P) of M values; `lost` (M,) is the share that failed.
+    """The moments (M,) and quantiles (M, P) of M predicted values.
 
-    `kurtosis` is not in excess: 3 for a normal value. Where some of what is simulated is infinite,
-    so are the mean and quantiles, and there are no further moments.
+    `lost` (M,) is the probability that a run fails. `kurtosis` is 3 for a normal value. If some
+    simulated values are infinite, the mean and the outer quantiles are infinite too, and all other
+    moments are NaN.
     """
 
     mean: Array
@@ -230,10 +233,11 @@ def forecast(
     probabilities: Array,
     settings: PredictionSettings = PREDICTION,
 ) -> Forecast:
-    """The distribution of measured values over the draws; of simulated ones without errors.
+    """The distribution of measured values, or without `errors` of simulated values.
 
-    F(y) = sum_j w_j F(y | eta_j, scale_j), exact but for the draws, inverted. Points whose runs
-    fail are left out. Cost: a run for each point and unit.
+    Its distribution function is F(y) = sum_j w_j F(y | eta_j, scale_j) over the points j of the
+    draws, and quantiles are its inverse. Points whose runs fail are left out. Cost: one simulated
+    value for each point and value.
     """
     size = layout.experiment.size
     mean, sd, skewness, kurtosis, lost = np.empty((5, size))
@@ -274,14 +278,14 @@ def forecast(
 
 @dataclass(frozen=True, eq=False)
 class _Endless:
-    """The shares (m,) of what is simulated that are minus and plus infinity."""
+    """The probabilities (m,) that a simulated value is minus infinity or plus infinity."""
 
     below: Array
     above: Array
 
     @classmethod
     def of(cls, eta: Array, weights: Array) -> _Endless:
-        """The shares of infinite ones among values (m, J) with weights; NaN does not count."""
+        """The shares of infinite values among weighted values (m, J); NaN does not count."""
         whole = np.sum(weights, axis=1, where=~np.isnan(eta))
         with np.errstate(all="ignore"):
             below, above = (
@@ -291,20 +295,20 @@ class _Endless:
 
     @property
     def mean(self) -> Array:
-        """The mean (m,) of infinite values: zero without any, NaN with both signs."""
+        """The mean (m,) due to infinite values: infinite, NaN with both signs, zero without any."""
         low, high = (np.where(share > 0.0, np.inf, 0.0) for share in (self.below, self.above))
         with np.errstate(invalid="ignore"):
             return np.asarray(high - low)
 
     def among_finite(self, probabilities: Array) -> Array:
-        """The probabilities (m, P) among the finite values alone."""
+        """The probabilities (m, P) conditional on a finite value that give the same quantiles."""
         finite = 1.0 - self.below - self.above
         with np.errstate(all="ignore"):
             among = (probabilities - self.below[:, None]) / finite[:, None]
         return np.clip(np.nan_to_num(among, nan=0.5), PREDICTION.edge, 1.0 - PREDICTION.edge)
 
     def quantiles(self, probabilities: Array, finite: Array) -> Array:
-        """Quantiles (m, P) of all values, from those of the finite ones."""
+        """The quantiles (m, P) of all values, from those of the finite values."""
         low = probabilities < self.below[:, None]
         return np.where(
             low, -np.inf, np.where(probabilities > 1.0 - self.above[:, None], np.inf, finite)
@@ -314,7 +318,10 @@ class _Endless:
 def _moments(
     weights: Array, mean: Array, second: Array, third: Array, fourth: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Mean, sd, skewness and kurtosis (m,) of a mixture of parts with central moments (m, J)."""
+    """The mean, sd, skewness and kurtosis (m,) of a mixture of J parts.
+
+    The parts have means and second to fourth central moments (m, J).
+    """
     middle = np.sum(weights * mean, axis=1)
     away = mean - middle[:, None]
     sd = np.sqrt(np.sum(weights * (away**2 + second), axis=1))
@@ -335,7 +342,10 @@ def _inverted(
     probabilities: Array,
     settings: PredictionSettings,
 ) -> Array:
-    """Quantiles (m, P) of the mixture, which lie between those of its parts."""
+    """The quantiles (m, P) of a mixture of measurement errors around simulated values eta (m, J).
+
+    They are searched for between the least and the largest quantile of the parts.
+    """
     scale = np.broadcast_to(errors.scale(of_errors, eta, rows), eta.shape)
     step = settings.step * np.sum(weights * scale, axis=1, keepdims=True)
     counted = weights > 0.0
@@ -362,11 +372,11 @@ def widened(
     probabilities: Array,
     found: Forecast,
 ) -> tuple[Forecast, Array]:
-    """The forecast of the mixture, and 95 % intervals (M, P, 2) of its quantiles.
+    """The forecast of a mixture over draws of alpha, and 95 % intervals (M, P, 2) of its quantiles.
 
-    `found` is that at the estimate. Added to it are differences that are taken by the same points
-    of the law for every alpha: what the points miss is the same under all. Cost: an evaluation of
-    the predictor for each draw, each of the 512 points and value.
+    `found` is the accurate forecast at the estimate of alpha. To it are added the differences
+    between the mixture and the estimate, computed with the same 512 points for every alpha, so that
+    most of the points' error cancels. Cost: one simulated value for each draw, point and value.
     """
     size = len(context.seen)
     moments_of, quantiles_of = np.empty((4, size)), np.empty((size, len(probabilities)))
@@ -391,7 +401,7 @@ def widened(
 
 
 def _moments_of(values: Array, weights: Array) -> Array:
-    """Mean, sd, skewness and kurtosis (4,) of values (J,) with weights; NaN does not count."""
+    """The mean, sd, skewness and kurtosis (4,) of weighted values (J,); NaN does not count."""
     known = ~np.isnan(values)
     with np.errstate(all="ignore"):
         share = weights[known] / weights[known].sum()
@@ -401,9 +411,10 @@ def _moments_of(values: Array, weights: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _PointValues:
-    """Moments (4,) and quantiles (P,) by points, each of the mixture and of the estimate.
+    """Moments (4,) and quantiles (P,) of one predicted value, computed from sample points.
 
-    `each` (A, P) are the quantiles of each draw, with `weights` (A,).
+    Each is a pair: for the mixture over draws of alpha, and for the estimate. `each` (A, P) are
+    the quantiles under each draw, with `weights` (A,).
     """
 
     moments: tuple[Array, Array]
@@ -413,7 +424,10 @@ class _PointValues:
 
     @classmethod
     def of(cls, y: Array, weights: Array, draws: AlphaDraws, probabilities: Array) -> _PointValues:
-        """Moments and quantiles of values y (1 + A, J), the first row under the estimate."""
+        """The moments and quantiles of values y (1 + A, J).
+
+        The first row is under the estimate of alpha, the others under its draws.
+        """
         each = quantiles(y, weights, probabilities)
         whole = (draws.weights[:, None] * weights[1:]).ravel()
         mixed = y[1:].ravel()
@@ -425,7 +439,10 @@ class _PointValues:
         )
 
     def ends(self, at: Array) -> Array:
-        """95 % intervals (P, 2) of quantiles whose estimates are `at` (P,)."""
+        """The 95 % intervals (P, 2) of quantiles over the draws of alpha.
+
+        They are shifted so that the estimate's quantiles become the accurate ones `at` (P,).
+        """
         own = self.quantiles[1]
         finite = np.isfinite(self.each).all(axis=0) & np.isfinite(own) & np.isfinite(at)
         shift = np.where(finite, at, 0.0) - np.where(finite, own, 0.0)
@@ -435,7 +452,7 @@ class _PointValues:
 
 
 def _moved(at: Array, mixed: Array, own: Array) -> Array:
-    """`at` + (mixed - own); `mixed` itself where one of the three is not finite."""
+    """The value `at` plus the difference mixed - own; `mixed` if one of them is not finite."""
     finite = np.isfinite(at) & np.isfinite(mixed) & np.isfinite(own)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where(finite, at + (mixed - own), mixed))
@@ -448,10 +465,10 @@ def tabled(
     progress: Progress | None,
     settings: PredictionSettings = PREDICTION,
 ) -> pd.DataFrame:
-    """A row for each row of the conditions and response, in the order of the rows.
+    """The table of predictions, with a row for each row of the conditions and each response.
 
-    With draws of alpha, their mixture, and columns ``q<p>.lower`` and ``q<p>.upper`` with 95 %
-    intervals of the quantiles.
+    With several draws of alpha the prediction is their mixture, and columns ``q<p>.lower`` and
+    ``q<p>.upper`` have 95 % intervals of the quantiles.
     """
     draws, probabilities = context.taken(draws), np.array(quantiles)
     own = _own(context, draws.estimate)
@@ -476,7 +493,7 @@ def tabled(
 
 
 def heads(context: PredictionContext, places: Indices | None = None) -> dict[str, Any]:
-    """The columns that name the row and response of each value, or of some values."""
+    """The columns that name the experiment, row and response of each value, or of `places`."""
     conditions, seen = context.conditions, context.seen
     which = np.arange(len(seen)) if places is None else places
     columns: dict[str, Any] = {"id": [conditions.ids[l] for l in seen.experiment[which]]}
@@ -488,7 +505,7 @@ def heads(context: PredictionContext, places: Indices | None = None) -> dict[str
 
 
 def tails(context: PredictionContext, places: Indices | None = None) -> dict[str, Array]:
-    """The column `beyond`: distances from the tested conditions, in tested ranges."""
+    """The column `beyond`: distances from the tested conditions, in units of the tested range."""
     found, row = beyond(context), context.seen.row
     return (
         {} if found is None else {"beyond": found.distance[row if places is None else row[places]]}
@@ -496,9 +513,9 @@ def tails(context: PredictionContext, places: Indices | None = None) -> dict[str
 
 
 def beyond(context: PredictionContext) -> Beyond | None:
-    """Distances of the simulator's conditions and the laws' covariates from the tested ones.
+    """The distances of the simulator's conditions and the laws' covariates from the tested ones.
 
-    None where the experiments that were measured are not at hand.
+    None if the context does not have the measured experiments.
     """
     if context.tested is None:
         return None
@@ -511,14 +528,14 @@ def beyond(context: PredictionContext) -> Beyond | None:
 def in_rows(
     context: PredictionContext, columns: dict[str, Any], places: Indices | None = None
 ) -> pd.DataFrame:
-    """The columns as a table in the order of rows, then responses."""
+    """The columns as a table, sorted by rows of the conditions, then by responses."""
     which = np.arange(len(context.seen)) if places is None else places
     order = np.lexsort((context.seen.response[which], context.seen.row[which]))
     return pd.DataFrame(columns).iloc[order].reset_index(drop=True)
 
 
 def _own(context: PredictionContext, alpha: Array) -> Draws:
-    """Points of the law of each new experiment, or of the measured one that it is."""
+    """Points of the parameters of each experiment, given its observations if it was measured."""
     if context.measured is None:
         return Draws.new(context.inputs, alpha, context.count)
     likelihood, which = context.measured.likelihood, context.measured.which.tolist()

@@ -1,4 +1,7 @@
-"""Probabilities of events, rare or not, and tolerance limits, with the uncertainty of alpha."""
+"""Probabilities of events (rare or not) and tolerance limits, with the uncertainty of alpha.
+
+An event is an outcome above a value, below a value, or between two values.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,9 @@ from aleator.tasks.prediction import PREDICTION, heads, in_rows, tails
 
 
 def requested_responses(context: PredictionContext, response: str | None) -> Indices:
-    """The number of the named response, or of all. Raises InputsError if it is unknown.
+    """The index of the response with this name, or without a name all indices.
+
+    Raises InputsError for an unknown name.
 
     >>> from types import SimpleNamespace as Some
     >>> context = Some(seen=Some(responses=(Some(name="force"), Some(name="wear"))))
@@ -45,7 +50,7 @@ def requested_responses(context: PredictionContext, response: str | None) -> Ind
     ([1], [0, 1])
     """
     names = [r.name for r in context.seen.responses]
-    # a table with one response may have been given without its name
+    # The only response may be unnamed in the table, so every name stands for it.
     if response is None or names == [response] or len(names) == 1:
         return np.arange(len(names))
     if response not in names:
@@ -63,10 +68,11 @@ def requested_events(
     below: float | None,
     between: Sequence[float] | None,
 ) -> dict[int, Event]:
-    """The event of one response by its number, in transformed values.
+    """The event of one response, by the index of the response, with transformed ends.
 
-    Raises InputsError unless one of the three is given, of one response, with ends that are
-    numbers in order and have a logarithm where the likelihood sees that.
+    Raises InputsError unless exactly one of `above`, `below` and `between` is given, for one
+    response. The ends must be increasing numbers, and positive if the response has a "log"
+    transform.
     """
     if sum(part is not None for part in (above, below, between)) != 1:
         raise InputsError(
@@ -102,12 +108,12 @@ def _end(value: float | None, other: float, transform: Transform) -> float:
 
 @dataclass(frozen=True)
 class ProbabilitySettings:
-    """Shares and batches of an interval; by judgement."""
+    """Settings of the interval of a probability; the values are chosen by judgement."""
 
     content: float = 0.95
-    """Probability that an interval holds."""
+    """The probability that an interval contains."""
     batches: int = 16
-    """Batches of draws whose scatter is the error by the draws."""
+    """The number of batches of draws, whose scatter gives the error due to the draws."""
 
 
 PROBABILITY = ProbabilitySettings()
@@ -115,18 +121,22 @@ PROBABILITY = ProbabilitySettings()
 STUDENT = float(
     stats.t.ppf(INTERVALS.ends[1], SAMPLE.replicates - 1) / stats.norm.ppf(INTERVALS.ends[1])
 )
-"""What the standard error of few replicates is longer by, so that twice it holds 95 %."""
+"""The factor of a standard error from few replicates, by which twice the error has 95 % coverage.
+
+It is the ratio of the 97.5 % quantiles of Student's t and of the normal law.
+"""
 
 
 @dataclass(frozen=True)
 class Probability:
     """A probability under the mixture of plausible laws, and its 95 % interval.
 
-    `at_estimate` is that of the estimate alone, `error` the standard error of the computation,
-    `checks` the runs of the simulator that it was held against. `distance` is that of the
-    most probable point of the event, or of its contrary, from the middle of the law of the
-    estimate in standard deviations; NaN where nothing is rare. `unseen` is the largest probability
-    of a region that the fresh runs beside a surface do not exclude; NaN without a surface.
+    `at_estimate` is the probability under the estimated law, `error` the standard error of the
+    computation, and `checks` the number of simulator runs that checked it. `distance` is the
+    distance of the event's most probable point from the centre of the estimated law, in standard
+    deviations. If the complement of the event is less probable, it is that of the complement. It is
+    NaN without an importance density. `unseen` is the largest probability of a region that the
+    simulator runs do not exclude; NaN without a surface.
     """
 
     probability: float
@@ -141,7 +151,7 @@ class Probability:
 
     @property
     def contrary(self) -> Probability:
-        """The probability of the contrary event."""
+        """The probability of the complementary event, with its interval."""
         return replace(
             self, probability=1.0 - self.probability, lower=1.0 - self.upper,
             upper=1.0 - self.lower, at_estimate=1.0 - self.at_estimate,
@@ -155,7 +165,10 @@ def probabilities(
     checks: int = SAMPLE.checks,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
-    """A row for each response that has an event (by its number) and each row of the conditions."""
+    """The table of probabilities, with a row for each row of the conditions.
+
+    `events` has the event of a response by the index of the response.
+    """
     draws = context.taken(draws)
     requested = np.flatnonzero(np.isin(context.seen.response, [*events]))
     found: list[Probability] = []
@@ -181,13 +194,13 @@ def probability(
     progress: Progress | None = None,
     choice: Exploration | None = None,
 ) -> Probability:
-    """P(y in the event) = sum_a w_a P(y in the event | alpha_a).
+    """The probability of an event: P(y in event) = sum_a w_a P(y in event | alpha_a).
 
-    By importance sampling from a density that is sought for the event, or for its contrary where
-    that is less likely (`importance_density`). A surface is first made certain of the event by
-    fresh runs (`Exploration`), and `checks` runs near the event's ends correct it. It is
-    "unsettled" where the surface is not certain in the end, or where the last fresh runs or the
-    checks change the probability by more than the `share` of the choice.
+    It is computed by importance sampling for the event, or for its complement if that is less
+    probable (`importance_density`). A response surface is first refined by new runs until it
+    determines the event (`Exploration`). Then `checks` runs near the event's ends correct the
+    probability. The status is "unsettled" if the surface does not determine the event in the end,
+    or if the last runs change the probability by more than the share `choice.share`.
     """
     requested, turned, choice = event, False, choice or Exploration()
     if predicted.context.measured is not None:
@@ -216,7 +229,7 @@ def probability(
 
 @dataclass(frozen=True, eq=False)
 class _SurfaceSample:
-    """A sample by an explored surface; `settled`: more runs would change little."""
+    """A sample of the event on a tested surface; `settled` if more runs would change little."""
 
     sample: Sample
     unseen: float
@@ -231,7 +244,7 @@ def _explored(
     choice: Exploration,
     progress: Progress | None,
 ) -> _SurfaceSample:
-    """Rounds of fresh runs all over the law, and of runs where kriging is uncertain."""
+    """Refine the surface by runs all over the law and where kriging is uncertain, in rounds."""
     surface, most, round_ = predicted.surface, predicted.context.surfaces.max_runs, 0
     assert surface is not None
     while True:
@@ -252,7 +265,7 @@ def _explored(
 def _sharpened(
     predicted: PredictedValue, draws: AlphaDraws, event: Event, choice: Exploration
 ) -> tuple[Sample, bool]:
-    """The sample once the surface is certain of the event, and whether it is."""
+    """Refine the surface until it determines the event; the sample, and whether it does."""
     assert predicted.surface is not None
     runs, seek = 0, CrossEntropy()
     while True:
@@ -267,9 +280,11 @@ def _sharpened(
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """Probabilities (1 + A, R) under the estimate and each draw, by each of R replicates.
+    """The probabilities `each` (1 + A, R) of an event, under the estimate and A draws of alpha.
 
-    Of a `plain` sample the error is at least that of half a point.
+    R is the number of independent samples, `weights` (A,) are those of the draws, and `lost` is the
+    probability of a failing run. A `plain` sample, drawn from the law itself, has a standard error
+    of at least half a point.
     """
 
     each: Array
@@ -281,7 +296,7 @@ class _Told:
     def of(
         cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, sample: Sample
     ) -> _Told:
-        """The probabilities by outcomes at the points of the sample."""
+        """The probabilities from outcomes at the points of the sample."""
         alphas = np.concatenate([draws.estimate[None], draws.alpha])
         parts, lost = [], 0.0
         for points in sample.replicates:
@@ -295,17 +310,20 @@ class _Told:
 
     @property
     def by_replicate(self) -> Array:
-        """Probabilities (R,) of the mixture."""
+        """The probability (R,) under the mixture of all draws, from each independent sample."""
         return np.asarray(self.weights @ self.each[1:])
 
     @property
     def mixed(self) -> float:
-        """The probability of the mixture."""
+        """The probability under the mixture of all draws of alpha."""
         return float(self.by_replicate.mean())
 
     @property
     def error(self) -> float:
-        """Standard error of the mixture: of the points, and of the draws by batches of pairs."""
+        """The standard error of the mixture's probability, from the points and from the draws.
+
+        The error due to the draws is computed from batches of pairs of draws.
+        """
         points = STUDENT * float(self.by_replicate.std(ddof=1) / np.sqrt(SAMPLE.replicates))
         if self.plain:
             points = max(points, float(0.5 / (SAMPLE.each * np.sqrt(SAMPLE.replicates))))
@@ -330,7 +348,7 @@ class _Told:
         unseen: float,
         settled: bool,
     ) -> Probability:
-        """The probability with its interval, corrected by the simulator's runs in proportion."""
+        """The probability with its interval, both scaled by the correction from simulator runs."""
         mixed = self.mixed
         whole = float(np.clip(mixed + change.value, 0.0, 1.0))
         factor = whole / mixed if mixed > 0.0 else 1.0
@@ -349,10 +367,10 @@ class _Told:
 def delta_interval(
     mean: float, values: Array, weights: Array, settings: ProbabilitySettings = PROBABILITY
 ) -> Array:
-    """The ends (2,) of an interval that holds 95 % of the values (A,), and their mean.
+    """The ends (2,) of an interval that contains 95 % of the values (A,), and their mean.
 
-    Tails of 2.5 % each; of a law so skew that the mean lies in one of them, the interval ends at
-    the mean, and what that tail keeps beyond it is taken from the other. It holds 95 % either way.
+    Each tail has 2.5 %. If the values are so skewed that the mean lies in one of the tails, the
+    interval ends at the mean, and the other tail is made smaller or larger to keep 95 %.
     """
     low, high = quantiles(values, weights, np.array(INTERVALS.ends))
     if mean > high:
@@ -372,16 +390,17 @@ def _shares(holds: Flags, weights: Array, normalized: bool) -> Array:
 
 @dataclass(frozen=True)
 class ToleranceSettings:
-    """When a design value has points of its own; by judgement."""
+    """Settings of one-sided tolerance limits (design values); chosen by judgement."""
 
     far: float = 0.02
-    """Share beyond a design value below which it has points of its own."""
+    """The tail probability up to which a design value is computed by importance sampling."""
     middle: tuple[float, float] = (0.16, 0.84)
-    """Probabilities between whose quantiles the scatter is taken: two sd of a normal law."""
+    """The probabilities of two quantiles that are two sd apart for a normal law; half of their
+    difference is the scatter of the outcome."""
     rounds: int = 4
-    """Rounds in which a design value gets points of its own, at most."""
+    """The largest number of importance samples drawn one after the other for a design value."""
     still: float = 0.01
-    """A change of a design value over the scatter that is none."""
+    """The change of a design value, as a share of the scatter, that counts as zero."""
 
 
 LIMITS = ToleranceSettings()
@@ -389,11 +408,11 @@ LIMITS = ToleranceSettings()
 
 @dataclass(frozen=True)
 class Tolerance:
-    """A tolerance interval or a one-sided limit.
+    """The definition of a tolerance interval or of a one-sided tolerance limit.
 
-    `content` of the outcomes lie within, with this `confidence`: between two limits, or on one
-    `side`, below an "upper" or above a "lower" one. Raises InputsError for shares that are not
-    between zero and one, and another side.
+    The share `content` of all outcomes lies inside with this `confidence`. The `side` is "both" for
+    two limits, "upper" for outcomes below one limit, or "lower" for outcomes above one. Raises
+    InputsError for another side, and for shares that are not between zero and one.
     """
 
     content: float = 0.95
@@ -416,7 +435,7 @@ def limits(
     progress: Progress | None = None,
     settings: ToleranceSettings = LIMITS,
 ) -> pd.DataFrame:
-    """A row for each of the values `which`; limits are in the unit of the outcome."""
+    """The table of tolerance limits in the outcome's unit, with a row for each value `which`."""
     draws = context.taken(draws)
     lower, upper, error = np.full((3, which.size), np.nan)
     for row, place in enumerate(which.tolist()):
@@ -430,7 +449,7 @@ def limits(
         else:
             value, error[row] = _bound(predicted, draws, requested, settings)
             (upper if requested.side == "upper" else lower)[row] = back(np.array(value))
-            # the error is one of the logarithm, where that is what the likelihood sees
+            # The error is transformed back too, which matters for a "log" transform.
             slope = back(np.array([value + error[row], value - error[row]]))
             error[row] = 0.5 * float(slope[0] - slope[1])
     columns = {"lower": lower, "upper": upper} if requested.side == "both" else {
@@ -454,7 +473,8 @@ def _bound(
 ) -> tuple[float, float]:
     """The confidence bound of a quantile, and the standard error of its computation.
 
-    Far out the points lie about the event beyond the value of the round before.
+    For a small tail probability it is computed in rounds. Each round samples the event that an
+    outcome lies beyond the bound of the round before.
     """
     upper = requested.side == "upper"
     probability = requested.content if upper else 1.0 - requested.content
@@ -494,9 +514,10 @@ def _once(
 
 
 def _completed(y: Array, weights: Array, probability: float) -> Array:
-    """Weights completed to a sum of one at the far end of the other side.
+    """Weights made to sum to one by changing that of the point farthest from the rare event.
 
-    Points about a rare event determine its probability, but not that of the rest.
+    Points drawn around a rare event determine its probability, but do not cover the rest of the
+    law. That point gets all the remaining probability.
     """
     order = np.argsort(y, axis=1)
     first, last = order[:, 0], order[:, -1]

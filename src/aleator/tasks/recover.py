@@ -1,4 +1,4 @@
-"""Recovery of a known law: data sets drawn from the model at a given alpha, each identified."""
+"""A recovery study: data sets are simulated under a known law, and each is identified."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recovered:
-    """The identification of one drawn data set: alpha (K,), intervals and errors (K, 2).
+    """The identification of one simulated data set: alpha (K,), intervals and errors (K, 2).
 
-    Errors are the standard errors by the observed information, and the sandwich errors.
+    The two errors are the standard error from the observed information, and the sandwich error.
     """
 
     alpha: Array
@@ -56,7 +56,7 @@ class Recovered:
 def _drawn(
     choices: Choices, runner: Runner, alpha: Array, replicates: int, rng: np.random.Generator
 ) -> list[Observations]:
-    """Drawn observations of each replicate, at the conditions and bounds of the table."""
+    """The simulated observations of each replicate, under the conditions of the table."""
     table, inputs, count = choices.table, choices.inputs, len(runner.ids)
     if not choices.exact:
         return [
@@ -70,7 +70,7 @@ def _drawn(
 
 
 def _identified(choices: Choices, runner: Runner, data: Observations, seed: int) -> Recovered:
-    """One data set, identified as `identify` does it."""
+    """Identify the laws from one data set, as `identify` does, without the check."""
     answer = answered(choices.question(runner, data, seed), Ledger(runner, Silent()))
     inference = answer.inference
     errors = np.stack([inference.standard_error, inference.sandwich_error], axis=1)
@@ -88,10 +88,10 @@ def virtual_observations(
     alpha: Array,
     rng: np.random.Generator,
 ) -> Observations:
-    """Observations at the conditions of a table under the law and the noise of alpha (K,).
+    """Simulate observations under the conditions of a table, with the law and noise of alpha (K,).
 
-    One run a unit. Bounds are made as those of the table: see `censored_alike`. Values whose runs
-    fail are NaN: they are not measured.
+    Observations that one simulator run can give together come from one run. The values are censored
+    as in the table (see `censored_alike`). A value whose run fails is NaN and counts as missing.
     """
     seen = table.observations
     x = drawn(inputs, alpha[: inputs.size], len(table.ids), rng)
@@ -107,7 +107,7 @@ def virtual_observations(
 def _unmeasured(
     asked: Conditions | pd.DataFrame, noise: Noise | Mapping[str, Noise] | None
 ) -> Experiments:
-    """Experiments without measured values; a data frame has the responses of the noise."""
+    """Experiments without measured values; for a data frame `noise` names the responses."""
     if isinstance(asked, pd.DataFrame):
         named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
         asked = Conditions.from_frame(asked, responses=named)
@@ -119,7 +119,11 @@ def _unmeasured(
 
 @dataclass(frozen=True)
 class Recovery:
-    """R replicates of a known law `truth` (K,) for the free hyperparameters `names`."""
+    """The estimates `alpha` (R, F) of R replicates of a known law, with intervals (R, F, 2).
+
+    `truth` (F,) are the true values of the F free hyperparameters `names`. `errors` (R, F, 2) are
+    the standard errors from the information and the sandwich errors.
+    """
 
     names: tuple[str, ...]
     truth: Array
@@ -136,12 +140,13 @@ class Recovery:
         return printed.shown(head, self.table(), f"{missed} did not converge." if missed else "")
 
     def table(self) -> pd.DataFrame:
-        """Truth, mean estimate, bias and its Monte Carlo error, scatter, and coverage, by name.
+        """A table with the truth, the bias and the coverage of each hyperparameter.
 
-        `bias_error` is the standard deviation of the estimates over sqrt(R); `coverage` the
-        share of 95 % intervals that hold the truth, of those that were found. `by_error` and
-        `by_sandwich` are the same for the estimate -+ 1.96 of its errors, of those replicates where
-        there is one: on a limit there is none.
+        The columns are `truth`, the `mean` estimate, the `bias` with its Monte Carlo error
+        `bias_error` (`scatter` divided by sqrt(R)), the standard deviation `scatter` of the
+        estimates, and `coverage`, the share of the computed 95 % intervals that contain the truth.
+        `by_error` and `by_sandwich` are the coverages of the estimate -+ 1.96 standard errors or
+        sandwich errors, in replicates that have one; an estimate on a limit has none.
         """
         count = self.alpha.shape[0]
         scatter = self.alpha.std(axis=0, ddof=1)
@@ -170,7 +175,10 @@ class Recovery:
 
 
 def _share(held: NDArray[np.bool_], known: NDArray[np.bool_]) -> Array:
-    """The share (F,) of the known replicates (R, F) that hold the truth; NaN without any."""
+    """The share (F,) of intervals that contain the truth (`held`), among the `known` ones (R, F).
+
+    NaN if no replicate is known.
+    """
     count = known.sum(axis=0)
     return np.where(count, (held & known).sum(axis=0) / np.maximum(count, 1), np.nan)
 
@@ -191,20 +199,20 @@ def recover(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Recovery:
-    """Identify data sets drawn at `truth`, and compare the estimates with it.
+    """Identify data sets simulated under the law `truth`, and compare the estimates with it.
 
-    The arguments are those of `identify`; measured outcomes are not looked at. `truth` names the
-    value of every free hyperparameter.
+    The arguments are those of `identify`; measured outcomes are not used. `truth` maps every free
+    hyperparameter to its true value.
 
-    The outcomes come from the simulator, one run an experiment and replicate, plus noise if the
-    model has it. With several observations an experiment they are drawn at the table's conditions,
-    and censored as it is: at the common bound of a response, else where a value was censored.
+    The outcomes are simulated with one run for each experiment and replicate, plus noise if the
+    model has it. They are censored as in the table: at the common bound of a response, or else
+    where a measured value was censored.
 
-    Each data set then goes the whole way, from the first run of its response surfaces to its
-    intervals; a run that one of them has made is not made again for another.
-    `workers` processes identify in parallel; the answer does not depend on their number. Raises
-    InputsError for fewer than two replicates, or a truth that lacks a hyperparameter or lies
-    outside its limits. Cost: that of `replicates` identifications without verification.
+    Each data set is identified completely, from the first run of its response surfaces to its
+    intervals. Equal runs are made only once. `workers` processes identify in parallel; the result
+    does not depend on their number. Raises InputsError for fewer than two replicates, and for a
+    truth that lacks a hyperparameter or is outside its limits. Cost: that of `replicates`
+    identifications without check on the simulator.
 
     >>> from aleator.laws import Free, Normal
     >>> inputs = Inputs({"x": Normal(mean=Free(0.0, 2.0), sd=Free(0.01, 0.5))})
@@ -242,7 +250,7 @@ def recover(
 
 @dataclass(frozen=True)
 class _Elsewhere:
-    """What another process needs to identify data sets of the same experiments."""
+    """The data that another process needs to identify data sets of the same experiments."""
 
     choices: Choices
     simulator: Simulator
@@ -252,7 +260,7 @@ class _Elsewhere:
     max_failed: float
 
     def identified(self, data: Observations, seed: int) -> Recovered:
-        """One data set, on a runner of this process, which shares runs by the store."""
+        """Identify one data set in this process; runs are shared with others through the store."""
         with Store(self.store) as store:
             runner = Runner(
                 self.simulator, self.choices.table, self.parameters, store=store,

@@ -1,4 +1,4 @@
-"""How every task makes its runs: a simulator under conditions, and work in several processes."""
+"""Simulator runs of all tasks: runners under the conditions of a table, and worker processes."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from aleator.simulators import ProcessPool, Runner, Simulator, as_runner
 from aleator.simulators.command.run import passing
 
 AnySimulator = Callable[..., Any] | Simulator | Runner
-"""A function, another simulator, or a Runner, which has conditions, store and workers already."""
+"""The type of a simulator: a function, a Simulator, or a Runner with its conditions and store."""
 AnyTable = Experiments | Conditions | pd.DataFrame
-"""Conditions with or without outcomes; a simulator is given the columns that it asks for."""
+"""The type of a table of conditions, with or without outcomes."""
 
 
 def runner_on(
@@ -29,7 +29,7 @@ def runner_on(
     vectorized: bool = False,
     executor: Executor | None = None,
 ) -> Runner:
-    """The runner of a simulator under the conditions of a table; a Runner as it is.
+    """The runner of a simulator under the conditions of a table; a Runner is returned unchanged.
 
     >>> table = pd.DataFrame({"load": [1.0], "length": [2.1]})
     >>> runner_on(lambda load, x: load * x, table, ["x"])([0], [[2.0]])
@@ -47,9 +47,10 @@ def in_processes(
     parcel: bytes, function: Callable[..., Result], pieces: Mapping[int, tuple[Any, ...]],
     workers: int,
 ) -> Generator[tuple[int, Result], None, None]:  # fmt: skip
-    """Results of `function(work, *piece)` by piece number, as they are finished.
+    """The results of `function(work, *piece)` in several processes, with the number of each piece.
 
-    The work is what the parcel holds (see `packed`). Raises SurroundingsError where a process dies.
+    They come in the order in which they are finished. `parcel` is the serialized object `work` (see
+    `packed`). Raises SurroundingsError if a process dies.
     """
     with passing() as folder:
         path = folder / "work.pickle"

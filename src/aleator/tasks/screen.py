@@ -1,4 +1,7 @@
-"""Which parameters deserve a law? Sobol' indices of every experiment, before any identification."""
+"""The sensitivity of every experiment to the parameters: Sobol' indices before identification.
+
+They show which parameters matter, and so may be given a law.
+"""
 
 from __future__ import annotations
 
@@ -27,23 +30,23 @@ from aleator.tasks.runs import AnySimulator, AnyTable, runner_on
 
 @dataclass(frozen=True)
 class ScreenSettings:
-    """How a screening is sized and judged; by judgement."""
+    """Settings of the polynomial expansions of a sensitivity study; chosen by judgement."""
 
     most_terms: int = 400
-    """Terms that an expansion may have, unless more runs are asked for: n = 2, 4, 8, 12 parameters
-    then get degree 8, 6, 3, 2."""
+    """The largest number of terms of an expansion, unless the user asks for more runs. Then 2, 4,
+    8, 12 parameters have the degrees 8, 6, 3, 2."""
     highest_degree: int = 8
-    """Degree of an expansion, at most."""
+    """The highest degree of an expansion."""
     runs_per_term: int = 2
-    """Runs for each term of an expansion, at most."""
+    """The largest number of runs for each term of an expansion."""
     first_runs: int = 10
-    """Runs a parameter that the screening begins with; doubled until the expansions are good."""
+    """The first number of runs for each parameter; it is doubled until the expansions are good."""
     quantile: float = 0.9
-    """Share of the expansions that may miss no more of the variance than a good one."""
+    """The share of the expansions that must explain enough of the variance."""
     rounding: float = 1e-10
-    """Error of an effect by rounding, over the outcome's sd."""
+    """The rounding error of an effect, as a share of the outcome's standard deviation."""
     lost: float = 3.0
-    """Errors of an effect below which it has no direction."""
+    """The ratio of an effect to its error below which the alignment of effects is not computed."""
 
 
 SCREEN = ScreenSettings()
@@ -51,11 +54,12 @@ SCREEN = ScreenSettings()
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """What the outcomes of N experiments owe to n parameters that vary independently.
+    """The sensitivity of the outcomes of N experiments to n parameters that vary independently.
 
-    `spreads` tell how each parameter was varied. `effects` (N, n) are the linear effects in the
-    outcome's unit: the coefficient of the parameter's first polynomial, for a normal law the
-    average slope times its standard deviation. `runs` is the number an experiment.
+    `spreads` says how each parameter was varied. `sobol` has the Sobol' indices (shares of the
+    variance). `effects` (N, n) are the linear effects in the outcome's unit: the coefficient of the
+    parameter's first polynomial. For a normal law this is the average slope times the standard
+    deviation. `runs` is the number of runs for each experiment.
     """
 
     names: tuple[str, ...]
@@ -79,12 +83,12 @@ class Sensitivity:
 
     @property
     def alignment(self) -> Array:
-        """Cosines (n, n) between the linear effects of two parameters over the experiments.
+        """The cosines (n, n) between the linear effects of two parameters over the experiments.
 
-        C_ij = sum_l g_li g_lj / sqrt(sum_l g_li^2 sum_l g_lj^2), the correlation of the effects
-        about zero. At 1 or -1 the two move every outcome in the same proportion: no set of these
-        experiments can tell a change of one from a change of the other. NaN for an effect that is
-        lost in the error of the expansions, about leave_one_out / sqrt(runs).
+        C_ij = sum_l g_li g_lj / sqrt(sum_l g_li^2 sum_l g_lj^2) is an uncentred correlation of
+        the effects g. At 1 or -1 the two parameters change every outcome in the same proportion.
+        These experiments then cannot distinguish a change of one from a change of the other. NaN
+        for an effect below the error of the expansions, about leave_one_out / sqrt(runs).
         """
         size = np.linalg.norm(self.effects, axis=0)
         error = np.linalg.norm(self.expansion.leave_one_out) / np.sqrt(self.runs)
@@ -93,10 +97,11 @@ class Sensitivity:
         return np.asarray(unit.T @ unit)
 
     def parameters(self) -> pd.DataFrame:
-        """A row a parameter, the most important first: its shares over the experiments.
+        """A table with a row for each parameter, the most important first.
 
-        Mean, total and largest total Sobol' index, and the experiment of the largest. Experiments
-        whose outcome does not vary do not count.
+        The columns are how it was varied, the means over the experiments of its first and total
+        Sobol' index, the largest total index with its experiment, and the root mean square of the
+        linear effect. The means leave out experiments whose outcome does not vary.
         """
         total = np.where(np.isnan(self.sobol.total), 0.0, self.sobol.total)
         counted = max(int(np.sum(~np.isnan(self.sobol.total[:, 0]))), 1)
@@ -116,9 +121,10 @@ class Sensitivity:
         return table.sort_values("mean_total", ascending=False, kind="stable", ignore_index=True)
 
     def pairs(self) -> pd.DataFrame:
-        """A row for each pair of parameters: the share that both explain, and alignment.
+        """A table with a row for each pair of parameters: the explained variance, and alignment.
 
-        `explained` is the mean over experiments of S_i + S_j + S_ij, `interaction` that of S_ij.
+        `explained` is the mean over experiments of the Sobol' indices S_i + S_j + S_ij, and
+        `interaction` the mean of S_ij. `confounded` marks pairs with an alignment near 1 or -1.
         """
         order = {name: k for k, name in enumerate(self.parameters()["parameter"])}
         rows, columns = np.triu_indices(len(self.names), 1)
@@ -142,7 +148,7 @@ class Sensitivity:
         return table.sort_values("explained", ascending=False, kind="stable", ignore_index=True)
 
     def table(self) -> pd.DataFrame:
-        """A row for each experiment and parameter: first and total index, linear effect."""
+        """A table with a row for each experiment and parameter: Sobol' indices, linear effect."""
         count, n = self.effects.shape
         return pd.DataFrame(
             {
@@ -170,18 +176,20 @@ def screen(
     executor: Executor | None = None,
     settings: ScreenSettings = SCREEN,
 ) -> Sensitivity:
-    """Expand the outcome of every experiment and share its variance among the parameters.
+    """Expand the outcome of every experiment in polynomials, and compute its Sobol' indices.
 
-    `simulator` and `experiments` are those of `identify`; measured outcomes are not looked at.
+    `simulator` and `experiments` are those of `identify`; measured outcomes are not used.
 
-    A parameter is varied by its law where that is known; uniformly over its limits or its box where
-    something of it is to be identified; by its law at the start where it has no box. A known
-    constant is not varied, and correlations are left out. Of several observations an experiment
-    each is expanded, under a name with its row and response. `runs` an experiment; by default ten a
-    parameter, doubled until nine of ten expansions miss less than a hundredth of the variance or
-    there are two runs for each term. `only` are the ids of a subset. Cost: one run for each
-    experiment and point, one least-squares fit for all experiments. Raises InputsError if nothing
-    varies, an id is unknown or runs < 4; SimulatorError where a run fails.
+    A parameter with a known law is varied by it. A parameter with free hyperparameters is varied
+    uniformly over its range or, if that is infinite, by its law at the starting values. A known
+    constant is not varied, and correlations are ignored. If an experiment has several observations,
+    each is expanded under a name with its row and response.
+
+    `runs` is the number of runs for each experiment. By default it is ten for each parameter,
+    doubled until nine of ten expansions miss less than a hundredth of the variance, or until there
+    are two runs for each term. `only` are the ids of a subset. Cost: one run for each experiment
+    and point, and one least-squares fit for all experiments. Raises InputsError if nothing varies,
+    an id is unknown, or runs < 4. Raises SimulatorError if a run fails.
 
     >>> from aleator.laws import Constant, Free
     >>> table = pd.DataFrame({"load": [1.0, 2.0]})
@@ -257,7 +265,7 @@ def _good(expansion: Expansion) -> bool:
 
 
 def _terms(n: int, runs: int | None, settings: ScreenSettings) -> TotalDegree:
-    """The highest total degree whose terms are not too many."""
+    """The terms of an expansion: those of the highest total degree that has not too many terms."""
     most = max(settings.most_terms, (runs or 0) // settings.runs_per_term)
     small = [d for d in range(2, settings.highest_degree + 1) if math.comb(n + d, d) <= most]
     return TotalDegree(max(small, default=1))

@@ -1,4 +1,4 @@
-"""What an identification was made with, kept so that more can be asked of it."""
+"""The session of an identification: its model, simulator and fit, kept for further tasks."""
 
 from __future__ import annotations
 
@@ -45,23 +45,24 @@ if TYPE_CHECKING:
     from aleator.moments.propagation import Collocation
 
 DIRECT = "direct"
-"""How an answer calls its propagation where the simulator itself was integrated over."""
+"""The name of the propagation method in a result where the simulator itself was integrated over."""
 
 SAME = "id"
-"""`of` the ids of the new rows themselves."""
+"""The value of `of` that means: new rows belong to the measured experiments with the same ids."""
 
 Runners = Callable[[Experiments | Conditions], Runner]
-"""What makes the runs for a table."""
+"""The type of a function that returns the runner of a simulator for a table of conditions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What an identification was made with: laws, noise, experiments, runs, and the fit.
+    """The parts of an identification: laws, noise, experiments, simulator, and the fit.
 
-    Laws that follow covariates are resolved by the experiments. What is not at hand is None: of an
-    identification that was read from a file all that was not given again, and always the fit. Of
-    exact outcomes there is no noise, and `model` is how the density of one is computed.
-    `on_simulator` tells whether the simulator itself is asked, or surfaces of it as in `surfaces`.
+    Missing parts are None. An identification that was read from a file has only the parts passed to
+    `load`, and never the fit. `runner` makes the runner of a table. Without noise, `model` says how
+    the density of an outcome is computed. `on_simulator` is true if the simulator itself is
+    evaluated; otherwise response surfaces are made with the settings `surfaces`. Laws that depend
+    on covariates have the covariates of the experiments.
     """
 
     inputs: Inputs | None = None
@@ -86,9 +87,10 @@ class Session:
         density: Density | None,
         runner: Runners | None,
     ) -> Session:
-        """The session of a result read from a file `source`, by what is given again.
+        """The session of a result read from the file `source`, from the arguments of `load`.
 
-        Raises AleatorError for what is lacking, and InputsError for noise where there was none.
+        Raises AleatorError if noise or experiments are missing that the result needs. Raises
+        InputsError for noise if the identification had none.
         """
         if not found.observations:
             if noise is not None:
@@ -116,7 +118,7 @@ class Session:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All hyperparameters, those of the laws first; none without inputs."""
+        """All hyperparameters, those of the laws first; empty if there are no inputs."""
         if self.inputs is None:
             return ()
         names = tuple(response.name for response in self.responses)
@@ -127,7 +129,10 @@ class Session:
         values: Mapping[str, float | Estimate],
         at: Mapping[str, object] | pd.Series | None = None,
     ) -> JointLaw:
-        """The joint law at these hyperparameters, for an experiment with the covariates `at`."""
+        """The joint law of the parameters at these values of the hyperparameters.
+
+        `at` has the covariates of the experiment; they are needed only if a law depends on some.
+        """
         inputs = self.inputs
         if inputs is None:
             raise missing("the law needs the inputs", "aleator.load(path, inputs=...)")
@@ -147,9 +152,10 @@ class Session:
     def log_likelihood(
         self, alpha: Mapping[str, float] | ArrayLike, values: Mapping[str, float | Estimate]
     ) -> float:
-        """The log-likelihood at alpha with nodes adapted there; others keep these values.
+        """The log-likelihood at alpha, with quadrature nodes adapted to it.
 
-        At the estimate nodes are those of the answer, which importance points would not be again.
+        Hyperparameters that `alpha` does not name have their `values`. At the estimate the nodes
+        are those of the identification, so that the reported log-likelihood is reproduced.
         """
         here = kept(self.fit).likelihood
         at = alpha_from(alpha, values, here.hyperparameters)
@@ -166,7 +172,7 @@ class Session:
     ) -> pd.DataFrame:
         """The table of `Identification.predict` under plausible alphas, or the estimate alone.
 
-        Of exact outcomes and the estimate alone it is that of the density of the outcome itself.
+        Without noise and under the estimate alone it is computed from the density of the outcome.
         """
         context = self.context(conditions, plausible.estimate, of, noise)
         if progress is not None:
@@ -182,7 +188,10 @@ class Session:
         of: str | None = None,
         noise: bool = True,
     ) -> PredictionContext:
-        """The context of new experiments, or of those that are the measured ones `of`."""
+        """The context for predicting new experiments, or further values of measured ones.
+
+        `of` is the name of a measured experiment or of a column with such names; None for new ones.
+        """
         if of is not None and self.model is not None:
             raise InputsError(
                 f"of '{of}': one outcome says too little of the parameters of its experiment",
@@ -207,9 +216,9 @@ class Session:
         )
 
     def exact_fit(self) -> Fit | None:
-        """The fit by the simulator itself, which makes runs; None where it has no surfaces.
+        """The fit with the simulator itself in place of the response surfaces; it makes runs.
 
-        None of exact outcomes: their density is that of all nodes, which no runs replace.
+        None if there are no surfaces, and without noise, where it is not available.
         """
         fit, runner, table = self.fit, self.runner, self.experiments
         if self.on_simulator or fit is None or runner is None or table is None:
@@ -220,7 +229,10 @@ class Session:
         return replace(fit, likelihood=here.on(runner(table)))
 
     def runner_on(self, conditions: Conditions, what: str = "this") -> Runner:
-        """Runs of other experiments, made as those of the identification."""
+        """The runner for other experiments, which makes runs as in the identification.
+
+        Raises AleatorError, about the task `what`, if there is no simulator.
+        """
         if self.runner is None:
             raise missing(
                 f"{what} needs the simulator and the inputs",
@@ -231,10 +243,11 @@ class Session:
     def fit_on(
         self, candidates: Conditions, alpha: Array, runner: Runner, progress: Progress
     ) -> Fit:
-        """The fit of experiments that were not made, at alpha, with unknown outcomes.
+        """The fit of candidate experiments at alpha (K,), whose outcomes are unknown.
 
-        `drawn` and `seeing` give it some; limits are those of the measured ones. Runs are made
-        where surfaces are needed, which are as exact as a prediction's.
+        Its methods `drawn` and `seeing` add outcomes; the limits of measurement are those of the
+        measured experiments. If response surfaces are needed, runs are made for them, with the
+        accuracy of a prediction.
         """
         fit, table = kept(self.fit), unmeasured(candidates)
         if self.model is not None:
@@ -250,7 +263,7 @@ class Session:
         table = table.with_observations(with_limits_of_test(seen, fit.table.observations))
         likely = plausible_alphas(fit.alpha, fit.inference, fit.hyperparameters)
         x = draws(inputs, [alpha, *likely], len(candidates.ids))
-        # as many nodes as the answer needed
+        # The candidates have as many quadrature nodes as the identification needed.
         likelihood = replace(
             self._integral(inputs, table, runner, x, 1), rule=fit.likelihood.integral.rule
         )
@@ -259,7 +272,7 @@ class Session:
     def _integral(
         self, inputs: Inputs, table: Experiments, runner: Runner, x: Array, nodes: int
     ) -> IndividualLikelihood:
-        """The likelihood of a table, on the simulator or on surfaces exact at x (D, n)."""
+        """The likelihood of a table, on the simulator or on surfaces accurate at points (D, n)."""
         assert self.noise is not None
         return IndividualLikelihood.of(
             inputs,
@@ -287,9 +300,10 @@ class Session:
         return MeasuredExperiments(self._adapted(table, alpha), np.array(which, dtype=np.intp))
 
     def _adapted(self, table: Experiments, alpha: Array, nodes: int = 7) -> IndividualLikelihood:
-        """The likelihood of the measured experiments, made anew where it was not kept.
+        """The likelihood of the measured experiments, made again if the fit was not kept.
 
-        Then by seven Gauss-Hermite nodes a variate, which serve to look at single experiments.
+        It is then made with seven Gauss-Hermite nodes for each variate, which are enough for
+        predictions of single experiments.
         """
         if self.fit is not None:
             assert isinstance(self.fit.likelihood, IndividualsAt)
@@ -307,7 +321,7 @@ def _by_density(
     quantiles: tuple[float, ...],
     progress: Progress | None,
 ) -> pd.DataFrame:
-    """The table of predictions by the density of one exact outcome an experiment."""
+    """The table of predictions without noise, from the density of the outcome under alpha (K,)."""
     outcomes = under_law(context.runner, model, alpha, progress).predictor.under(alpha)
     found = outcomes.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
@@ -323,7 +337,10 @@ def _by_density(
 
 
 def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
-    """The names of the measured experiments that the new ones are."""
+    """The name of the measured experiment to which each new one belongs.
+
+    Raises InputsError for a name that no measured experiment has.
+    """
     if of == SAME:
         ids = [*conditions.ids]
     elif of in conditions.table.columns:
@@ -344,12 +361,15 @@ def _text(cell: object) -> str:
 
 
 def runners(simulator: Simulator | Runner, parameters: Sequence[str]) -> Runners:
-    """Runners of a simulator for any table, without a store."""
+    """A function that returns the runner of a simulator for any table, without a store."""
     return lambda asked: as_runner(simulator, asked, parameters)
 
 
 def runners_like(runner: Runner, table: Experiments) -> Runners:
-    """Runners like another one for any table; arrays are passed of the same conditions."""
+    """A function that returns a runner for any table, with the simulator of `runner`.
+
+    Conditions that vary within an experiment of `table` are passed to the simulator as arrays.
+    """
     varying = varying_conditions(table, tuple(runner.cases.columns))
 
     def of(asked: Experiments | Conditions) -> Runner:
@@ -365,9 +385,9 @@ def alpha_from(
     values: Mapping[str, float | Estimate],
     hyperparameters: Sequence[Hyperparameter],
 ) -> Array:
-    """The alpha (K,) of a mapping or an array; others keep these values.
+    """The alpha (K,) from a mapping or an array; hyperparameters not named have their `values`.
 
-    Raises InputsError for a name that is unknown and a value beyond its limits.
+    Raises InputsError for an unknown name and for a value outside its limits.
     """
     if isinstance(alpha, Mapping | pd.Series):
         given = {str(name): value for name, value in alpha.items()}
@@ -386,7 +406,7 @@ def _named(alpha: Array, names: Sequence[str]) -> dict[str, float]:
 
 
 def kept(fit: Fit | None) -> Fit:
-    """The fit, or AleatorError where the identification was read from a file."""
+    """The fit; raises AleatorError if it is None, since the identification was read from a file."""
     if fit is None:
         raise missing(
             "this needs the surfaces, which are not saved",
@@ -396,5 +416,5 @@ def kept(fit: Fit | None) -> Fit:
 
 
 def missing(what: str, remedy: str) -> AleatorError:
-    """The error of an identification that was read from a file."""
+    """The error for a task that an identification read from a file cannot do."""
     return AleatorError(f"{what}; this identification was read from a file", remedy)
