@@ -482,7 +482,7 @@ class CovariateModel:
         return np.stack([np.broadcast_to(value, count) for value in found])[:, :, None]
 
     def coefficients_for(self, values: Array) -> Array:
-        """The alpha that gives all experiments hyperparameters as near as possible to these (H,)."""
+        """The alpha for which all experiments have hyperparameters nearest to `values` (H,)."""
         found = np.array([h.start for h in self.hyperparameters])
         for entry, value in zip(self.entries, values, strict=True):
             if entry.design is None:

@@ -317,7 +317,7 @@ class PriorSteps:
 STEPS = PriorSteps()
 _CENTRAL = np.array([[-2.0, -1.0, 1.0, 2.0], [1 / 12, -2 / 3, 2 / 3, -1 / 12]])
 _ONWARD = np.array([[0.0, 1.0, 2.0, 3.0, 4.0], [-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4]])
-"""Places and weights of one-sided differences of fourth order, used where a density ends abruptly.
+"""Places and weights of one-sided differences of fourth order, for densities that end abruptly.
 
 `_CENTRAL` has the places and weights of central differences.
 """
@@ -408,7 +408,7 @@ class Prior:
         return float(found @ weights / step)
 
     def curvature(self, value: float) -> float:
-        """The curvature -d2 log p/dv2 by a difference of slopes; zero where it would be negative."""
+        """The curvature -d2 log p/dv2 by a difference of slopes; a negative one counts as zero."""
         step = min(
             STEPS.wider * self.step, 0.5 * (value - self.soft[0]), 0.5 * (self.soft[1] - value)
         )

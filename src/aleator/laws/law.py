@@ -195,16 +195,16 @@ class ByMeanAndSd:
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd` of the law itself."""
+        """The hyperparameters `mean` and `sd`, which are those of the law itself."""
         return location_and_scale(self.mean, self.sd)
 
     @property
     def bounded(self) -> bool:
-        """The law has no box of its own."""
+        """False: the user states no range for a law of this kind."""
         return False
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """The two hyperparameters."""
+        """The mean and the sd, which are the two hyperparameters."""
         return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
 
     def filling(self, center: float, sd: float | None = None) -> Array:
@@ -284,7 +284,7 @@ def from_probability(probability: Array, below: Tail, above: Tail) -> Array:
 
 
 def to_score(below: Array, above: Array) -> Array:
-    """The normal score Phi^-1(F) from the smaller of two probabilities, `below` F and `above` 1 - F.
+    """The normal score Phi^-1(F) from the smaller of the probabilities F below and 1 - F above.
 
     >>> to_score(np.array([0.5, 1.0]), np.array([0.5, special.ndtr(-9.0)])).tolist()
     [0.0, 9.0]
