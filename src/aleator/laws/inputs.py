@@ -558,7 +558,7 @@ def parameters_at(
 
 
 def drawn(inputs: Inputs, alpha: Array, count: int, rng: np.random.Generator) -> Array:
-    """Random parameters (N, n) of `count` experiments, each drawn from the law of its experiment."""
+    """Random parameters (N, n) of N = `count` experiments, each drawn from its own law."""
     classes = len(inputs.classes)
     xi = np.repeat(rng.standard_normal((count, 1, inputs.scattering)), classes, axis=1)
     found = Individual.of(inputs, alpha, xi, slice(0, count))
