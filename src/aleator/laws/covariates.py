@@ -284,8 +284,7 @@ class _FormulaFactor:
         return True
 
     def _read_levels(self, call: ast.Call) -> None:
-        """Read C(column, contrast, options): categories of a column and the coding of its levels.
-        """
+        """Read C(column, contrast, options): a column's categories and the coding of its levels."""
         if not call.args or not isinstance(call.args[0], ast.Name):
             raise NoArithmeticError("has no column", "write C(column)", call)
         self.levels.add(self._name(call.args[0]))

@@ -328,7 +328,7 @@ class Mixture(QuantileLaw):
         """The normal score Phi^-1(F(x-) + w Phi(theta)) at the point of component c.
 
         F jumps by w at the point, and theta is a standard normal variate on which x does not
-        depend. With it the scores of all experiments are standard normal.
+        depend. With it the score of a random x is standard normal.
         """
         scores = self._scores(values, np.broadcast_to(values[self.parts[c]][0], theta.shape))
         scores[c] = theta
@@ -396,7 +396,7 @@ class Mixture(QuantileLaw):
 
     @cached_property
     def exchangeable(self) -> bool:
-        """Whether all components are specified alike, so that their order is arbitrary."""
+        """Whether all components are specified alike, with free shares: their order is arbitrary."""
         shares = self.hyperparameters[self.parts[-1]]
         free = all(h.free and h.lower <= POINTS.least and h.prior is None for h in shares)
         return free and all(law == self.components[0] for law in self.components)

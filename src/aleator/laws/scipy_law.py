@@ -31,7 +31,7 @@ from aleator.laws.law import (
 
 @dataclass(frozen=True)
 class ScipyLaw(ThroughNormal):
-    """The law of a frozen continuous distribution T of `scipy.stats`, as it is or shifted and scaled.
+    """The law of a frozen continuous distribution T of `scipy.stats`, possibly shifted and scaled.
 
     If neither `mean` nor `sd` is stated, x = T: a known law without hyperparameters. Otherwise
     x = mean + sd (T - E T)/sd(T). Each of `mean` and `sd` is then a number (known), `Free`
