@@ -396,7 +396,7 @@ class Mixture(QuantileLaw):
 
     @cached_property
     def exchangeable(self) -> bool:
-        """Whether all components are specified alike, with free shares: their order is arbitrary."""
+        """Whether the components are specified alike with free shares, and so can be exchanged."""
         shares = self.hyperparameters[self.parts[-1]]
         free = all(h.free and h.lower <= POINTS.least and h.prior is None for h in shares)
         return free and all(law == self.components[0] for law in self.components)

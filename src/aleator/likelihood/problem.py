@@ -110,7 +110,7 @@ class Problem(Forward):
         return self.outcomes.size
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood and scores (N, K) at alpha (K,), finite also where no density exists."""
+        """The log-likelihood and scores (N, K) at alpha (K,), finite even where density is none."""
         return self.continued(alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
@@ -148,7 +148,7 @@ class Problem(Forward):
 
     @property
     def free(self) -> bool:
-        """Whether evaluations need no new collocation runs: there are surfaces or level sets."""
+        """Whether there are surfaces or level sets, so that no collocation runs are needed."""
         return self.surface is not None or self.levels is not None
 
     @property

@@ -78,7 +78,7 @@ class Parameters:
     settings: FollowingSettings = FOLLOWING
 
     def distance(self, alpha: Array) -> float:
-        """The distance of alpha from the alpha of the nodes, which are valid up to a distance of 1."""
+        """The distance of alpha from that of the nodes, which are valid up to a distance of 1."""
         return distance(self.inputs, self.alpha, alpha, self.settings)
 
     def log_weights(self, alpha: Array, block: Block) -> Array:
@@ -94,7 +94,7 @@ class Parameters:
         return found
 
     def scores(self, alpha: Array, block: Block, share: Array) -> Array:
-        """The scores sum_j share_j d log p(x_j | alpha)/d alpha (B, K) of a block of experiments."""
+        """The scores sum_j share_j d log p(x_j | alpha)/d alpha (B, K) of B experiments."""
         there, own = self._of(block)
         counted = share[there] > self.settings.counted
         owner = np.nonzero(there)[0][counted]
@@ -102,7 +102,7 @@ class Parameters:
         return _scores_of(self.inputs, alpha, x, shares, owner, len(there), self.settings)
 
     def _of(self, block: Block) -> tuple[Flags, slice]:
-        """Flags (B, J) of a block's nodes that have a weight, and their places among all T nodes."""
+        """Flags (B, J) of a block's nodes with a weight, and their places among all T nodes."""
         part, ends = block.experiments, self._ends
         return self.there[part], slice(int(ends[part.start]), int(ends[part.stop]))
 

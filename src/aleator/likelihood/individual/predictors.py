@@ -231,11 +231,11 @@ class OnSurfaces:
         return self._evaluated(block, x, slopes=False)[0]
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
-        """The values of the surfaces and their gradients, zero by a coordinate outside the region."""
+        """The values and gradients of the surfaces; zero by a coordinate outside the region."""
         return self._evaluated(block, x, slopes=True)
 
     def inward(self, x: Array) -> Array:
-        """The surfaces' own coordinates (..., n) of the points in the region that are nearest to x."""
+        """The surfaces' coordinates (..., n) of the points in the region that are nearest to x."""
         return self.surface.axes.inward(self._inside(x)[..., self._moving])
 
     def _inside(self, x: Array) -> Array:
