@@ -236,11 +236,11 @@ class ImportancePoints(NodeRule):
         return 2 * self.centers * _each(self.count, self.centers)
 
     def finer(self, _: int, /) -> tuple[ImportancePoints, ...]:
-        """One with twice as many points."""
+        """The finer rule with twice as many points, whose difference estimates the error."""
         return (replace(self, count=2 * self.count),)
 
     def refined(self, gaps: Sequence[float], enough: float, _: int, /) -> ImportancePoints | None:
-        """Twice as many points."""
+        """The rule with twice as many points if the difference is too large, else None."""
         more = 2 * self.count
         needed = abs(gaps[0]) > enough and more <= self.settings.most_points
         return replace(self, count=more) if needed else None
@@ -338,11 +338,11 @@ class LawPoints(DenseRule):
     count: int
 
     def size(self, _: int, /) -> int:
-        """J, the number of points."""
+        """The number J of points."""
         return self.count
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
-        """Points xi (B, C J, s), the same in each class."""
+        """Points xi (B, C J, s), the same in each class, and their log weights (B, C J)."""
         experiments, classes, _, s = laws.modes.z.shape
         own = shifted_points(self.count, s, laws.first + np.arange(experiments))
         xi = np.tile(own, (1, classes, 1))
@@ -353,16 +353,16 @@ class LawPoints(DenseRule):
 class RidgePoints(NodeRule):
     """Quasi-random points of a normal law that follows the ridge of an individual law.
 
-    Observations inform k directions b of the s variates, and the others, a, next to nothing. The
-    points are those of a by the curvature at the mode, and of b by the mode and the curvature given
-    a:
+    The observations determine the s variates in k directions, with coordinates b, and say next to
+    nothing about the other directions, with coordinates a: the ridge. The coordinates a of the
+    points follow a normal law with the curvature at the mode. The coordinates b follow a normal law
+    about the conditional mode b*(a), with the curvature there:
 
         int g phi dxi = 1/J sum_j g(xi_j) phi(xi_j) / (N(a_j; a*, A) N(b_j; b*(a_j), C(a_j))).
 
-    Where the log-density is quadratic every term is the integral itself; where the ridge bends
-    slowly the terms differ little, however many variates there are and however small the noise. The
-    error falls about as 1/J. An individual law with several modes is taken for one with its
-    highest.
+    Where the log-density is quadratic, every term equals the integral. Where the ridge bends
+    slowly, the terms differ little, for any number of variates and for any noise, however small.
+    The error falls about as 1/J. Only the highest mode of an individual law is used.
 
     >>> RidgePoints(60).size(7)
     60
@@ -374,28 +374,29 @@ class RidgePoints(NodeRule):
 
     @property
     def rough(self) -> RidgePoints:
-        """The fewest."""
+        """The rule for statistics of many replicates, with at most 64 points."""
         return replace(self, count=min(self.count, self.settings.ridge_points))
 
     def size(self, _: int, /) -> int:
-        """J, the number of points."""
+        """The number J of points."""
         return self.count
 
     def finer(self, _: int, /) -> tuple[RidgePoints, ...]:
-        """One with twice as many points."""
+        """The finer rule with twice as many points, whose difference estimates the error."""
         return (replace(self, count=2 * self.count),)
 
     def refined(self, gaps: Sequence[float], enough: float, _: int, /) -> RidgePoints | None:
-        """Twice as many points."""
+        """The rule with twice as many points if the difference is too large, else None."""
         more = 2 * self.count
         needed = abs(gaps[0]) > enough and more <= self.settings.most_ridge_points
         return replace(self, count=more) if needed else None
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
-        """Points xi (B, C J, s) about the highest mode of each class, and their log weights.
+        """Points xi (B, C J, s) along the ridge through each class's highest mode, and log weights.
 
-        Directions are the eigenvectors of the information at the mode. Points come in pairs that
-        lie on either side of the ridge, so that a score across it is no matter of chance.
+        The directions are the eigenvectors of the information at the mode. Points come in pairs
+        that lie symmetrically on both sides of the ridge, so that random errors of a score across
+        the ridge cancel.
         """
         mode, information = laws.modes.z[:, :, 0], laws.modes.information[:, :, 0]
         experiments, classes, s = mode.shape
@@ -427,13 +428,13 @@ class RidgePoints(NodeRule):
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Standard normal variates xi (N, J, s) of each experiment, and log weights (N, J).
+    """Quadrature nodes: J standard normal variates xi (N, J, s) of each experiment, with weights.
 
     int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) over the nodes of each of C classes,
-    which stand one after the other (see `Individual`). `modes` (N, C, M, s) are those that they lie
-    about, the highest first, and `information` (N, C, M, s, s) is that of the variates there. `x`
-    (N, C, n) are the highest modes as parameters, under the alpha to which the nodes are adapted;
-    None for the nodes of the law.
+    which follow one after the other (see `Individual`); `log_weight` is (N, J). The nodes lie about
+    the `modes` (N, C, M, s), the highest first; `information` (N, C, M, s, s) is the information
+    there. `x` (N, C, n) are the parameters at the highest modes, under the alpha to which the nodes
+    are adapted. It is None for nodes of the law itself.
     """
 
     xi: Array
@@ -444,14 +445,14 @@ class Nodes:
 
     @classmethod
     def of_the_law(cls, count: int, classes: int, variates: int, rule: GaussHermite) -> Nodes:
-        """Those of the standard normal law, the same in each of so many experiments."""
+        """The nodes of the standard normal law, equal for all `count` experiments."""
         t, log_w = rule.nodes(variates)
         xi, log_weight = np.tile(t, (count, classes, 1)), np.tile(log_w, (count, classes))
         information = np.tile(np.eye(variates), (count, classes, 1, 1, 1))
         return cls(xi, log_weight, np.zeros((count, classes, 1, variates)), information)
 
     def peaks(self, count: int) -> tuple[Array, Array]:
-        """So many copies of the highest modes, and of the information there."""
+        """The highest mode of each class, repeated `count` times, and the information there."""
         modes, information = self.modes[:, :, :1], self.information[:, :, :1]
         return np.repeat(modes, count, axis=2), np.repeat(information, count, axis=2)
 
@@ -464,9 +465,10 @@ class Nodes:
 def joined(
     parts: Sequence[tuple[slice, Array, Array]], count: int, classes: int
 ) -> tuple[Array, Array]:
-    """Nodes (N, J, s) and log weights (N, J) of parts of N experiments, class by class.
+    """The nodes (N, J, s) and log weights (N, J) of all N experiments from those of parts of them.
 
-    Experiments that need fewer nodes than others are filled up with nodes without weight.
+    The nodes are in the order of the classes. Experiments that need fewer nodes than others are
+    filled up with nodes of weight zero.
     """
     most = max(xi.shape[1] for _, xi, _ in parts) // classes
     nodes = np.zeros((count, classes, most, parts[0][1].shape[2]))
