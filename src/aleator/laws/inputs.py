@@ -522,7 +522,7 @@ class Individual:
         return model.score(self.alpha, by_values, self.experiments)
 
     def _score_of_classes(self, share: Array) -> Array:
-        """The part sum_c p_c dlog w_c/dvalues (B, H) of the score, with p_c the share of class c."""
+        """The part sum_c p_c dlog w_c/dvalues (B, H) of the score; p_c is the share of class c."""
         classes = self.inputs.classes
         of_class = share.reshape(len(share), len(classes), -1).sum(axis=2)
         found = []

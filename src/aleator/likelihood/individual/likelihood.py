@@ -236,12 +236,12 @@ class IndividualLikelihood:
         return eta, slopes
 
     def log_density(self, alpha: Array, block: Block, z: Array) -> Array:
-        """The log-density (B, P) of variates z (B, P, s) given the observations, up to a constant."""
+        """The log-density (B, P), up to a constant, of variates z (B, P, s) given observations."""
         return np.asarray(self.sums(alpha, block, z) - 0.5 * np.sum(z**2, axis=2))
 
     @property
     def _held(self) -> Parameters | None:
-        """The nodes stored as parameters if they belong to these inputs and predictor, else None."""
+        """The nodes stored as parameters, if they are for these inputs and predictor; else None."""
         held = self.parameters
         known = held and held.inputs is self.inputs and held.predictor is self.predictor
         return held if known else None
@@ -386,7 +386,7 @@ class Following:
         return share
 
     def remember(self, adapted: IndividualLikelihood) -> None:
-        """Remember the nodes of this likelihood, for reuse at every alpha to which they are nearest."""
+        """Remember the nodes of this likelihood, for every alpha to which they are nearest."""
         known = [*self._known, adapted] if adapted.parameters is not None else [adapted]
         kept = self._settings.kept_nodes
         while len(known) > 1 and sum(k.nodes.log_weight.size for k in known) > kept:
@@ -469,8 +469,8 @@ class ExpectationSettings:
     `least_share`: the smallest value of w_l, the share of a parameter's variance that observations
     explain, so that no step becomes too long. `stretch`: the largest factor by which a step may
     increase or decrease the sd of a law. `smaller` and `larger`: the smallest and the largest such
-    factor for the sd of a measurement error; a larger increase would leave the laws no time to
-    explain the scatter.
+    factor for the sd of a measurement error, limited so that the laws can explain more of the
+    scatter before the errors do.
     """
 
     least_share: float = 0.05

@@ -195,9 +195,10 @@ class Direct:
         return parts[:, 0], slopes
 
     def _points(self, x: Array) -> tuple[Array, list[Array]]:
-        """x (B, J, n) and steps up and down from it (B, 2 n + 1, J, n), and how far they are apart.
+        """The points x (B, J, n) with steps up and down from them, as (B, 2 n + 1, J, n).
 
-        Steps stay in the box; where x is beyond it, on their side of x.
+        Also returns the distance from the lower to the upper step. Steps stay in the parameters'
+        ranges. Where x lies outside its range, there is no step away from the range.
         """
         size = np.sqrt(np.mean(x**2, axis=(0, 1)))
         points = np.repeat(x[:, None], 1 + 2 * self.moving.size, axis=1)
