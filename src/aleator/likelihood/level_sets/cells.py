@@ -172,10 +172,10 @@ def _halved(
 
 
 def _between(rows: Indices, sides: Array, v: Array, at: At) -> Array:
-    """Outcomes at the corners and midpoints of M cells, (M, 3) for one parameter, (M, 3, 3) for two.
+    """The outcomes at the corners and midpoints of M cells.
 
-    `sides` (3, M, s) has the lower, middle and upper coordinate of each cell. v has the outcomes at
-    the corners, which are known.
+    They are (M, 3) for one parameter and (M, 3, 3) for two. `sides` (3, M, s) has the lower, middle
+    and upper coordinate of each cell. v has the outcomes at the corners, which are known.
     """
     s = sides.shape[2]
     found = np.empty((len(v), *[3] * s))
@@ -298,7 +298,7 @@ def _chord(v: Array, x: Array) -> Array:
 
 
 def _smooth(v: Array, x: Array, slope: Array, alike: float, steep: float) -> tuple[Array, Flags]:
-    """Slopes (H, C, s) to be used at the corners, and flags (H,) of simplices with a smooth outcome.
+    """The slopes (H, C, s) to use at the corners, and flags (H,) of simplices with smooth outcomes.
 
     The arguments are the outcomes v (H, C), the corners x (H, C, s) and the slopes (H, C, s) there.
     The outcome is smooth, without kink or extreme, if along each side it rises by the mean of the

@@ -93,7 +93,7 @@ class Grid:
         return True
 
     def traced(self, y: Array) -> tuple[Array, Array]:
-        """Points (N, K, n) and log weights (N, K) on the level sets {x: eta_l(x) = y_l}, y (N,).
+        """Points (N, K, n) on the level sets {x: eta_l(x) = y_l} of y (N,), with log weights (N, K).
 
         int p(x) delta(eta_l(x) - y_l) dx = sum_k w_lk p(x_lk). The sets are found in the intervals
         or triangles of the grid, from the outcomes and slopes at the corners (see `crossed`). Cells
@@ -130,7 +130,7 @@ class Grid:
         return np.asarray(np.exp(np.mean(np.log(shares), axis=1)))
 
     def _at(self, rows: Indices, scattered: Array) -> Array:
-        """Outcomes (R,) of the experiments `rows` (R,) at values (R, s) of the grid's parameters."""
+        """Outcomes (R,) of experiments `rows` (R,) at values (R, s) of the grid's parameters."""
         x = np.tile(self.x, (len(rows), 1))
         x[:, [*self.scattered]] = scattered
         return self.response.at(self.condition[rows], x)
