@@ -55,7 +55,7 @@ class Correlation:
     hyperparameters: tuple[Hyperparameter, ...]
 
     def cholesky(self, partial: Array) -> tuple[Array, Array]:
-        """The lower triangular L (m, m) of R = L L', and dL/d partial (m, m, p).
+        """The lower triangular L (m, m) of R = L L', and its derivatives (m, m, p) by `partial` (p,).
 
         With r_ij the partial correlation of i and j given 1..j-1, and s_ij = sqrt(1 - r_ij^2):
         L_ij = r_ij prod_(k < j) s_ik and L_ii = prod_(k < i) s_ik (Lewandowski, Kurowicka and Joe,
@@ -86,7 +86,7 @@ class Correlation:
         return factor, slope
 
     def matrix(self, partial: Array) -> tuple[Array, Array]:
-        """The correlation matrix R (m, m) of theta, and dR/d partial (m, m, p).
+        """The correlation matrix R (m, m) of theta, and its derivatives (m, m, p) by `partial` (p,).
 
         >>> three = between(("a", "b", "c"), dict.fromkeys([("a", "b"), ("a", "c")], 0.5))
         >>> three.matrix(np.array([0.5, 0.5]))[0].round(12).tolist()   # b, c independent given a
@@ -101,8 +101,9 @@ class Correlation:
     def log_density(self, partial: Array, theta: Array) -> Array:
         """The log-density (J,) of the Gaussian copula at normal scores theta (m, J).
 
-        -1/2 log det R - 1/2 theta' (R^-1 - I) theta (Song, 2000); minus infinity where a score is
-        infinite, at an end of its law. Raises InputsError where a correlation is 1 or -1.
+        It is -1/2 log det R - 1/2 theta' (R^-1 - I) theta (Song, 2000), and minus infinity where a
+        score is infinite, as at an end of its law. Raises InputsError where a correlation is 1 or
+        -1.
 
         >>> pair = between(("a", "b"), {("a", "b"): 0.6})
         >>> pair.log_density(np.array([0.6]), np.zeros((2, 1))).round(6).tolist()   # -log 0.8

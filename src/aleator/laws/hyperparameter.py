@@ -27,7 +27,7 @@ class PriorLaw(Protocol):
         """Whether the law scatters, as every law but a constant does."""
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """log f(x) at each x (J,), minus infinity outside the support."""
+        """The log-density log f(x) at each x (J,), minus infinity outside the support."""
 
     def normal_score(self, values: Array, x: Array) -> Array:
         """The normal score Phi^-1(F(x)) at each x (J,)."""
@@ -152,7 +152,7 @@ class Hyperparameter:
         return self.log and self.lower <= LIMITS.zero * self.upper
 
     def named(self, prefix: str) -> Hyperparameter:
-        """The same hyperparameter as ``prefix.name``."""
+        """This hyperparameter with the name ``prefix.name``."""
         return replace(self, name=f"{prefix}.{self.name}")
 
 
@@ -386,7 +386,7 @@ class Prior:
         )
 
     def log_density(self, value: float) -> float:
-        """log p(v); minus infinity outside the support."""
+        """The log-density log p(v) of the prior; minus infinity outside its support."""
         return float(self.law.log_density(_values_of(self.law), np.array([value]))[0])
 
     def slope(self, value: float) -> float:

@@ -105,7 +105,7 @@ class Inputs:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of the n parameters."""
+        """The names of the n parameters."""
         return tuple(self.laws)
 
     @cached_property
@@ -298,7 +298,7 @@ class Inputs:
         return tuple(laws), tuple(values)
 
     def marginal(self, alpha: Array, probability: Array) -> Array:
-        """Quantiles (R, n) of each parameter's own law at probabilities (R, n)."""
+        """The quantiles (R, n) of each parameter's marginal law at probabilities (R, n)."""
         columns = [
             law.quantile(alpha[part], probability[:, i])
             for i, (law, part) in enumerate(zip(self.laws.values(), self.slices, strict=True))

@@ -64,8 +64,8 @@ class Rule:
 class Standard:
     """A law as the image x = F^-1(Phi(theta)) of standard normal variates theta of any shape.
 
-    `x` has the shape of theta, and so has its derivative by theta, `dtheta`; `dvalues`
-    (*theta.shape, k) are the derivatives by the law's hyperparameters.
+    `x` has the shape of theta, and `dtheta`, its derivative by theta, has this shape too. `dvalues`
+    (*theta.shape, k) are the derivatives of x by the law's hyperparameters.
     """
 
     x: Array
@@ -75,7 +75,7 @@ class Standard:
 
 @dataclass(frozen=True)
 class MeanSd:
-    """Mean and standard deviation of a law, with derivatives (k,) by its hyperparameters."""
+    """The mean and standard deviation of a law, with derivatives (k,) by its hyperparameters."""
 
     mean: float
     sd: float
@@ -135,10 +135,13 @@ class Law(Protocol):
         """
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """log f(x) at each x (J,), minus infinity outside the support."""
+        """The log-density log f(x) at each x (J,), minus infinity outside the support."""
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """theta = Phi^-1(F(x)) at each x (J,), the inverse of `standard`; infinite outside."""
+        """The normal score Phi^-1(F(x)) at each x (J,), infinite outside the support.
+
+        It is the inverse of `standard`.
+        """
 
     def quantile(self, values: Array, probability: Array) -> Array:
         """The quantile of the law at each probability, which maps uniform numbers to samples."""
@@ -151,7 +154,7 @@ class Law(Protocol):
         """
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """Mean and standard deviation of the law, with derivatives by its hyperparameters."""
+        """The mean and standard deviation of the law, with derivatives by its hyperparameters."""
 
     def filling(self, center: float, sd: float | None = None) -> Array:
         """Values (k,) of the hyperparameters that give the law this center and sd.

@@ -100,7 +100,7 @@ class QuantileLaw(ThroughNormal, ABC):
 
     @abstractmethod
     def log_density(self, values: Array, x: Array) -> Array:
-        """log f(x) at each x (J,), minus infinity outside the support."""
+        """The log-density log f(x) at each x (J,), minus infinity outside the support."""
 
     @abstractmethod
     def quantile(self, values: Array, probability: Array) -> Array:

@@ -91,7 +91,7 @@ class Cubature(Protocol):
     """The interface of a choice of quadrature nodes for the joint law."""
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
-        """Nodes and weights of the law alpha (K,), with their derivatives by alpha."""
+        """The nodes and weights of the law alpha (K,), with their derivatives by alpha."""
 
 
 def check_whole(name: str, value: int, lower: int, upper: int | None) -> None:
@@ -116,9 +116,9 @@ def affordable(count: int, most: int = 10**6) -> None:
 class TensorGauss:
     """The tensor product of the laws' Gauss rules (paper, eq. (quadrature)).
 
-    J = per_dimension^d for d scattering parameters; exact for polynomials of degree
-    2 per_dimension - 1 in each of them. `per_dimension` from 1 to 100. Raises InputsError beyond
-    that, and where J is above 1e6.
+    It has J = per_dimension^d nodes for d scattering parameters, and is exact for polynomials of
+    degree 2 per_dimension - 1 in each of them. `per_dimension` is from 1 to 100. Raises InputsError
+    beyond that, and where J is above 1e6.
 
     >>> import numpy as np
     >>> from aleator.laws import Normal

@@ -244,7 +244,7 @@ def _apart(t: Array, end: Array | float) -> Array:
 
 
 def _finite(end: Array | float) -> Array:
-    """The end, or zero where it is infinite."""
+    """The given end, or zero where the end is infinite."""
     return np.where(np.isfinite(end), end, 0.0)
 
 
@@ -274,7 +274,7 @@ def _truncated_quantile(u: Array, a: Array, b: Array) -> Array:
 def _truncated_quantile_from_logs(
     log_u: Array, log_v: Array, a: Array | float, b: Array | float
 ) -> Array:
-    """Solve Phi(t) = (1 - u) Phi(a) + u Phi(b) from log u and log(1 - u)."""
+    """The solution t of Phi(t) = (1 - u) Phi(a) + u Phi(b), from log u and log v = log(1 - u)."""
     # Upper tails lose digits and lower tails do not, so that upper ones are reflected.
     reflected = np.greater(a, np.negative(b))
     low, high = np.where(reflected, np.negative(b), a), np.where(reflected, np.negative(a), b)

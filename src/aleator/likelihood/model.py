@@ -67,7 +67,7 @@ class Model:
 
     @property
     def surfaces(self) -> ResponseSurface | None:
-        """The choice of response surfaces; None where the simulator runs for every alpha."""
+        """The user's choice of response surfaces; None if the simulator itself is run."""
         own = isinstance(self.propagation, ResponseSurface) and not self.direct
         return self.propagation if own else None  # type: ignore[return-value]
 

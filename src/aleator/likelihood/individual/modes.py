@@ -55,7 +55,7 @@ class Curved(Protocol):
     """
 
     def __call__(self, z: Array) -> tuple[Array, Array, Array]:
-        """Value, gradient and information at P points of each of B experiments."""
+        """The log-density, gradient and information at P points of each of B experiments."""
 
 
 Valued = Callable[[Array], Array]
@@ -64,7 +64,7 @@ Valued = Callable[[Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Modes z (B, ..., s), the information (B, ..., s, s) and the log-density (B, ...) there."""
+    """The modes z (B, ..., s), with the information (B, ..., s, s) and log-density (B, ...) there."""
 
     z: Array
     information: Array

@@ -16,7 +16,7 @@ from aleator.laws.law import Law
 from aleator.likelihood.individual.predictors import Block, Predictor
 
 QUARTERS = np.array([1, 2, 3]) / 4.0
-"""Probabilities of the quartiles."""
+"""The probabilities of the first quartile, the median and the third quartile."""
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ class Grid:
         return True
 
     def traced(self, y: Array) -> tuple[Array, Array]:
-        """Points (N, K, n) on the level sets {x: eta_l(x) = y_l} of y (N,), with log weights (N, K).
+        """Points (N, K, n) and log weights (N, K) on the level sets {x: eta_l(x) = y_l} of y (N,).
 
         int p(x) delta(eta_l(x) - y_l) dx = sum_k w_lk p(x_lk). The sets are found in the intervals
         or triangles of the grid, from the outcomes and slopes at the corners (see `crossed`). Cells

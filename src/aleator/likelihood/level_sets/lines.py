@@ -201,7 +201,7 @@ class _LineBlock:
     def _weighted(
         self, owner: Indices, xi: Array, log_weight: Array
     ) -> tuple[Indices, Array, Array]:
-        """The crossings as parameters x, with log weights by which p(x | alpha) is multiplied."""
+        """The crossings as parameters x; exp(log weight) times p(x | alpha) is what is summed."""
         x = self._x(xi)
         return owner, x, log_weight - scattered_density(self.inputs, self.alpha, x)
 
@@ -406,7 +406,7 @@ class _Crossed:
     def weighed(self, log_q: Array, log_value: Array) -> tuple[Indices, Array, Array]:
         """The experiments (H,), variates (H, s) and log weights (H,) of the crossings.
 
-        `log_q` (B, J) is the log density of the lines' positions, times their number.
+        `log_q` (B, J) is the logarithm of the density of the lines' positions times their number.
         """
         return self.owner, self.xi, log_value - log_q[self.owner, self.line]
 

@@ -80,7 +80,7 @@ class LevelSets:
         return total, law_scores(self.inputs, alpha, self.x, share)
 
     def _wide(self, count: int) -> LevelSets:
-        """These level sets, filled up to `count` points per experiment with points of weight zero."""
+        """These level sets with points of weight zero added, so that all have `count` points."""
         more = count - self.x.shape[1]
         x = np.concatenate([self.x, np.repeat(self.x[:, :1], more, axis=1)], axis=1)
         log_weight = np.pad(self.log_weight, ((0, 0), (0, more)), constant_values=-np.inf)
