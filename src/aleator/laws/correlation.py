@@ -55,8 +55,9 @@ class Correlation:
     hyperparameters: tuple[Hyperparameter, ...]
 
     def cholesky(self, partial: Array) -> tuple[Array, Array]:
-        """The lower triangular L (m, m) of R = L L', and its derivatives (m, m, p) by `partial` (p,).
+        """The lower triangular L (m, m) of R = L L', and its derivatives (m, m, p).
 
+        The derivatives are by the partial correlations, `partial` (p,).
         With r_ij the partial correlation of i and j given 1..j-1, and s_ij = sqrt(1 - r_ij^2):
         L_ij = r_ij prod_(k < j) s_ik and L_ii = prod_(k < i) s_ik (Lewandowski, Kurowicka and Joe,
         2009, sec. 2.4). Cost O(p m).
@@ -86,7 +87,9 @@ class Correlation:
         return factor, slope
 
     def matrix(self, partial: Array) -> tuple[Array, Array]:
-        """The correlation matrix R (m, m) of theta, and its derivatives (m, m, p) by `partial` (p,).
+        """The correlation matrix R (m, m) of theta, and its derivatives (m, m, p).
+
+        The derivatives are by the partial correlations, `partial` (p,).
 
         >>> three = between(("a", "b", "c"), dict.fromkeys([("a", "b"), ("a", "c")], 0.5))
         >>> three.matrix(np.array([0.5, 0.5]))[0].round(12).tolist()   # b, c independent given a

@@ -85,10 +85,10 @@ class DesignMatrix:
         return design
 
     def at(self, covariates: Table) -> DesignMatrix:
-        """The design matrix of this formula for other experiments, with the levels, means and knots
-        of the first ones.
+        """The design matrix of this formula for the covariates of other experiments.
 
-        Raises InputsError for a level that the first experiments do not have.
+        The levels, means and knots are those of the first experiments. Raises InputsError for a
+        level that the first experiments do not have.
         """
         require_complete(self.formula, covariates)
         found = _columns(self.formula, self.state, covariates)
@@ -403,9 +403,9 @@ def _require_independent(design: DesignMatrix, bounds: FormulaBounds = FormulaBo
 
 @dataclass(frozen=True, eq=False)
 class CoefficientPlaces:
-    """A hyperparameter of a law and its `places` in alpha: its value, or its coefficients.
+    """A hyperparameter of a law, and the `places` of its value or its coefficients in alpha.
 
-    It has coefficients where it follows covariates; `design` is then their design matrix.
+    A hyperparameter that follows covariates has coefficients; `design` is their design matrix.
     """
 
     hyperparameter: Hyperparameter
@@ -524,10 +524,10 @@ def coefficients(own: Hyperparameter, design: DesignMatrix) -> list[Hyperparamet
 
     The intercept has the limits of the value itself; so have the levels of a factor that replaces
     the intercept. Every other coefficient lies within plus or minus the width of those limits
-    divided by the range of its column. Where a covariate is never near zero, the intercept is a
-    value far from all experiments. Its limits are then wider by the largest change that the
-    coefficient of the covariate can cause, and the search uses the value at the mean of the
-    covariate instead (see `Beside`).
+    divided by the range of its column. Where zero lies outside the range of a covariate, the
+    intercept is a value far from all experiments. Its limits are then wider by the largest change
+    that the coefficient of the covariate can cause, and the search uses the value at the mean of
+    the covariate instead (see `Beside`).
     """
     assert own.by is not None
     _require_terms(own, own.by, design.names)

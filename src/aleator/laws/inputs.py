@@ -622,8 +622,10 @@ def _log_weights(inputs: Inputs, values: tuple[Array, ...]) -> Array:
 
 
 def _mixing(inputs: Inputs, alpha: Array) -> tuple[Array, Array]:
-    """The matrix L (s, s) of theta = L xi for all scattering parameters, and its derivatives
-    (s, s, p) by the partial correlations."""
+    """The matrix L (s, s) of theta = L xi for all scattering parameters, and its derivatives.
+
+    The derivatives (s, s, p) are by the p partial correlations.
+    """
     s, members = inputs.scattering, list(inputs.correlation.members)
     partial = alpha[inputs.partials]
     mixing, slope = np.eye(s), np.zeros((s, s, partial.size))

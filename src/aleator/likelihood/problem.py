@@ -110,7 +110,10 @@ class Problem(Forward):
         return self.outcomes.size
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood and scores (N, K) at alpha (K,), finite even where density is none."""
+        """The log-likelihood and scores (N, K) at alpha (K,).
+
+        Both are finite even where the density of an outcome is zero.
+        """
         return self.continued(alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:

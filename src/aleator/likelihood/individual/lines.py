@@ -111,10 +111,9 @@ class Pieces:
         return log_sum_by(np.repeat(self.line, 2), self.halves.ravel(), lines)
 
     def error(self, known: Array) -> Array:
-        """The error estimate (T,) of each panel, relative to the integrals of which `known` (L,)
-        are the logarithms.
+        """The error estimate (T,) of each panel, relative to the integral over its line.
 
-        The estimate is the change of the integral by halving. It would miss a jump between the last
+        `known` (L,) are the logarithms of the integrals over the lines. The estimate is the change of the integral by halving. It would miss a jump between the last
         node of a panel and its edge. The difference of the two neighboring polynomials at the edge,
         times the width without nodes, is therefore added.
         """

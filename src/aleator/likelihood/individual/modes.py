@@ -64,7 +64,7 @@ Valued = Callable[[Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """The modes z (B, ..., s), with the information (B, ..., s, s) and log-density (B, ...) there."""
+    """Modes z (B, ..., s), with the information (B, ..., s, s) and log-density (B, ...) there."""
 
     z: Array
     information: Array

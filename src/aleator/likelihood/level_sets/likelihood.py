@@ -271,7 +271,7 @@ class LevelLikelihood:
         return cells_of(self.inputs, int(self.condition.max()) + 1, self.settings)
 
     def _with(self, outcomes: Array, cells: int) -> LevelLikelihood:
-        """This likelihood with other outcomes and cells; stored values of the response are shared."""
+        """This likelihood with other outcomes and cells, which shares the stored responses."""
         return LevelLikelihood(
             self.inputs, self.response, self.region, self.condition, outcomes, cells, self._values,
             self.settings,
