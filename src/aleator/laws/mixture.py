@@ -482,7 +482,7 @@ class Mixture(QuantileLaw):
         return to_score(below, above)
 
     def _point(self, values: Array, theta: Array) -> Indices:
-        """The point component in whose jump of probability theta (...) lies; -1 if in none."""
+        """The point component at which the law's normal score jumps over theta (...), or -1."""
         found = np.full(theta.shape, -1)
         for c in self.points:
             x = values[self.parts[c]]
@@ -514,7 +514,10 @@ class Mixture(QuantileLaw):
 
 
 def _share(c: int, share: Specification, left: int) -> Hyperparameter:
-    """The hyperparameter for the share of component c, which `left` components still share."""
+    """The hyperparameter for the share of component c, within (0, 1).
+
+    Its default start is 1/`left`, where `left` is the number of components from c on.
+    """
     if isinstance(share, Free) and share.start is None and share.lower is None:
         share = replace(share, start=1.0 / left)
     h = resolve(f"{c + 1}.share", share, (0.0, 1.0))
@@ -530,9 +533,9 @@ def _share(c: int, share: Specification, left: int) -> Hyperparameter:
 
 
 def _spread(law: Law, center: float, sd: float | None, c: int, count: int) -> Array:
-    """Values of component c of `count`, which are spread evenly to both sides of the center.
+    """Values for component c of `count` components that are spread evenly about the center.
 
-    They take up half of the range of the mean on either side.
+    They take up half of the range of the mean on either side of the center.
     """
     low, high = _ends(law, sd)
     share = (2.0 * c - (count - 1.0)) / (2.0 * count)

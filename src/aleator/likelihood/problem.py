@@ -156,7 +156,7 @@ class Problem(Forward):
 
     @property
     def unreached(self) -> Flags:
-        """Flags (N,) of the outcomes that the response takes nowhere in the region.
+        """Flags (N,) of the outcomes that the response does not reach anywhere in the region.
 
         None is flagged where the likelihood is computed from moments.
         """

@@ -53,7 +53,7 @@ class LineSettings:
 
 LINES = LineSettings()
 LOWEST = np.finfo(np.float64).min
-"""The smallest floating-point number, which stands for a log-density of minus infinity."""
+"""The most negative floating-point number, which stands for a log-density of minus infinity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,10 @@ class Pieces:
         whole: Array,
         points: int,
     ) -> Pieces:
-        """Evaluated panels with `points` nodes in each half; `whole` (T,) is known already."""
+        """Panels (intervals of lines) with the log-density at `points` nodes in each half.
+
+        `whole` (T,) are the logarithms of their integrals, known from coarser panels.
+        """
         log_f = _evaluated(log_density, line, in_halves(low, high, points))
         top = np.maximum(log_f.max(axis=1, initial=-np.inf), LOWEST)
         f = np.exp(log_f - top[:, None])
@@ -113,9 +116,10 @@ class Pieces:
     def error(self, known: Array) -> Array:
         """The error estimate (T,) of each panel, relative to the integral over its line.
 
-        `known` (L,) are the logarithms of the integrals over the lines. The estimate is the change of the integral by halving. It would miss a jump between the last
-        node of a panel and its edge. The difference of the two neighboring polynomials at the edge,
-        times the width without nodes, is therefore added.
+        `known` (L,) are the logarithms of the integrals over the lines. The estimate is the change
+        of the integral by halving. It would miss a jump between the last node of a panel and its
+        edge. The difference of the two neighboring polynomials at the edge, times the width without
+        nodes, is therefore added.
         """
         top = known[self.line]
         top = np.where(np.isfinite(top), top, np.inf)
@@ -132,7 +136,7 @@ class Pieces:
         return np.asarray(found)
 
     def halved(self, which: Flags, log_density: LogDensity) -> Pieces:
-        """The panels after halving those that are flagged by `which` (T,)."""
+        """The panels (intervals of lines) after halving those that are flagged by `which` (T,)."""
         low, high, line = self.low[which], self.high[which], np.tile(self.line[which], 2)
         middle = 0.5 * (low + high)
         new = Pieces.of(
@@ -142,7 +146,7 @@ class Pieces:
         return joined([self.only(~which), new])
 
     def only(self, which: Flags) -> Pieces:
-        """The panels that are flagged by `which` (T,)."""
+        """The panels (intervals of lines) that are flagged by `which` (T,)."""
         return Pieces(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
@@ -153,12 +157,13 @@ def integrated(
     enough: float,
     settings: LineSettings = LINES,
 ) -> tuple[Pieces, Array]:
-    """Panels of L lines, with `points` nodes in each half, and log integrals (L,).
+    """The panels (intervals) of an adaptive quadrature along L lines, and the log integrals (L,).
 
-    Adaptive quadrature (Gander and Gautschi, 2000): a panel is halved if halving changes its
-    integral by more than `enough`, relative to the largest integral among the lines of the same
-    `group` (L,). A narrow top is found only if the log-density rises toward it at the places where
-    it is evaluated. The log-density of a measured outcome does so.
+    Each panel has a Gauss-Legendre rule with `points` nodes on each half. It is halved if halving
+    changes its integral by more than `enough`, relative to the largest integral among the lines of
+    the same `group` (L,) (Gander and Gautschi, 2000). A narrow peak is found only if the
+    log-density rises toward it at the places where it is evaluated. The log-density of a measured
+    outcome does so.
     """
     line, low, high = _first(log_density, group, settings)
     t, w = gauss_legendre(points)
@@ -187,7 +192,7 @@ def integrated(
 
 
 def joined(parts: Sequence[Pieces]) -> Pieces:
-    """One set of panels with the panels of all parts."""
+    """One set of panels (intervals of lines), made of the panels of all parts."""
     every = ([getattr(part, f.name) for part in parts] for f in fields(Pieces))
     return Pieces(*(np.concatenate(own) for own in every))
 
@@ -205,7 +210,10 @@ def log_sum_by(owner: Indices, values: Array, count: int) -> Array:
 def _first(
     log_density: LogDensity, group: Indices, settings: LineSettings
 ) -> tuple[Indices, Array, Array]:
-    """The first panels of all lines (line, low, high): over the law, and finer about each top."""
+    """The first panels of all lines, which are finer about each local maximum of the density.
+
+    Returns the line number (T,) and the two ends (T,) of each panel, an interval of its line.
+    """
     lines = group.size
     line, at, width = _tops(log_density, group, settings)
     of_law = np.array([-settings.farthest, *settings.edges, settings.farthest])

@@ -200,7 +200,10 @@ class PlanePanels(DenseRule):
 
 @dataclass(frozen=True, eq=False)
 class _ClassRows:
-    """The log-densities of all classes of all experiments; each pair of them is one row."""
+    """The log-densities of all classes of all experiments.
+
+    A row is one class of one experiment.
+    """
 
     valued: Valued
     experiments: int
@@ -216,7 +219,7 @@ class _ClassRows:
         return self.experiments * self.classes
 
     def values(self, row: Indices, xi: Array) -> Array:
-        """The log-density (T,) at variates xi (T, s), which belong to rows number `row` (T,)."""
+        """The log-density (T,) at variates xi (T, s) of rows (T,), each an experiment and class."""
         place, most = self._places(row)
         together = np.zeros((self.count, most, xi.shape[1]))
         together[row, place] = xi
@@ -240,7 +243,7 @@ class _ClassRows:
         )
 
     def _places(self, row: Indices) -> tuple[Indices, int]:
-        """The position (T,) of each node within its row (T,), and the most nodes of any row."""
+        """The position (T,) of each node within its row (T,), and the largest row's size."""
         counts = np.bincount(row, minlength=self.count)
         order = np.argsort(row, kind="stable")
         place = np.empty(len(row), dtype=np.intp)
@@ -250,7 +253,7 @@ class _ClassRows:
 
 @dataclass(frozen=True, eq=False)
 class _Plane:
-    """The log-densities of rows in rotated coordinates u, v.
+    """The log-densities of rows (one class of one experiment) in rotated coordinates u, v.
 
     The first column of `basis` (R, 2, 2) is the direction of u, across the lines. The second column
     is the direction of v, along the lines.

@@ -217,10 +217,10 @@ def _passed(y: Array, eta: Array, shape: tuple[int, ...]) -> tuple[Indices, Indi
 
 
 def _hiding(y: Array, condition: Indices, eta: Array, sides: tuple[Array, ...]) -> Indices:
-    """The numbers of the cells that may contain a level set although no two corners enclose it.
+    """The numbers of the cells that may contain a level set although their corners do not show it.
 
-    Such a cell has a corner at which the outcome differs from the measured one by less than its
-    curvature can change it within a cell.
+    The outcomes at all corners of such a cell are on the same side of the measured one, but at one
+    corner the difference is smaller than the change that the curvature can make within a cell.
     """
     v = eta.reshape(len(eta), *(side.size for side in sides))
     bend = np.zeros_like(v)

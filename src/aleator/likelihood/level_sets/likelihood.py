@@ -246,7 +246,7 @@ class LevelLikelihood:
 
     @property
     def unreached(self) -> Flags:
-        """Flags (N,) of the experiments whose outcome the response takes nowhere in the region."""
+        """Flags (N,) of the outcomes that the response does not reach anywhere in the region."""
         return self._everywhere.empty
 
     @cached_property

@@ -201,7 +201,10 @@ class _LineBlock:
     def _weighted(
         self, owner: Indices, xi: Array, log_weight: Array
     ) -> tuple[Indices, Array, Array]:
-        """The crossings as parameters x; exp(log weight) times p(x | alpha) is what is summed."""
+        """The crossings as parameters x (H, n), with log weights for the density of the outcome.
+
+        A crossing adds exp(log weight) p(x | alpha) to this density.
+        """
         x = self._x(xi)
         return owner, x, log_weight - scattered_density(self.inputs, self.alpha, x)
 
@@ -395,9 +398,9 @@ class _Crossed:
         return self.log_alone + self.log_part
 
     def of_lines(self, u: Array, log_value: Array) -> Array:
-        """The logarithm (B, J) of the sum over the crossings of each line of values exp(log_value).
+        """The logarithms (B, J) of sums over the crossings of each line.
 
-        `log_value` is (H,).
+        `log_value` (H,) are the logarithms of the values that are summed.
         """
         found = np.full(u.shape[:2], -np.inf)
         np.logaddexp.at(found, (self.owner, self.line), log_value)
