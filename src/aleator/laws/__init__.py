@@ -1,13 +1,15 @@
-"""Laws of the parameters, and of what is believed of their hyperparameters.
+"""Probability laws of the uncertain parameters, and priors of their hyperparameters.
 
-Three nouns: a `Hyperparameter` is fixed, or free within limits with a prior, or follows covariates;
-a `Law` is the marginal law of one parameter, the image of a standard normal variate; `Inputs` are
-all parameters together, x = T(theta | alpha), correlated, and with laws of single experiments.
+Three nouns: a `Hyperparameter` is fixed, or is free within limits and may have a prior, or follows
+covariates. A `Law` is the marginal law of one parameter, the image of a standard normal variate.
+`Inputs` is the joint law of all parameters, x = T(theta | alpha): it has their correlations, and
+the laws of single experiments where these differ.
 
-`law` says what a marginal law is, `marginals`, `truncated_normal`, `scipy_law` and `mixture` are
-those there are, `hyperparameter`, `covariates` and `correlation` are what alpha is made of, and
-`inputs` is the joint law, which is all that a likelihood needs. `quadrature` has nodes and weights
-of the joint law, `classes` its mixtures.
+`law` defines what a marginal law offers. The marginal laws themselves are in `marginals`,
+`truncated_normal`, `scipy_law` and `mixture`. The entries of the vector alpha of hyperparameters
+come from `hyperparameter`, `covariates` and `correlation`. `inputs` has the joint law, which is all
+that a likelihood needs. `quadrature` has nodes and weights for averages over the joint law, and
+`classes` orders the components of mixtures.
 """
 
 from aleator.laws.hyperparameter import (

@@ -1,4 +1,7 @@
-"""Laws with mixtures, whose components are classes of experiments: order and starts."""
+"""The order of the components of mixture laws, and starting values for a search over them.
+
+A component of a mixture stands for a class of experiments.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +15,17 @@ from aleator.laws.mixture import Mixture
 
 
 def exchangeable(inputs: Inputs) -> bool:
-    """Whether a law has components that are equal but for their order, and none has covariates."""
+    """Whether some mixture has interchangeable components, and no law follows covariates."""
     return inputs.covariate_model is None and any(
         isinstance(law, Mixture) and law.exchangeable for law in inputs.laws.values()
     )
 
 
 def ordered(inputs: Inputs, alpha: Array) -> Array:
-    """The alpha (K,) of the same law with such components in their order; the rest is kept."""
+    """The alpha (K,) of the same joint law with interchangeable components put in order.
+
+    The components are ordered by their first hyperparameter. All other values are kept.
+    """
     found = alpha.copy()
     if exchangeable(inputs):
         for law, part in zip(inputs.laws.values(), inputs.parts, strict=True):
@@ -29,9 +35,10 @@ def ordered(inputs: Inputs, alpha: Array) -> Array:
 
 
 def apart(inputs: Inputs, alpha: Array, x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """The alpha (K,) with the components of mixtures about groups of points x (N, n).
+    """Starting values alpha (K,) that place the components of mixtures at groups of points.
 
-    And the points (N, n), in which those of a mixture are the centers of their groups.
+    The points x (N, n) are grouped for each mixture by itself. Also returns the points (N, n) with
+    each coordinate that has a mixture law replaced by the center of its group.
     """
     found, centers = alpha.copy(), x.copy()
     for i, law in enumerate(inputs.laws.values()):
@@ -41,7 +48,7 @@ def apart(inputs: Inputs, alpha: Array, x: Array, rng: np.random.Generator) -> t
 
 
 def undivided(inputs: Inputs) -> Inputs:
-    """Independent parameters with a known normal law, a wide one, in place of each mixture."""
+    """Independent parameters, with a wide normal law of known values in place of each mixture."""
     laws: dict[str, Law] = dict(inputs.laws)
     for name, law in inputs.laws.items():
         if isinstance(law, Mixture):

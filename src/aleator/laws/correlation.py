@@ -1,9 +1,10 @@
-"""Correlation by a Gaussian copula; every value of its parameters gives a valid matrix.
+"""Correlation of parameters by a Gaussian copula.
 
-The variates theta = L(rho) xi of the correlated parameters are made of independent standard normal
-xi. What is identified are the partial correlations rho of a canonical vine (Bedford and Cooke,
-2002; Joe, 2006; Lewandowski, Kurowicka and Joe, 2009): each may take any value of [-1, 1] whatever
-the others are, and R = L L' is a correlation matrix for all of them.
+The correlated parameters are images of the normal variates theta = L(rho) xi, where xi are
+independent standard normal variates. The identified quantities are the partial correlations rho of
+a canonical vine (Bedford and Cooke, 2002; Joe, 2006; Lewandowski, Kurowicka and Joe, 2009). Each of
+them may take any value in [-1, 1] whatever the others are: R = L L' is always a valid correlation
+matrix.
 """
 
 from __future__ import annotations
@@ -24,10 +25,11 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True)
 class CorrelationLimits:
-    """Limits of correlations, by judgement.
+    """Settings for the limits of correlations. The values are chosen by judgement.
 
-    widest: of a correlation where the user gives none: closer to one, two parameters are one.
-    steepest: floor of sqrt(1 - rho^2) in derivatives, which are infinite at perfect correlation.
+    widest: the largest size of a correlation for which the user states no limits; two parameters
+    whose correlation is closer to one are practically the same. steepest: the smallest value that
+    sqrt(1 - rho^2) takes in derivatives, because they are infinite at perfect correlation.
     """
 
     widest: float = 0.99
@@ -39,12 +41,13 @@ LIMITS = CorrelationLimits()
 
 @dataclass(frozen=True)
 class Correlation:
-    """The correlated parameters and the partial correlations that tie them.
+    """The correlated parameters and their partial correlations.
 
-    `members` (m,) are their places among the parameters, in the order of the vine; `pairs` (p,)
-    are the places (row, column), column < row, in that order of each partial correlation, which
-    is that of row and column given all members before the column. Pairs that are not listed have
-    partial correlation zero. `hyperparameters` (p,) belong to `pairs`.
+    `members` (m,) are the indices of the correlated parameters, in the order of the vine. `pairs`
+    (p,) has one (row, column) for each partial correlation, with column < row; both count in the
+    order of the vine. It is the correlation of the members at row and column, given all members
+    before the column. A pair that is not listed has partial correlation zero. `hyperparameters`
+    (p,) are those of the `pairs`.
     """
 
     members: tuple[int, ...]
@@ -52,8 +55,9 @@ class Correlation:
     hyperparameters: tuple[Hyperparameter, ...]
 
     def cholesky(self, partial: Array) -> tuple[Array, Array]:
-        """The lower triangular L (m, m) of R = L L', and dL/d partial (m, m, p).
+        """The lower triangular L (m, m) of R = L L', and its derivatives (m, m, p).
 
+        The derivatives are by the partial correlations, `partial` (p,).
         With r_ij the partial correlation of i and j given 1..j-1, and s_ij = sqrt(1 - r_ij^2):
         L_ij = r_ij prod_(k < j) s_ik and L_ii = prod_(k < i) s_ik (Lewandowski, Kurowicka and Joe,
         2009, sec. 2.4). Cost O(p m).
@@ -68,7 +72,7 @@ class Correlation:
         r = np.eye(m)
         for (i, j), value in zip(self.pairs, partial, strict=True):
             r[i, j] = value
-        # (1 - r)(1 + r) keeps the digits of a correlation near one
+        # The product (1 - r)(1 + r) keeps its digits for a correlation near one.
         s = np.sqrt(np.tril((1.0 - r) * (1.0 + r), -1))
         before = np.ones((m, m))
         np.cumprod(s[:, :-1], axis=1, out=before[:, 1:])
@@ -83,7 +87,9 @@ class Correlation:
         return factor, slope
 
     def matrix(self, partial: Array) -> tuple[Array, Array]:
-        """The correlation matrix R (m, m) of theta, and dR/d partial (m, m, p).
+        """The correlation matrix R (m, m) of theta, and its derivatives (m, m, p).
+
+        The derivatives are by the partial correlations, `partial` (p,).
 
         >>> three = between(("a", "b", "c"), dict.fromkeys([("a", "b"), ("a", "c")], 0.5))
         >>> three.matrix(np.array([0.5, 0.5]))[0].round(12).tolist()   # b, c independent given a
@@ -98,8 +104,9 @@ class Correlation:
     def log_density(self, partial: Array, theta: Array) -> Array:
         """The log-density (J,) of the Gaussian copula at normal scores theta (m, J).
 
-        -1/2 log det R - 1/2 theta' (R^-1 - I) theta (Song, 2000); minus infinity where a score is
-        infinite, at an end of its law. Raises InputsError where a correlation is 1 or -1.
+        It is -1/2 log det R - 1/2 theta' (R^-1 - I) theta (Song, 2000), and minus infinity where a
+        score is infinite, as at an end of its law. Raises InputsError where a correlation is 1 or
+        -1.
 
         >>> pair = between(("a", "b"), {("a", "b"): 0.6})
         >>> pair.log_density(np.array([0.6]), np.zeros((2, 1))).round(6).tolist()   # -log 0.8
@@ -122,11 +129,12 @@ class Correlation:
 def between(names: Sequence[str], pairs: Mapping[Pair, Specification]) -> Correlation:
     """The correlation of pairs of the named parameters; each a number, or `Free` to identify it.
 
-    Parameters tied by pairs, directly or not, are a group. The member of most pairs comes first in
-    its group, ties in the order of the parameters; a pair is the plain correlation where no member
-    comes before it, ``correlation.a.b``, and the correlation given those that do where some come,
-    ``correlation.b.c.given.a``. Limits default to -0.99 and 0.99. Raises InputsError for a pair
-    that is unknown, repeated or of one parameter, and for limits or numbers beyond [-1, 1].
+    Parameters that are connected by pairs, directly or through others, form a group. In each group
+    the parameter with most pairs comes first; equal counts keep the order of the parameters. A pair
+    that contains the first parameter of its group has a plain correlation, ``correlation.a.b``.
+    Any other pair has a partial correlation, given the parameters that come before both of its
+    members: ``correlation.b.c.given.a``. Limits default to -0.99 and 0.99. Raises InputsError for a
+    pair that is unknown, repeated or of one parameter, and for limits or numbers beyond [-1, 1].
 
     >>> from aleator.laws import Free
     >>> tied = between(("a", "b", "c"), {("c", "a"): Free(), ("a", "b"): Free(), ("b", "c"): 0.2})
@@ -157,7 +165,9 @@ def between(names: Sequence[str], pairs: Mapping[Pair, Specification]) -> Correl
 
 
 def full(names: Sequence[str]) -> dict[Pair, Specification]:
-    """All pairs of these parameters, each to be identified: with normal laws a full covariance.
+    """All pairs of the named parameters, each with a correlation that is to be identified.
+
+    With normal laws this gives a full covariance matrix.
 
     >>> list(full(["a", "b", "c"]))
     [('a', 'b'), ('a', 'c'), ('b', 'c')]
@@ -185,8 +195,7 @@ def _checked(pair: Pair, names: Sequence[str]) -> tuple[int, int]:
 
 
 def _groups(pairs: Mapping[tuple[int, int], object]) -> list[list[int]]:
-    """Groups of parameters that are correlated, directly or by others, each in the order of the
-    vine."""
+    """Groups of parameters that are correlated directly or through others, in the vine's order."""
     ties: dict[int, set[int]] = {}
     for i, j in sorted(pairs):
         ties.setdefault(i, set()).add(j)

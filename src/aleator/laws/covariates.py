@@ -1,4 +1,4 @@
-"""Laws that follow covariates: formulas as columns, their coefficients, the values."""
+"""Laws that follow covariates: formulas, the columns of their design matrix, and coefficients."""
 
 from __future__ import annotations
 
@@ -23,23 +23,27 @@ if TYPE_CHECKING:
 
 
 Table = pd.DataFrame
-"""Covariates: a row for each experiment, named by the index."""
+"""A table of covariates with one row for each experiment; the index has the experiments' names."""
 LEVEL = re.compile(r"(?:C\((\w+)\)|\b(\w+))\[(?:T\.)?([^\]]*)\]")
-"""A level as formulaic names its column: C(supplier)[T.b], supplier[T.b], C(supplier)[b]."""
+"""The pattern of formulaic's column names for levels: C(supplier)[T.b], supplier[T.b], and so on.
+
+A level is one of the texts that a column of categories contains.
+"""
 TRANSFORMS = ("center", "scale", "standardize", "poly", "bs", "cs", "cr", "cc", "log2", "exp2")
-"""Functions of formulaic that make columns of a column, beside the arithmetic of `FUNCTIONS`."""
+"""Functions of formulaic that a formula may use, besides the arithmetic ones in `FUNCTIONS`."""
 CODINGS = ("treatment", "sum", "helmert", "diff", "poly")
-"""How C(...) codes levels: C(by, contr.treatment(base='a'))."""
+"""The contrasts by which C(...) may code levels, for example C(by, contr.treatment(base='a'))."""
 
 
 @dataclass(frozen=True)
 class FormulaBounds:
-    """How large a formula may be; chosen by `python -m hardening formulas`.
+    """Limits of the size of a formula of covariates; chosen by `python -m hardening formulas`.
 
-    characters: of its text; the time to read one grows with the square of them. terms: before
-    equal ones are joined, so that a power of a sum has many. degree: of a power, a polynomial or a
-    spline, and degrees of freedom. dependent: a column is a sum of the ones before it where less
-    than this share of it is left (by judgement).
+    characters: the largest number of characters; the time to read a formula grows with its square.
+    terms: the largest number of terms, counted before equal terms are joined: a power of a sum has
+    many. degree: the largest power, degree of a polynomial or a spline, and number of degrees of
+    freedom. dependent: a column counts as a linear combination of the columns before it where the
+    part of it that they do not explain is smaller than this, relative to the column (by judgement).
     """
 
     characters: int = 2000
@@ -52,8 +56,8 @@ class FormulaBounds:
 class DesignMatrix:
     """The columns (N, p) of a formula for N experiments, and the names of their coefficients.
 
-    `state` is what the formula learned of the table that it was made of: levels, means of
-    `center(...)`, knots of splines.
+    `state` keeps what the formula took from its first table: the levels, the means of
+    `center(...)`, the knots of splines. With it the formula is applied to other experiments.
     """
 
     formula: str
@@ -63,10 +67,10 @@ class DesignMatrix:
 
     @classmethod
     def of(cls, formula: str, covariates: Table) -> DesignMatrix:
-        """The formula on the covariates (N rows, named by their experiments).
+        """The design matrix of a formula for covariates of N experiments, one row each.
 
         Raises InputsError for a formula that cannot be read, an unknown name, a missing value, a
-        level that only one experiment has, and columns of which one is a sum of others.
+        level that only one experiment has, and columns that are linearly dependent.
 
         >>> table = pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0], "by": ["a", "a", "b", "b"]})
         >>> design = DesignMatrix.of("1 + t + C(by)", table)
@@ -81,9 +85,10 @@ class DesignMatrix:
         return design
 
     def at(self, covariates: Table) -> DesignMatrix:
-        """The same formula, with what it learned, on the covariates of other experiments.
+        """The design matrix of this formula for the covariates of other experiments.
 
-        Raises InputsError for a level that it has not met.
+        The levels, means and knots are those of the first experiments. Raises InputsError for a
+        level that the first experiments do not have.
         """
         require_complete(self.formula, covariates)
         found = _columns(self.formula, self.state, covariates)
@@ -91,7 +96,7 @@ class DesignMatrix:
 
     @property
     def base(self) -> Flags:
-        """Which columns (p,) add up to one: the intercept, or the levels that stand for it."""
+        """Flags (p,) of the columns whose sum is one: the intercept, or all levels of a factor."""
         ones = np.ones(len(self.matrix))
         share = np.linalg.lstsq(self.matrix, ones)[0]
         spanned = np.allclose(self.matrix @ share, ones)
@@ -99,9 +104,10 @@ class DesignMatrix:
 
 
 def variables(formula: str, owner: str = "") -> tuple[str, ...]:
-    """The columns of the table that a formula names, in order; messages name its owner.
+    """The columns of the table that a formula names, sorted.
 
-    Raises InputsError for what is no formula of covariates: nothing of it is evaluated here.
+    The formula is read and not evaluated. Raises InputsError for a text that is no formula of
+    covariates; the message names the `owner` of the formula.
 
     >>> variables("1 + log(temperature) + C(supplier)")
     ('supplier', 'temperature')
@@ -114,7 +120,7 @@ def variables(formula: str, owner: str = "") -> tuple[str, ...]:
 
 
 def named(columns: ModelMatrix) -> tuple[str, ...]:
-    """Names of coefficients as they are read aloud: ``supplier=b`` for C(supplier)[T.b]."""
+    """Readable names of the coefficients: ``supplier=b`` for formulaic's C(supplier)[T.b]."""
 
     def aloud(level: re.Match[str]) -> str:
         return f"{level[1] or level[2]}={level[3].removesuffix('.0')}"
@@ -123,7 +129,10 @@ def named(columns: ModelMatrix) -> tuple[str, ...]:
 
 
 def require_complete(formula: str, covariates: Table) -> None:
-    """Raise InputsError for a name that is no column, and for a cell that is empty."""
+    """Raise InputsError where the table does not have what a formula needs.
+
+    That is a name that is no column, an empty cell, or arithmetic with a column of texts.
+    """
     columns = [str(name) for name in covariates.columns]
     read = _read(formula)
     for name in read.names:
@@ -149,7 +158,10 @@ def require_complete(formula: str, covariates: Table) -> None:
 
 @dataclass(frozen=True)
 class _Formula:
-    """A formula that was read: its terms, its columns, and those of them that are numbers."""
+    """A formula after reading: its terms, and the columns that it names.
+
+    `numbers` are the columns that it computes with.
+    """
 
     terms: Any
     names: tuple[str, ...]
@@ -157,8 +169,8 @@ class _Formula:
 
 
 def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
-    """A formula as its terms, of which none is evaluated; raises InputsError."""
-    # imported where a formula is used: that takes half as long as all other imports together
+    """Read a formula without evaluating it; raises InputsError where it cannot be read."""
+    # formulaic is imported only here because its import takes half as long as all others together.
     from formulaic import Formula, SimpleFormula
     from formulaic.parser import DefaultFormulaParser
 
@@ -182,7 +194,7 @@ def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
         ) from None
     except InputsError:
         raise
-    except Exception as error:  # formulaic has its own, and IndexError, AttributeError, ...
+    except Exception as error:  # formulaic raises IndexError, AttributeError and others
         raise _unreadable(formula, error) from None
     if not isinstance(terms, SimpleFormula):
         raise InputsError(
@@ -201,7 +213,7 @@ def _read(formula: str, bounds: FormulaBounds = FormulaBounds()) -> _Formula:
 
 
 def _count(formula: str, node: Any, bounds: FormulaBounds) -> float:
-    """How many terms a formula has before equal ones are joined, from its tree of operators."""
+    """The number of terms of a formula before equal terms are joined, from its operator tree."""
     operator = getattr(node, "operator", None)
     if operator is None:
         return 1.0
@@ -219,10 +231,11 @@ def _count(formula: str, node: Any, bounds: FormulaBounds) -> float:
 
 
 class _FormulaFactor:
-    """A factor of a formula that is no plain column: what it names as levels and as numbers.
+    """A factor of a formula that is more than a column name, checked before it is evaluated.
 
-    formulaic evaluates it as Python. It is therefore read first: arithmetic of columns, transforms
-    of it, or C(column). Raises InputsError for everything else.
+    formulaic evaluates such a factor as Python code. Only arithmetic of columns, transforms of it,
+    and C(column) are therefore accepted; raises InputsError for everything else. `levels` and
+    `numbers` are the columns that it uses as categories and as numbers.
     """
 
     def __init__(self, formula: str, text: str, bounds: FormulaBounds) -> None:
@@ -246,7 +259,7 @@ class _FormulaFactor:
             ) from None
 
     def _plain(self, quoted: re.Match[str]) -> str:
-        """The name that stands for a column in backticks."""
+        """A plain name that replaces a column name in backticks."""
         name = f"column_{len(self._quoted)}_"
         self._quoted[name] = quoted[1]
         return name
@@ -255,7 +268,7 @@ class _FormulaFactor:
         return self._quoted.get(node.id, node.id)
 
     def _is_leaf(self, node: ast.expr) -> bool:
-        """Whether this is a column, or a transform of arithmetic."""
+        """Whether a node of the expression is a column, or a transform of arithmetic."""
         if isinstance(node, ast.Name):
             self.numbers.add(self._name(node))
             return True
@@ -271,7 +284,7 @@ class _FormulaFactor:
         return True
 
     def _read_levels(self, call: ast.Call) -> None:
-        """Levels of a column, how they are coded, and options."""
+        """Read C(column, contrast, options): a column's categories and the coding of its levels."""
         if not call.args or not isinstance(call.args[0], ast.Name):
             raise NoArithmeticError("has no column", "write C(column)", call)
         self.levels.add(self._name(call.args[0]))
@@ -289,7 +302,7 @@ class _FormulaFactor:
                 self._require_option(option)
 
     def _require_option(self, node: ast.expr, is_degree: bool = False) -> None:
-        """Raise NoArithmeticError where an option is no plain value, or too large a degree."""
+        """Raise NoArithmeticError where an option is no plain value, or is too large a degree."""
         try:
             value = ast.literal_eval(node)
         except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
@@ -299,19 +312,22 @@ class _FormulaFactor:
 
 
 def _called(node: ast.expr) -> str:
-    """The name of the function that a node calls; empty for anything else."""
+    """The name of the function that a node of the expression calls, or "" if it is no call."""
     called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     return str(node.func.id) if called else ""  # type: ignore[attr-defined]
 
 
 def _columns(formula: str, of: Any, covariates: Table) -> ModelMatrix:
-    """The columns of a formula, or of one that learned its state elsewhere."""
+    """The columns that a formula gives for the covariates.
+
+    `of` has the terms of the formula, or its state where it was applied to another table before.
+    """
     from formulaic.errors import DataMismatchWarning, FormulaicError
 
-    whole = covariates.select_dtypes("integer").columns  # a power of whole numbers may overflow
+    whole = covariates.select_dtypes("integer").columns  # powers of integers may overflow
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore", RuntimeWarning)  # what is not finite is refused below
+            warnings.simplefilter("ignore", RuntimeWarning)  # values not finite are refused below
             warnings.simplefilter("error", DataMismatchWarning)
             found: ModelMatrix = of.get_model_matrix(
                 covariates.astype(dict.fromkeys(whole, float)), na_action="raise", context=FUNCTIONS
@@ -347,7 +363,10 @@ def _unreadable(formula: str, error: Exception) -> InputsError:
 
 
 def _require_levels(design: DesignMatrix, covariates: Table) -> None:
-    """Raise where a level is that of one experiment: its coefficient and the scatter are one."""
+    """Raise InputsError where only one experiment has a level.
+
+    The coefficient of such a level cannot be separated from the scatter between experiments.
+    """
     for factor, (kind, _) in design.state.encoder_state.items():
         if kind.value != "categorical":
             continue
@@ -365,7 +384,7 @@ def _require_levels(design: DesignMatrix, covariates: Table) -> None:
 
 
 def _require_independent(design: DesignMatrix, bounds: FormulaBounds = FormulaBounds()) -> None:
-    """Raise where a column is a sum of those before it."""
+    """Raise InputsError where a column is a linear combination of the columns before it."""
     basis = np.empty((len(design.matrix), 0))
     for k, name in enumerate(design.names):
         column = design.matrix[:, k]
@@ -384,21 +403,27 @@ def _require_independent(design: DesignMatrix, bounds: FormulaBounds = FormulaBo
 
 @dataclass(frozen=True, eq=False)
 class CoefficientPlaces:
-    """A hyperparameter of a law, and where in alpha it is: one place, or its coefficients."""
+    """A hyperparameter of a law, and the `places` of its value or its coefficients in alpha.
+
+    A hyperparameter that follows covariates has coefficients; `design` is their design matrix.
+    """
 
     hyperparameter: Hyperparameter
     places: slice
     design: DesignMatrix | None
 
     def value(self, alpha: Array, experiments: slice) -> Array:
-        """The value (B,) within its limits, or () where it is the same in every experiment."""
+        """The hyperparameter's value (B,) in B experiments, moved into its limits.
+
+        The value is a single number where it is the same in every experiment.
+        """
         if self.design is None:
             return np.asarray(alpha[self.places.start])
         linear = self.design.matrix[experiments] @ alpha[self.places]
         return np.asarray(np.clip(linear, self.hyperparameter.lower, self.hyperparameter.upper))
 
     def score(self, alpha: Array, by_value: Array, experiments: slice) -> Array:
-        """Derivatives (B, p) by its coefficients in alpha, from those by its value (B,)."""
+        """Derivatives (B, p) by the coefficients, from derivatives (B,) by the value."""
         if self.design is None:
             return by_value[:, None]
         columns = self.design.matrix[experiments]
@@ -409,10 +434,10 @@ class CoefficientPlaces:
 
 @dataclass(frozen=True, eq=False)
 class CovariateModel:
-    """All hyperparameters of the laws, each with its part of alpha, for N experiments.
+    """The laws' hyperparameters in N experiments as functions of alpha, which has coefficients.
 
-    A value that would leave the limits of its hyperparameter is set to the limit: no law exists
-    beyond.
+    A value that would leave the limits of its hyperparameter is set to the limit, because no law
+    exists beyond.
     """
 
     entries: tuple[CoefficientPlaces, ...]
@@ -421,9 +446,9 @@ class CovariateModel:
 
     @classmethod
     def of(cls, own: Sequence[Hyperparameter], covariates: Table) -> CovariateModel:
-        """From the hyperparameters of the laws, and covariates with a row for each experiment.
+        """The model for the laws' hyperparameters and covariates with a row for each experiment.
 
-        Raises InputsError, with the name of the hyperparameter, as `DesignMatrix.of` does.
+        Raises InputsError as `DesignMatrix.of` does; the message names the hyperparameter.
         """
         entries: list[CoefficientPlaces] = []
         found: list[Hyperparameter] = []
@@ -435,7 +460,10 @@ class CovariateModel:
         return cls(tuple(entries), tuple(found), len(covariates))
 
     def at(self, covariates: Table) -> CovariateModel:
-        """The same coefficients for other experiments; raises InputsError for an unknown level."""
+        """The model with the same coefficients for other experiments.
+
+        Raises InputsError for a level that the first experiments do not have.
+        """
         entries = [
             entry if entry.design is None else replace(entry, design=entry.design.at(covariates))
             for entry in self.entries
@@ -443,7 +471,10 @@ class CovariateModel:
         return replace(self, entries=tuple(entries), count=len(covariates))
 
     def values(self, alpha: Array, part: slice, experiments: slice) -> Array:
-        """Values of some of the hyperparameters: (k,), or (k, B, 1) where one has covariates."""
+        """Values of the hyperparameters of one law, whose places among all are `part`.
+
+        The shape is (k,), or (k, B, 1) for B experiments where one of them follows covariates.
+        """
         found = [entry.value(alpha, experiments) for entry in self.entries[part]]
         if all(value.ndim == 0 for value in found):
             return np.array(found)
@@ -451,7 +482,7 @@ class CovariateModel:
         return np.stack([np.broadcast_to(value, count) for value in found])[:, :, None]
 
     def coefficients_for(self, values: Array) -> Array:
-        """The alpha whose values (H,) are nearest to these in all experiments."""
+        """The alpha for which all experiments have hyperparameters nearest to `values` (H,)."""
         found = np.array([h.start for h in self.hyperparameters])
         for entry, value in zip(self.entries, values, strict=True):
             if entry.design is None:
@@ -462,7 +493,7 @@ class CovariateModel:
         return within(self.hyperparameters, found.tolist())
 
     def score(self, alpha: Array, by_values: Array, experiments: slice) -> Array:
-        """Derivatives (B, K) by alpha from those by the hyperparameters' values (B, H)."""
+        """Derivatives (B, K) by alpha, from derivatives (B, H) by the hyperparameters' values."""
         return np.concatenate(
             [
                 entry.score(alpha, by_values[:, h], experiments)
@@ -472,7 +503,10 @@ class CovariateModel:
         )
 
     def on_limits(self, alpha: Array) -> dict[str, Indices]:
-        """Experiments (B,) whose value is set to a limit, by the name of the hyperparameter."""
+        """The experiments (B,) in which a value is set to its limit, for each hyperparameter name.
+
+        Hyperparameters without such experiments are left out.
+        """
         found = {}
         for entry in self.entries:
             if entry.design is not None:
@@ -488,12 +522,12 @@ class CovariateModel:
 def coefficients(own: Hyperparameter, design: DesignMatrix) -> list[Hyperparameter]:
     """The coefficients of a formula, as hyperparameters ``mean[temperature]``.
 
-    The columns that add up to one (the intercept, or the levels that stand for it) have the limits
-    of the value itself, every other +- the width of those limits over the range of its column: no
-    value within the limits is left out for which zero is among the covariates. Where zero is not
-    between the smallest and the largest of a covariate, the intercept is the value far from all
-    experiments: its limits are wider by as much, and the search looks at the value at the mean of
-    the covariate (see `Beside`).
+    The intercept has the limits of the value itself; so have the levels of a factor that replaces
+    the intercept. Every other coefficient lies within plus or minus the width of those limits
+    divided by the range of its column. Where zero lies outside the range of a covariate, the
+    intercept is a value far from all experiments. Its limits are then wider by the largest change
+    that the coefficient of the covariate can cause, and the search uses the value at the mean of
+    the covariate instead (see `Beside`).
     """
     assert own.by is not None
     _require_terms(own, own.by, design.names)

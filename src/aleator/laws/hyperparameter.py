@@ -1,4 +1,4 @@
-"""Hyperparameters: fixed, or free within limits, and what is believed of them beforehand."""
+"""Hyperparameters, either fixed or free within limits, and their prior densities."""
 
 from __future__ import annotations
 
@@ -16,33 +16,34 @@ from aleator.errors import InputsError
 
 
 class PriorLaw(Protocol):
-    """What a prior needs of a law: every `Law` has it."""
+    """The members of a law that a prior uses; every `Law` has them."""
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """The hyperparameters, all of them known."""
+        """The hyperparameters of the prior's law, all of which must be known numbers."""
 
     @property
     def scatters(self) -> bool:
-        """Whether it is more than one point."""
+        """Whether the law scatters, as every law but a constant does."""
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """log f(x) at each x (J,), minus infinity outside the support."""
+        """The log-density log f(x) at each x (J,), minus infinity outside the support."""
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """Phi^-1(F(x)) at each x (J,)."""
+        """The normal score Phi^-1(F(x)) at each x (J,)."""
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """The quantile at each probability."""
+        """The quantile of the law at each probability."""
 
 
 @dataclass(frozen=True)
 class Free:
     """A hyperparameter to be identified between `lower` and `upper`, searched from `start`.
 
-    A limit left as None is the law's own default, which needs a finite box. Both limits carry
-    the hyperparameter's unit. `prior` is a law with known values that says what is believed of it
-    beforehand; without one it is flat between the limits.
+    A limit of None stands for the default of the law. A law has default limits only where the range
+    of its parameter is finite. Both limits have the unit of the hyperparameter. `prior` is a law
+    with known values: the prior distribution of the hyperparameter. Without a prior all values
+    between the limits count alike.
 
     >>> Free(0.5, 1.5, start=1.0)
     Free(lower=0.5, upper=1.5, start=1.0, prior=None)
@@ -58,11 +59,11 @@ class Free:
 class By(Free):
     """A hyperparameter that is a formula of the experiments' covariates, with coefficients.
 
-    Its value in experiment l is sum_j X_lj beta_j, X the columns that formulaic makes of `formula`:
-    ``By("1 + temperature + C(supplier)")``. `lower` and `upper` hold for the value in every
-    experiment, and are the law's own where left out; the coefficients get the limits that follow.
-    `terms` are numbers or limits for coefficients by name, as `Inputs.resolved` names them:
-    ``{"temperature": Free(0.0, 1.0)}``.
+    Its value in experiment l is sum_j X_lj beta_j. The columns of X are made from `formula` by the
+    package formulaic, for example ``By("1 + temperature + C(supplier)")``. `lower` and `upper` are
+    limits of the value in every experiment; where left out they are the defaults of the law. The
+    limits of the coefficients are derived from them. `terms` gives numbers or limits to single
+    coefficients, by the names that `Inputs.resolved` uses: ``{"temperature": Free(0.0, 1.0)}``.
 
     >>> By("1 + temperature", 0.0, 10.0).upper
     10.0
@@ -93,11 +94,13 @@ Specification = float | Free
 
 @dataclass(frozen=True)
 class LimitSettings:
-    """What limits of hyperparameters stand for; by judgement, checked by tests/laws/test_images.py.
+    """Settings for limits of hyperparameters: how near to zero, and the default limits of an sd.
 
-    zero: a scale's lower limit below this share of the upper one stands for zero. nearest: a scale
-    that may be zero is searched from this share of its upper limit on. sd: the limits of an sd for
-    which none are stated, over the width of the limits of its mean.
+    The values are chosen by judgement and checked by tests/laws/test_images.py. zero: a lower limit
+    of a scale that is below this share of the upper limit stands for zero. nearest: the default
+    start of a scale that may be zero is found as if its lower limit were this share of its upper
+    limit. sd: the default lower and upper limit of an sd, relative to the width of the limits of
+    its mean.
     """
 
     zero: float = 1e-6
@@ -110,12 +113,12 @@ LIMITS = LimitSettings()
 
 @dataclass(frozen=True)
 class Beside:
-    """Hyperparameters, by name and with a factor each, that are added to another one, v; and the
-    limits of the sum.
+    """A sum of a hyperparameter v and multiples of others, which a search uses in place of v.
 
-    Experiments determine the sum v + sum_j factor_j v_j better than v alone. If v is an intercept,
-    which is the value where the covariates are zero, far from all experiments, then the sum is the
-    value at the mean of the covariates.
+    The sum is v + sum_j factor_j v_j. `terms` has the name and the factor of each of the other
+    hyperparameters v_j; `lower` and `upper` are limits of the sum. Experiments determine the sum
+    better than v alone. For example, an intercept v is the value at zero covariates, which may be
+    far from all experiments; the sum is then the value at the mean of the covariates.
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -125,12 +128,12 @@ class Beside:
 
 @dataclass(frozen=True)
 class Hyperparameter:
-    """One hyperparameter, resolved: its bounds, its start, and whether it is identified.
+    """One hyperparameter with its limits, its start, and whether it is identified (`free`).
 
-    With `log` the search sees it on a logarithmic scale, as a standard deviation. `by` is the
-    formula of covariates that it stands for, until a table gives its coefficients. The search looks
-    at it together with what stands `beside` it. `prior` is what is believed of it beforehand; None
-    is a flat one.
+    With `log` the search uses its logarithm, as for a standard deviation. `by` is the formula of
+    covariates that gives its value, until a table replaces it by coefficients. `beside` names other
+    hyperparameters whose multiples the search adds to this one (see `Beside`). `prior` is its prior
+    density; None stands for a flat one.
     """
 
     name: str
@@ -145,16 +148,16 @@ class Hyperparameter:
 
     @property
     def reaches_zero(self) -> bool:
-        """Whether it is a scale whose lower limit stands for zero."""
+        """Whether the hyperparameter is a scale whose lower limit stands for zero."""
         return self.log and self.lower <= LIMITS.zero * self.upper
 
     def named(self, prefix: str) -> Hyperparameter:
-        """The same hyperparameter as ``prefix.name``."""
+        """This hyperparameter with the name ``prefix.name``."""
         return replace(self, name=f"{prefix}.{self.name}")
 
 
 def _with_limits(specification: Free) -> str:
-    """How limits are written, in Python and in a study.toml."""
+    """The text, for a message, that shows how limits are written in Python and in a study.toml."""
     if not isinstance(specification, By):
         return "Free(lower, upper) or {lower = ..., upper = ...}"
     formula = specification.formula
@@ -169,12 +172,13 @@ def resolve(
     positive: bool = False,
     least: float | None = None,
 ) -> Hyperparameter:
-    """Fill a specification's gaps from the law's default limits, and check it.
+    """The hyperparameter that a specification states, with limits left out taken from `default`.
 
-    A positive one may have zero as its lower limit where `least` is given: the share of the upper
-    limit that stands for it, because at zero itself there is no density.
-    Raises InputsError where a limit is missing, not finite, out of order, or not positive although
-    it must be, where the start lies outside the limits, and for a prior that cannot be used.
+    `positive` says that only values above zero are admissible. The lower limit may still be stated
+    as zero where `least` is given: it is then replaced by `least` times the upper limit, because
+    there is no density at zero itself. Raises InputsError where a limit is missing, not finite, out
+    of order, or not positive although it must be, where the start lies outside the limits, and for
+    a prior that cannot be used.
     """
     if not isinstance(specification, Free):
         if not isinstance(specification, Real):
@@ -223,10 +227,10 @@ def resolve(
 def location_and_scale(
     mean: Specification, sd: Specification, least: float = LIMITS.zero
 ) -> tuple[Hyperparameter, Hyperparameter]:
-    """`mean` and `sd` of a law without a box: the mean needs limits of its own.
+    """The hyperparameters `mean` and `sd` of a law whose parameter has no stated range.
 
-    An sd limit left open becomes a thousandth and a half of the width of the mean's limits; a
-    lower limit of zero the share `least` of the upper one.
+    The mean, if free, needs stated limits. Default limits of the sd are 1/1000 and 1/2 of the width
+    of the mean's limits. A lower limit of zero for the sd becomes `least` times its upper limit.
     """
     center = resolve("mean", mean, (None, None))
     width = center.upper - center.lower
@@ -237,7 +241,7 @@ def location_and_scale(
 def require_above(
     end: float, pair: tuple[Hyperparameter, Hyperparameter]
 ) -> tuple[Hyperparameter, Hyperparameter]:
-    """The same mean and sd; raises InputsError where the mean may reach the law's lower end."""
+    """The given mean and sd; raises InputsError where the mean may reach the law's lower end."""
     _require(math.isfinite(end), f"lower = {end} is not finite", "give a finite lower end")
     _require(
         pair[0].lower > end,
@@ -250,10 +254,10 @@ def require_above(
 def widest_above(
     end: float, pair: Sequence[Hyperparameter], largest_variation: float
 ) -> list[Array]:
-    """Two pairs of values (mean, sd): of all laws above `end` within the limits, that of one of
-    them reaches farthest.
+    """Two pairs of values (mean, sd), one of which gives the law with the farthest upper tail.
 
-    The sd goes as far as its limit, but not beyond `largest_variation` times mean - end.
+    The laws compared have the lower end `end` and values within the limits. The sd is at its upper
+    limit, but at most `largest_variation` times mean - end.
     """
     mean, sd = pair
     center = max(mean.lower, min(mean.upper, end + sd.upper / largest_variation))
@@ -263,7 +267,7 @@ def widest_above(
 
 
 def filled(hyperparameters: Sequence[Hyperparameter], center: float, sd: float | None) -> Array:
-    """`center` and `sd` as the values of a mean and an sd, or the sd's start where it is None."""
+    """The values (mean, sd) moved into their limits; the sd is at its start where `sd` is None."""
     spread = hyperparameters[1].start if sd is None else sd
     return within(hyperparameters, [center, spread])
 
@@ -280,7 +284,7 @@ def within(hyperparameters: Sequence[Hyperparameter], values: Sequence[float]) -
 def limits_of(
     hyperparameters: Sequence[Hyperparameter], which: Indices | None = None
 ) -> tuple[Array, Array]:
-    """Lower and upper limits (k,) each; of all, or of those at the places `which`.
+    """The lower limits (k,) and the upper limits (k,) of all hyperparameters, or of those `which`.
 
     >>> limits_of([resolve("mean", Free(0.0, 1.0), (None, None))])
     (array([0.]), array([1.]))
@@ -296,11 +300,13 @@ def _require(condition: bool, problem: str, remedy: str) -> None:
 
 @dataclass(frozen=True)
 class PriorSteps:
-    """How the log-density of a prior is differentiated; chosen by tests/laws/test_prior.py.
+    """Settings for priors, mostly for their numerical derivatives.
 
-    step: over a quarter of the width of the central half of the prior, and over the distance to an
-    end where the density vanishes or is infinite. wider: step of the curvature over that of the
-    slope. share: of a prior that its hyperparameter's limits must hold.
+    The values are chosen by tests/laws/test_prior.py. step: the step of differences, relative to a
+    quarter of the distance between the quartiles of the prior; near an end where the density
+    vanishes or is infinite, relative to the distance to that end. wider: the step for the second
+    derivative divided by the step for the first. share: the smallest probability that the prior may
+    have between the limits of its hyperparameter.
     """
 
     step: float = 1e-3
@@ -311,16 +317,20 @@ class PriorSteps:
 STEPS = PriorSteps()
 _CENTRAL = np.array([[-2.0, -1.0, 1.0, 2.0], [1 / 12, -2 / 3, 2 / 3, -1 / 12]])
 _ONWARD = np.array([[0.0, 1.0, 2.0, 3.0, 4.0], [-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4]])
-"""Places and weights of differences of fourth order; one-sided where a density stops short."""
+"""Places and weights of one-sided differences of fourth order, for densities that end abruptly.
+
+`_CENTRAL` has the places and weights of central differences.
+"""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """The prior density p(v) of a hyperparameter v, that of a law whose own values are known.
+    """The prior density p(v) of a hyperparameter v: the density of a law with known values.
 
-    `step` is that of its differences. `soft` are the ends of its support where the log-density is
-    not finite, `hard` those where it is; an end that does not exist is infinite. It is not
-    normalized again on the limits of v: a constant factor moves neither a maximum nor a posterior.
+    `step` is the step of its numerical derivatives. `soft` are the ends of the support (lower,
+    upper) at which the log-density is not finite, `hard` the ends at which it is finite; an end
+    that is not of this kind is infinite. The density is not normalized again on the limits of v,
+    because a constant factor changes neither the maximum nor the posterior.
 
     >>> from aleator.laws import Normal
     >>> prior = Prior.of(Normal(1.0, 0.1), "x.mean", 0.5, 1.5)
@@ -337,8 +347,8 @@ class Prior:
     def of(cls, law: PriorLaw, name: str, lower: float, upper: float) -> Prior:
         """The prior of the hyperparameter `name` with these limits.
 
-        Raises InputsError where the law is not known, is that of a constant, has no density on a
-        limit, or lies outside the limits.
+        Raises InputsError where the law has free hyperparameters, is a constant, has no finite
+        density at a limit, or has hardly any probability between the limits.
         """
         free = [h.name for h in law.hyperparameters if h.free]
         if free:
@@ -376,11 +386,14 @@ class Prior:
         )
 
     def log_density(self, value: float) -> float:
-        """log p(v); minus infinity outside the support."""
+        """The log-density log p(v) of the prior; minus infinity outside its support."""
         return float(self.law.log_density(_values_of(self.law), np.array([value]))[0])
 
     def slope(self, value: float) -> float:
-        """d log p/dv, by a difference of fourth order: to some 1e-8 of its size."""
+        """The derivative d log p/dv by a difference of fourth order, with a relative error of 1e-8.
+
+        Zero where v lies at or beyond an end at which the log-density is not finite.
+        """
         step = min(
             self.step, STEPS.step * (value - self.soft[0]), STEPS.step * (self.soft[1] - value)
         )
@@ -395,7 +408,7 @@ class Prior:
         return float(found @ weights / step)
 
     def curvature(self, value: float) -> float:
-        """-d2 log p/dv2, by a difference of slopes; zero where the prior is not bent down."""
+        """The curvature -d2 log p/dv2 by a difference of slopes; a negative one counts as zero."""
         step = min(
             STEPS.wider * self.step, 0.5 * (value - self.soft[0]), 0.5 * (self.soft[1] - value)
         )
@@ -406,12 +419,12 @@ class Prior:
 
 
 def curvatures(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> Array:
-    """-d2 log p/dalpha2 (K,) of the priors, zero where there is none."""
+    """The curvatures -d2 log p/dalpha_k2 (K,) of the priors; zero where there is no prior."""
     return _by_prior(hyperparameters, alpha, Prior.curvature)
 
 
 def log_prior(hyperparameters: Sequence[Hyperparameter], alpha: Array) -> float:
-    """sum_k log p(alpha_k) over the hyperparameters with a prior; 0 without any."""
+    """The log prior density sum_k log p(alpha_k) over the hyperparameters with a prior, or 0."""
     return float(sum(_by_prior(hyperparameters, alpha, Prior.log_density)))
 
 
@@ -428,7 +441,7 @@ def _by_prior(
 
 
 def has_prior(hyperparameters: Sequence[Hyperparameter]) -> bool:
-    """Whether any of them has a prior: what is maximized is then the posterior density."""
+    """Whether any hyperparameter has a prior; a search then maximizes the posterior density."""
     return any(h.prior is not None for h in hyperparameters)
 
 
@@ -437,6 +450,6 @@ def _values_of(law: PriorLaw) -> Array:
 
 
 def _held(law: PriorLaw, values: Array, lower: float, upper: float) -> float:
-    """The probability between the limits."""
+    """The probability that the prior law has between the two limits."""
     score = law.normal_score(values, np.array([lower, upper]))
     return float(special.ndtr(score[1]) - special.ndtr(score[0]))

@@ -1,4 +1,4 @@
-"""The joint law of the parameters: x = T(theta | alpha), for all experiments or for each."""
+"""The joint law of the parameters, x = T(theta | alpha), for all experiments or for single ones."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ from aleator.laws.marginals import Normal
 from aleator.laws.mixture import Mixture
 
 STANDARD_NORMAL: Law = Normal(0.0, 1.0)
-"""The law of the variate that a correlated parameter is made of."""
+"""The law of the standard normal variate whose image a correlated parameter is."""
 
 
 @dataclass(frozen=True)
 class Images:
-    """How parameters are made of very many variates; chosen by tests/laws/test_images.py.
+    """Settings for mapping very many standard normal variates to parameters by a table of the law.
 
-    knots: number of knots in the table of a law, 1/160 apart; the table costs less than the law at
-    `worth` times as many variates. exact: an error between the knots that counts as none, as a
-    share of the distance between the quartiles. region: the probability left out at either end of a
-    law's region, at 5.2 sds of a normal law.
+    The values are chosen by tests/laws/test_images.py. knots: the number of knots of the table,
+    which are 1/160 apart. worth: the table is made for at least this number of variates per knot,
+    because it costs less from there on. exact: the largest error between knots that is accepted,
+    relative to the distance between the law's quartiles. region: the probability left out at either
+    end of the region of a law; for a normal law the region then ends at 5.2 sds.
     """
 
     knots: int = 3041
@@ -49,13 +50,13 @@ class Inputs:
 
     alpha (K,) holds the hyperparameters of all laws, fixed ones included, named
     ``<parameter>.<hyperparameter>``, and after them the correlations. Parameters are independent
-    but for the pairs in `correlation`, each a number or `Free(lower, upper)` within [-1, 1]. The
-    joint law of correlated parameters is a Gaussian copula: x_i = F_i^-1(Phi(theta_i)) with normal
-    theta of that correlation; for normal laws that is the normal law with full covariance. Their
-    nodes and polynomials are those of theta. For more than two correlated parameters see
-    `aleator.laws.correlation.between`. Raises InputsError when there is no parameter, when a name
-    is not an identifier or its law lacks a member of `Law`, and for a pair or limits that are
-    inadmissible.
+    except for the pairs in `correlation`, each a number or `Free(lower, upper)` within [-1, 1]. The
+    joint law of correlated parameters is a Gaussian copula: x_i = F_i^-1(Phi(theta_i)), where the
+    normal variates theta have the correlation. For normal laws this is the multivariate normal law.
+    Correlated parameters have the quadrature nodes and the polynomials of theta. For more than two
+    of them see `aleator.laws.correlation.between`. Raises InputsError when there is no parameter,
+    when a name is not an identifier or its law lacks a member of `Law`, and for a pair or limits
+    that are inadmissible.
 
     >>> from aleator.laws import Constant, Free, Normal
     >>> inputs = Inputs({"v": Normal(mean=Free(-1, 1), sd=0.5), "b0": Constant(2.0)})
@@ -67,9 +68,9 @@ class Inputs:
     >>> tied.correlation_matrix(np.array([0.0, 1.0, 0.0, 1.0, 0.6])).tolist()
     [[1.0, 0.6], [0.6, 1.0]]
 
-    Laws may follow covariates (see `By`). They are then one law for each experiment: `resolved` by
-    a table of covariates, and evaluated by `individual`. What needs one law of all experiments
-    raises InputsError.
+    Laws may follow covariates (see `By`), so that each experiment has a law of its own. `resolved`
+    then applies them to a table of covariates, and `Individual` evaluates them. Methods that need
+    one law for all experiments raise InputsError.
     """
 
     def __init__(
@@ -104,7 +105,7 @@ class Inputs:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of the n parameters."""
+        """The names of the n parameters."""
         return tuple(self.laws)
 
     @cached_property
@@ -120,18 +121,19 @@ class Inputs:
 
     @property
     def covariates(self) -> tuple[str, ...]:
-        """The columns of the table that the laws follow; raises InputsError for no formula."""
+        """The names of the covariates in all formulas; InputsError where a formula is invalid."""
         found = [variables(h.by.formula, h.name) for h in self._own if h.by is not None]
         return tuple(dict.fromkeys(name for names in found for name in names))
 
     def resolved(self, covariates: Table) -> Inputs:
-        """The laws of the experiments with these covariates, a row each, named by the index.
+        """The joint laws of experiments with these covariates; each row is one experiment.
 
         Each `By` becomes the coefficients of its formula, named ``k.mean[Intercept]``,
-        ``k.mean[temperature]``, ``k.mean[supplier=b]``. Of inputs that are resolved already the
-        coefficients stay what they are: the laws of other experiments. Raises InputsError for an
-        unknown name in a formula, a missing value, a level of one experiment only or, of other
-        experiments, one that no experiment had, and for columns of which one is a sum of others.
+        ``k.mean[temperature]``, ``k.mean[supplier=b]``. If these inputs are resolved already, the
+        result has the same coefficients and is for the experiments of the new table. Raises
+        InputsError for an unknown name in a formula, a missing value, a level that only one
+        experiment has, columns that are linearly dependent and, in a new table, a level that the
+        first one does not have.
 
         >>> from aleator.laws import By, Normal
         >>> import pandas as pd
@@ -145,7 +147,7 @@ class Inputs:
         if not self.regressed:
             return self
         found = copy(self)
-        # what was worked out for laws without a table is not theirs
+        # The cached hyperparameters are those of the laws without a table.
         found.__dict__.pop("hyperparameters", None)
         known = self.covariate_model
         found.covariate_model = (
@@ -155,24 +157,24 @@ class Inputs:
 
     @property
     def size(self) -> int:
-        """K, the length of alpha without the noise's part."""
+        """The number K of entries of alpha, without those of the noise."""
         return len(self.hyperparameters)
 
     @cached_property
     def box(self) -> Array:
-        """Limits (n, 2) that hold every node for every admissible alpha."""
+        """Limits (n, 2) that contain every quadrature node for every admissible alpha."""
         return np.array([law.box for law in self.laws.values()])
 
     @property
     def bounded(self) -> bool:
-        """Whether the user stated the box of every parameter."""
+        """Whether the user stated the range of every parameter."""
         return all(law.bounded for law in self.laws.values())
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
-        """Where each law's hyperparameters stand in alpha.
+        """The places of each law's hyperparameters in alpha.
 
-        Raises InputsError where laws follow covariates: their values are not in alpha.
+        Raises InputsError where laws follow covariates, because alpha then has coefficients.
         """
         if self.regressed:
             raise InputsError(
@@ -183,25 +185,26 @@ class Inputs:
 
     @cached_property
     def parts(self) -> tuple[slice, ...]:
-        """Where each law's hyperparameters stand among those of all laws."""
+        """The places of each law's hyperparameters among those of all laws, before covariates."""
         ends = np.cumsum([len(law.hyperparameters) for law in self.laws.values()]).tolist()
         return tuple(slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True))
 
     @property
     def scattering(self) -> int:
-        """How many parameters vary between experiments."""
+        """The number of parameters that vary between experiments."""
         return len(self.scattered)
 
     @cached_property
     def scattered(self) -> tuple[int, ...]:
-        """Which parameters vary between experiments; each is the image of a theta."""
+        """The indices of the parameters that vary between experiments."""
         return tuple(i for i, law in enumerate(self.laws.values()) if law.scatters)
 
     @cached_property
     def classes(self) -> Indices:
-        """The component of each law (C, n) in each of C classes; one class without mixtures.
+        """The number of the mixture component of each law (C, n) in each of C classes.
 
-        The classes of several mixtures are all their combinations.
+        A class is one combination of components of all mixtures. Without mixtures there is one
+        class.
         """
         counts = [
             len(law.components) if isinstance(law, Mixture) else 1 for law in self.laws.values()
@@ -210,13 +213,14 @@ class Inputs:
 
     @cached_property
     def correlated(self) -> tuple[int, ...]:
-        """Which parameters are correlated with another, in the order of `correlation`."""
+        """The indices of the parameters that are correlated, in the order of `correlation`."""
         return tuple(self.scattered[i] for i in self.correlation.members)
 
     def correlation_matrix(self, alpha: Array) -> Array:
-        """Correlations R (n, n) of the variates theta, and of x itself where laws are normal.
+        """The correlation matrix R (n, n) of the normal variates theta.
 
-        Rank correlations of any continuous laws are 6/pi arcsin(R/2).
+        For normal laws R is also the correlation matrix of x. For any continuous laws the rank
+        correlations are 6/pi arcsin(R/2).
         """
         matrix = np.eye(len(self.names))
         at = np.ix_(self.correlated, self.correlated)
@@ -224,7 +228,7 @@ class Inputs:
         return matrix
 
     def correlation_slope(self, alpha: Array) -> Array:
-        """dR/dalpha (n, n, K), for the standard errors of the correlations."""
+        """The derivative dR/dalpha (n, n, K) of the correlation matrix, for standard errors."""
         n = len(self.names)
         slope = np.zeros((n, n, self.size))
         at = np.ix_(self.correlated, self.correlated, range(*self.partials.indices(self.size)))
@@ -235,9 +239,8 @@ class Inputs:
     def image(self, alpha: Array, xi: Array) -> tuple[Array, Array]:
         """Parameters x (J, n) of independent standard normal xi (J, scattering), and dx/dalpha.
 
-        x_i = F_i^-1(Phi(theta_i) | alpha) with theta fixed: smooth in alpha, so that averages over
-        fixed xi have exact derivatives `dx` (J, n, K). theta is xi itself, or L xi for correlated
-        parameters.
+        x_i = F_i^-1(Phi(theta_i) | alpha), where theta is xi itself, or L xi for correlated
+        parameters. x is smooth in alpha for fixed xi, and `dx` (J, n, K) is its exact derivative.
 
         >>> from aleator.laws import Normal
         >>> x, dx = Inputs({"v": Normal(1.0, 0.5)}).image(np.array([1.0, 0.5]), np.array([[2.0]]))
@@ -261,8 +264,8 @@ class Inputs:
     def tied(self, alpha: Array, theta: Array) -> tuple[Array, Array]:
         """The m correlated parameters x (J, m) of standard normal theta (J, m), and dx/dalpha.
 
-        theta is independent here: x_i = F_i^-1(Phi((L theta)_i)) with R = L L'. The order is that
-        of `correlated`; dx (J, m, K) is for fixed theta.
+        The entries of theta are independent: x_i = F_i^-1(Phi((L theta)_i)) with R = L L'. The
+        parameters are in the order of `correlated`. dx (J, m, K) is the derivative at fixed theta.
 
         >>> from aleator.laws import Normal
         >>> pair = Inputs({"a": Normal(1.0, 2.0), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.6})
@@ -281,10 +284,11 @@ class Inputs:
         return x, dx
 
     def independent(self, alpha: Array) -> tuple[tuple[Law, ...], tuple[Array, ...]]:
-        """Laws and their values (n each) of the independent variables that x is made of.
+        """The laws, and their hyperparameters, of n independent variables that determine x.
 
-        That is the parameter's own law, or N(0, 1) where the parameter is correlated: polynomials
-        of these are orthonormal under the joint law. `tied` makes x of the correlated ones.
+        The variable of an independent parameter is the parameter itself, with its law. The variable
+        of a correlated parameter is a standard normal variate, from which `tied` computes x.
+        Products of polynomials that are orthonormal under these laws are so under the joint law.
         """
         tied = set(self.correlated)
         laws = [STANDARD_NORMAL if i in tied else law for i, law in enumerate(self.laws.values())]
@@ -294,7 +298,7 @@ class Inputs:
         return tuple(laws), tuple(values)
 
     def marginal(self, alpha: Array, probability: Array) -> Array:
-        """Quantiles (R, n) of each parameter's own law at probabilities (R, n)."""
+        """The quantiles (R, n) of each parameter's marginal law at probabilities (R, n)."""
         columns = [
             law.quantile(alpha[part], probability[:, i])
             for i, (law, part) in enumerate(zip(self.laws.values(), self.slices, strict=True))
@@ -311,9 +315,9 @@ class Inputs:
         return x
 
     def values(self, alpha: Array, experiments: slice) -> tuple[Array, ...]:
-        """Each law's hyperparameters in some experiments: (k,), or (k, B, 1) with covariates.
+        """Each law's hyperparameters in B experiments: (k,), or (k, B, 1) with covariates.
 
-        Raises InputsError for covariates that no table has resolved.
+        Raises InputsError where laws follow covariates and no table was given (see `resolved`).
         """
         if self.covariate_model is not None:
             return tuple(
@@ -322,7 +326,7 @@ class Inputs:
         return tuple(alpha[part] for part in self.slices)
 
     def of_experiment(self, alpha: Array, experiment: int) -> tuple[Inputs, Array]:
-        """The law of one experiment by itself: inputs without covariates, and their alpha."""
+        """The joint law of one experiment: inputs without covariates, and their alpha."""
         if self.covariate_model is None:
             return self, alpha
         one = self.values(alpha, slice(experiment, experiment + 1))
@@ -335,7 +339,7 @@ class Inputs:
         return found, np.concatenate([*own, alpha[self.partials]])
 
     def centered(self, x: Array) -> Array:
-        """The alpha (K,) of laws whose centers are the point x (n,), all else at its start."""
+        """The alpha (K,) of laws centered at the point x (n,); other values are at their starts."""
         alpha = np.array([h.start for h in self.hyperparameters])
         wanted = [law.filling(value) for law, value in zip(self.laws.values(), x, strict=True)]
         own = np.concatenate(wanted)
@@ -344,24 +348,24 @@ class Inputs:
         return alpha
 
     def filling(self, region: Array, widths: float) -> Array:
-        """The alpha (K,) of laws in the middle of a region (n, 2) that is `widths` of their sds
-        wide."""
+        """The alpha (K,) of laws centered in a region (n, 2), with sd = width / `widths`."""
         alpha = np.array([h.start for h in self.hyperparameters])
         for law, part, (low, high) in zip(self.laws.values(), self.slices, region, strict=True):
             alpha[part] = law.filling(0.5 * (low + high), (high - low) / widths)
         return alpha
 
     def individual(self, alpha: Array, xi: Array, experiments: slice) -> Individual:
-        """Parameters of some experiments at standard normal variates xi (B, J, s) of their own."""
+        """The parameters of B experiments at J standard normal variates xi (B, J, s) of each."""
         return Individual.of(self, alpha, xi, experiments)
 
     def log_density(self, alpha: Array, x: Array) -> Array:
-        """log p(x | alpha) at each x (J, n), minus infinity outside the support.
+        """The log-density log p(x | alpha) at each x (J, n), minus infinity outside the support.
 
-        The sum of the marginal log-densities and, for correlated parameters, the log-density of
-        the Gaussian copula: -1/2 log det R - 1/2 theta' (R^-1 - I) theta with the normal scores
-        theta of x (Song, 2000). A constant counts as a probability: zero at its value. Cost O(J n).
-        Raises InputsError where a correlation is 1 or -1: the law then has no density.
+        It is the sum of the marginal log-densities and, for correlated parameters, the log-density
+        of the Gaussian copula: -1/2 log det R - 1/2 theta' (R^-1 - I) theta with the normal scores
+        theta of x (Song, 2000). A constant contributes the logarithm of its probability: zero at
+        its value, minus infinity elsewhere. Cost O(J n). Raises InputsError where a correlation is
+        1 or -1, because the law then has no density.
 
         >>> from aleator.laws import Normal
         >>> pair = Inputs({"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0)}, {("a", "b"): 0.6})
@@ -395,20 +399,20 @@ class Inputs:
 
     @cached_property
     def _own(self) -> tuple[Hyperparameter, ...]:
-        """The hyperparameters of the laws, before covariates give them coefficients."""
+        """The hyperparameters of the laws, before formulas of covariates become coefficients."""
         return tuple(h.named(name) for name, law in self.laws.items() for h in law.hyperparameters)
 
     @property
     def partials(self) -> slice:
-        """Where the partial correlations stand in alpha."""
+        """The places of the partial correlations in alpha."""
         return slice(self.size - len(self.correlation.hyperparameters), self.size)
 
 
 def zeros(count: int, n: int, size: int) -> tuple[Array, Array]:
-    """Zeros for x (J, n) and dx (J, n, K), laid out so that a derivative is one piece.
+    """Arrays of zeros for x (J, n) and dx (J, n, K), where each dx[:, i, k] is one piece of memory.
 
-    Memory that no law writes to, because x_i does not depend on the hyperparameters of the others,
-    is then never touched.
+    x_i depends only on the hyperparameters of its own law; with this layout the memory for all
+    other derivatives is never touched.
     """
     return np.zeros((n, count)).T, np.zeros((n, size, count)).transpose(2, 0, 1)
 
@@ -417,11 +421,11 @@ def zeros(count: int, n: int, size: int) -> tuple[Array, Array]:
 class Individual:
     """Parameters x (B, J, n) of B experiments at J standard normal variates xi (B, J, s) of each.
 
-    x = T(xi | alpha): every law is the image of a variate theta, and theta = L xi ties correlated
-    parameters (see `Inputs`); `theta` is (B, J, s). It is smooth in alpha for fixed xi, whatever
-    the support of a law. Where laws are mixtures an experiment belongs to one of C classes
-    (`Inputs.classes`): the first J/C variates are those of the first class, and so on, and
-    `log_weight` (B or 1, J) is the logarithm of the probability of each point's class.
+    x = T(xi | alpha): each parameter is the image of a variate in `theta` (B, J, s), and theta =
+    L xi makes the correlations (see `Inputs`). x is smooth in alpha for fixed xi, whatever the
+    support of a law. With mixtures an experiment belongs to one of C classes (`Inputs.classes`).
+    The first J/C points are then those of the first class, and so on; `log_weight` (B or 1, J) is
+    the logarithm of the probability of each point's class.
     """
 
     inputs: Inputs
@@ -438,7 +442,7 @@ class Individual:
 
     @classmethod
     def of(cls, inputs: Inputs, alpha: Array, xi: Array, experiments: slice) -> Individual:
-        """The image of the variates under the law alpha (K,) of these experiments."""
+        """The parameters at the variates under the laws alpha (K,) of the given experiments."""
         mixing, slope = _mixing(inputs, alpha)
         theta = xi @ mixing.T if inputs.correlation.members else xi
         place = {i: s for s, i in enumerate(inputs.scattered)}
@@ -458,7 +462,7 @@ class Individual:
         return cls(inputs, xi, theta, x, own, log_weight, mixing, slope, values, alpha, experiments)
 
     def by_variates(self) -> Array:
-        """dx/dxi (B, J, n, s)."""
+        """The derivatives dx/dxi (B, J, n, s) of the parameters by the variates."""
         slopes = np.zeros((*self.x.shape, self.xi.shape[2]))
         for s, i in enumerate(self.inputs.scattered):
             slopes[:, :, i] = self.images[i].dtheta[..., None] * self.mixing[s]
@@ -466,8 +470,10 @@ class Individual:
 
     @property
     def normal_scores(self) -> Array:
-        """The normal scores (B, J, s) of the parameters under their whole laws: theta, except for
-        mixtures."""
+        """The normal scores (B, J, s) of the parameters under their complete laws.
+
+        They equal theta, except for mixtures, where theta belongs to one component.
+        """
         found = self.theta
         for s, i in enumerate(self.inputs.scattered):
             law = self.inputs.law(i)
@@ -483,9 +489,10 @@ class Individual:
         return found
 
     def score(self, gradient: Array, share: Array) -> Array:
-        """sum_j g_j dx_j/dalpha + share_j dlog w_j/dalpha (B, K), for fixed xi.
+        """The derivative (B, K) by alpha of a weighted sum over the points, for fixed xi.
 
-        The gradient g is by x (B, J, n), and w is the probability of each point's class.
+        It is sum_j g_j dx_j/dalpha + share_j dlog w_j/dalpha, with the `gradient` g (B, J, n) by x,
+        the `share` (B, J) of each point, and the probability w of each point's class.
         """
         first = self.inputs.partials.start
         found = np.zeros((len(self.x), self.inputs.size))
@@ -499,7 +506,7 @@ class Individual:
         return found
 
     def _score_of_laws(self, gradient: Array, share: Array) -> Array:
-        """The score by all hyperparameters but the correlations."""
+        """The score (B, K') by all hyperparameters except the correlations."""
         by_values = np.concatenate(
             [
                 np.einsum("bj,bjk->bk", gradient[..., i], own.dvalues)
@@ -515,7 +522,7 @@ class Individual:
         return model.score(self.alpha, by_values, self.experiments)
 
     def _score_of_classes(self, share: Array) -> Array:
-        """sum_c p_c dlog w_c/dvalues (B, H), p the share of each class."""
+        """The part sum_c p_c dlog w_c/dvalues (B, H) of the score; p_c is the share of class c."""
         classes = self.inputs.classes
         of_class = share.reshape(len(share), len(classes), -1).sum(axis=2)
         found = []
@@ -532,10 +539,10 @@ class Individual:
 def parameters_at(
     inputs: Inputs, alpha: Array, xi: Array, experiments: slice, *, often: bool
 ) -> tuple[Array, Array]:
-    """Parameters and log weights as `Individual.of` gives them, without derivatives and so in less
-    time.
+    """The parameters x and log weights of `Individual.of`, without derivatives and thus faster.
 
-    `often` says that the same laws are evaluated at many other variates too.
+    `often` says that the same laws will be evaluated at many more variates, so that a table of each
+    law is worth its cost.
     """
     if inputs.covariate_model is not None or len(inputs.classes) > 1:
         found = Individual.of(inputs, alpha, xi, experiments)
@@ -551,7 +558,7 @@ def parameters_at(
 
 
 def drawn(inputs: Inputs, alpha: Array, count: int, rng: np.random.Generator) -> Array:
-    """Parameters (N, n) of so many experiments, one draw of its own law for each."""
+    """Random parameters (N, n) of N = `count` experiments, each drawn from its own law."""
     classes = len(inputs.classes)
     xi = np.repeat(rng.standard_normal((count, 1, inputs.scattering)), classes, axis=1)
     found = Individual.of(inputs, alpha, xi, slice(0, count))
@@ -563,10 +570,10 @@ def drawn(inputs: Inputs, alpha: Array, count: int, rng: np.random.Generator) ->
 
 
 def variates_of(inputs: Inputs, alpha: Array, x: Array, experiments: slice) -> Array:
-    """The variates xi (B, C, s) whose image the parameters x (B, C, n) of C classes are.
+    """The variates xi (B, C, s) that are mapped to the parameters x (B, C, n) of C classes.
 
-    The inverse of `Individual.of`: xi = L^-1 theta with theta the normal scores of x; not finite
-    beyond a law.
+    This is the inverse of `Individual.of`: xi = L^-1 theta, where theta are the normal scores of x.
+    They are not finite where x lies outside the support of its law.
     """
     values = inputs.values(alpha, experiments)
     theta = np.empty((*x.shape[:2], inputs.scattering))
@@ -578,13 +585,13 @@ def variates_of(inputs: Inputs, alpha: Array, x: Array, experiments: slice) -> A
 
 
 def _parts(count: int, classes: int) -> list[slice]:
-    """Which of so many points are those of each class."""
+    """The slice of each class among `count` points, which are in the order of the classes."""
     each = count // classes
     return [slice(c * each, (c + 1) * each) for c in range(classes)]
 
 
 def _of_classes(law: Law, values: Array, theta: Array, components: Indices) -> Standard:
-    """The image of theta (B, J), whose C parts belong to these components of the law."""
+    """The parameters at theta (B, J), whose C equal parts belong to the given components."""
     if not isinstance(law, Mixture):
         return _standard(law, values, theta)
     found = []
@@ -598,7 +605,7 @@ def _of_classes(law: Law, values: Array, theta: Array, components: Indices) -> S
 
 
 def _component(law: Law, values: Array, component: int) -> tuple[Law, Array, slice]:
-    """The law of one component, its values and where among the law's they are."""
+    """The law of one component of a mixture, its values, and their places among all values."""
     if not isinstance(law, Mixture):
         return law, values, slice(0, len(values))
     place = law.parts[component]
@@ -606,7 +613,7 @@ def _component(law: Law, values: Array, component: int) -> tuple[Law, Array, sli
 
 
 def _log_weights(inputs: Inputs, values: tuple[Array, ...]) -> Array:
-    """log of the probability of each class, (B, C), or (1, C) where it is the same in all."""
+    """The log probability of each class (B, C), or (1, C) if it is equal in all experiments."""
     found = np.zeros((1, len(inputs.classes)))
     for law, own, components in zip(inputs.laws.values(), values, inputs.classes.T, strict=True):
         if isinstance(law, Mixture):
@@ -615,7 +622,10 @@ def _log_weights(inputs: Inputs, values: tuple[Array, ...]) -> Array:
 
 
 def _mixing(inputs: Inputs, alpha: Array) -> tuple[Array, Array]:
-    """L (s, s) of theta = L xi over all scattering parameters, and dL/d partial (s, s, p)."""
+    """The matrix L (s, s) of theta = L xi for all scattering parameters, and its derivatives.
+
+    The derivatives (s, s, p) are by the p partial correlations.
+    """
     s, members = inputs.scattering, list(inputs.correlation.members)
     partial = alpha[inputs.partials]
     mixing, slope = np.eye(s), np.zeros((s, s, partial.size))
@@ -627,10 +637,10 @@ def _mixing(inputs: Inputs, alpha: Array) -> tuple[Array, Array]:
 
 
 def _standard(law: Law, values: Array, theta: Array) -> Standard:
-    """The image of theta (B, J), with dvalues (B, J, k)."""
+    """The parameters at theta (B, J) under one law, with their derivatives."""
     if values.ndim > 1:
         return law.standard(values, theta)
-    # a law from elsewhere may know flat variates only
+    # A law written by a user may accept only one-dimensional arrays of variates.
     found = law.standard(values, theta.ravel())
     shape = theta.shape
     return Standard(
@@ -639,11 +649,12 @@ def _standard(law: Law, values: Array, theta: Array) -> Standard:
 
 
 def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool = False) -> Array:
-    """x(theta) of the law of parameter i at variates theta of any shape, as `law.standard` has it.
+    """The parameter x(theta) of the law of parameter i at variates theta of any shape.
 
-    Very many variates are interpolated (cubic Hermite), where that is as exact as the law itself; a
-    law whose quantile has kinks or goes to infinity is evaluated directly. Beyond 9.5, where there
-    is no mass, x is that of 9.5. `often` says that this law will be evaluated again and again.
+    For very many variates x is interpolated in a table (cubic Hermite) if that is as exact as the
+    law itself. A law whose quantile function has kinks or is infinite is evaluated directly.
+    Variates beyond 9.5, where there is no probability, count as 9.5. `often` says that this law
+    will be evaluated many times, so that a table is worth its cost.
     """
     law = inputs.law(i)
     if isinstance(law, Normal):
@@ -663,7 +674,7 @@ def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool
 
 @lru_cache(maxsize=64)
 def _table(inputs: Inputs, i: int, values: bytes) -> Tabulated | None:
-    """The table of a law with these values (k,), or None where it would not be exact."""
+    """The table of a law with these values (k,), or None where a table would not be exact."""
     law, own, knots = inputs.law(i), np.frombuffer(values), Tabulated.knots(IMAGES.knots)
     middle = 0.5 * (knots[:-1] + knots[1:])
     with np.errstate(all="ignore"):
@@ -676,7 +687,7 @@ def _table(inputs: Inputs, i: int, values: bytes) -> Tabulated | None:
 
 
 def law_region(inputs: Inputs, alphas: list[Array], tail: float = IMAGES.region) -> Array:
-    """The smallest region (n, 2) that holds each parameter's law but for its tails, for all alphas.
+    """The smallest region (n, 2) that contains the laws of all given alphas except their tails.
 
     >>> from aleator.laws import Constant, Normal
     >>> inputs = Inputs({"v": Normal(0.0, 1.0), "b": Constant(2.0)})

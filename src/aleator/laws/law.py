@@ -1,4 +1,4 @@
-"""What a marginal law is, and how one is made of a standard normal variate."""
+"""The interface of a marginal law, and helpers that map a standard normal variate to a law."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ from aleator.laws.hyperparameter import Hyperparameter, Specification, filled, l
 
 @dataclass(frozen=True)
 class Numerics:
-    """How exactly laws are computed; chosen by tests/laws, or by judgement where it says so.
+    """Settings for the accuracy with which laws are computed; chosen by tests/laws.
 
-    sds: the box of a normal law ends so many standard deviations from its means (by judgement:
-    1e-15 is beyond). tail: the probability beyond the box of another law without an end. step:
-    relative step of differences, whose error is of the order of its fourth power. farthest, knots:
-    a quantile that is tabulated has so many knots, at standard normal variates up to this size.
-    worth: the number of values of one law from which on a table is made, which costs some thousand
-    quantiles (`make bench`). passes, rounding: `invert` takes so many passes at most, and ends
-    where a bracket or a step is below this share of the largest end of the bracket.
+    sds: the range assumed for a normal law extends this many standard deviations beyond the limits
+    of its mean (by judgement; a probability of 1e-15 is beyond). tail: the probability beyond the
+    range assumed for any other law without an end. step: relative step of numerical derivatives,
+    whose error is of the order of its fourth power. farthest, knots: the table of a quantile
+    function has this number of `knots`, at standard normal variates from -farthest to farthest.
+    worth: a table is made for at least this many values of one law, because it costs some thousand
+    quantiles (`make bench`). passes: the largest number of iterations of `invert`. rounding:
+    `invert` ends where its bracket or its step, relative to the largest end of the bracket, is
+    below this.
     """
 
     sds: float = 8.0
@@ -46,9 +48,9 @@ NUMERICS = Numerics()
 class Rule:
     """A quadrature rule of q nodes for a law with k hyperparameters.
 
-    `x` (q,) are the nodes, `weights` (q,) sum to one, `t` (q,) are the nodes in the
-    variable of the law's polynomials; `dx` and `dweights` (q, k) are the derivatives by the
-    law's hyperparameters, so that the derivative of any weighted sum is exact for any q.
+    `x` (q,) are the nodes, and `weights` (q,) sum to one. `t` (q,) are the nodes in the variable of
+    the law's orthogonal polynomials. `dx` and `dweights` (q, k) are derivatives by the law's
+    hyperparameters; with them the derivative of any weighted sum over the nodes is exact.
     """
 
     x: Array
@@ -62,8 +64,8 @@ class Rule:
 class Standard:
     """A law as the image x = F^-1(Phi(theta)) of standard normal variates theta of any shape.
 
-    `x` has the shape of theta, and so has its derivative by theta, `dtheta`; `dvalues`
-    (*theta.shape, k) are the derivatives by the law's hyperparameters.
+    `x` has the shape of theta, and `dtheta`, its derivative by theta, has this shape too. `dvalues`
+    (*theta.shape, k) are the derivatives of x by the law's hyperparameters.
     """
 
     x: Array
@@ -73,7 +75,7 @@ class Standard:
 
 @dataclass(frozen=True)
 class MeanSd:
-    """Mean and standard deviation of a law, with derivatives (k,) by its hyperparameters."""
+    """The mean and standard deviation of a law, with derivatives (k,) by its hyperparameters."""
 
     mean: float
     sd: float
@@ -82,8 +84,7 @@ class MeanSd:
 
     @classmethod
     def of(cls, rule: Rule) -> MeanSd:
-        """Mean and sd by a quadrature rule of the law with two nodes or more, which is exact for
-        both.
+        """Mean and sd by a quadrature rule of the law; two nodes are enough to be exact.
 
         >>> import numpy as np
         >>> half = np.array([0.5, 0.5])
@@ -101,22 +102,23 @@ class MeanSd:
 
 
 class Law(Protocol):
-    """A marginal law P_X(alpha) of one parameter.
+    """The interface of a marginal law P_X(alpha) of one parameter.
 
-    `values` (k,) are its hyperparameters in the order of `hyperparameters`.
+    The argument `values` (k,) of its methods has the values of the law's hyperparameters, in the
+    order of `hyperparameters`.
     """
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """The hyperparameters, resolved and in order."""
+        """The law's hyperparameters with their limits, in the order of `values`."""
 
     @property
     def box(self) -> tuple[float, float]:
-        """Finite interval that holds every node for every admissible alpha."""
+        """A finite interval that contains every quadrature node for every admissible alpha."""
 
     @property
     def bounded(self) -> bool:
-        """Whether the user stated the box, rather than the law having to guess one."""
+        """Whether the user stated the range of the parameter; otherwise `box` is a guess."""
 
     @property
     def scatters(self) -> bool:
@@ -126,55 +128,57 @@ class Law(Protocol):
         """The Gauss rule of the law with `nodes` nodes (one for a constant)."""
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
-        """The first coefficients a (count,), b (count,) of the law's orthonormal polynomials.
+        """The first recurrence coefficients a (count,), b (count,) of the orthonormal polynomials.
 
-        They belong to the variable t of `Rule`; see `aleator.core.polynomials`. A constant
-        has one pair, whatever the count.
+        The polynomials are orthonormal under the law, in the variable t of `Rule`; see
+        `aleator.core.polynomials`. A constant has one pair, whatever the count.
         """
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """log f(x) at each x (J,), minus infinity outside the support."""
+        """The log-density log f(x) at each x (J,), minus infinity outside the support."""
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """theta = Phi^-1(F(x)) at each x (J,), the inverse of `standard`; infinite outside."""
+        """The normal score Phi^-1(F(x)) at each x (J,), infinite outside the support.
+
+        It is the inverse of `standard`.
+        """
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """The quantile of the law at each probability; maps uniform samples to the law."""
+        """The quantile of the law at each probability, which maps uniform numbers to samples."""
 
     def standard(self, values: Array, theta: Array) -> Standard:
         """The law as the image of standard normal variates of any shape, with derivatives.
 
-        `values` are (k,), one law for every theta, or (k, ...) with rows that broadcast against
-        theta: laws (k, B, 1) of B experiments for theta (B, J).
+        `values` (k,) are those of one law for every theta. `values` (k, B, 1) are those of B laws,
+        one for each experiment, at theta (B, J); any rows that broadcast against theta are allowed.
         """
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """Mean and standard deviation of the law, with derivatives by its hyperparameters."""
+        """The mean and standard deviation of the law, with derivatives by its hyperparameters."""
 
     def filling(self, center: float, sd: float | None = None) -> Array:
-        """Hyperparameters (k,) of the law of this family with this center and sd.
+        """Values (k,) of the hyperparameters that give the law this center and sd.
 
-        They are cut to their limits, and fixed ones keep their values. With `sd` None only the
-        location is set; the others are at their starts.
+        Each value is moved into its limits, and fixed ones stay as they are. With `sd` None only
+        the location is set, and all other hyperparameters are at their starts.
         """
 
 
 class ThroughNormal:
-    """Base of laws whose polynomials are the Hermite polynomials of the standard normal variate
-    theta.
+    """Base class of laws that use Hermite polynomials of the standard normal variate theta.
 
-    Hermite polynomials of theta are dense whatever the law (Ernst, Mugler, Starkloff and Ullmann,
-    2012). A rule of q nodes is exact for polynomials of theta, not of x.
+    Any function of finite variance can be approximated by them, whatever the law (Ernst, Mugler,
+    Starkloff and Ullmann, 2012). A rule of q nodes is exact for polynomials of theta, not of x.
     """
 
     def rule(self, values: Array, nodes: int) -> Rule:
-        """Gauss-Hermite nodes of theta; the weights do not depend on alpha."""
+        """The Gauss-Hermite rule in theta, mapped to x; its weights do not depend on alpha."""
         theta, weights = gauss_hermite(nodes)
         image = self.standard(values, theta)
         return Rule(image.x, weights, theta, image.dvalues, np.zeros(image.dvalues.shape))
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
-        """Hermite polynomials of theta."""
+        """The recurrence coefficients of the Hermite polynomials of theta."""
         return hermite_recurrence(count)
 
     @abstractmethod
@@ -183,7 +187,7 @@ class ThroughNormal:
 
 
 class ByMeanAndSd:
-    """Base of laws whose two hyperparameters are their own mean and standard deviation."""
+    """Base class of laws whose two hyperparameters are the law's mean and standard deviation."""
 
     mean: Specification
     sd: Specification
@@ -194,32 +198,33 @@ class ByMeanAndSd:
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd` of the law itself."""
+        """The hyperparameters `mean` and `sd`, which are those of the law itself."""
         return location_and_scale(self.mean, self.sd)
 
     @property
     def bounded(self) -> bool:
-        """The law has no box of its own."""
+        """False: the user states no range for a law of this kind."""
         return False
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """The two hyperparameters."""
+        """The mean and the sd, which are the two hyperparameters."""
         return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
 
     def filling(self, center: float, sd: float | None = None) -> Array:
-        """The center and the sd, within their limits."""
+        """The values (mean, sd) equal to the center and the sd, moved into their limits."""
         return filled(self.hyperparameters, center, sd)
 
 
 Tail = Callable[..., Array]
-"""A quantile function of probabilities (J,) and of the law's shapes, each one number or (J,)."""
+"""A quantile function of probabilities (J,) and of the law's shape parameters, each (J,) too."""
 
 
 def from_tails(theta: Array, below: Tail, above: Tail, *shapes: Array) -> Array:
-    """F^-1(Phi(theta)), by `below(P)` left of the median and by `above(1 - P)` right of it.
+    """The quantile x = F^-1(Phi(theta)), computed from the probability of the nearer tail.
 
-    Phi(theta) rounds to one beyond 8.3; the probability of the nearer tail keeps all its digits.
-    Both get the law's `shapes`, which broadcast against theta of any shape.
+    Left of the median x = below(P), right of it x = above(1 - P), with P = Phi(theta). Phi(theta)
+    rounds to one beyond 8.3, while the probability of the nearer tail keeps all its digits. `below`
+    and `above` also get the law's `shapes`, which broadcast against theta of any shape.
 
     >>> from_tails(np.array([-9.0, 9.0]), special.ndtri, lambda p: -special.ndtri(p)).tolist()
     [-9.0, 9.0]
@@ -234,9 +239,10 @@ def from_tails(theta: Array, below: Tail, above: Tail, *shapes: Array) -> Array:
 
 @dataclass(frozen=True)
 class Tabulated:
-    """A smooth function of a standard normal variate by its values and slopes (K,) at the knots.
+    """A table of a smooth function of a standard normal variate: values and slopes at K knots.
 
-    Cubic Hermite interpolation: its error is h^4/384 times the fourth derivative, h = 19/(K - 1).
+    `value` (K,) and `slope` (K,) are interpolated by cubic Hermite polynomials. The error is
+    h^4/384 times the fourth derivative, with the distance h = 19/(K - 1) of the knots.
 
     >>> theta = Tabulated.knots()
     >>> table = Tabulated(np.exp(0.3 * theta), 0.3 * np.exp(0.3 * theta))
@@ -249,16 +255,16 @@ class Tabulated:
 
     @staticmethod
     def knots(count: int = NUMERICS.knots) -> Array:
-        """(K,) the variates at which a function is tabulated."""
+        """The variates (K,) at which a function is tabulated."""
         return np.linspace(-NUMERICS.farthest, NUMERICS.farthest, count)
 
     @property
     def finite(self) -> bool:
-        """Whether there is a value at every knot."""
+        """Whether the value and the slope are finite at every knot."""
         return bool(np.all(np.isfinite(self.value)) and np.all(np.isfinite(self.slope)))
 
     def __call__(self, theta: Array) -> Array:
-        """Values at theta of any shape, none farther out than the last knot."""
+        """The interpolated values at theta of any shape, which must lie within the knots."""
         gaps = self.value.size - 1
         width = 2.0 * NUMERICS.farthest / gaps
         place = (theta + NUMERICS.farthest) / width
@@ -271,7 +277,7 @@ class Tabulated:
 
 
 def from_probability(probability: Array, below: Tail, above: Tail) -> Array:
-    """F^-1(P), from the smaller of P and 1 - P.
+    """The quantile F^-1(P) from the smaller of P and 1 - P: below(P), or above(1 - P).
 
     >>> from_probability(np.array([0.25, 0.75]), lambda p: p, lambda p: 1.0 - p).tolist()
     [0.25, 0.75]
@@ -281,7 +287,7 @@ def from_probability(probability: Array, below: Tail, above: Tail) -> Array:
 
 
 def to_score(below: Array, above: Array) -> Array:
-    """Phi^-1(F) from the probabilities F below and 1 - F above, by the smaller of the two.
+    """The normal score Phi^-1(F) from the smaller of the probabilities F below and 1 - F above.
 
     >>> to_score(np.array([0.5, 1.0]), np.array([0.5, special.ndtr(-9.0)])).tolist()
     [0.0, 9.0]
@@ -290,7 +296,7 @@ def to_score(below: Array, above: Array) -> Array:
 
 
 def normal_log_density(theta: Array) -> Array:
-    """log phi(theta) of the standard normal law.
+    """The log-density log phi(theta) of the standard normal law.
 
     >>> float(normal_log_density(np.array([0.0]))[0].round(6))
     -0.918939
@@ -299,7 +305,7 @@ def normal_log_density(theta: Array) -> Array:
 
 
 def slope(theta: Array, log_density: Array) -> Array:
-    """dx/dtheta = phi(theta)/f(x) (J,) from log f(x); zero where the density is infinite.
+    """The slope dx/dtheta = phi(theta)/f(x) (J,) from log f(x); zero where f(x) is infinite.
 
     >>> x = np.array([-1.0, 2.0])
     >>> slope(x, -0.5 * x**2 - 0.5 * np.log(2.0 * np.pi)).tolist()
@@ -311,10 +317,10 @@ def slope(theta: Array, log_density: Array) -> Array:
 def difference(
     function: Callable[[Array], Array], at: Array | float, step: Array | float | None = None
 ) -> Array:
-    """Derivative of a function of one number by central differences of fourth order.
+    """The derivative of a function of one number by central differences of fourth order.
 
-    The number may be an array that the function takes elementwise. Without a `step` it is
-    positive, and the step 1e-3 of it.
+    The number `at` may be an array, to which the function is applied elementwise. Without a `step`,
+    `at` must be positive, and the step is 1e-3 of it.
 
     >>> bool(abs(difference(lambda v: v**5, np.array([2.0]))[0] - 80.0) < 1e-9)
     True
@@ -329,10 +335,10 @@ def difference(
 def by_distinct(
     of_one: Callable[[Array, Array], Standard], values: Array, theta: Array
 ) -> Standard:
-    """The images of theta under laws whose values (k, ...) broadcast against theta.
+    """The images of theta under several laws, with one call for each distinct law.
 
-    `of_one(values (k,), theta (M,))` is the image under one law. It is called once for each
-    distinct column of values, so that the cost is that of as many laws.
+    The columns of `values` (k, ...) are the hyperparameters of the laws and broadcast against
+    theta. `of_one(values (k,), theta (M,))` gives the image under one law.
 
     >>> def shifted(values, theta):
     ...     return Standard(values[0] + theta, np.ones(theta.shape), np.ones((theta.size, 1)))
@@ -362,11 +368,12 @@ def invert(
     high: Array,
     start: Array | None = None,
 ) -> Array:
-    """y (N, P) with cdf(y) = p (N, P), known to lie in [low, high] (N, P); sought from `start`.
+    """The quantiles y (N, P) that solve cdf(y) = p (N, P) within brackets [low, high] (N, P).
 
-    Newton's method kept in a bracket that shrinks at every pass, with a bisection where it would
-    leave the bracket. `cdf` and `pdf` take and return (N, P). Cost: six passes for a smooth law,
-    up to 50 where the density is a row of spikes.
+    Newton's method from `start`, or from the middle of the bracket. The bracket shrinks at every
+    iteration, and a step that would leave it is replaced by a bisection. `cdf` and `pdf` take and
+    return (N, P). Cost: six iterations for a smooth law, up to 50 where the density is a row of
+    spikes.
 
     >>> from scipy.special import ndtr
     >>> at = np.array([[0.975]])

@@ -49,14 +49,17 @@ from aleator.laws.law import (
 
 @dataclass(frozen=True)
 class Shapes:
-    """The most extreme shapes of laws; chosen by tests/laws.
+    """Settings for the most extreme shapes of laws; chosen by tests/laws.
 
-    narrowest: an sd of zero of a gamma or a beta is replaced by this share of its upper limit,
-    where quantiles keep their digits. widest: largest sd of a beta over that of a law with all its
-    mass on the two ends. lognormal_variation, gamma_variation: the largest sd, over the distance of
-    the mean from the end, that a box allows for (shape 0.2 of a gamma). beta_margin, beta_sd:
-    limits of a beta that has none: of the mean, over the width of the box from its ends; of the sd,
-    over the width and over the largest, and over the largest (by judgement).
+    narrowest: a lower limit of zero for the sd of a gamma or beta law is replaced by this share of
+    the upper limit, so that quantiles keep their digits. widest: the largest sd of a beta law,
+    relative to the sd of a law with all its probability on the two ends. lognormal_variation,
+    gamma_variation: the largest sd, relative to the distance of the mean from the lower end, for
+    which the assumed range of the parameter is large enough (shape 0.2 of a gamma law).
+    beta_margin: the default distance of a beta law's mean from the ends, relative to the width of
+    its range. beta_sd: default limits of its sd (by judgement); the lower one is the smaller of the
+    first number times the width and the second times the largest possible sd, the upper one is the
+    third number times the largest possible sd.
     """
 
     narrowest: float = 1e-3
@@ -72,7 +75,7 @@ SHAPES = Shapes()
 
 @dataclass(frozen=True)
 class Constant:
-    """A parameter without scatter, P(x = value) = 1; its one hyperparameter is `value`.
+    """A parameter without scatter, P(x = value) = 1; its only hyperparameter is `value`.
 
     `value` is a number (known) or `Free(lower, upper)` (identified). Raises InputsError where
     the limits are missing or out of order.
@@ -91,48 +94,48 @@ class Constant:
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """The one hyperparameter, `value`."""
+        """The only hyperparameter, `value`."""
         return (resolve("value", self.value, (None, None)),)
 
     @property
     def box(self) -> tuple[float, float]:
-        """The limits of the value."""
+        """The range of the parameter, which is the limits of its value."""
         value = self.hyperparameters[0]
         return value.lower, value.upper
 
     def rule(self, values: Array, nodes: int) -> Rule:  # noqa: ARG002 (one node suffices)
-        """One node at the value."""
+        """A rule with one node, at the value."""
         one = np.ones((1, 1))
         return Rule(values[:1].copy(), np.ones(1), np.zeros(1), one, np.zeros((1, 1)))
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
-        """Only the polynomial of degree zero exists."""
+        """One pair of coefficients, because only the polynomial of degree zero exists."""
         return np.zeros(1), np.ones(1)
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """log P(x): zero at the value, minus infinity elsewhere."""
+        """The log probability of x: zero at the value, minus infinity elsewhere."""
         return np.where(x == values[0], 0.0, -np.inf)
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """A constant has no scatter: zero at the value, infinite beside it."""
+        """The normal score, which is zero at the value and infinite elsewhere."""
         return np.where(x == values[0], 0.0, np.copysign(np.inf, x - values[0]))
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """The value at every probability."""
+        """The value itself, which is the quantile at every probability."""
         return np.full(probability.shape, values[0])
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The value, whatever theta is."""
+        """The value itself, which does not depend on theta."""
         return Standard(
             np.full(theta.shape, values[0]), np.zeros(theta.shape), np.ones((*theta.shape, 1))
         )
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """The value, and no scatter."""
+        """The mean, which is the value, and an sd of zero."""
         return MeanSd(float(values[0]), 0.0, np.ones(1), np.zeros(1))
 
     def filling(self, center: float, sd: float | None = None) -> Array:  # noqa: ARG002
-        """The center, within the limits."""
+        """The value (1,) equal to the center, moved into its limits."""
         return within(self.hyperparameters, [center])
 
 
@@ -140,11 +143,10 @@ class Constant:
 class Normal(ThroughNormal, ByMeanAndSd):
     """Normal law, x = mean + sd theta with theta ~ N(0, 1) (paper, table of Wiener-Askey).
 
-    `mean` and `sd` are numbers (known) or `Free` (identified); both need finite limits, for
-    a normal law has no box of its own. An sd limit left open becomes a thousandth and a half
-    of the width of the mean's limits. Raises InputsError where limits are missing or out of order.
-    The parameter can take any value: where the simulator fails beyond some value, use
-    `TruncatedNormal` with a box.
+    `mean` and `sd` are numbers (known) or `Free` (identified). A free mean needs finite limits.
+    Default limits of the sd are 1/1000 and 1/2 of the width of the mean's limits. Raises
+    InputsError where limits are missing or out of order. The parameter can take any value: where
+    the simulator fails beyond some value, use `TruncatedNormal` with its `box`.
 
     >>> from aleator.laws import Free
     >>> law = Normal(mean=Free(-1.0, 1.0), sd=0.5)
@@ -158,25 +160,25 @@ class Normal(ThroughNormal, ByMeanAndSd):
 
     @property
     def box(self) -> tuple[float, float]:
-        """Mean limits widened by eight of the largest standard deviations."""
+        """The limits of the mean, widened on both sides by eight of the largest sds."""
         mean, sd = self.hyperparameters
         return mean.lower - NUMERICS.sds * sd.upper, mean.upper + NUMERICS.sds * sd.upper
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """-theta^2/2 - log(sd sqrt(2 pi)) with theta = (x - mean)/sd."""
+        """The log-density -theta^2/2 - log(sd sqrt(2 pi)) with theta = (x - mean)/sd."""
         return np.asarray(normal_log_density(self.normal_score(values, x)) - np.log(values[1]))
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """(x - mean)/sd."""
+        """The normal score (x - mean)/sd."""
         return np.asarray((x - values[0]) / values[1])
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """mean + sd Phi^-1(probability)."""
+        """The quantile mean + sd Phi^-1(probability)."""
         theta: Array = special.ndtri(probability)
         return np.asarray(values[0] + values[1] * theta)
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """mean + sd theta."""
+        """The parameter x = mean + sd theta, with derivatives."""
         dvalues = np.ones((*theta.shape, 2))
         dvalues[..., 1] = theta
         return Standard(values[0] + values[1] * theta, np.full(theta.shape, values[1]), dvalues)
@@ -188,15 +190,15 @@ class LogNormal(ThroughNormal, ByMeanAndSd):
 
     x = lower + exp(m + s theta), theta ~ N(0, 1), with s^2 = log(1 + c^2), c = sd/(mean - lower),
     and m = log(mean - lower) - s^2/2. Each of `mean` and `sd` is a number (known) or `Free`
-    (identified). The mean needs finite limits above `lower`; an sd limit left open becomes a
-    thousandth and a half of their width. Raises InputsError where limits are missing, out of
+    (identified). The mean needs finite limits above `lower`. Default limits of the sd are 1/1000
+    and 1/2 of the width of the mean's limits. Raises InputsError where limits are missing, out of
     order, or not above `lower`.
 
-    The polynomials are those of theta, not of x: the moments of a lognormal law do not
-    determine it (Heyde, 1963), so its own polynomials are not dense, and an expansion in them may
-    converge to something else (Ernst, Mugler, Starkloff and Ullmann, 2012). Hence a rule of q
-    nodes is exact for polynomials of theta and not of x; with c up to 1 and q = 20 the error of the
-    mean and sd is below 1e-7 of them.
+    The orthogonal polynomials are polynomials of theta, not of x. The moments of a lognormal law do
+    not determine it (Heyde, 1963), so that an expansion in polynomials of x may converge to a wrong
+    result (Ernst, Mugler, Starkloff and Ullmann, 2012). Hence a rule of q nodes is exact for
+    polynomials of theta and not of x. With c up to 1 and q = 20 the relative error of the mean and
+    the sd is below 1e-7.
 
     >>> values = np.array([np.e**0.5, np.sqrt(np.e**2 - np.e)])                   # m = 0, s = 1
     >>> law = LogNormal(*values)
@@ -210,21 +212,21 @@ class LogNormal(ThroughNormal, ByMeanAndSd):
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd` of the law itself, not of its logarithm."""
+        """The hyperparameters `mean` and `sd`, which are those of x and not of its logarithm."""
         return require_above(self.lower, location_and_scale(self.mean, self.sd))
 
     @cached_property
     def box(self) -> tuple[float, float]:
-        """From `lower` to eight sd of theta for any law whose sd is at most mean - lower.
+        """The interval from `lower` to the largest x(theta = 8) of laws with sd <= mean - lower.
 
-        Far nodes of a rule may lie beyond it.
+        Far nodes of a quadrature rule may lie beyond it.
         """
         far = np.array([NUMERICS.sds])
         corners = widest_above(self.lower, self.hyperparameters, SHAPES.lognormal_variation)
         return self.lower, max(float(self.standard(corner, far).x[0]) for corner in corners)
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """log phi(theta) - log(s (x - lower)) with theta = (log(x - lower) - m)/s."""
+        """The log-density log phi(theta) - log(s (x - lower)), theta = (log(x - lower) - m)/s."""
         s = _log_sd(values[1] / (values[0] - self.lower))
         inside = x > self.lower
         above = np.where(inside, x - self.lower, 1.0)
@@ -232,7 +234,7 @@ class LogNormal(ThroughNormal, ByMeanAndSd):
         return np.where(inside, log_density, -np.inf)
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """(log(x - lower) - m)/s."""
+        """The normal score (log(x - lower) - m)/s."""
         distance = values[0] - self.lower
         s = _log_sd(values[1] / distance)
         with np.errstate(divide="ignore"):
@@ -240,19 +242,19 @@ class LogNormal(ThroughNormal, ByMeanAndSd):
         return np.asarray(logarithm / s + 0.5 * s)
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """lower + exp(m + s Phi^-1(probability))."""
+        """The quantile lower + exp(m + s Phi^-1(probability))."""
         s = _log_sd(values[1] / (values[0] - self.lower))
         scale = (values[0] - self.lower) * np.exp(-0.5 * s**2)
         return np.asarray(self.lower + scale * np.exp(s * special.ndtri(probability)))
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """lower + exp(m + s theta)."""
+        """The parameter x = lower + exp(m + s theta), with derivatives."""
         distance = values[0] - self.lower
         c = values[1] / distance
         s = _log_sd(c)
         share = np.exp(s * (theta - 0.5 * s))
         above = distance * share
-        # d log(x - lower)/ds = theta - s, and ds/dc = c/(s (1 + c^2))
+        # The chain rule uses d log(x - lower)/ds = theta - s and ds/dc = c/(s (1 + c^2)).
         dvalues = np.empty((*above.shape, 2))
         dvalues[..., 1] = by_sd = share * (theta - s) * (c / (s * (1.0 + c**2)))
         dvalues[..., 0] = share - c * by_sd
@@ -260,7 +262,7 @@ class LogNormal(ThroughNormal, ByMeanAndSd):
 
 
 def _log_sd(variation: Array) -> Array:
-    """Standard deviation of the logarithm, from the coefficient of variation."""
+    """The standard deviation of the logarithm of x, from the coefficient of variation of x."""
     return np.asarray(np.sqrt(np.log1p(variation**2)))
 
 
@@ -274,12 +276,13 @@ class Uniform(ByMeanAndSd):
 
     x = mean + sqrt(3) sd t with t uniform on [-1, 1] (Wiener-Askey table of Xiu and Karniadakis,
     2002). `mean` and `sd` are those of the law; each is a number (known) or `Free` (identified).
-    The mean needs finite limits; an sd limit left open becomes a thousandth and a half of their
-    width. `Uniform.between(lower, upper)` is the known law between two ends. Raises InputsError
-    where limits or ends are missing or out of order.
+    A free mean needs finite limits. Default limits of the sd are 1/1000 and 1/2 of their width.
+    `Uniform.between(lower, upper)` is the known law between two ends. Raises InputsError where
+    limits or ends are missing or out of order.
 
-    The log-likelihood of a sharp end is not smooth: with little measurement noise the identified
-    support is as narrow as the outermost outcomes allow, and standard errors mean little there.
+    The log-likelihood is not a smooth function of the ends of a uniform law. With little
+    measurement noise the identified interval is as narrow as the outermost outcomes allow, and
+    standard errors mean little.
 
     >>> from aleator.laws import Free
     >>> law = Uniform(mean=Free(0.0, 2.0), sd=Free(0.1, 1.0))
@@ -295,7 +298,7 @@ class Uniform(ByMeanAndSd):
 
     @classmethod
     def between(cls, lower: float, upper: float) -> Uniform:
-        """The known law that is uniform on [lower, upper], whose ends are exact."""
+        """The known uniform law on [lower, upper], with exactly these ends."""
         if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper):
             raise InputsError(
                 f"uniform between {lower} and {upper}", "give two finite numbers, the lower first"
@@ -306,7 +309,7 @@ class Uniform(ByMeanAndSd):
 
     @property
     def box(self) -> tuple[float, float]:
-        """The ends of a known law; else the widest support that the limits admit."""
+        """The ends of a law made by `between`; else the widest support that the limits admit."""
         if self.ends is not None:
             return self.ends
         mean, sd = self.hyperparameters
@@ -314,37 +317,37 @@ class Uniform(ByMeanAndSd):
 
     @property
     def bounded(self) -> bool:
-        """Whether the law is known: its support is then the box."""
+        """Whether the law has no free hyperparameter; its support is then its `box`."""
         return not any(h.free for h in self.hyperparameters)
 
     def rule(self, values: Array, nodes: int) -> Rule:
-        """Gauss-Legendre nodes; the weights do not depend on alpha."""
+        """The Gauss-Legendre rule, whose weights do not depend on alpha."""
         t, weights = gauss_legendre(nodes)
         dx = np.stack([np.ones(nodes), HALF * t], axis=1)
         return Rule(self._at(values, t), weights, t, dx, np.zeros((nodes, 2)))
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:  # noqa: ARG002
-        """Legendre polynomials of t in [-1, 1]."""
+        """The recurrence coefficients of the Legendre polynomials of t in [-1, 1]."""
         return legendre_recurrence(count)
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """-log(2 sqrt(3) sd) between the ends."""
+        """The log-density -log(2 sqrt(3) sd) between the ends, minus infinity elsewhere."""
         lower, upper = self._ends(values)
         return np.where((x >= lower) & (x <= upper), -math.log(upper - lower), -np.inf)
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """Phi^-1 of (x - lower)/(upper - lower)."""
+        """The normal score Phi^-1((x - lower)/(upper - lower))."""
         lower, upper = self._ends(values)
         width = upper - lower
         below, above = (np.clip(part / width, 0.0, 1.0) for part in (x - lower, upper - x))
         return to_score(below, above)
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """mean + sqrt(3) sd (2 probability - 1)."""
+        """The quantile mean + sqrt(3) sd (2 probability - 1)."""
         return self._at(values, 2.0 * np.asarray(probability, dtype=float) - 1.0)
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """mean + sqrt(3) sd erf(theta/sqrt(2))."""
+        """The parameter x = mean + sqrt(3) sd erf(theta/sqrt(2)), with derivatives."""
         t = special.erf(theta / math.sqrt(2.0))
         dtheta = HALF * values[1] * math.sqrt(2.0 / math.pi) * np.exp(-0.5 * theta**2)
         dvalues = np.stack([np.ones(theta.shape), HALF * t], axis=-1)
@@ -357,7 +360,7 @@ class Uniform(ByMeanAndSd):
         return float(values[0]) - half, float(values[0]) + half
 
     def _at(self, values: Array, t: Array) -> Array:
-        # rounding must not push a node out of the box
+        # Clipping keeps rounding from moving a node out of the range.
         return np.asarray(np.clip(values[0] + HALF * values[1] * t, *self.box))
 
 
@@ -368,12 +371,12 @@ class Gamma(ByMeanAndSd):
     The shape is k = ((mean - lower)/sd)^2 and the scale sd^2/(mean - lower) (Wiener-Askey table of
     Xiu and Karniadakis, 2002); k = 1 is the exponential law, and for large k the law tends to the
     normal one. `mean` and `sd` are those of x; each is a number (known) or `Free` (identified).
-    The mean needs finite limits above `lower`; an sd limit left open becomes a thousandth and a
-    half of their width. Measured for k from 0.2 to 1e6. Raises InputsError where limits are
-    missing, out of order, or not above `lower`.
+    The mean needs finite limits above `lower`. Default limits of the sd are 1/1000 and 1/2 of their
+    width. The law was tested for k from 0.2 to 1e6. Raises InputsError where limits are missing,
+    out of order, or not above `lower`.
 
-    The density is infinite at `lower` where sd > mean - lower (k < 1). The law has no box of its
-    own: where the simulator fails beyond some value, use `Beta` or `TruncatedNormal`.
+    The density is infinite at `lower` where sd > mean - lower (k < 1). The parameter has no upper
+    end: where the simulator fails beyond some value, use `Beta` or `TruncatedNormal`.
 
     >>> law = Gamma(mean=2.0, sd=1.0, lower=1.0)                # 1 + an exponential law
     >>> rule = law.rule(np.array([2.0, 1.0]), 2)                # Gauss-Laguerre: 2 -+ sqrt(2)
@@ -387,52 +390,52 @@ class Gamma(ByMeanAndSd):
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd` of the law."""
+        """The hyperparameters `mean` and `sd` of the law."""
         return require_above(self.lower, location_and_scale(self.mean, self.sd, SHAPES.narrowest))
 
     @cached_property
     def box(self) -> tuple[float, float]:
-        """From `lower` to where 1e-15 of any law is left whose shape is 0.2 or more.
+        """The interval from `lower` to the largest 1 - 1e-15 quantile of laws with shape >= 0.2.
 
-        Far nodes of a rule may lie beyond it.
+        Far nodes of a quadrature rule may lie beyond it.
         """
         tail = np.array([1.0 - NUMERICS.tail])
         corners = widest_above(self.lower, self.hyperparameters, SHAPES.gamma_variation)
         return self.lower, max(float(self.quantile(corner, tail)[0]) for corner in corners)
 
     def rule(self, values: Array, nodes: int) -> Rule:
-        """Gauss-Laguerre nodes mean + sd t_j(c) with c = sd/(mean - lower)."""
+        """The Gauss-Laguerre rule with nodes mean + sd t_j(c), where c = sd/(mean - lower)."""
         distance = values[0] - self.lower
         c = values[1] / distance
         t, weights, by_t, by_weight = gauss_with_gradient(
             *recurrence_with_gradient(laguerre_recurrence, nodes, [c])
         )
-        # c moves by -c/distance with the mean and by 1/distance with the sd
+        # The derivative of c is -c/distance by the mean and 1/distance by the sd.
         dc = np.array([-c, 1.0]) / distance
         dx = np.stack([np.ones(nodes), t], axis=1) + values[1] * by_t * dc
-        # rounding must not push a node below the end
+        # The maximum keeps rounding from moving a node below the lower end.
         x = np.maximum(values[0] + values[1] * t, self.lower)
         return Rule(x, weights, t, dx, by_weight * dc)
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
-        """Generalized Laguerre polynomials of (x - mean)/sd."""
+        """The recurrence coefficients of generalized Laguerre polynomials of (x - mean)/sd."""
         a, b = laguerre_recurrence(count, values[1] / (values[0] - self.lower))
         return np.real(a), np.real(b)
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """(k - 1) log g - g - log Gamma(k) - log(scale) with g = (x - lower)/scale."""
+        """The log-density (k - 1) log g - g - log Gamma(k) - log(scale), g = (x - lower)/scale."""
         k, scale = self._shape_and_scale(values)
         g = (x - self.lower) / scale
         return np.where(g >= 0.0, _log_gamma(k, scale, np.maximum(g, 0.0)), -np.inf)
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """Phi^-1 of the regularized incomplete gamma function."""
+        """The normal score Phi^-1(P), with P the regularized incomplete gamma function."""
         k, scale = self._shape_and_scale(values)
         g = np.maximum(x - self.lower, 0.0) / scale
         return to_score(special.gammainc(k, g), special.gammaincc(k, g))
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """lower + scale P^-1(k, probability), P the regularized incomplete gamma function."""
+        """The quantile lower + scale P^-1(k, probability), P the incomplete gamma function."""
         k, scale = self._shape_and_scale(values)
         return self.lower + scale * from_probability(
             probability,
@@ -441,7 +444,10 @@ class Gamma(ByMeanAndSd):
         )
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The quantile at Phi(theta); its derivative by the shape is a difference (1e-8)."""
+        """The quantile at Phi(theta), with derivatives.
+
+        The derivative by the shape is numerical, with a relative error of 1e-8.
+        """
         k, scale = self._shape_and_scale(values)
         g = _standard_gamma(k, theta)
         c = k**-0.5
@@ -455,14 +461,14 @@ class Gamma(ByMeanAndSd):
 
 
 def _log_gamma(k: Array, scale: Array, g: Array) -> Array:
-    """log f of x = lower + scale g, g >= 0; infinite at the end where k < 1."""
+    """The log-density at x = lower + scale g with g >= 0; infinite at g = 0 where k < 1."""
     with np.errstate(divide="ignore"):
         power = special.xlogy(k - 1.0, g)
     return np.asarray(power - g - special.gammaln(k) - np.log(scale))
 
 
 def _standard_gamma(k: Array, theta: Array) -> Array:
-    """The gamma law of shape k and scale 1 at Phi(theta), which keeps its digits near zero."""
+    """The quantile at Phi(theta) of the gamma law of shape k and scale 1, exact near zero too."""
     return _at_once(theta, _gamma_table, np.exp, _exact_gamma, k)
 
 
@@ -477,7 +483,7 @@ def _exact_gamma(k: Array | float, theta: Array) -> Array:
 
 @lru_cache(maxsize=256)
 def _gamma_table(k: float) -> Tabulated:
-    """log g of the standard normal variate, with its slope phi/(f g)."""
+    """The table of log g as a function of the normal variate, with its slope phi/(f g)."""
     theta = Tabulated.knots()
     with np.errstate(all="ignore"):
         g = _exact_gamma(k, theta)
@@ -486,18 +492,19 @@ def _gamma_table(k: float) -> Tabulated:
 
 @dataclass(frozen=True)
 class Beta(ByMeanAndSd):
-    """Beta law on `box`, by its own mean and sd, with Jacobi polynomials.
+    """Beta law on the interval `box` = (lower, upper), by its own mean and sd.
 
-    With m = (mean - lower)/w, v = (sd/w)^2 for the box's width w and s = m (1 - m)/v - 1, the
-    shapes are p = m s and q = (1 - m) s (Wiener-Askey table of Xiu and Karniadakis, 2002):
-    p = q = 1 is uniform, p, q > 1 has one peak, a shape below 1 is infinite at its end of the
-    box. Each of `mean` and `sd` is a number (known) or `Free` (identified).
+    Its polynomials are Jacobi polynomials. With the width w of the interval, m = (mean - lower)/w,
+    v = (sd/w)^2 and s = m (1 - m)/v - 1, the shapes are p = m s and q = (1 - m) s (Wiener-Askey
+    table of Xiu and Karniadakis, 2002). The law is uniform for p = q = 1 and has one peak for
+    p, q > 1. Its density is infinite at the lower end where p < 1, at the upper end where q < 1.
+    Each of `mean` and `sd` is a number (known) or `Free` (identified).
 
-    A beta law exists where sd < sqrt((mean - lower)(upper - mean)). All laws within the limits
-    must exist, so the largest sd must be below 0.99 of that at both limits of the mean; InputsError
-    says how large it may be. Limits left open are: mean within the inner 80 % of the box, sd from
-    w/1000 to 0.95 of the largest. A mean close to an end leaves little sd: state both limits, with
-    the mean in a narrow range.
+    A beta law exists where sd < sqrt((mean - lower)(upper - mean)). All laws within the limits must
+    exist: the upper limit of the sd must be below 0.99 of this bound at both limits of the mean.
+    Otherwise InputsError states the largest possible limit. By default the mean lies within the
+    inner 80 % of the interval and the sd between w/1000 and 0.95 of the bound. A mean close to an
+    end permits only a small sd: then state limits of both, with a narrow range of the mean.
 
     >>> law = Beta(box=(0.0, 2.0), mean=1.0, sd=3.0**-0.5)                      # uniform
     >>> law.rule(np.array([1.0, 3.0**-0.5]), 2).x.round(6).tolist()
@@ -520,7 +527,7 @@ class Beta(ByMeanAndSd):
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd` of the law."""
+        """The hyperparameters `mean` and `sd` of the law."""
         lower, upper = self.box
         width = upper - lower
         margin = SHAPES.beta_margin * width
@@ -544,24 +551,27 @@ class Beta(ByMeanAndSd):
         return mean, sd
 
     def rule(self, values: Array, nodes: int) -> Rule:
-        """Gauss-Jacobi nodes mean + sd t_j(p, q)."""
+        """The Gauss-Jacobi rule with nodes mean + sd t_j(p, q)."""
         p, q, jac = self._shapes(values)
         t, weights, by_t, by_weight = gauss_with_gradient(
             *recurrence_with_gradient(jacobi_recurrence, nodes, [float(p), float(q)])
         )
         dx = np.stack([np.ones(nodes), t], axis=1) + values[1] * by_t @ jac
-        # rounding must not push a node out of the box
+        # Clipping keeps rounding from moving a node out of the interval.
         x = np.clip(values[0] + values[1] * t, *self.box)
         return Rule(x, weights, t, dx, by_weight @ jac)
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
-        """Jacobi polynomials of (x - mean)/sd."""
+        """The recurrence coefficients of Jacobi polynomials of (x - mean)/sd."""
         p, q, _ = self._shapes(values)
         a, b = jacobi_recurrence(count, float(p), float(q))
         return np.real(a), np.real(b)
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """(p - 1) log z + (q - 1) log(1 - z) - log B(p, q) - log w with z = (x - lower)/w."""
+        """The log-density at x, with z = (x - lower)/w.
+
+        It is (p - 1) log z + (q - 1) log(1 - z) - log B(p, q) - log w.
+        """
         p, q, _ = self._shapes(values)
         lower, upper = self.box
         width = upper - lower
@@ -570,14 +580,14 @@ class Beta(ByMeanAndSd):
         return np.where(inside, _log_beta(p, q, z, rest) - math.log(width), -np.inf)
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """Phi^-1 of the regularized incomplete beta function."""
+        """The normal score Phi^-1(I), with I the regularized incomplete beta function."""
         p, q, _ = self._shapes(values)
         lower, upper = self.box
         z, rest = (np.clip(part / (upper - lower), 0.0, 1.0) for part in (x - lower, upper - x))
         return to_score(special.betainc(p, q, z), special.betainc(q, p, rest))
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """lower + w I^-1(p, q, probability), I the regularized incomplete beta function."""
+        """The quantile lower + w I^-1(p, q, probability), I the incomplete beta function."""
         p, q, _ = self._shapes(values)
         lower, upper = self.box
         width = upper - lower
@@ -589,7 +599,10 @@ class Beta(ByMeanAndSd):
         return np.clip(x, lower, upper)
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The quantile at Phi(theta); its derivatives by the shapes are differences (1e-8)."""
+        """The quantile at Phi(theta), with derivatives.
+
+        The derivatives by the shapes are numerical, with a relative error of 1e-8.
+        """
         p, q, jac = self._shapes(values)
         lower, upper = self.box
         width = upper - lower
@@ -603,7 +616,7 @@ class Beta(ByMeanAndSd):
         return Standard(np.clip(x, lower, upper), slope(theta, log_density), dvalues)
 
     def _shapes(self, values: Array) -> tuple[Array, Array, Array]:
-        """p, q and their derivatives (2, 2, ...) by mean and sd."""
+        """The shapes p and q, and their derivatives (2, 2, ...) by the mean and the sd."""
         lower, upper = self.box
         width = upper - lower
         m, v = (values[0] - lower) / width, (values[1] / width) ** 2
@@ -616,14 +629,14 @@ class Beta(ByMeanAndSd):
 
 
 def _log_beta(p: Array, q: Array, z: Array, rest: Array) -> Array:
-    """log f of z on [0, 1] with rest = 1 - z; infinite at an end whose shape is below 1."""
+    """The beta log-density at z in [0, 1], rest = 1 - z; infinite at an end with shape below 1."""
     with np.errstate(divide="ignore"):
         powers = special.xlogy(p - 1.0, z) + special.xlogy(q - 1.0, rest)
     return np.asarray(powers - special.betaln(p, q))
 
 
 def _standard_beta(p: Array, q: Array, theta: Array) -> Array:
-    """The beta law on [0, 1] at Phi(theta)."""
+    """The quantile at Phi(theta) of the beta law on [0, 1] with shapes p and q."""
     return _at_once(theta, _beta_table, special.expit, _exact_beta, p, q)
 
 
@@ -639,7 +652,7 @@ def _exact_beta(p: Array | float, q: Array | float, theta: Array) -> Array:
 
 @lru_cache(maxsize=256)
 def _beta_table(p: float, q: float) -> Tabulated:
-    """log z/(1 - z) of the standard normal variate, with its slope phi/(f z (1 - z))."""
+    """The table of log(z/(1 - z)) as a function of the normal variate, with its slope."""
     theta = Tabulated.knots()
     with np.errstate(all="ignore"):
         low, high = np.log(_exact_beta(p, q, theta)), np.log(_exact_beta(q, p, -theta))
@@ -654,7 +667,11 @@ def _at_once(
     exactly: Callable[..., Array],
     *shapes: Array,
 ) -> Array:
-    """A law of these shapes at Phi(theta); one law at many theta is interpolated in its table."""
+    """The quantile at Phi(theta) of a law with these shapes.
+
+    One law at many variates is interpolated in its table, and `back` maps a table's entries to
+    quantiles. Otherwise `exactly` computes each quantile.
+    """
     if (
         all(np.ndim(shape) == 0 for shape in shapes)
         and theta.size >= NUMERICS.worth

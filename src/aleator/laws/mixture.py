@@ -1,4 +1,4 @@
-"""Laws of which only density and quantile are written down, and mixtures of laws."""
+"""Laws defined by their density and quantile function alone, and mixtures of laws."""
 
 from __future__ import annotations
 
@@ -40,11 +40,13 @@ from aleator.laws.law import (
 
 @dataclass(frozen=True)
 class QuantilePoints:
-    """How a law is computed from its quantile; chosen by tests/laws and tests/extensions.
+    """Settings for laws computed from their quantile function, and for mixtures.
 
-    count: points of the rule in theta, by which expectations are computed. widest: theta goes this
-    far on either side, for moments of long tails. deepest, halvings: a normal score is sought by so
-    many bisections up to this size. least: a share of a mixture this small counts as zero.
+    The values are chosen by tests/laws and tests/extensions; theta is the standard normal score.
+    count: the number of quadrature points in theta for expectations. widest: these points cover
+    -widest to widest, for moments of long tails. deepest: the largest normal score that is sought
+    when a quantile function is inverted. halvings: the number of bisections for it. least: a share
+    of a mixture that is this small counts as zero.
     """
 
     count: int = 400
@@ -58,16 +60,16 @@ POINTS = QuantilePoints()
 
 
 class QuantileLaw(ThroughNormal, ABC):
-    """A law by `hyperparameters`, `log_density` and `quantile`, which a subclass gives.
+    """Base class of laws defined by `hyperparameters`, `log_density` and `quantile` alone.
 
-    x = F^-1(Phi(theta)) with theta ~ N(0, 1). Expectations are integrals over theta by 400 points,
-    derivatives by the hyperparameters central differences of fourth order. Their steps are 1e-3 of
-    the value of a positive hyperparameter, and 1e-3 of the width of the limits of another; where
-    that one is fixed, 1e-3 of its magnitude, or 1e-3 if it is zero. The law must exist two steps
-    beyond its limits, and beyond what is fixed. Measured with Weibull laws: mean, sd and their
-    derivatives to 1e-11. A subclass that knows the upper tail overrides `upper_quantile`, one
-    that knows its ends `box` and `bounded`. Cost: some ten times that of a law in
-    closed form.
+    x = F^-1(Phi(theta)) with theta ~ N(0, 1). Expectations are integrals over theta with 400
+    points. Derivatives by the hyperparameters are central differences of fourth order. Their step
+    is 1e-3 of the value for a positive hyperparameter, and 1e-3 of the width of the limits for any
+    other; for a fixed one it is 1e-3 of its magnitude, or 1e-3 if it is zero. The law must exist up
+    to two steps beyond the limits and beyond fixed values. For Weibull laws the mean, the sd and
+    their derivatives have errors of 1e-11. A subclass may override `upper_quantile` where it can
+    compute the upper tail exactly, and `box` and `bounded` where its support is known. It costs
+    about ten times as much as a law in closed form.
 
     >>> from dataclasses import dataclass
     >>> from aleator.laws.hyperparameter import resolve
@@ -94,23 +96,26 @@ class QuantileLaw(ThroughNormal, ABC):
     @property
     @abstractmethod
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """The hyperparameters, resolved and in order."""
+        """The law's hyperparameters with their limits, in the order of `values`."""
 
     @abstractmethod
     def log_density(self, values: Array, x: Array) -> Array:
-        """log f(x) at each x (J,), minus infinity outside the support."""
+        """The log-density log f(x) at each x (J,), minus infinity outside the support."""
 
     @abstractmethod
     def quantile(self, values: Array, probability: Array) -> Array:
         """The quantile of the law at each probability (J,)."""
 
     def upper_quantile(self, values: Array, probability: Array) -> Array:
-        """What is exceeded with each probability (J,); a law that has it keeps its upper tail."""
+        """The value that is exceeded with each probability (J,).
+
+        A subclass that overrides it keeps the digits of its upper tail.
+        """
         return self.quantile(values, np.minimum(1.0 - probability, 1.0 - 2.0**-53))
 
     @property
     def box(self) -> tuple[float, float]:
-        """Where 1e-15 is left beyond, of the laws at the corners of the limits."""
+        """The range between the 1e-15 tail quantiles of all laws with values at their limits."""
         limits = [(h.lower, h.upper) for h in self.hyperparameters]
         corners = [np.array(corner) for corner in product(*limits)]
         tail = np.array([NUMERICS.tail])
@@ -119,11 +124,11 @@ class QuantileLaw(ThroughNormal, ABC):
 
     @property
     def bounded(self) -> bool:
-        """The box is a guess."""
+        """False: the range `box` is computed from quantiles and not stated by the user."""
         return False
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """Phi^-1(F(x)), by bisection of the quantile."""
+        """The normal score Phi^-1(F(x)), by bisection with the quantile function."""
         low, high = np.full(x.shape, -POINTS.deepest), np.full(x.shape, POINTS.deepest)
         for _ in range(POINTS.halvings):
             middle = 0.5 * (low + high)
@@ -133,7 +138,7 @@ class QuantileLaw(ThroughNormal, ABC):
         return np.asarray(np.where(outside, np.sign(low) * np.inf, 0.5 * (low + high)))
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The quantile at Phi(theta); a loop over the distinct values where they are many."""
+        """The quantile at Phi(theta), with derivatives; one call for each distinct law."""
         return by_distinct(self._standard, values, theta)
 
     def _standard(self, values: Array, theta: Array) -> Standard:
@@ -142,12 +147,12 @@ class QuantileLaw(ThroughNormal, ABC):
         return Standard(x, slope(theta, self.log_density(values, x)), dvalues)
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """Mean and sd by the points of the law."""
+        """The mean and the sd by quadrature in theta, with numerical derivatives."""
         mean, sd = self._moments(values).tolist()
         return MeanSd(mean, sd, *self._slopes(self._moments, values))
 
     def filling(self, center: float, sd: float | None = None) -> Array:
-        """The law of this mean and sd, as near to it as the limits admit."""
+        """The values (k,) of the law whose mean and sd are as near to these as the limits admit."""
         start = np.array([h.start for h in self.hyperparameters])
         free = np.array([h.free for h in self.hyperparameters], dtype=bool)
         if not free.any():
@@ -175,7 +180,7 @@ class QuantileLaw(ThroughNormal, ABC):
         )
 
     def _moments(self, values: Array) -> Array:
-        """Mean and sd."""
+        """The mean and the sd of the law (2,), by quadrature in theta."""
         t, weights = gauss_legendre(POINTS.count)
         theta = POINTS.widest * t
         weights = weights * np.exp(-0.5 * theta**2)
@@ -184,7 +189,7 @@ class QuantileLaw(ThroughNormal, ABC):
         return np.array([mean, np.sqrt(weights @ (x - mean) ** 2 / weights.sum())])
 
     def _slopes(self, function: Callable[[Array], Array], values: Array) -> Array:
-        """Derivatives (..., k) by the hyperparameters of what is (...)."""
+        """Numerical derivatives (..., k) by the hyperparameters of a function with values (...)."""
         columns = []
         for k, known in enumerate(self.hyperparameters):
             width = known.upper - known.lower or abs(known.start) or 1.0
@@ -201,16 +206,16 @@ class QuantileLaw(ThroughNormal, ABC):
 class Mixture(QuantileLaw):
     """Mixture of laws, f(x) = sum_c w_c f_c(x) (McLachlan and Peel, 2000).
 
-    `components` are two laws or more; a `Constant` is a point that has the probability w_c, and
-    points alone are latent classes (nonparametric maximum likelihood of a law: Laird, 1978).
-    `shares` are those of all components but the last, each of what the components before it leave,
-    in (0, 1): w_1 = v_1, w_2 = v_2 (1 - v_1), ..., and of two components v_1 is the weight of the
-    first. Left out, they are identified. Hyperparameters are named by component: ``x.1.mean``,
-    ``x.2.sd``, ``x.1.share``. Which component an experiment belongs to is not known; with
-    measurement noise the likelihood is the sum over all. Equal components can change places: the
-    likelihood has a maximum for each order, and `identify` reports the one with the first location
-    first. Raises InputsError for fewer than two components, one that is a mixture itself, and
-    shares that are not one fewer.
+    `components` are two laws or more. A `Constant` is a point with the probability w_c; points
+    alone are latent classes (nonparametric maximum likelihood of a law: Laird, 1978). `shares` has
+    a number v_c in (0, 1) for every component except the last: the part of the probability not used
+    by earlier components that component c takes. Thus w_1 = v_1, w_2 = v_2 (1 - v_1), and so on.
+    Shares that are left out are identified. Hyperparameters are named by component: ``x.1.mean``,
+    ``x.2.sd``, ``x.1.share``. The component of an experiment is not known; with measurement noise
+    the likelihood is the sum over all components. Components of the same kind and limits can be
+    exchanged: the likelihood has a maximum for each order, and `identify` reports the one in which
+    the smallest location comes first. Raises InputsError for fewer than two components, a component
+    that is a mixture itself, and a number of shares that is not one less than that of components.
 
     >>> from aleator.laws import Free, Normal
     >>> law = Mixture((Normal(Free(0, 1), 0.1), Normal(Free(1, 2), 0.1)))
@@ -247,7 +252,7 @@ class Mixture(QuantileLaw):
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of the components, then the shares."""
+        """The hyperparameters of the components, then the shares."""
         numbered = enumerate(self.components, start=1)
         own = [h.named(str(c)) for c, law in numbered for h in law.hyperparameters]
         left = len(self.components) - 1
@@ -256,34 +261,34 @@ class Mixture(QuantileLaw):
 
     @cached_property
     def parts(self) -> tuple[slice, ...]:
-        """Where each component's hyperparameters stand, and last where the shares do."""
+        """The places of each component's hyperparameters and, last, the places of the shares."""
         sizes = [len(law.hyperparameters) for law in self.components]
         ends = np.cumsum([0, *sizes, len(self.components) - 1]).tolist()
         return tuple(slice(a, b) for a, b in pairwise(ends))
 
     @cached_property
     def placed(self) -> tuple[tuple[Law, slice], ...]:
-        """Each component, and where its hyperparameters stand."""
+        """Each component with the places of its hyperparameters."""
         return tuple(zip(self.components, self.parts[:-1], strict=True))
 
     @cached_property
     def points(self) -> tuple[int, ...]:
-        """The components that are points: they have a probability and no density."""
+        """The numbers of the components that are points, with a probability and no density."""
         return tuple(c for c, law in enumerate(self.components) if not law.scatters)
 
     @property
     def box(self) -> tuple[float, float]:
-        """What holds the boxes of all components."""
+        """The smallest interval that contains the ranges of all components."""
         boxes = [law.box for law in self.components]
         return min(low for low, _ in boxes), max(high for _, high in boxes)
 
     @property
     def bounded(self) -> bool:
-        """Whether the boxes of all components are stated."""
+        """Whether the user stated the ranges of all components."""
         return all(law.bounded for law in self.components)
 
     def log_weights(self, values: Array) -> tuple[Array, Array]:
-        """log w (C, ...) at values (k, ...), and the derivatives (C, k, ...) by the values.
+        """The log weights log w (C, ...) at values (k, ...), and derivatives (C, k, ...) by these.
 
         >>> from aleator.laws import Normal
         >>> law = Mixture((Normal(0.0, 1.0),) * 3, shares=(0.5, 0.2))
@@ -305,7 +310,7 @@ class Mixture(QuantileLaw):
         return found, slopes
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """log sum_c w_c f_c(x); at a point the logarithm of its probability."""
+        """The log-density log sum_c w_c f_c(x); at a point, the log probability of the point."""
         log_w = self.log_weights(values)[0]
         own = np.stack([law.log_density(values[part], x) for law, part in self.placed])
         points = [*self.points]
@@ -316,28 +321,30 @@ class Mixture(QuantileLaw):
         return np.asarray(found)
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """Phi^-1(sum_c w_c F_c(x)), by the tail that is nearer."""
+        """The normal score Phi^-1(sum_c w_c F_c(x)), computed from the nearer tail."""
         return self._joined(values, self._scores(values, x))
 
     def normal_score_within(self, values: Array, c: int, theta: Array) -> Array:
-        """Phi^-1(F(x-) + w Phi(theta)) at point c, where F jumps by w: a standard normal variate.
+        """The normal score Phi^-1(F(x-) + w Phi(theta)) at the point of component c.
 
-        theta is the point's own standard normal variate, on which x does not depend.
+        F jumps by w at the point, and theta is a standard normal variate on which x does not
+        depend. With it the score of a random x is standard normal.
         """
         scores = self._scores(values, np.broadcast_to(values[self.parts[c]][0], theta.shape))
         scores[c] = theta
         return self._joined(values, scores)
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """Where the components' probabilities add up to this one, by bracketing."""
+        """The quantile, where the components' probabilities add up to this one, by root finding."""
         theta = special.ndtri(probability)
         return self._at(values, theta, self._point(values, theta))
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The quantile at Phi(theta), of (k,) values; derivatives are means over the components.
+        """The quantile at Phi(theta) for `values` (k,), with derivatives.
 
-        dx/dv_c = w_c f_c(x)/f(x) dx_c/dv_c for a value of component c, with x_c its own image;
-        dx/dw_c = -F_c(x)/f(x). At a point x is its value, whatever the shares are.
+        dx/dv_c = w_c f_c(x)/f(x) dx_c/dv_c for a value v_c of component c, where x_c is the
+        quantile of that component at F_c(x); dx/dw_c = -F_c(x)/f(x) for a weight. At a point, x is
+        the value of the point and does not depend on the shares.
         """
         flat = theta.ravel()
         point = self._point(values, flat)
@@ -352,7 +359,7 @@ class Mixture(QuantileLaw):
         )
 
     def _slopes_between(self, values: Array, theta: Array, x: Array) -> tuple[Array, Array]:
-        """dx/dvalues (J, k) and dx/dtheta (J,) where there is a density."""
+        """The derivatives dx/dvalues (J, k) and dx/dtheta (J,), where x is not at a point."""
         log_w, log_slopes = self.log_weights(values)
         w, log_f = np.exp(log_w), self.log_density(values, x)
         scores = self._scores(values, x)
@@ -362,7 +369,7 @@ class Mixture(QuantileLaw):
             inside = share > 0.0
             own = law.standard(values[part], np.where(inside, scores[c], 0.0))
             found[:, part] = np.where(inside, share, 0.0)[:, None] * own.dvalues
-            # of two tails the one that is small keeps its digits; the weights' changes sum to zero
+            # The smaller tail keeps its digits. Either may be used: weight changes sum to zero.
             tail = np.where(theta < 0.0, special.ndtr(scores[c]), -special.ndtr(-scores[c]))
             found[:, self.parts[-1]] -= np.outer(
                 tail * np.exp(-log_f) * w[c], log_slopes[c, self.parts[-1]]
@@ -370,7 +377,11 @@ class Mixture(QuantileLaw):
         return found, slope(theta, log_f)
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """sum_c w_c m_c, and sum_c w_c (s_c^2 + (m_c - mean)^2) under the root."""
+        """The mean sum_c w_c m_c and the sd, with derivatives.
+
+        The variance is sum_c w_c (s_c^2 + (m_c - mean)^2), with the components' means m_c and sds
+        s_c.
+        """
         log_w, slopes = self.log_weights(values)
         w, own = np.exp(log_w), [law.mean_and_sd(values[part]) for law, part in self.placed]
         mean = float(w @ [one.mean for one in own])
@@ -385,13 +396,13 @@ class Mixture(QuantileLaw):
 
     @cached_property
     def exchangeable(self) -> bool:
-        """Whether the components are equal but for their order, which is then arbitrary."""
+        """Whether the components are specified alike with free shares, and so can be exchanged."""
         shares = self.hyperparameters[self.parts[-1]]
         free = all(h.free and h.lower <= POINTS.least and h.prior is None for h in shares)
         return free and all(law == self.components[0] for law in self.components)
 
     def ordered(self, values: Array) -> Array:
-        """The same law with its components in the order of their first hyperparameters.
+        """The values of the same law with its components ordered by their first hyperparameters.
 
         >>> from aleator.laws import Normal
         >>> law = Mixture((Normal(Free(0, 2), 0.1), Normal(Free(0, 2), 0.1)))
@@ -407,16 +418,20 @@ class Mixture(QuantileLaw):
         return np.concatenate([*(values[self.parts[c]] for c in order), shares])
 
     def filling(self, center: float, sd: float | None = None) -> Array:
-        """Components of equal shares beside each other about the center."""
+        """Values (k,) that place the components side by side about the center.
+
+        The shares are at their starts.
+        """
         count = len(self.components)
         parts = [_spread(law, center, sd, c, count) for c, law in enumerate(self.components)]
         shares = [h.start for h in self.hyperparameters[self.parts[-1]]]
         return np.concatenate([*parts, shares])
 
     def apart(self, x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        """The values (k,) of components about groups of points x (N,), and each one's center (N,).
+        """Values (k,) that place the components at groups of the points x (N,).
 
-        A step of k-means from random centers (k-means++, Arthur and Vassilvitskii, 2007); another
+        Also returns the center (N,) of each point's group. The groups come from one step of k-means
+        from random centers (k-means++, Arthur and Vassilvitskii, 2007), so that another random
         generator gives other groups.
 
         >>> from aleator.laws import Normal
@@ -445,12 +460,12 @@ class Mixture(QuantileLaw):
 
     @cached_property
     def location(self) -> tuple[float, float]:
-        """The least and the largest mean that a component may have."""
+        """The smallest and the largest mean that any component may have."""
         ends = [_ends(law, None) for law in self.components]
         return min(low for low, _ in ends), max(high for _, high in ends)
 
     def _scores(self, values: Array, x: Array) -> Array:
-        """Normal scores (C, ...) of x under each component; infinite beside and at a point."""
+        """The normal scores (C, ...) of x under each component; infinite for a point component."""
         return np.stack(
             [
                 law.normal_score(values[part], x)
@@ -461,13 +476,13 @@ class Mixture(QuantileLaw):
         )
 
     def _joined(self, values: Array, scores: Array) -> Array:
-        """The normal score (...) of the law from those (C, ...) of its components."""
+        """The normal score (...) under the mixture, from scores (C, ...) under the components."""
         w = _beside(np.exp(self.log_weights(values)[0]), scores[0])
         below, above = (np.sum(w * special.ndtr(sign * scores), axis=0) for sign in (1.0, -1.0))
         return to_score(below, above)
 
     def _point(self, values: Array, theta: Array) -> Indices:
-        """The point whose probability theta (...) falls into; -1 where it falls between them."""
+        """The point component at which the law's normal score jumps over theta (...), or -1."""
         found = np.full(theta.shape, -1)
         for c in self.points:
             x = values[self.parts[c]]
@@ -481,7 +496,7 @@ class Mixture(QuantileLaw):
         return found
 
     def _at(self, values: Array, theta: Array, point: Indices) -> Array:
-        """x whose normal score is theta: between the components' own images of theta."""
+        """The x whose normal score is theta, by root finding between the components' quantiles."""
         images = np.stack([law.standard(values[part], theta).x for law, part in self.placed])
         low, high = images.min(axis=0), images.max(axis=0)
         x = low.copy()
@@ -499,7 +514,10 @@ class Mixture(QuantileLaw):
 
 
 def _share(c: int, share: Specification, left: int) -> Hyperparameter:
-    """The share of component c of what `left` components share."""
+    """The hyperparameter for the share of component c, within (0, 1).
+
+    Its default start is 1/`left`, where `left` is the number of components from c on.
+    """
     if isinstance(share, Free) and share.start is None and share.lower is None:
         share = replace(share, start=1.0 / left)
     h = resolve(f"{c + 1}.share", share, (0.0, 1.0))
@@ -515,7 +533,10 @@ def _share(c: int, share: Specification, left: int) -> Hyperparameter:
 
 
 def _spread(law: Law, center: float, sd: float | None, c: int, count: int) -> Array:
-    """Component c of so many: over half of where its mean may be on either side of the center."""
+    """Values for component c of `count` components that are spread evenly about the center.
+
+    They take up half of the range of the mean on either side of the center.
+    """
     low, high = _ends(law, sd)
     share = (2.0 * c - (count - 1.0)) / (2.0 * count)
     beside = share * (high - center if share > 0.0 else center - low)
@@ -523,11 +544,11 @@ def _spread(law: Law, center: float, sd: float | None, c: int, count: int) -> Ar
 
 
 def _ends(law: Law, sd: float | None) -> tuple[float, float]:
-    """The least and the largest mean that a law of this family may have."""
+    """The smallest and the largest mean that a law of this family may have."""
     low, high = (law.mean_and_sd(law.filling(end, sd)).mean for end in law.box)
     return low, high
 
 
 def _beside(weights: Array, x: Array) -> Array:
-    """Weights (C, ...) that broadcast against values (C, *x.shape)."""
+    """The weights (C, ...) reshaped so that they broadcast against values (C, *x.shape)."""
     return weights.reshape(*weights.shape, *[1] * (x.ndim + 1 - weights.ndim))

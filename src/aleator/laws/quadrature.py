@@ -1,9 +1,10 @@
 """Nodes and weights of the joint law, by which averages over it are computed.
 
-Each choice turns a joint law at alpha into `CubatureNodes`, whose derivatives by alpha are those
-of just what is computed: a weighted sum over the nodes has an exact gradient however coarse the
-rule is. Gauss rules are exact in polynomials of x where a law has its own, and in polynomials of
-the standard normal variate for a law that goes through it (lognormal, and every correlated one).
+Each choice turns a joint law at alpha into `CubatureNodes`. The derivatives by alpha are those of
+the computed sum itself, so that a weighted sum over the nodes has an exact gradient however coarse
+the rule is. A Gauss rule is exact for polynomials of x if the law has orthogonal polynomials of x.
+For other laws (the lognormal one, and those of correlated parameters) it is exact for polynomials
+of the standard normal variate.
 
 | choice | nodes for d scattering parameters | error for a smooth outcome |
 |---|---|---|
@@ -39,8 +40,8 @@ from aleator.laws.inputs import zeros
 class CubatureNodes:
     """A cubature rule of J nodes in n parameters with K hyperparameters.
 
-    `x` (J, n), `weights` (J,) that sum to one, and the derivatives by alpha: `dx` (J, n, K),
-    `dweights` (J, K). `dx[:, i, k]` lies in one piece in memory.
+    `x` (J, n) are the nodes, and `weights` (J,) sum to one. `dx` (J, n, K) and `dweights` (J, K)
+    are their derivatives by alpha; each `dx[:, i, k]` is one piece of memory.
     """
 
     x: Array
@@ -50,9 +51,9 @@ class CubatureNodes:
 
 
 def axes(inputs: Inputs, alpha: Array, per_dimension: int) -> list[Rule]:
-    """A Gauss rule for each parameter (n of them), whose product is a rule of the joint law.
+    """A Gauss rule for each of the n parameters; their product is a rule of the joint law.
 
-    A constant has one node; a correlated parameter has the rule of its standard normal variate.
+    A constant has one node. A correlated parameter has the rule of its standard normal variate.
     """
     laws, values = inputs.independent(alpha)
     rules = [law.rule(v, per_dimension) for law, v in zip(laws, values, strict=True)]
@@ -64,9 +65,10 @@ def axes(inputs: Inputs, alpha: Array, per_dimension: int) -> list[Rule]:
 
 @single_threaded
 def combined(inputs: Inputs, alpha: Array, rules: Sequence[Rule], picks: Indices) -> CubatureNodes:
-    """Nodes that combine one node of each parameter's rule (n of them), by `picks` (J, n).
+    """Nodes of the joint law, each made of one node of every parameter's rule.
 
-    The weights are the products of those of the rules. Cost O(J n K).
+    `picks` (J, n) are the indices of these nodes. Weights are products of the rules' weights. Cost
+    O(J n K).
     """
     count, n = picks.shape
     x, dx = zeros(count, n, inputs.size)
@@ -86,10 +88,10 @@ def combined(inputs: Inputs, alpha: Array, rules: Sequence[Rule], picks: Indices
 
 
 class Cubature(Protocol):
-    """A choice of nodes for the joint law."""
+    """The interface of a choice of quadrature nodes for the joint law."""
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
-        """Nodes and weights of the law alpha (K,), with their derivatives by alpha."""
+        """The nodes and weights of the law alpha (K,), with their derivatives by alpha."""
 
 
 def check_whole(name: str, value: int, lower: int, upper: int | None) -> None:
@@ -102,7 +104,7 @@ def check_whole(name: str, value: int, lower: int, upper: int | None) -> None:
 
 
 def affordable(count: int, most: int = 10**6) -> None:
-    """Raise InputsError for more nodes than fit the memory."""
+    """Raise InputsError where a rule has more nodes than fit into memory."""
     if count > most:
         raise InputsError(
             f"this rule has {count:.3g} nodes, more than {most:.0e}",
@@ -114,9 +116,9 @@ def affordable(count: int, most: int = 10**6) -> None:
 class TensorGauss:
     """The tensor product of the laws' Gauss rules (paper, eq. (quadrature)).
 
-    J = per_dimension^d for d scattering parameters; exact for polynomials of degree
-    2 per_dimension - 1 in each of them. `per_dimension` from 1 to 100. Raises InputsError beyond
-    that, and where J is above 1e6.
+    It has J = per_dimension^d nodes for d scattering parameters, and is exact for polynomials of
+    degree 2 per_dimension - 1 in each of them. `per_dimension` is from 1 to 100. Raises InputsError
+    beyond that, and where J is above 1e6.
 
     >>> import numpy as np
     >>> from aleator.laws import Normal
@@ -131,14 +133,14 @@ class TensorGauss:
         check_whole("per_dimension", self.per_dimension, 1, 100)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
-        """The rule at alpha. Cost O(J n K)."""
+        """The nodes and weights at alpha. Cost O(J n K)."""
         affordable(self.per_dimension**inputs.scattering)
         rules = axes(inputs, alpha, self.per_dimension)
         return combined(inputs, alpha, rules, tensor(tuple(rule.x.size for rule in rules)))
 
 
 class _EqualWeights(ABC):
-    """Base of choices whose points are standard normal variates that do not depend on alpha."""
+    """Base class of choices with equal weights and standard normal variates fixed in advance."""
 
     @abstractmethod
     def _variates(self, dimensions: int) -> Array:
@@ -156,10 +158,10 @@ class _EqualWeights(ABC):
 class SobolPoints(_EqualWeights):
     """Scrambled Sobol' points of standard normal variates, mapped by the laws; equal weights.
 
-    theta = Phi^-1(u) for points u of (0, 1)^d that do not depend on alpha (Sobol', 1967; Owen,
-    1998), so that every average is smooth in alpha and its derivative exact. `points` J is a power
-    of two from 2 to 2^20, `seed` chooses the scrambling: other seeds show the error.
-    Raises InputsError for other sizes.
+    theta = Phi^-1(u) for points u in (0, 1)^d that do not depend on alpha (Sobol', 1967; Owen,
+    1998), so that every average is smooth in alpha and its derivative exact. `points` is the number
+    J of points, a power of two from 2 to 2^20; raises InputsError for other numbers. `seed` chooses
+    the scrambling; the differences between seeds show the error.
 
     >>> from aleator.laws import Normal
     >>> rule = SobolPoints(1024).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([3.0, 2.0]))
@@ -188,8 +190,8 @@ class SobolPoints(_EqualWeights):
 class MonteCarloPoints(_EqualWeights):
     """Independent standard normal variates, drawn once, mapped by the laws; equal weights.
 
-    The error falls with J^(-1/2) whatever the outcome; here to compare with. `points` J from 2 to
-    1e6. Raises InputsError beyond that.
+    The error falls as J^(-1/2) for any outcome; the rule is here for comparison. `points` is the
+    number J of points, from 2 to 1e6. Raises InputsError beyond that.
 
     >>> from aleator.laws import Normal
     >>> rule = MonteCarloPoints(4096).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([3.0, 2.0]))
@@ -212,9 +214,9 @@ class MonteCarloPoints(_EqualWeights):
 class ProbabilityGrid(_EqualWeights):
     """A regular grid in probability, (i + 1/2)/m in each dimension, with equal weights.
 
-    The paper's quasi-Monte Carlo: J = m^d. Misses the tails, whose share of a moment vanishes only
-    slowly with m. `per_dimension` m from 1 to 10^4. Raises InputsError beyond that, and where J is
-    above 1e6.
+    This is the paper's quasi-Monte Carlo rule with J = m^d nodes. It misses the tails, whose part
+    of a moment vanishes only slowly with m. `per_dimension` is m, from 1 to 10^4. Raises
+    InputsError beyond that, and where J is above 1e6.
 
     >>> from aleator.laws import Normal
     >>> rule = ProbabilityGrid(2).nodes(Inputs({"x": Normal(0.0, 1.0)}), np.array([0.0, 1.0]))
@@ -235,7 +237,7 @@ class ProbabilityGrid(_EqualWeights):
 @lru_cache(maxsize=16)
 def _sobol_variates(points: int, dimensions: int, seed: int, bits: int = 30) -> Array:
     engine = qmc.Sobol(dimensions, bits=bits, rng=np.random.default_rng(seed))
-    # the points are multiples of 2^-bits, zero among them: half a step keeps them inside
+    # The points are multiples of 2^-bits and include zero. Half a step keeps them inside (0, 1).
     return _frozen(special.ndtri(engine.random(points) + 0.5 ** (bits + 1)))
 
 
@@ -259,14 +261,15 @@ def _frozen(xi: Array) -> Array:
 class Smolyak:
     """A sparse grid of the laws' own Gauss rules (Smolyak, 1963), by the combination technique.
 
-    sum over l with L - d < |l| <= L of (-1)^(L - |l|) C(d - 1, L - |l|) U_l1 x ... x U_ld, where
-    U_l is the Gauss rule of l + 1 nodes (Gerstner and Griebel, 1998; linear growth). Exact for
-    monomials with sum_i floor(k_i / 2) <= L, hence to total degree 2L + 1; not for x_i^(2L + 2).
-    Nodes that rules of fixed nodes share, such as the middle of normal laws, are merged.
-    `level` L from 0 to 20. Raises InputsError beyond that, and where there are above 1e6 nodes.
+    The rule is the sum over l with L - d < |l| <= L of
+    (-1)^(L - |l|) C(d - 1, L - |l|) U_l1 x ... x U_ld, where U_l is the Gauss rule of l + 1 nodes
+    (Gerstner and Griebel, 1998; linear growth). It is exact for monomials with
+    sum_i floor(k_i / 2) <= L, hence to total degree 2L + 1, but not for x_i^(2L + 2). Nodes that
+    several of the rules have in common, such as the middle of a normal law, are merged. `level` is
+    L, from 0 to 20. Raises InputsError beyond that, and where there are more than 1e6 nodes.
 
-    Some weights are negative: a variance or another even moment can come out negative for an
-    outcome that is not smooth at this level, and a density of such moments has no solution.
+    Some weights are negative. For an outcome that is not smooth enough for this level, a variance
+    or another even moment can therefore be negative, and no density has such moments.
 
     >>> from aleator.laws import Normal
     >>> inputs = Inputs({name: Normal(0.0, 1.0) for name in "abcdefgh"})
@@ -284,8 +287,9 @@ class Smolyak:
         check_whole("level", self.level, 0, 20)
 
     def nodes(self, inputs: Inputs, alpha: Array) -> CubatureNodes:
-        """The rule at alpha. Cost O(J n K), besides the grid, which is made once."""
-        # before merging: the coefficients of t^0..t^L in (sum_l (l + 1) t^l)^d = (1 - t)^(-2d)
+        """The nodes and weights at alpha. Cost O(J n K), and once the cost of making the grid."""
+        # The number of nodes before merging is at most the sum of the coefficients of t^0 to t^L
+        # in (sum_l (l + 1) t^l)^d = (1 - t)^(-2d).
         affordable(comb(2 * inputs.scattering + self.level, self.level))
         levels = [axes(inputs, alpha, q) for q in range(1, self.level + 2)]
         stacks = [
@@ -303,10 +307,11 @@ class Smolyak:
 
 @dataclass(frozen=True)
 class _GridRule:
-    """The tensor grids of a sparse grid one after the other (E nodes), merged into J nodes.
+    """The E nodes of all tensor grids of a sparse grid, and their merging into J distinct nodes.
 
-    `picks` (E, n) into each parameter's stack of rules, `factor` (E,) of the combination, `node`
-    (E,) which of the J it is, and `first` (J,) one of the E for each.
+    `picks` (E, n) are indices into the concatenated rules of each parameter, and `factor` (E,) are
+    the factors of the combination. `node` (E,) is the number of the distinct node, and `first` (J,)
+    is one of the E nodes for each distinct one.
     """
 
     picks: Indices
@@ -317,7 +322,11 @@ class _GridRule:
 
 @lru_cache
 def _grid(level: int, identities: tuple[tuple[int, ...], ...]) -> _GridRule:
-    """Combine the stacks: rule l of a stack begins at l (l + 1)/2; a constant's stack has one."""
+    """The sparse grid of this level for parameters whose Gauss rules are concatenated.
+
+    In the concatenation (a "stack") rule l begins at l (l + 1)/2; the stack of a constant has one
+    node. `identities` are the equal nodes of each stack (see `_identity`).
+    """
     moving = [i for i, identity in enumerate(identities) if len(identity) > 1]
     if not moving:
         zero = np.zeros((1, len(identities)), dtype=np.intp)
@@ -341,24 +350,24 @@ def _grid(level: int, identities: tuple[tuple[int, ...], ...]) -> _GridRule:
 
 
 def _levels(dimensions: int, total: int) -> list[tuple[int, ...]]:
-    """Every tuple of that many levels with a sum of at most total."""
+    """All tuples of levels, one for each dimension, whose sum is at most `total`."""
     if dimensions == 1:
         return [(l,) for l in range(total + 1)]
     return [(l, *rest) for l in range(total + 1) for rest in _levels(dimensions - 1, total - l)]
 
 
 def _stacked(rules: list[Rule]) -> Rule:
-    """Rules of one parameter one after the other."""
+    """One rule with the concatenated nodes of several rules of one parameter (a "stack")."""
     parts = ([getattr(rule, field.name) for rule in rules] for field in fields(Rule))
     return Rule(*(np.concatenate(part) for part in parts))
 
 
 def _identity(stack: Rule) -> tuple[int, ...]:
-    """For each node of a stack the first one that it is equal to, whatever alpha is.
+    """For each node of a stack, the first node that it equals for every alpha.
 
-    Equal t are equal nodes where the law maps a t that does not depend on alpha, as is seen
-    by weights without derivative; other laws' nodes may meet at one alpha but part at the next.
-    Nodes closer than 1e-12 in t are one: they differ by rounding.
+    Nodes with equal t are equal for every alpha if t does not depend on alpha; this is the case if
+    the weights have no derivative. Nodes of other laws may coincide at one alpha and differ at the
+    next, so that none are merged. Nodes closer than 1e-12 in t differ only by rounding.
     """
     own = np.arange(stack.x.size)
     if np.any(stack.dweights):

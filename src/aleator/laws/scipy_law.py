@@ -31,18 +31,18 @@ from aleator.laws.law import (
 
 @dataclass(frozen=True)
 class ScipyLaw(ThroughNormal):
-    """The law of a frozen continuous distribution of `scipy.stats`, known or moved and scaled.
+    """The law of a frozen continuous distribution T of `scipy.stats`, possibly shifted and scaled.
 
-    With T the distribution, x = T where neither `mean` nor `sd` is given: a known law without a
-    hyperparameter. Else x = mean + sd (T - E T)/sd T, and each of `mean` and `sd` is a number
-    (known; T's own where left out) or `Free` (identified); the shape of T stays. An sd limit left
-    open becomes a thousandth and a half of the width of the mean's limits.
+    If neither `mean` nor `sd` is stated, x = T: a known law without hyperparameters. Otherwise
+    x = mean + sd (T - E T)/sd(T). Each of `mean` and `sd` is then a number (known), `Free`
+    (identified), or left out (that of T); the shape of T does not change. Default limits of the sd
+    are 1/1000 and 1/2 of the width of the mean's limits.
 
-    Its polynomials are those of theta, T = F^-1(Phi(theta)), as of every law without a family of
-    its own: a rule of q nodes converges to the moments of T, and is exact for polynomials of theta.
-    Raises InputsError for what is not a frozen continuous distribution, and for shapes without mean
-    and variance. Values cost what SciPy's `ppf` costs, which for some distributions is a search for
-    each number.
+    The law uses Hermite polynomials of theta, where T = F^-1(Phi(theta)). A rule of q nodes is
+    exact for polynomials of theta and converges to the moments of T. Raises InputsError for an
+    object that is not a frozen continuous distribution, and for shapes without mean and variance.
+    Each value costs a call of SciPy's `ppf`, which for some distributions is a search for each
+    number.
 
     >>> from scipy import stats
     >>> law = ScipyLaw(stats.expon(), mean=2.0)
@@ -62,7 +62,7 @@ class ScipyLaw(ThroughNormal):
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd`, or none for a known law."""
+        """The hyperparameters `mean` and `sd`, or none for a known law."""
         if self.mean is None and self.sd is None:
             return ()
         own = _moments(self.distribution)
@@ -72,7 +72,7 @@ class ScipyLaw(ThroughNormal):
 
     @cached_property
     def box(self) -> tuple[float, float]:
-        """The widest support that the limits admit; an open end is put where 1e-15 is left."""
+        """The widest support that the limits admit; an infinite end becomes a 1e-15 quantile."""
         lower, upper = _ends(self.distribution)
         if math.isinf(lower):
             lower = float(self.distribution.ppf(NUMERICS.tail))
@@ -86,28 +86,28 @@ class ScipyLaw(ThroughNormal):
 
     @property
     def bounded(self) -> bool:
-        """Whether the law is known and has finite ends: they are then the box."""
+        """Whether the law is known and has finite ends, which are then its `box`."""
         lower, upper = _ends(self.distribution)
         return math.isfinite(upper - lower) and not any(h.free for h in self.hyperparameters)
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """The log-density of T, moved and scaled."""
+        """The log-density of the shifted and scaled T at x."""
         at, scale = self._back(values, x)
         return np.asarray(np.asarray(self.distribution.logpdf(at)) - math.log(scale))
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """Phi^-1 of T's distribution function; digits as SciPy has them."""
+        """The normal score Phi^-1(F(x)), to the accuracy of SciPy's distribution function F."""
         at, _ = self._back(values, x)
         return to_score(self.distribution.cdf(at), self.distribution.sf(at))
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """The quantile of T, moved and scaled."""
+        """The quantile of the shifted and scaled T."""
         p = np.asarray(probability, dtype=float)
         t = from_probability(p, self._shape.ppf, self._shape.isf)
         return self._moved(values, _standardized(self._shape, t))[0]
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """The quantile of T at Phi(theta), moved and scaled; digits as SciPy has them."""
+        """The quantile of the shifted and scaled T at Phi(theta), to SciPy's accuracy."""
         t = from_tails(np.asarray(theta, dtype=float), self._shape.ppf, self._shape.isf)
         x, dx = self._moved(values, _standardized(self._shape, t))
         with np.errstate(all="ignore"):
@@ -116,24 +116,24 @@ class ScipyLaw(ThroughNormal):
         return Standard(x, (values[1] if values.size else _moments(self.distribution)[1]) * dz, dx)
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """The two hyperparameters, or T's own mean and sd."""
+        """The mean and the sd: the two hyperparameters, or for a known law those of T."""
         if not values.size:
             return MeanSd(*_moments(self.distribution), np.empty(0), np.empty(0))
         return MeanSd(float(values[0]), float(values[1]), np.eye(2)[0], np.eye(2)[1])
 
     def filling(self, center: float, sd: float | None = None) -> Array:
-        """The center and the sd, within their limits; nothing for a known law."""
+        """The values (mean, sd) moved into their limits; an empty array for a known law."""
         return filled(self.hyperparameters, center, sd) if self.hyperparameters else np.empty(0)
 
     @cached_property
     def _shape(self) -> Any:
-        """T without SciPy's loc and scale, in which distances from an end keep their digits."""
+        """T without SciPy's loc and scale, so that distances from an end keep their digits."""
         kind, shapes = self.distribution.dist, self.distribution.args
         named = {k: v for k, v in self.distribution.kwds.items() if k not in ("loc", "scale")}
         return kind(*shapes[: kind.numargs], **named)
 
     def _back(self, values: Array, x: Array) -> tuple[Array, float]:
-        """The value of T that x is made of, and dx/dT."""
+        """The value of T from which x results by shifting and scaling, and the slope dx/dT."""
         if not values.size:
             return x, 1.0
         mean, sd = _moments(self.distribution)
@@ -141,10 +141,10 @@ class ScipyLaw(ThroughNormal):
         return mean + (x - values[0]) / scale, scale
 
     def _moved(self, values: Array, z: Array) -> tuple[Array, Array]:
-        """x and its derivatives (*z.shape, k) at standardized points z."""
+        """The parameter x and its derivatives (*z.shape, k) at standardized values z of T."""
         if not values.size:
             mean, sd = _moments(self.distribution)
-            # rounding must not push a value out of the support
+            # Clipping keeps rounding from moving a value out of the support.
             x = np.clip(mean + sd * z, *_ends(self.distribution))
             return x, np.empty((*z.shape, 0))
         return values[0] + values[1] * z, np.stack([np.ones(z.shape), z], axis=-1)
@@ -174,7 +174,7 @@ def _ends(distribution: Any) -> tuple[float, float]:
 
 
 def _require_moments(distribution: Any) -> None:
-    """Raise InputsError where there is no such shape, or no mean or variance."""
+    """Raise InputsError where the shape is not admissible, or has no mean or variance."""
     _ends(distribution)
     mean, sd = _moments(distribution)
     if not (math.isfinite(mean) and math.isfinite(sd) and sd > 0.0):
@@ -186,7 +186,7 @@ def _require_moments(distribution: Any) -> None:
 
 @lru_cache(maxsize=64)
 def _moments(distribution: Any) -> tuple[float, float]:
-    """Mean and sd, for which SciPy may have to integrate."""
+    """The mean and the sd of the distribution, which SciPy may compute by integration."""
     return float(distribution.mean()), float(distribution.std())
 
 

@@ -1,4 +1,7 @@
-"""The normal law truncated to the feasible box: its own polynomials, and the paper's clip."""
+"""The normal law truncated to an interval, with its own orthogonal polynomials.
+
+The module also has the paper's "clip": the map from a standard normal variate to the law.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +22,16 @@ from aleator.laws.law import MeanSd, Rule, Standard, ThroughNormal, normal_log_d
 
 @dataclass(frozen=True)
 class Truncation:
-    """How a truncated normal law is computed; chosen by tests/laws/test_laws.py.
+    """Settings for the truncated normal law; chosen by tests/laws/test_laws.py.
 
-    sds: that the box spans where its end is infinite: holds the nodes to q = 20. drop: the density
-    is cut where it is e^-drop times its largest value on the box; beyond, the square of a
-    polynomial of degree 20 adds nothing to its integral. nodes: of the rule that its polynomials
-    are made by. step: of the differences of a rule, over the width of the law. least: smaller
-    probabilities are computed by their logarithms. faint: a difference of two probabilities below
-    this has lost too many digits.
+    sds: an infinite end of the interval is replaced by one this number of standard deviations
+    beyond the mean, which contains the nodes of rules up to q = 20. drop: the density is cut where
+    it is below e^-drop of its largest value; beyond that the square of a polynomial of degree 20
+    adds nothing to an integral. nodes: the number of nodes of the fine rule from which the
+    orthogonal polynomials are computed. step: the step of numerical derivatives of a rule, relative
+    to the width of the law. least: probabilities smaller than this are computed as logarithms.
+    faint: a difference of two probabilities that is below this has lost too many digits and is
+    computed by logarithms.
     """
 
     sds: float = 10.0
@@ -44,13 +49,14 @@ TRUNCATION = Truncation()
 class TruncatedNormal(ThroughNormal):
     """Normal(mean, sd^2) restricted to [lower, upper] = `box` (paper, sec. uncertainty model).
 
-    f(x) = phi((x - mean)/sd) / (sd (Phi(b) - Phi(a))) with a, b = (box - mean)/sd; `mean` and
-    `sd` are those of the normal law before truncation. Each is a number (known) or `Free`
-    (identified). Defaults for a finite box of width w: mean within the box, sd within
-    [w/1000, w/2]. An end of the box may be infinite if mean and sd have limits of their own.
-    `polynomials` chooses the basis: "own" (orthogonal on the truncated density, by Stieltjes;
-    converges fastest) or "hermite" (the paper's: Hermite polynomials of theta ~ N(0, 1), which the
-    clip maps to x). Raises InputsError for a box or limits that are out of order.
+    f(x) = phi((x - mean)/sd) / (sd (Phi(b) - Phi(a))) with a = (lower - mean)/sd and
+    b = (upper - mean)/sd. `mean` and `sd` are those of the normal law before truncation. Each is a
+    number (known) or `Free` (identified). The default limits for a finite interval of width w are
+    the interval for the mean and [w/1000, w/2] for the sd. An end of the interval may be infinite
+    if the limits of mean and sd are stated. `polynomials` chooses the basis: "own" (orthogonal
+    under the truncated density, by the Stieltjes procedure; converges fastest) or "hermite" (the
+    paper's: Hermite polynomials of theta ~ N(0, 1), which is mapped to x). Raises InputsError for a
+    `box` or limits that are out of order.
 
     >>> from aleator.laws import Free
     >>> law = TruncatedNormal(box=(-1.0, 1.0), mean=0.0, sd=Free(0.1, 100.0))
@@ -88,7 +94,7 @@ class TruncatedNormal(ThroughNormal):
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`mean` and `sd` of the normal law before truncation."""
+        """The hyperparameters `mean` and `sd` of the normal law before truncation."""
         lower, upper = self.box_limits
         width = upper - lower
         finite = math.isfinite(width)
@@ -98,9 +104,9 @@ class TruncatedNormal(ThroughNormal):
 
     @property
     def box(self) -> tuple[float, float]:
-        """The box; an infinite end is put ten standard deviations beyond the mean.
+        """The interval; an infinite end is replaced by one ten standard deviations beyond the mean.
 
-        A mean beyond the other end counts as on it: there the density is largest.
+        A mean beyond the other end counts as lying on it, because the density is largest there.
         """
         (lower, upper), (mean, sd) = self.box_limits, self.hyperparameters
         far = TRUNCATION.sds * sd.upper
@@ -108,23 +114,29 @@ class TruncatedNormal(ThroughNormal):
 
     @property
     def bounded(self) -> bool:
-        """Whether both ends of the box are finite."""
+        """Whether both ends of the interval are finite."""
         return math.isfinite(self.box_limits[1] - self.box_limits[0])
 
     def rule(self, values: Array, nodes: int) -> Rule:
-        """Gauss rule of the truncated density, or Gauss-Hermite through the clip."""
+        """The Gauss rule of the truncated density, or the Gauss-Hermite rule mapped to x."""
         own = self.basis == "own"
         return self._own_rule(values, nodes) if own else super().rule(values, nodes)
 
     def recurrence(self, values: Array, count: int) -> tuple[Array, Array]:
-        """Polynomials orthonormal under the truncated density, or Hermite polynomials of theta."""
+        """The recurrence coefficients of the chosen orthonormal polynomials.
+
+        They are orthonormal under the truncated density, or are Hermite polynomials of theta.
+        """
         if self.basis == "hermite":
             return super().recurrence(values, count)
         t, weights = _fine_rule(*(np.array(end) for end in self._standard_limits(values)))
         return stieltjes(t, weights, count)
 
     def log_density(self, values: Array, x: Array) -> Array:
-        """log phi(t) - log sd - log(Phi(b) - Phi(a)) with t = (x - mean)/sd, inside the box."""
+        """The log-density log phi(t) - log sd - log(Phi(b) - Phi(a)) with t = (x - mean)/sd.
+
+        It is minus infinity outside the interval.
+        """
         lower, upper = self.box_limits
         a, b = self._standard_limits(values)
         t = (x - values[0]) / values[1]
@@ -132,7 +144,10 @@ class TruncatedNormal(ThroughNormal):
         return np.where((x >= lower) & (x <= upper), log_density, -np.inf)
 
     def normal_score(self, values: Array, x: Array) -> Array:
-        """Phi^-1((Phi(t) - Phi(a))/(Phi(b) - Phi(a))), in logarithms where a tail is faint."""
+        """The normal score Phi^-1((Phi(t) - Phi(a))/(Phi(b) - Phi(a))), t = (x - mean)/sd.
+
+        It is computed with logarithms where a tail probability is very small.
+        """
         a, b = self._standard_limits(values)
         t = np.clip((x - values[0]) / values[1], a, b)
         u, v = special.ndtr(t) - special.ndtr(a), special.ndtr(-t) - special.ndtr(-b)
@@ -148,27 +163,28 @@ class TruncatedNormal(ThroughNormal):
         return np.asarray(score)
 
     def quantile(self, values: Array, probability: Array) -> Array:
-        """mean + sd t with Phi(t) = (1 - u) Phi(a) + u Phi(b)."""
+        """The quantile mean + sd t at probability u, with Phi(t) = (1 - u) Phi(a) + u Phi(b)."""
         a, b = self._standard_limits(values)
         t = _truncated_quantile(np.asarray(probability, dtype=float), a, b)
         return self._inside(values, t)
 
     def standard(self, values: Array, theta: Array) -> Standard:
-        """mean + sd t(theta) by the paper's clip."""
+        """The parameter x = mean + sd t(theta), with derivatives; t(theta) is given by `clip`."""
         a, b = self._standard_limits(values)
         t, by_a, by_b, by_theta = clip(theta, a, b)
-        # sd da = -1 by the mean and -a by the sd; an infinite end does not move, and by_a is zero
+        # The derivative of a, times sd, is -1 by the mean and -a by the sd. An infinite end does
+        # not move, and by_a is then zero.
         by_mean = 1.0 - by_a - by_b
         by_sd = t - by_a * _finite(a) - by_b * _finite(b)
         dvalues = np.stack([by_mean, by_sd], axis=-1)
         return Standard(self._inside(values, t), values[1] * by_theta, dvalues)
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """Mean and sd after truncation, by a Gauss rule that is exact for both."""
+        """The mean and the sd after truncation, by a Gauss rule that is exact for both."""
         return MeanSd.of(self._own_rule(values, 2))
 
     def filling(self, center: float, sd: float | None = None) -> Array:
-        """The center and the sd as those of the normal law before truncation."""
+        """The values (mean, sd) of the normal law before truncation, moved into their limits."""
         return filled(self.hyperparameters, center, sd)
 
     def _own_rule(self, values: Array, nodes: int) -> Rule:
@@ -181,11 +197,11 @@ class TruncatedNormal(ThroughNormal):
         return Rule(self._inside(values, t), weights, t, dx, dweights)
 
     def _inside(self, values: Array, t: Array) -> Array:
-        # rounding must not push a node out of the box
+        # Clipping keeps rounding from moving a node out of the interval.
         return np.asarray(np.clip(values[0] + values[1] * t, *self.box_limits))
 
     def _limits_jac(self, values: Array) -> tuple[Array, Array]:
-        """d(a, b)/d(mean, sd); an infinite end does not move."""
+        """The derivatives of a (2,) and of b (2,) by mean and sd; zero for an infinite end."""
         a, b = self._standard_limits(values)
         da = np.array([-1.0, -a]) / values[1] if np.isfinite(a) else np.zeros(2)
         db = np.array([-1.0, -b]) / values[1] if np.isfinite(b) else np.zeros(2)
@@ -197,13 +213,12 @@ class TruncatedNormal(ThroughNormal):
 
 
 def clip(theta: Array, a: Array | float, b: Array | float) -> tuple[Array, Array, Array, Array]:
-    """The paper's clip: t(theta) in [a, b] and its derivatives by a, b and theta.
+    """The map t(theta) of a normal variate to [a, b] (the paper's clip), with derivatives.
 
-    Each has the shape of theta, against which a and b broadcast.
-
-    Phi(t) = Phi(a) + Phi(theta) (Phi(b) - Phi(a)), so that
-    phi(t) dt = (1 - u) phi(a) da + u phi(b) db + (Phi(b) - Phi(a)) phi(theta) dtheta with
-    u = Phi(theta); in logarithms where a tail is so far out that it would leave the numbers.
+    Returns t and its derivatives by a, b and theta. Each has the shape of theta, against which a
+    and b broadcast. Phi(t) = Phi(a) + Phi(theta) (Phi(b) - Phi(a)), so that with u = Phi(theta)
+    phi(t) dt = (1 - u) phi(a) da + u phi(b) db + (Phi(b) - Phi(a)) phi(theta) dtheta.
+    Probabilities too small for floating-point numbers are computed as logarithms.
     """
     tail = special.ndtr(-np.abs(theta))
     u, v = np.where(theta < 0.0, (tail, 1.0 - tail), (1.0 - tail, tail))
@@ -223,18 +238,18 @@ def clip(theta: Array, a: Array | float, b: Array | float) -> tuple[Array, Array
 
 
 def _apart(t: Array, end: Array | float) -> Array:
-    """t^2 - end^2, minus infinity where the end is infinite."""
+    """The difference t^2 - end^2, which is minus infinity where the end is infinite."""
     near = _finite(end)
     return np.where(np.isfinite(end), (t - near) * (t + near), -np.inf)
 
 
 def _finite(end: Array | float) -> Array:
-    """The end, or zero where it is infinite."""
+    """The given end, or zero where the end is infinite."""
     return np.where(np.isfinite(end), end, 0.0)
 
 
 def _log_mass(a: float | Array, b: float | Array) -> Array:
-    """log(Phi(b) - Phi(a)), of the tail that keeps its digits."""
+    """The log probability log(Phi(b) - Phi(a)), computed in the tail that keeps its digits."""
     a, b = np.asarray(a), np.asarray(b)
     reflected = a > -b
     outer = special.log_ndtr(np.where(reflected, -a, b))
@@ -245,7 +260,7 @@ def _log_mass(a: float | Array, b: float | Array) -> Array:
 
 
 def _faint_score(t: Array, a: Array, b: Array) -> Array:
-    """The normal score of t in [a, b] by logarithms: far tails keep digits."""
+    """The normal score of t in [a, b] by logarithms, which keep their digits in far tails."""
     log_u, log_v = _log_mass(a, t) - _log_mass(a, b), _log_mass(t, b) - _log_mass(a, b)
     below, above = special.ndtri_exp(np.minimum([log_u, log_v], 0.0))
     return np.asarray(np.where(log_u < log_v, below, -above))
@@ -259,8 +274,8 @@ def _truncated_quantile(u: Array, a: Array, b: Array) -> Array:
 def _truncated_quantile_from_logs(
     log_u: Array, log_v: Array, a: Array | float, b: Array | float
 ) -> Array:
-    """Solve Phi(t) = (1 - u) Phi(a) + u Phi(b) from log u and log(1 - u)."""
-    # upper tails lose digits, lower tails do not: reflect
+    """The solution t of Phi(t) = (1 - u) Phi(a) + u Phi(b), from log u and log v = log(1 - u)."""
+    # Upper tails lose digits and lower tails do not, so that upper ones are reflected.
     reflected = np.greater(a, np.negative(b))
     low, high = np.where(reflected, np.negative(b), a), np.where(reflected, np.negative(a), b)
     log_low, log_high = np.where(reflected, (log_u, log_v), (log_v, log_u))
@@ -270,14 +285,14 @@ def _truncated_quantile_from_logs(
 
 
 def _effective_limits(a: Array, b: Array) -> tuple[Array, Array]:
-    """The part of [a, b] where exp(-t^2/2) is within e^-DROP of its largest value there."""
+    """The part of [a, b] where exp(-t^2/2) is at least e^-drop of its largest value there."""
     peak = np.clip(0.0, a, b)
     reach = np.sqrt(peak**2 + 2.0 * TRUNCATION.drop)
     return np.maximum(a, -reach), np.minimum(b, reach)
 
 
 def _fine_rule(a: Array, b: Array) -> tuple[Array, Array]:
-    """Gauss-Legendre points (..., Q) on [a, b] weighted by the truncated normal density."""
+    """Gauss-Legendre points (..., Q) on [a, b] and weights (..., Q) with the truncated density."""
     low, high = _effective_limits(a, b)
     s, w = gauss_legendre(TRUNCATION.nodes)
     half = 0.5 * (high - low)[..., None]
@@ -289,10 +304,10 @@ def _fine_rule(a: Array, b: Array) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def _own_rule(a: float, b: float, nodes: int) -> tuple[Array, Array, tuple[Array, Array]]:
-    """Gauss rule of the truncated normal, and d(nodes, weights)/da and /db as (q, 2) each.
+    """The Gauss rule of the truncated normal law on [a, b], with derivatives by a and by b.
 
-    The derivatives are central differences of the rule itself, which is accurate to rounding:
-    with a step h of 1e-4 of the effective width their error is of the order of 1e-9.
+    Each derivative (q, 2) has the columns of nodes and weights. It is a central difference of the
+    rule itself, with a step of 1e-4 of the effective width and an error of the order of 1e-9.
     """
     low, high = _effective_limits(np.array(a), np.array(b))
     h = TRUNCATION.step * min(1.0, float(high - low))
@@ -301,7 +316,7 @@ def _own_rule(a: float, b: float, nodes: int) -> tuple[Array, Array, tuple[Array
     t, weights = gauss(*stieltjes(*_fine_rule(ends_a, ends_b), nodes))
     rules = np.stack([t, weights], axis=-1)
     by_a, by_b = (rules[1] - rules[2]) / (2 * h), (rules[3] - rules[4]) / (2 * h)
-    # where one law moves, as in differences, those of the others are needed again
+    # Cached arrays are read-only: the same rule serves again while other laws change.
     for array in (rules, t, weights, by_a, by_b):
         array.setflags(write=False)
     return t[0], weights[0], (by_a, by_b)

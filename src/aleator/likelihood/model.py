@@ -1,4 +1,4 @@
-"""The user's choices of law, surfaces and density, which say what likelihood is computed."""
+"""The user's choices of law, response surfaces and density, which determine the likelihood."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Model:
-    """Law, and how the density of one exact outcome is computed.
+    """The joint law, and the way in which the density of an exactly measured outcome is computed.
 
-    Without a `density` it is that of the outcome itself, by level sets; with one it is fitted to
-    moments of the outcome. `direct` says that the simulator itself is run, without surfaces.
+    Without a `density` the density of the outcome is computed by level sets. With one, a density of
+    this kind is fitted to moments of the outcome. `direct` says that the simulator itself is run,
+    without response surfaces.
 
     >>> from aleator.laws import Normal
     >>> from aleator.moments.propagation import Collocation
@@ -41,9 +42,10 @@ class Model:
         propagation: ResponseSurface | Collocation | None = None,
         density: Density | None = None,
     ) -> Model:
-        """The model; nodes of the law and collocation ask for moments, of maximum entropy.
+        """The model with defaults filled in; raises InputsError where no parameter scatters.
 
-        Raises InputsError where nothing scatters.
+        Collocation, and response surfaces with chosen nodes of the law, need a density that is
+        fitted to moments. Its default is the maximum-entropy density of four moments.
         """
         propagation = propagation or ResponseSurface()
         if inputs.scattering == 0:
@@ -60,25 +62,28 @@ class Model:
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All hyperparameters in the order of alpha: those of the inputs."""
+        """All hyperparameters in the order of alpha, which are those of the inputs."""
         return self.inputs.hyperparameters
 
     @property
     def surfaces(self) -> ResponseSurface | None:
-        """The choice of response surfaces; None where the simulator runs for every alpha."""
+        """The user's choice of response surfaces; None if the simulator itself is run."""
         own = isinstance(self.propagation, ResponseSurface) and not self.direct
         return self.propagation if own else None  # type: ignore[return-value]
 
     @property
     def follows(self) -> bool:
-        """Whether surfaces are made exact where the law is, and not all over their region."""
+        """Whether response surfaces are refined only where the law has its probability.
+
+        Otherwise they are refined over their whole region.
+        """
         return self.surfaces is not None and self.surfaces.tolerance is None
 
     @property
     def name(self) -> str:
-        """How reports name the propagation."""
+        """The name of the propagation method in reports."""
         return "direct" if self.direct else self.propagation.name
 
     def directly(self) -> Model:
-        """The same on the simulator itself."""
+        """This model, but with the simulator itself in place of response surfaces."""
         return replace(self, direct=True)

@@ -1,4 +1,4 @@
-"""The forward and the inverse problem: a simulator, the user's choices, and experiments."""
+"""The forward problem (the distribution of outcomes) and the inverse problem (their likelihood)."""
 
 from __future__ import annotations
 
@@ -37,27 +37,28 @@ if TYPE_CHECKING:
 
 
 class OutcomePredictor(Protocol):
-    """From a law alpha (K,) to the distributions of N outcomes, and what these reach."""
+    """The interface that gives the distributions of N outcomes under a law alpha (K,)."""
 
     @property
     def lower(self) -> Array:
-        """The lower ends (N,) of what is reached, possibly infinite."""
+        """The smallest possible outcome (N,) of each experiment, or minus infinity."""
 
     @property
     def upper(self) -> Array:
-        """The upper ends (N,) of what is reached, possibly infinite."""
+        """The largest possible outcome (N,) of each experiment, or infinity."""
 
     def under(self, alpha: Array) -> OutcomeDistribution:
-        """The distributions of the outcomes."""
+        """The distributions of the N outcomes under the law alpha (K,)."""
 
 
 @dataclass(frozen=True)
 class Forward:
     """The forward problem: from the law to the distribution of N outcomes.
 
-    `condition` (N,) says which of the U distinct conditions each experiment has. `region` (n, 2) is
-    where the response is known: the box, or the part of it where the law has its mass. `surface`
-    are the response surfaces of the parameters that are not known, or None without any.
+    `condition` (N,) is the number of each experiment's condition among the U distinct ones.
+    `region` (n, 2) is the region of parameters in which the response is known: their full ranges,
+    or the part where the law has its probability. `surface` has the response surfaces as functions
+    of the parameters that are not fixed, or is None.
     """
 
     model: Model
@@ -69,16 +70,16 @@ class Forward:
 
     @property
     def moving(self) -> Indices:
-        """The parameters that are not known, in the order of the surfaces' columns."""
+        """The indices of the parameters that are not fixed, in the order of the surfaces."""
         return moving_parameters(self.region)
 
     @property
     def name(self) -> str:
-        """How reports name the propagation."""
+        """The name of the propagation method in reports."""
         return self.model.name
 
     def with_outcomes(self, outcomes: Array) -> Problem:
-        """The inverse problem that measured outcomes (N,) make of it."""
+        """The inverse problem for measured outcomes (N,)."""
         own = (self.model, self.predictor, self.response, self.surface, self.region)
         return Problem(*own, self.condition, outcomes, _likelihood(self, outcomes))
 
@@ -87,7 +88,7 @@ class Forward:
 class Problem(Forward):
     """The inverse problem: the forward problem and the measured outcomes (N,).
 
-    The `likelihood` is honest: by level sets, or by a density of moments where one was chosen.
+    The `likelihood` is computed by level sets, or by a density fitted to moments if one was chosen.
     """
 
     outcomes: Array
@@ -100,24 +101,27 @@ class Problem(Forward):
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All of alpha."""
+        """All hyperparameters in the order of alpha."""
         return self.model.hyperparameters
 
     @property
     def count(self) -> int:
-        """N."""
+        """The number N of experiments."""
         return self.outcomes.size
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """Value and score (N, K) at alpha (K,), continued where there is no density."""
+        """The log-likelihood and scores (N, K) at alpha (K,).
+
+        Both are finite even where the density of an outcome is zero.
+        """
         return self.continued(alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
-        """The same."""
+        """The log-likelihood and scores at alpha (K,), equal to those of a call."""
         return self.continued(alpha)
 
     def adapted(self, alpha: Array) -> Problem:  # noqa: ARG002  one interface
-        """The same: its nodes serve at every alpha."""
+        """This problem itself, because it has no nodes that depend on alpha."""
         return self
 
     def at_point(self, x: Array) -> tuple[Array, Array]:
@@ -126,20 +130,20 @@ class Problem(Forward):
         return value[self.condition, 0], slope[self.condition, 0]
 
     def sampled(self, size: int) -> Likelihood | LevelLikelihood:
-        """The likelihood of so many experiments, spread evenly."""
+        """The likelihood of `size` of the experiments, spread evenly over all."""
         return self.likelihood.take(np.linspace(0, self.count - 1, size).astype(np.intp))
 
     def fine(self) -> Problem:
-        """The same problem, by level sets as fine as an answer needs."""
+        """This problem with level sets as fine as reported results need."""
         return self if self.levels is None else replace(self, likelihood=self.levels.fine())
 
     @property
     def levels(self) -> LevelLikelihood | None:
-        """The likelihood by level sets; None where a density was chosen."""
+        """The likelihood by level sets, or None where a density fitted to moments was chosen."""
         return self.likelihood if isinstance(self.likelihood, LevelLikelihood) else None
 
     def coarse(self) -> Problem:
-        """The same problem on the coarsest grids that serve, for many data sets in turn."""
+        """This problem on the coarsest acceptable grids, for the analysis of many data sets."""
         if self.levels is None:
             return self
         assert isinstance(self.predictor, PointPredictor)
@@ -147,16 +151,19 @@ class Problem(Forward):
 
     @property
     def free(self) -> bool:
-        """Whether simulated values cost nothing: of surfaces, or where it is integrated itself."""
+        """Whether there are surfaces or level sets, so that no collocation runs are needed."""
         return self.surface is not None or self.levels is not None
 
     @property
     def unreached(self) -> Flags:
-        """(N,) whose outcome is none of the response in the region; none by moments."""
+        """Flags (N,) of the outcomes that the response does not reach anywhere in the region.
+
+        None is flagged where the likelihood is computed from moments.
+        """
         return self._none if self.levels is None else self.levels.unreached
 
     def unreached_at(self, alpha: Array) -> Flags:
-        """(N,) whose outcome is not reached under a law alpha (K,) either."""
+        """Flags (N,) of the outcomes for which no level set was found under the law alpha (K,)."""
         return self._none if self.levels is None else self.levels.sets(alpha).empty
 
     @property
@@ -164,21 +171,21 @@ class Problem(Forward):
         return np.zeros(self.outcomes.size, dtype=np.bool_)
 
     def nodes(self, alpha: Array) -> Array:
-        """The nodes x (J, n) of the law, with collocation."""
+        """The collocation nodes x (J, n) of the law alpha (K,)."""
         from aleator.moments.likelihood import Predictive
 
         assert isinstance(self.predictor, Predictive)
         return self.predictor.nodes(alpha)
 
     def gap(self, alpha: Array) -> float:
-        """What more nodes of the law change of a log-likelihood by moments, on surfaces."""
+        """The change of a log-likelihood by moments with more nodes of the law; 0 by level sets."""
         if self.surface is None or isinstance(self.likelihood, LevelLikelihood):
             return 0.0
         return self.likelihood.gap(alpha)
 
     @property
     def exactly(self) -> LevelLikelihood | None:
-        """The likelihood by level sets; None with collocation, where they would take more runs."""
+        """The likelihood by level sets; None where it would need runs besides collocation."""
         if self.levels is not None:
             return self.levels
         known = self.surface is not None and traceable(self.model.inputs)
@@ -186,16 +193,16 @@ class Problem(Forward):
 
     @property
     def continued(self) -> Objective:
-        """What a search climbs: the likelihood, continued where there is none."""
+        """The objective of a search: the likelihood, extended to where no density exists."""
         return self.likelihood.continued
 
     @property
     def followed(self) -> Objective:
-        """The objective that is differentiated by alpha: that of the search."""
+        """The objective for derivatives by alpha, which is that of the search."""
         return self.continued
 
     def with_outcomes(self, outcomes: Array) -> Problem:
-        """The same with other outcomes (N,)."""
+        """This problem with other outcomes (N,)."""
         return replace(self, outcomes=outcomes, likelihood=self.likelihood.with_outcomes(outcomes))
 
 
@@ -206,14 +213,13 @@ def forward(
     progress: Progress | None = None,
     surface: Surface | None = None,
 ) -> Forward:
-    """Build the predictive distribution; response surfaces on the region (n, 2) first.
+    """Build the forward problem; first the response surfaces on the region (n, 2), if needed.
 
-    `surface` are surfaces built before, in the parameters that vary over the region; None builds
-    them.
-
-    Experiments under equal conditions are one to the simulator: U surfaces for N experiments.
-    Surfaces go through the runs that worked; collocation needs every run. Raises NoOutcome that
-    names the experiments in which hardly a run worked, and where too many runs failed altogether.
+    `surface` has surfaces built before, as functions of the parameters that vary over the region;
+    with None they are built here. Experiments with equal conditions share their runs and surfaces,
+    so that N experiments have U surfaces. Surfaces use the runs that worked, while collocation
+    needs every run. Raises NoOutcome where too few runs of an experiment worked, which it names,
+    and where too many runs failed altogether.
     """
     first, condition = runner.cases.first, runner.cases.condition
     count, inputs = first.size, model.inputs
@@ -226,7 +232,7 @@ def forward(
                 surface_progress(progress),
             )  # fmt: skip
         _require_surfaces(surface, runner, condition)
-        # the surface's own error must not shut an outcome out of the reachable range
+        # The margin keeps the error of a surface from excluding an outcome that is possible.
         margin = 3.0 * surface.error
         lower, upper = surface.lower - margin, surface.upper + margin
         response = Confined(surface, region)
@@ -251,12 +257,12 @@ def prepare(
     progress: Progress | None = None,
     surface: Surface | None = None,
 ) -> Problem:
-    """The inverse problem of outcomes (N,), as `forward` builds it."""
+    """The inverse problem for outcomes (N,), with the forward problem built by `forward`."""
     return forward(runner, model, region, progress, surface).with_outcomes(outcomes)
 
 
 def level_sets(problem: Forward, outcomes: Array) -> LevelLikelihood:
-    """The likelihood of outcomes (N,) by level sets, as fine as a search needs."""
+    """The likelihood of outcomes (N,) by level sets that are as fine as a search needs."""
     inputs, response = problem.model.inputs, problem.response
     assert isinstance(response, Divisible)
     region = inputs.box if problem.surface is None else problem.region
@@ -272,7 +278,7 @@ def _by_moments(
     ends: tuple[Array, Array],
     region: Array,
 ) -> Predictive:
-    """The paper's way: moments of the outcome, and a density that is fitted to them."""
+    """The paper's method: moments of the outcome, and a density that is fitted to them."""
     from aleator.moments.likelihood import Predictive
     from aleator.moments.propagation import collocated, on_surfaces
 
@@ -286,7 +292,7 @@ def _by_moments(
 
 
 def _likelihood(forward: Forward, outcomes: Array) -> Likelihood | LevelLikelihood:
-    """The one place that decides: level sets, or a density of moments where one was chosen."""
+    """The likelihood by level sets, or by a density fitted to moments if one was chosen."""
     if forward.model.density is None:
         return level_sets(forward, outcomes)
     from aleator.moments.likelihood import Likelihood, Predictive
@@ -296,7 +302,7 @@ def _likelihood(forward: Forward, outcomes: Array) -> Likelihood | LevelLikeliho
 
 
 def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> None:
-    """Raise NoOutcome for experiments with so few runs that worked that they have no surface."""
+    """Raise NoOutcome where an experiment has no surface because too few of its runs worked."""
     lost = np.flatnonzero(np.isinf(surface.error)[condition])
     if not lost.size:
         return
@@ -314,7 +320,7 @@ def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> N
 
 
 def surface_progress(progress: Progress | None) -> Callable[[int, int, int], None] | None:
-    """A function that reports to `progress` how many surfaces have converged; None without one."""
+    """A function that reports the number of converged surfaces; None if `progress` is None."""
     if progress is None:
         return None
     listener = progress

@@ -1,4 +1,4 @@
-"""One step of Fisher scoring, with the information by outer products of the scores."""
+"""One step of Fisher scoring, with the information matrix from outer products of the scores."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ScoringStep:
 
     @property
     def in_standard_errors(self) -> Array:
-        """The step (F,) over the standard errors that J itself gives."""
+        """The step (F,) divided by the standard errors from J, the roots of diag(J^-1)."""
         return np.asarray(self.step / np.sqrt(np.diag(self.inverse)))
 
 
@@ -27,11 +27,12 @@ def scoring_step(
 ) -> ScoringStep | None:
     """The step J^-1 s of the scores s_l (N, F) of N experiments: s = sum s_l, J = sum s_l s_l'.
 
-    J is the information by outer products (Berndt, Hall, Hall and Hausman, 1974). It holds where
-    the observed information does not: far from the maximum, and with a density that is far off. A
-    step tells sign and size of a small movement, and of a large one only that it is large. The
-    score of a `prior` (F,) adds to s. None where J is not of full rank: where the correlation
-    matrix of the scores has an eigenvalue below `smallest` (by judgement). Cost O(N F^2).
+    J is the information matrix from outer products (Berndt, Hall, Hall and Hausman, 1974). Unlike
+    the observed information it is usable far from the maximum and with an inaccurate density. A
+    small step is right in sign and size; a large step shows only that the maximum is far. The score
+    of a `prior` (F,) is added to s. Returns None where J does not have full rank, that is where the
+    correlation matrix of the scores has an eigenvalue below `smallest` (by judgement). Cost
+    O(N F^2).
 
     >>> found = scoring_step(np.array([[1.0], [-1.0], [1.0], [0.0]]))
     >>> found.step.round(6).tolist(), found.in_standard_errors.round(6).tolist()

@@ -1,9 +1,11 @@
-"""The likelihood as an integral over each experiment's own parameters, at nodes adapted to it.
+"""The likelihood as an integral over the parameters of each experiment, with adapted nodes.
 
+The individual law of an experiment is the distribution of its parameters given its observations.
 Three nouns: a `Predictor` gives the simulated values of all observations, by the simulator or by
-surfaces; a `NodeRule` places nodes in the individual law of each experiment, about its modes, on
-panels, or by importance; the `IndividualLikelihood` sums over the nodes. `Following` is the
-objective that adapts its nodes to every alpha.
+response surfaces. A `NodeRule` places quadrature nodes in the individual law of each experiment:
+about its modes, by piecewise Gauss-Legendre rules ("panels"), or as importance points. The
+`IndividualLikelihood` sums over the nodes. `Following` is the objective of a search, which adapts
+the nodes to every alpha.
 """
 
 from aleator.likelihood.individual.likelihood import Following, IndividualLikelihood

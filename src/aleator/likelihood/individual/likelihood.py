@@ -1,4 +1,4 @@
-"""The likelihood of experiments with any number of observations each, and what a search climbs."""
+"""The likelihood of experiments with any number of observations, and the objective of a search."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ from aleator.search.interface import LogLikelihood
 class IndividualLikelihood:
     """log L(alpha) = sum_l log int prod_k p(y_lk | eta_lk(x), sigma_lk) p(x | alpha) dx.
 
-    x is the image of standard normal variates xi (see `Individual`), and the integral over them a
-    quadrature at `nodes` that are adapted to each experiment (Pinheiro and Bates, 1995) and then
-    fixed: called, it is smooth in alpha with an exact score (Fisher's identity). Where laws are
-    mixtures it is a sum over the classes, each with nodes of its own. `adapted` returns the same
-    with nodes adapted to another alpha; nothing changes in place. Nodes that are far from where
-    they were adapted integrate poorly.
+    x is the image of standard normal variates xi (see `Individual`). The integral over xi is
+    computed at `nodes` that were adapted to each experiment (Pinheiro and Bates, 1995) and are then
+    fixed, so that a call gives a smooth function of alpha with an exact score (Fisher's identity).
+    With mixtures the integral is a sum over the classes, each with its own nodes. `adapted` returns
+    a new likelihood with nodes adapted to another alpha. The quadrature is poor at an alpha that is
+    far from the one to which the nodes were adapted.
     """
 
     inputs: Inputs
@@ -67,41 +67,44 @@ class IndividualLikelihood:
         layout: Layout,
         rule: GaussHermite,
     ) -> IndividualLikelihood:
-        """The likelihood with the nodes of the law itself."""
+        """The likelihood with nodes of the law itself, not yet adapted to the experiments."""
         classes = len(inputs.classes)
         nodes = Nodes.of_the_law(layout.count, classes, inputs.scattering, rule)
         return cls(inputs, errors, predictor, layout, rule, nodes)
 
     @property
     def name(self) -> str:
-        """The rule with its number of nodes an experiment, for reports."""
+        """The name for reports: the rule and its number of nodes per experiment."""
         if not self.inputs.scattering:
             return "measurement errors alone"
         return f"{self.rule.name}, {self.nodes.xi.shape[1]:,} nodes"
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All hyperparameters in the order of alpha: the inputs', then the errors'."""
+        """All hyperparameters in the order of alpha: those of the inputs, then of the errors."""
         return (*self.inputs.hyperparameters, *self.errors.hyperparameters)
 
     @property
     def count(self) -> int:
-        """N, the number of experiments."""
+        """The number N of experiments."""
         return self.layout.count
 
     @property
     def region(self) -> Array:
-        """Where simulated values are known, (n, 2): that of the surfaces, or the box."""
+        """The region (n, 2) in which simulated values are known.
+
+        It is the region of the response surfaces, or with the simulator itself the full ranges.
+        """
         predictor = self.predictor
         return predictor.region if isinstance(predictor, OnSurfaces) else self.inputs.box
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """The experiments in blocks that fit into memory with their nodes."""
+        """Blocks of experiments that fit into memory together with their nodes."""
         return self.layout.blocks(self.nodes.xi.shape[1])
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """Value and score (N, K) at alpha (K,), by the nodes as they are."""
+        """The log-likelihood and scores (N, K) at alpha (K,), with the present nodes."""
         each, scores = np.zeros(self.count), np.zeros((self.count, alpha.size))
         held = self._held
         for block in self.blocks:
@@ -116,7 +119,7 @@ class IndividualLikelihood:
         return value.believed(self.hyperparameters, alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
-        """The value at alpha without its score, by the nodes as they are."""
+        """The log-likelihood at alpha (K,) without its score, with the present nodes."""
         each, held = np.zeros(self.count), self._held
         for block in self.blocks:
             part = block.experiments
@@ -130,13 +133,13 @@ class IndividualLikelihood:
         return value.believed(self.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
-        """The totals (A,) at alphas (A, K), by the nodes as they are."""
+        """The total log-likelihoods (A,) at alphas (A, K), with the present nodes."""
         return np.array([self.evaluate(alpha).total for alpha in np.asarray(alphas)])
 
     def adapted(self, alpha: Array, arrived: float = MODES.arrived) -> IndividualLikelihood:
-        """The same with nodes adapted to alpha (see `GaussHermite`, `ImportancePoints`).
+        """This likelihood with nodes adapted to alpha (see `GaussHermite`, `ImportancePoints`).
 
-        Modes are found to `arrived` in log-density.
+        `arrived` is the tolerance, in log-density, of the modes about which nodes are placed.
         """
         classes, n = self.inputs.classes.shape
         s, arrived = self.inputs.scattering, max(arrived, self.rule.arrived)
@@ -161,12 +164,18 @@ class IndividualLikelihood:
         return replace(self, nodes=nodes, parameters=parameters)
 
     def distance(self, alpha: Array) -> float:
-        """How far alpha is from that of the nodes; up to one, they serve. Infinite for nodes that
-        are not parameters."""
+        """The distance of alpha from that of the nodes, which are valid up to a distance of 1.
+
+        It is infinite if the nodes are not stored as parameter values.
+        """
         return np.inf if self._held is None else self._held.distance(alpha)
 
     def weighed(self, alpha: Array, block: Block) -> tuple[Array, Array, Individual, Terms]:
-        """log L_l (B,), the share (B, J) of each node in it, and the parameters and terms there."""
+        """The log-likelihood (B,) of each experiment, with details at the nodes.
+
+        The details are the share (B, J) of each node in the likelihood, and the parameters and
+        terms of the measurement errors there.
+        """
         individual = self._individual(alpha, block, self.nodes.xi[block.experiments])
         terms = self._terms(alpha, block, self.predictor.values(block, individual.x))
         sums = individual.log_weight + block.summed(terms.value)
@@ -174,50 +183,52 @@ class IndividualLikelihood:
         return each, share, individual, terms
 
     def by(self, rule: NodeRule, alpha: Array) -> IndividualLikelihood:
-        """The same by another rule, whose nodes are adapted to alpha."""
+        """This likelihood with another node rule, whose nodes are adapted to alpha."""
         return self.ruled(rule).adapted(alpha)
 
     def ruled(self, rule: NodeRule) -> IndividualLikelihood:
-        """The same by another rule, whose nodes are not yet adapted."""
+        """This likelihood with another node rule, whose nodes are not yet adapted."""
         return replace(self, rule=rule, parameters=None)
 
     def sampled(self, size: int) -> IndividualLikelihood:
-        """The likelihood of about `size` of the experiments, spread evenly; the others count
-        nothing."""
+        """The likelihood of about `size` of the experiments, spread evenly over all.
+
+        The other experiments contribute zero.
+        """
         return replace(self, layout=self.layout.sampled(size))
 
     @property
     def continued(self) -> Following:
-        """What a search climbs."""
+        """The objective of a search, which adapts the nodes to every alpha."""
         return Following(self, self.settings.near)
 
     @property
     def followed(self) -> Following:
-        """The objective that is differentiated by alpha: its nodes follow alpha, about exact modes.
+        """The objective for derivatives by alpha, which adapts nodes to alpha about exact modes.
 
-        Nodes that stayed would lose a sharp individual law, which the least step of alpha moves by
-        more than its width.
+        Fixed nodes would miss a narrow individual law, because even a very small step of alpha can
+        move it by more than its width.
         """
         return Following(self, self.settings.arrived)
 
     def at(self, alpha: Array, block: Block, xi: Array) -> Evaluated:
-        """A block of experiments at variates xi (B, J, s), with slopes."""
+        """The simulated values of a block at variates xi (B, J, s), with slopes and error terms."""
         individual = self._individual(alpha, block, xi)
         eta, slopes = self.predictor.with_slopes(block, individual.x)
         return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta), block)
 
     def sums(self, alpha: Array, block: Block, xi: Array) -> Array:
-        """log P(class) + sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
+        """The sums log P(class) + sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
         own, often = alpha[: self.inputs.size], isinstance(self.rule, DenseRule)
         x, log_weight = parameters_at(self.inputs, own, xi, block.experiments, often=often)
         return log_weight + self.sums_of(alpha, block, self.predictor.values(block, x))
 
     def sums_of(self, alpha: Array, block: Block, eta: Array) -> Array:
-        """sum_k log p(y_k | eta_k) (B, J) of simulated values eta (m, J) that are known."""
+        """The sums sum_k log p(y_k | eta_k) (B, J) for simulated values eta (m, J)."""
         return block.summed(self._terms(alpha, block, eta).value)
 
     def at_point(self, x: Array) -> tuple[Array, Array]:
-        """Simulated values (M,) at one point x (n,) for all experiments, with slopes (M, n)."""
+        """The simulated values (M,) of all experiments at one point x (n,), with slopes (M, n)."""
         eta, slopes = np.empty(self.layout.size), np.empty((self.layout.size, x.size))
         for block in self.blocks:
             value, slope = self.predictor.with_slopes(block, np.tile(x, (len(block), 1, 1)))
@@ -225,18 +236,18 @@ class IndividualLikelihood:
         return eta, slopes
 
     def log_density(self, alpha: Array, block: Block, z: Array) -> Array:
-        """The log-density (B, P) of variates z (B, P, s) given the observations."""
+        """The log-density (B, P), up to a constant, of variates z (B, P, s) given observations."""
         return np.asarray(self.sums(alpha, block, z) - 0.5 * np.sum(z**2, axis=2))
 
     @property
     def _held(self) -> Parameters | None:
-        """The nodes as parameters, where they were computed for this law and predictor."""
+        """The nodes stored as parameters, if they are for these inputs and predictor; else None."""
         held = self.parameters
         known = held and held.inputs is self.inputs and held.predictor is self.predictor
         return held if known else None
 
     def _at_parameters(self, alpha: Array, nodes: Nodes) -> Parameters:
-        """The nodes as parameters under alpha, with the simulated values there."""
+        """The nodes as parameter values under alpha, with the simulated values there."""
         inputs, (count, most) = self.inputs, nodes.log_weight.shape
         x, eta = np.zeros((count, most, len(inputs.names))), np.zeros((self.layout.size, most))
         for block in self.layout.blocks(most):
@@ -249,7 +260,7 @@ class IndividualLikelihood:
         return Parameters(inputs, self.predictor, alpha, there, x[there], log_weight, eta)
 
     def _by_density(self, held: Parameters, alpha: Array, block: Block) -> tuple[Array, Array]:
-        """log L_l (B,) and scores (B, K) with nodes that are kept as parameters."""
+        """The log-likelihoods (B,) and scores (B, K) with nodes stored as parameter values."""
         terms = self._terms(alpha, block, held.eta[block.rows])
         of_laws = alpha[: self.inputs.size]
         each, share = mean_of(held.log_weights(of_laws, block) + block.summed(terms.value))
@@ -263,12 +274,12 @@ class IndividualLikelihood:
         return self.errors.terms(alpha[self.inputs.size :], eta, block.rows)
 
     def _modes(self, alpha: Array, block: Block, curved: Curved, arrived: float) -> Modes:
-        """The modes (B, C, M, s) that the rule's nodes lie about.
+        """The modes (B, C, M, s) about which the rule places its nodes.
 
-        They are sought from the last modes, as variates and as parameters (where observations say
-        more than the law it is the parameters that stay), and from points along each axis. One mode
-        is sought from the likeliest of these starts; several that only have to be near, from the
-        last ones.
+        The search starts from the last modes and from points along each axis. The last modes are
+        tried with the same variates and with the same parameter values, because the latter change
+        less where the observations say more than the law. A rule that needs one mode uses the start
+        of highest density. A rule that needs several approximate modes starts from the last ones.
         """
         several = self.rule.centers > 1
         if several and arrived >= self.settings.near and self.nodes.x is not None:
@@ -292,7 +303,7 @@ class IndividualLikelihood:
         return Modes(found.z[:, :, None], found.information[:, :, None], found.value[..., None])
 
     def _again(self, alpha: Array, block: Block, last: Array) -> Array:
-        """The variates (B, C, s) under alpha of the parameters that the last modes were."""
+        """The variates (B, C, s) that under alpha give the parameters of the last modes."""
         if self.nodes.x is None:
             return last
         with np.errstate(all="ignore"):
@@ -302,7 +313,10 @@ class IndividualLikelihood:
         return np.where(fine, found, last)
 
     def _curved(self, alpha: Array, block: Block, z: Array) -> tuple[Array, Array, Array]:
-        """The log-density of variates z (B, P, s) given the observations, by Gauss and Newton."""
+        """The log-density of variates z (B, P, s) given the observations, with derivatives.
+
+        Its information is the Gauss-Newton approximation.
+        """
         found, gradient, outer = self.of_observations(alpha, block, z)
         value = found.sums - 0.5 * np.sum(z**2, axis=2)
         return value, block.summed(gradient) - z, block.summed(outer) + np.eye(z.shape[2])
@@ -310,9 +324,10 @@ class IndividualLikelihood:
     def of_observations(
         self, alpha: Array, block: Block, z: Array
     ) -> tuple[Evaluated, Array, Array]:
-        """What each observation says of variates z (B, P, s): its score (m, P, s) and information.
+        """The score (m, P, s) and information of each observation about variates z (B, P, s).
 
-        The information (m, P, s, s) is that of Gauss and Newton.
+        The information (m, P, s, s) is the Gauss-Newton approximation. The simulated values are
+        returned first.
         """
         found = self.at(alpha, block, z)
         by_xi = found.individual.by_variates()[block.owner]
@@ -324,12 +339,12 @@ class IndividualLikelihood:
 
 
 class Following:
-    """An objective that adapts its nodes to every alpha.
+    """The objective of a search: a log-likelihood whose nodes are adapted to every alpha.
 
-    Its score is exact but for the error of the quadrature. Modes are sought from the last ones.
-    Nodes that are kept as parameters serve until the laws have moved far; of those that it
-    remembers the nearest are taken. Where an experiment has one mode, the value is a function of
-    alpha alone. Modes are found to `arrived` in log-density.
+    The score is exact except for the error of the quadrature. The search for modes starts from the
+    last ones, with the tolerance `arrived` in log-density. Nodes stored as parameter values are
+    reused until the laws have changed too much; of several sets of nodes the nearest is used. If
+    every experiment has one mode, the value depends on alpha alone and not on earlier calls.
     """
 
     def __init__(
@@ -342,22 +357,25 @@ class Following:
         self.resolution = settings.resolution * arrived
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """Value and score at alpha (K,)."""
+        """The log-likelihood and scores at alpha (K,), with nodes adapted to it."""
         return self._adapted(alpha)(alpha)
 
     def values(self, alphas: Array) -> Array:
-        """The totals (A,) at alphas (A, K)."""
+        """The total log-likelihoods (A,) at alphas (A, K), with nodes adapted to each."""
         return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
 
     def expectation_step(self, alpha: Array) -> tuple[float, Array]:
-        """log L at alpha, and where it may be larger (see the function of this name)."""
+        """The log-likelihood at alpha, and the alpha after a step of the EM algorithm.
+
+        See the function of this name.
+        """
         return expectation_step(self._adapted(alpha), alpha)
 
     def reach(self, alpha: Array, ahead: Array) -> float:
-        """The share of the way from alpha (K,) to another that a step may go.
+        """The largest allowed share of a step from alpha (K,) to the point `ahead` (K,).
 
-        Where nodes are kept as parameters a step far beyond them costs new ones, and only the slope
-        here made it so long.
+        It is below one where nodes are stored as parameter values: a step beyond their validity
+        needs new nodes, and its length rests only on the slope at alpha.
         """
         nearest, share, settings = self.nearest(alpha), 1.0, self._settings
         while (
@@ -368,7 +386,7 @@ class Following:
         return share
 
     def remember(self, adapted: IndividualLikelihood) -> None:
-        """Remember these nodes, for every alpha to which they are the nearest."""
+        """Remember the nodes of this likelihood, for every alpha to which they are nearest."""
         known = [*self._known, adapted] if adapted.parameters is not None else [adapted]
         kept = self._settings.kept_nodes
         while len(known) > 1 and sum(k.nodes.log_weight.size for k in known) > kept:
@@ -376,7 +394,7 @@ class Following:
         self._known = known
 
     def nearest(self, alpha: Array) -> IndividualLikelihood:
-        """The likelihood with the nodes nearest to alpha, of those that are remembered."""
+        """The likelihood whose nodes, among the remembered ones, are nearest to alpha."""
         return min(self._known, key=lambda known: known.distance(alpha))
 
     def _adapted(self, alpha: Array) -> IndividualLikelihood:
@@ -391,7 +409,10 @@ class Following:
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """A block of experiments at their nodes, with all that scores are made of."""
+    """A block of experiments evaluated at nodes: parameters, simulated values, slopes, error terms.
+
+    Scores are computed from these.
+    """
 
     individual: Individual
     eta: Array
@@ -401,23 +422,23 @@ class Evaluated:
 
     @property
     def sums(self) -> Array:
-        """log P(class) + sum_k log p(y_k | eta_k), (B, J)."""
+        """The sums log P(class) + sum_k log p(y_k | eta_k) (B, J) at the nodes."""
         return self.individual.log_weight + self.block.summed(self.terms.value)
 
     def scores(self, share: Array) -> Array:
-        """The scores (B, K) where node j has this share (B, J) of the likelihood."""
+        """The scores (B, K), where `share` (B, J) is the share of each node in the likelihood."""
         gradient = np.zeros(self.individual.x.shape)
         for i, slope in enumerate(self.slopes):
             if np.any(slope):
                 with np.errstate(over="ignore", invalid="ignore"):
-                    # where it is no number, the share is zero
+                    # Where the result is not a number, the share is zero.
                     gradient[..., i] = share * self.block.summed(self.terms.d_eta * slope)
         law = self.individual.score(np.where(share[..., None] > 0.0, gradient, 0.0), share)
         return np.concatenate([law, scores_of_errors(self.terms, self.block, share)], axis=1)
 
 
 def scores_of_errors(terms: Terms, block: Block, share: Array) -> Array:
-    """The scores (B, P) by the values of the errors."""
+    """The scores (B, P) by the P hyperparameters of the measurement errors."""
     errors = np.zeros((len(share), len(terms.d_values)))
     for p, (rows, derivative) in enumerate(terms.d_values):
         owner = block.owner[rows]
@@ -427,7 +448,7 @@ def scores_of_errors(terms: Terms, block: Block, share: Array) -> Array:
 
 
 def mean_of(total: Array) -> tuple[Array, Array]:
-    """log sum_j exp(total_j) (B,), and the share (B, J) of each."""
+    """The log-sum-exp log sum_j exp(total_j) (B,), and the share (B, J) of each term in the sum."""
     top = total.max(axis=1, keepdims=True)
     safe = np.where(np.isfinite(top), top, 0.0)
     part = np.exp(total - safe)
@@ -443,11 +464,13 @@ def _status(each: Array) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class ExpectationSettings:
-    """How long a step of expectation and maximization may be; chosen by judgement.
+    """Settings that limit a step of expectation and maximization; chosen by judgement.
 
-    `least_share`: share of a law's information that observations give, at least, so that no step
-    becomes too long. `stretch`: how many times larger or smaller a step may make the sd of a law.
-    `smaller` and `larger`: the same of errors; laws must have time to explain more.
+    `least_share`: the smallest value of w_l, the share of a parameter's variance that observations
+    explain, so that no step becomes too long. `stretch`: the largest factor by which a step may
+    increase or decrease the sd of a law. `smaller` and `larger`: the smallest and the largest such
+    factor for the sd of a measurement error, limited so that the laws can explain more of the
+    scatter before the errors do.
     """
 
     least_share: float = 0.05
@@ -464,19 +487,20 @@ def expectation_step(
     alpha: Array,
     settings: ExpectationSettings = EXPECTATION,
 ) -> tuple[float, Array]:
-    """log L at alpha, where the nodes are adapted, and where it may be larger: alpha (K,).
+    """The log-likelihood at alpha, and the alpha (K,) after a step that should increase it.
 
-    A step of expectation and maximization (Dempster, Laird and Rubin, 1977), made longer where
-    observations inform less (Louis, 1982). With m_l and V_l the mean and the variance of x in
-    experiment l given its observations, and mu and v those of the law,
+    The nodes must be adapted to alpha. It is a step of expectation and maximization (Dempster,
+    Laird and Rubin, 1977), made longer where observations are less informative (Louis, 1982). With
+    m_l and V_l the mean and the variance of x in experiment l given its observations, and mu and v
+    those of the law,
 
         mu' = mu + sum_l (m_l - mu) / sum_l w_l,                 w_l = 1 - V_l/v,
         v'  = v + sum_l ((m_l - mu)^2 + V_l - v) / sum_l w_l^2,
         sd'^2 = sd^2 (1 + sd/M d log L/d sd)                     of the errors of M observations.
 
-    For normal laws and errors its end is the maximum, for others near one. Constants, correlations,
-    shapes and laws without a mean and an sd stay; limits are not kept. Cost: an evaluation without
-    a score.
+    For normal laws and errors the steps converge to a maximum, for others to a point near one.
+    Constants, correlations, shapes, and laws without a mean and an sd do not change. The result may
+    lie outside the limits. Cost: an evaluation without a score.
     """
     inputs, errors = likelihood.inputs, likelihood.errors
     center, spread = _laws(inputs, alpha, likelihood.count)
@@ -504,14 +528,16 @@ def expectation_step(
 
 
 def _known(inputs: Inputs) -> list[int]:
-    """The parameters whose laws have a mean and an sd."""
+    """The scattering parameters whose laws have exactly the hyperparameters mean and sd."""
     names = [[h.name for h in law.hyperparameters] for law in inputs.laws.values()]
     return [i for i in inputs.scattered if names[i] == ["mean", "sd"]]
 
 
 def _laws(inputs: Inputs, alpha: Array, count: int) -> tuple[Array, Array]:
-    """Means and variances (N, n) in all experiments; zero and one of laws without a mean and an
-    sd."""
+    """The laws' means (N, n) and variances (N, n) in all experiments.
+
+    A law without a mean and an sd has the mean zero and the variance one.
+    """
     values = inputs.values(alpha[: inputs.size], slice(0, count))
     center, spread = np.zeros((count, len(values))), np.ones((count, len(values)))
     for i in _known(inputs):
@@ -529,7 +555,10 @@ def _place(
     counted: Flags,
     settings: ExpectationSettings,
 ) -> None:
-    """Set the law of parameter i in alpha, by m_l - mu, its mean square and v of experiments."""
+    """Set the mean and the sd of parameter i in alpha by a step of expectation and maximization.
+
+    `shift` has m_l - mu, `square` the mean of (x - mu)^2, and `spread` v, for each experiment.
+    """
     at, model = inputs.parts[i].start, inputs.covariate_model
     mean, sd = slice(at, at + 1), slice(at + 1, at + 2)
     columns = np.ones((len(shift), 1))
@@ -548,7 +577,7 @@ def _place(
 def _place_errors(
     errors: MeasurementErrors, values: Array, slope: Array, settings: ExpectationSettings
 ) -> None:
-    """Set the sds of the errors, by the slope (P,) of the log-likelihood an observation."""
+    """Set the sds of the errors, from the log-likelihood's slope (P,) by them per observation."""
     for p, h in enumerate(errors.hyperparameters):
         if h.free and h.name.endswith(".sd"):
             ratio = np.sqrt(np.maximum(1.0 + values[p] * slope[p], 0.0))

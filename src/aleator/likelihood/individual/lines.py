@@ -1,4 +1,9 @@
-"""Integrals along many lines at once, by panels that are halved until they are enough."""
+"""Adaptive quadrature along many lines at once.
+
+A line is the path of one standard normal variate, the others being fixed. It is divided into
+panels: intervals with a Gauss-Legendre rule on each half, which are halved until the integral is
+accurate enough. A top is a local maximum of the log-density on a line.
+"""
 
 from __future__ import annotations
 
@@ -12,22 +17,24 @@ from aleator.core.polynomials import gauss_legendre
 from aleator.core.types import Array, Flags, Indices
 
 LogDensity = Callable[[Indices, Array], Array]
-"""log f (T, q) at places (T, q) of the lines (T,)."""
+"""A function that gives the log-density log f (T, q) at places (T, q) on lines number (T,)."""
 
 
 @dataclass(frozen=True)
 class LineSettings:
-    """How tops of lines are sought, and how their panels begin and end; chosen by judgement.
+    """Settings of the quadrature along lines: the search for tops, and the panels.
 
-    `farthest`: variates beyond this have no mass, 1e-17 at either end. `reach` and `places`: a line
-    is looked at, to seek its tops, at so many places that go so far. `beside` and `beside_places`:
-    it is looked at again about each top, so far in the distance of these places and at so many.
-    `parabolas`: parabolas through a top and its neighbors, each closer to it than the last.
-    `apart`: least distance of the vertex of a parabola from the top, over that of the neighbors.
-    `narrowest`: least width of a top, in variates. `edges`: inner edges of the first panels, in
-    variates. `top_edges`: edges about each top, in its width. `deepest`: logarithm of a share of
-    the integral that is none, of a top and of a node. `rounds`: times that panels are halved; at a
-    jump, thirteen digits.
+    The values are chosen by judgement. A top is a local maximum of the log-density on a line.
+    `farthest`: the ends of a line; the probability beyond is 1e-17 on either side. `reach` and
+    `places`: tops are sought at this number of places from -reach to reach. `beside` and
+    `beside_places`: the surroundings of each top are searched again, `beside` times the distance of
+    the first places to either side, at this number of places. `parabolas`: the number of parabolas
+    that are fitted one after the other to locate a top. `apart`: the smallest distance of a
+    parabola's vertex from the top, relative to the distance of the neighbors. `narrowest`: the
+    smallest width of a top, in variates. `edges`: inner edges of the first panels, in variates.
+    `top_edges`: edges of panels about each top, in widths of the top. `deepest`: a top whose height
+    relative to the highest one has a logarithm below this is ignored. `rounds`: the largest number
+    of halvings of panels; at a jump they give thirteen digits.
     """
 
     farthest: float = 8.5
@@ -46,15 +53,17 @@ class LineSettings:
 
 LINES = LineSettings()
 LOWEST = np.finfo(np.float64).min
-"""A log-density that is none, as a number."""
+"""The most negative floating-point number, which stands for a log-density of minus infinity."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Panels [low, high] (T,) of lines (T,); `log_f` (T, 2 q) at the nodes of their halves.
+    """Panels [low, high] (T,) of the lines number `line` (T,), with their integrals.
 
-    Logarithms: `whole` (T,) of each integral by the nodes of the panel itself, `halves` (T, 2) of
-    those over its halves, `ends` (T, 2) of what the polynomials of these have at its two edges.
+    A panel is an interval of a line. `log_f` (T, 2 q) is the log-density at the q nodes of each of
+    its halves. The other fields are logarithms: `whole` (T,) of the integral by q nodes on the
+    panel, `halves` (T, 2) of the integrals over its halves, and `ends` (T, 2) of the density at its
+    two edges, as the interpolating polynomials of the halves have it.
     """
 
     line: Indices
@@ -75,8 +84,10 @@ class Pieces:
         whole: Array,
         points: int,
     ) -> Pieces:
-        """Panels whose integrals by nodes of their own are known, `whole` (T,), with `points` nodes
-        in each half."""
+        """Panels (intervals of lines) with the log-density at `points` nodes in each half.
+
+        `whole` (T,) are the logarithms of their integrals, known from coarser panels.
+        """
         log_f = _evaluated(log_density, line, in_halves(low, high, points))
         top = np.maximum(log_f.max(axis=1, initial=-np.inf), LOWEST)
         f = np.exp(log_f - top[:, None])
@@ -90,7 +101,7 @@ class Pieces:
 
     @property
     def flat(self) -> tuple[Indices, Array, Array, Array]:
-        """Line, place, log weight and log f (J,) of all nodes."""
+        """The line number, place, log weight and log f (J,) of all nodes."""
         points = self.log_f.shape[1] // 2
         weights = np.tile(gauss_legendre(points)[1], 2)
         log_weight = np.log(0.5 * (self.high - self.low))[:, None] + np.log(weights)
@@ -103,10 +114,12 @@ class Pieces:
         return log_sum_by(np.repeat(self.line, 2), self.halves.ravel(), lines)
 
     def error(self, known: Array) -> Array:
-        """What halving changes (T,), as a share of integrals whose logarithms (L,) are known.
+        """The error estimate (T,) of each panel, relative to the integral over its line.
 
-        A jump between the last node of a panel and its edge is not seen by its nodes: what the
-        polynomials of two neighbors differ by at their edge counts too, over the gap without nodes.
+        `known` (L,) are the logarithms of the integrals over the lines. The estimate is the change
+        of the integral by halving. It would miss a jump between the last node of a panel and its
+        edge. The difference of the two neighboring polynomials at the edge, times the width without
+        nodes, is therefore added.
         """
         top = known[self.line]
         top = np.where(np.isfinite(top), top, np.inf)
@@ -123,7 +136,7 @@ class Pieces:
         return np.asarray(found)
 
     def halved(self, which: Flags, log_density: LogDensity) -> Pieces:
-        """With some panels (T,) halved."""
+        """The panels (intervals of lines) after halving those that are flagged by `which` (T,)."""
         low, high, line = self.low[which], self.high[which], np.tile(self.line[which], 2)
         middle = 0.5 * (low + high)
         new = Pieces.of(
@@ -133,7 +146,7 @@ class Pieces:
         return joined([self.only(~which), new])
 
     def only(self, which: Flags) -> Pieces:
-        """Some of the panels (T,)."""
+        """The panels (intervals of lines) that are flagged by `which` (T,)."""
         return Pieces(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
@@ -144,12 +157,13 @@ def integrated(
     enough: float,
     settings: LineSettings = LINES,
 ) -> tuple[Pieces, Array]:
-    """Panels of L lines, with `points` nodes in each half, and log integrals (L,).
+    """The panels (intervals) of an adaptive quadrature along L lines, and the log integrals (L,).
 
-    Adaptive quadrature (Gander and Gautschi, 2000): the panels are halved that halving changes by
-    more than `enough`, as a share of the largest integral of the lines of the same `group` (L,).
-    Narrow tops are found where the log-density rises toward them over the distance of the points
-    that are looked at, which that of a measured outcome does.
+    Each panel has a Gauss-Legendre rule with `points` nodes on each half. It is halved if halving
+    changes its integral by more than `enough`, relative to the largest integral among the lines of
+    the same `group` (L,) (Gander and Gautschi, 2000). A narrow peak is found only if the
+    log-density rises toward it at the places where it is evaluated. The log-density of a measured
+    outcome does so.
     """
     line, low, high = _first(log_density, group, settings)
     t, w = gauss_legendre(points)
@@ -162,7 +176,7 @@ def integrated(
         np.maximum.at(top, group, totals)
         open_ = pieces.error(top[group]) > enough
         if np.any(open_):
-            # lines that are done are looked at again when all are
+            # Finished lines are checked again when all lines are finished.
             going = np.zeros(lines, dtype=np.bool_)
             going[pieces.line[open_]] = True
             on = going[pieces.line]
@@ -178,13 +192,13 @@ def integrated(
 
 
 def joined(parts: Sequence[Pieces]) -> Pieces:
-    """All panels of these together."""
+    """One set of panels (intervals of lines), made of the panels of all parts."""
     every = ([getattr(part, f.name) for part in parts] for f in fields(Pieces))
     return Pieces(*(np.concatenate(own) for own in every))
 
 
 def log_sum_by(owner: Indices, values: Array, count: int) -> Array:
-    """log sum exp (count,) of the values (T,) of each owner (T,)."""
+    """The log-sum-exp (count,) of the values (T,) that belong to each owner (T,)."""
     top = np.full(count, -np.inf)
     np.maximum.at(top, owner, values)
     safe = np.where(np.isfinite(top), top, 0.0)
@@ -196,7 +210,10 @@ def log_sum_by(owner: Indices, values: Array, count: int) -> Array:
 def _first(
     log_density: LogDensity, group: Indices, settings: LineSettings
 ) -> tuple[Indices, Array, Array]:
-    """The first panels of all lines: over the law, and about each top in its own width."""
+    """The first panels of all lines, which are finer about each local maximum of the density.
+
+    Returns the line number (T,) and the two ends (T,) of each panel, an interval of its line.
+    """
     lines = group.size
     line, at, width = _tops(log_density, group, settings)
     of_law = np.array([-settings.farthest, *settings.edges, settings.farthest])
@@ -220,13 +237,13 @@ def _first(
 def _tops(
     log_density: LogDensity, group: Indices, settings: LineSettings
 ) -> tuple[Indices, Array, Array]:
-    """The tops of lines: which line (T,), where on it, and how wide."""
+    """The tops (local maxima) of all lines: line number (T,), place on it (T,) and width (T,)."""
     places = np.linspace(-settings.reach, settings.reach, settings.places)
     everywhere = np.broadcast_to(places, (group.size, places.size))
     value = _evaluated(log_density, np.arange(group.size), everywhere)
     beyond = np.full((group.size, 1), -np.inf)
     line, top = _peaks(np.concatenate([beyond, value, beyond], axis=1))
-    # two that are near to each other look like one from afar
+    # Two tops that are close to each other may look like one at the first places.
     beside = np.linspace(-settings.beside, settings.beside, settings.beside_places)
     places = places[top - 1][:, None] + (places[1] - places[0]) * beside
     value = _evaluated(log_density, line, places)
@@ -251,7 +268,7 @@ def _tops(
 
 
 def _peaks(value: Array) -> tuple[Indices, Indices]:
-    """Rows and columns of the values (R, P) that are higher than those beside them."""
+    """The rows and columns of the values (R, P) that are local maxima of their row."""
     inner = value[:, 1:-1]
     row, column = np.nonzero((inner >= value[:, :-2]) & (inner > value[:, 2:]))
     return row, column + 1
@@ -264,7 +281,7 @@ def _chosen(x: Array, f: Array, cases: list[tuple[Flags, Array, Array]]) -> tupl
 
 
 def _bend(a: Array, b: Array, c: Array, f_a: Array, f_b: Array, f_c: Array) -> Array:
-    """Minus the second derivative of the parabola through three points; NaN where one is not."""
+    """Minus the second derivative of the parabola through three points; NaN if a value is NaN."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         return np.asarray(2.0 * ((f_b - f_a) / (b - a) - (f_c - f_b) / (c - b)) / (c - a))
 
@@ -272,7 +289,7 @@ def _bend(a: Array, b: Array, c: Array, f_a: Array, f_b: Array, f_c: Array) -> A
 def _vertex(
     a: Array, b: Array, c: Array, f_a: Array, f_b: Array, f_c: Array, apart: float
 ) -> Array:
-    """The top of the parabola through three points, or the middle of the wider side."""
+    """The vertex of the parabola through three points, or the middle of the wider interval."""
     middle = np.where(c - b > b - a, 0.5 * (b + c), 0.5 * (a + b))
     bend = _bend(a, b, c, f_a, f_b, f_c)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -285,9 +302,9 @@ def _vertex(
 
 @lru_cache
 def _at_the_end(points: int) -> tuple[Array, float]:
-    """Weights (q,) of the values at the nodes of half a panel, for the polynomial at its upper end.
+    """Weights (q,) that extrapolate the values at a half panel's nodes to its upper end.
 
-    And the distance of its last node from there, as a share of the panel.
+    Also returns the distance of the last node from that end, relative to the width of the panel.
     """
     t = gauss_legendre(points)[0]
     weights = np.array(
@@ -297,18 +314,18 @@ def _at_the_end(points: int) -> tuple[Array, float]:
 
 
 def in_halves(low: Array, high: Array, points: int) -> Array:
-    """The nodes (..., 2 q) of the halves of panels (...)."""
+    """The Gauss-Legendre nodes (..., 2 q) in the two halves of panels (...)."""
     t, middle = gauss_legendre(points)[0], 0.5 * (low + high)
     return np.concatenate([placed(t, low, middle), placed(t, middle, high)], axis=-1)
 
 
 def placed(t: Array, low: Array, high: Array) -> Array:
-    """Nodes t (q,) of [-1, 1] in panels (...): (..., q)."""
+    """The nodes t (q,) of [-1, 1] mapped to panels (...), which gives (..., q)."""
     return np.asarray((0.5 * (low + high))[..., None] + (0.5 * (high - low))[..., None] * t)
 
 
 def log_sum(log_f: Array, weights: Array, width: Array) -> Array:
-    """log(width sum_j w_j f_j) (...,) of values (..., q)."""
+    """The log integral log(width sum_j w_j f_j) (...) of values log f (..., q)."""
     top = log_f.max(axis=-1, keepdims=True)
     safe = np.where(np.isfinite(top), top, 0.0)
     with np.errstate(divide="ignore"):

@@ -1,4 +1,4 @@
-"""Modes of the individual laws, and what a rule that places nodes about them is."""
+"""Modes of the individual laws, and the interface of rules that place nodes about them."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from aleator.core.types import Array, Flags
 
 @dataclass(frozen=True)
 class ModeSettings:
-    """How the modes of individual laws are sought; chosen by judgement.
+    """Settings for the search for modes of individual laws. The values are chosen by judgement.
 
-    `arrived`: a Newton step that gains less than this in log-density is the last. `near`: the same
-    where nodes only have to lie about the mode, within a seventh of its width. `steps`: most Newton
-    steps of a climb. `near_steps`: the same of modes that only have to be near; where alpha is
-    absurd, so are they. `raised` and `lowered`: factors of the damping after a step without gain
-    and after one with gain. `least_damping`: damping below this is none. `stiff`: damping that is
-    about as strong in all directions. `apart`: standard deviations between two modes that are not
-    one. `least_log_mass`: logarithm of a mode's share of the first one's mass from where on it is
-    none. `farthest`: variates beyond this have no mass, and no step goes farther. `starts`: where
-    modes are sought along each variate, besides about the last one. `informed`: information about a
-    variate, of which the law's part is one, from which on observations say more than the law.
+    `arrived`: the search ends when a Newton step gains less than this in log-density. `near`: the
+    same tolerance where nodes only need to lie about the mode, within a seventh of its width.
+    `steps`: the largest number of Newton steps. `near_steps`: the largest number with the tolerance
+    `near`. `raised` and `lowered`: the factors of the damping after a step without a gain and after
+    one with a gain. `least_damping`: a smaller damping is set to zero. `stiff`: a damping that
+    shortens steps about equally in all directions. `apart`: two modes that are closer than this, in
+    standard deviations, count as one. `least_log_mass`: a mode is ignored if the logarithm of its
+    probability, relative to the first mode, is below this. `farthest`: no step goes to larger
+    variates, which have practically no probability. `starts`: values of each variate from which
+    modes are sought, besides the last mode. `informed`: the information about a variate above which
+    the observations say more than the law, whose part of the information is one.
     """
 
     arrived: float = 1e-6
@@ -47,23 +48,23 @@ MODES = ModeSettings()
 
 
 class Curved(Protocol):
-    """The log-density of variates z (B, P, s) with its gradient and information.
+    """A function that gives the log-density of variates z (B, P, s) with derivatives.
 
-    Value (B, P), gradient (B, P, s), and a positive definite approximation (B, P, s, s) of the
-    negative Hessian.
+    It returns the value (B, P), the gradient (B, P, s) and the information: a positive definite
+    approximation (B, P, s, s) of the negative Hessian.
     """
 
     def __call__(self, z: Array) -> tuple[Array, Array, Array]:
-        """Value, gradient and information at P points of each of B experiments."""
+        """The log-density, gradient and information at P points of each of B experiments."""
 
 
 Valued = Callable[[Array], Array]
-"""The log-density (B, P) of variates z (B, P, s)."""
+"""A function that gives the log-density (B, P) of variates z (B, P, s)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Modes z (B, ..., s), the information (B, ..., s, s) and the log-density (B, ...) there."""
+    """Modes z (B, ..., s), with the information (B, ..., s, s) and log-density (B, ...) there."""
 
     z: Array
     information: Array
@@ -78,12 +79,12 @@ def modes(
     classes: int = 1,
     settings: ModeSettings = MODES,
 ) -> Modes:
-    """Climb from start (B, P, s) by Gauss-Newton steps, all points in one batch.
+    """The modes that Gauss-Newton steps reach from the points `start` (B, P, s), all in one batch.
 
-    With a `basis` (B, P, s, k) only in the directions of its columns. Levenberg's damping, raised
-    where a step does not gain, lowered where it does. Ends, without an error, when no point gains;
-    those that have ended are not computed again. The points are those of so many `classes`, one
-    after the other.
+    With a `basis` (B, P, s, k), steps go only in the directions of its columns. Levenberg's damping
+    is raised where a step does not gain and lowered where it does. The search ends when no point
+    gains, or after the largest number of steps, without an error. Points that have converged are
+    not computed again. The P points are in the order of the `classes`.
     """
     z = start
     value, gradient, information = log_density(z)
@@ -112,8 +113,9 @@ def modes(
 def _damped_step(information: Array, slope: Array, damping: Array, stiff: float) -> Array:
     """Steps (B, P, k) by the information (B, P, k, k) and Levenberg's damping (B, P, 1, 1).
 
-    In one direction it makes steps shorter. In several it is added to the information, of which
-    the law's part is one: along a narrow ridge steps become shorter, those back to it do not.
+    In one direction the damping makes steps shorter. In several directions it is added to the
+    information. Steps along a narrow ridge then become shorter, while steps back to the ridge do
+    not.
     """
     if slope.shape[-1] == 1:
         return np.asarray(slope / (information * (1.0 + damping))[..., 0])
@@ -125,10 +127,10 @@ def _damped_step(information: Array, slope: Array, damping: Array, stiff: float)
 def _of_some(
     log_density: Curved, z: Array, wanted: Flags, classes: int
 ) -> tuple[Array, Array, Array]:
-    """The log-density with its derivatives at some of the points, `wanted` (B, P); zeros at the
-    others.
+    """The log-density with derivatives at the flagged points `wanted` (B, P); zeros elsewhere.
 
-    It is evaluated at as many points of each class as the class with most of them has.
+    The number of evaluated points is the same in every class, namely that of the class with most
+    flagged points.
     """
     parts = wanted.reshape(len(wanted), classes, -1)
     most = int(parts.sum(axis=2).max())
@@ -146,8 +148,11 @@ def _of_some(
 
 
 def _reached(z: Array, step: Array, everywhere: bool, farthest: float) -> Array:
-    """Where a step from z ends that goes no farther than is allowed; unless it may go `everywhere`,
-    it keeps its direction."""
+    """The end of a step from z, limited by `farthest`.
+
+    With `everywhere` each coordinate of the end is limited; otherwise the step is shortened and
+    keeps its direction.
+    """
     if everywhere:
         return np.clip(z + step, -farthest, farthest)
     length = np.max(np.abs(step), axis=-1, keepdims=True)
@@ -161,11 +166,11 @@ def highest(
     arrived: float = MODES.arrived,
     settings: ModeSettings = MODES,
 ) -> Modes:
-    """The modes (B, C, M, s) of most mass that climbs from starts (B, C, T, s) end in.
+    """The M modes (B, C, M, s) with most probability among those reached from T starts.
 
-    Modes nearer to each other than two of their standard deviations are one, and one of less than
-    a thousandth of the first one's mass is none. Where there are fewer than M, the first stands in
-    for the others.
+    The starts are (B, C, T, s). Modes closer than two standard deviations count as one. A mode with
+    less than a thousandth of the first one's probability is ignored. If there are fewer than M
+    modes, the first one is repeated.
     """
     shape = start.shape[:3]
     flat = start.reshape(shape[0], -1, start.shape[3])
@@ -200,10 +205,10 @@ def _within(gradient: Array, information: Array, basis: Array | None) -> tuple[A
 
 @dataclass(frozen=True, eq=False)
 class IndividualLaws:
-    """The individual laws of experiments first, ..., first + B - 1, as a rule of nodes sees them.
+    """The individual laws of the B experiments from number `first` on, for a node rule.
 
-    The log-density of their variates, with and without its slopes, and M modes (B, C, M, s) of each
-    of C classes, the highest first.
+    `curved` gives the log-density of their variates with derivatives, `valued` without. `modes` has
+    M modes (B, C, M, s) of each of C classes, the highest first.
     """
 
     curved: Curved
@@ -213,11 +218,11 @@ class IndividualLaws:
 
 
 class NodeRule(ABC):
-    """Nodes of the integral over the s standard normal variates of an experiment.
+    """Interface of rules that place nodes for the integral over an experiment's normal variates.
 
-    `name` is that of reports. Steps to the modes may have `arrived` left to gain in log-density, at
-    least. A rule `holds_parameters` whose nodes are kept as parameters, and not as variates (see
-    `Parameters`).
+    `name` is the name in reports. `arrived` is the tolerance in log-density to which the rule needs
+    its modes. `holds_parameters` says that nodes are stored as parameter values, and not as
+    variates (see `Parameters`).
     """
 
     name: ClassVar[str]
@@ -226,20 +231,20 @@ class NodeRule(ABC):
 
     @property
     def centers(self) -> int:
-        """M, the modes of an experiment that the nodes lie about."""
+        """The number M of modes of an experiment about which the nodes lie."""
         return 1
 
     @property
     def rough(self) -> NodeRule:
-        """One with few nodes that serves for statistics of many replicates."""
+        """A rule with fewer nodes, accurate enough for statistics of many replicates."""
         return self
 
     @abstractmethod
     def size(self, dimensions: int, /) -> int:
-        """J, the number of nodes while they are sought."""
+        """The number J of nodes for which memory is needed while the nodes are computed."""
 
     def finer(self, dimensions: int, /) -> tuple[NodeRule, ...]:  # noqa: ARG002
-        """Finer rules, whose differences from this one show how exact it is."""
+        """Finer rules, whose differences from this one estimate its error."""
         return ()
 
     def refined(
@@ -249,29 +254,29 @@ class NodeRule(ABC):
         dimensions: int,  # noqa: ARG002
         /,
     ) -> NodeRule | None:
-        """One with more nodes, where the finer rules change more than enough by these gaps.
+        """A rule with more nodes, if the differences `gaps` to the finer rules exceed `enough`.
 
-        None where they do not, and where more nodes would be too many.
+        None where they do not, and where there would be too many nodes.
         """
         return None
 
     def gap(self, gaps: Sequence[float], dimensions: int, /) -> float:  # noqa: ARG002
-        """What more nodes change altogether, by what each of the finer rules changes."""
+        """The error estimate of this rule: the sum of the differences `gaps` to the finer rules."""
         return float(sum(gaps))
 
     @abstractmethod
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
         """Nodes xi (B, C J, s) of the experiments, class by class, and log weights (B, C J).
 
-        int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) in each class, where the log-density
-        is that of g(xi) exp(-xi^2/2).
+        int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) in each class. The log-density of
+        `laws` is log g(xi) - xi^2/2.
         """
 
 
 class DenseRule(NodeRule):
-    """What rules share whose nodes are as many as are needed, wherever an outcome is not smooth.
+    """Base class of rules that place as many nodes as needed where an outcome is not smooth.
 
-    A mode only says where the nodes begin.
+    They need a mode only as a first guess of where nodes should lie.
     """
 
     arrived = MODES.near

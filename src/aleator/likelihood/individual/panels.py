@@ -1,6 +1,7 @@
-"""Nodes on panels that follow kinks, fronts and jumps: of one variate, and of two.
+"""Adaptive piecewise Gauss-Legendre rules for individual laws of one variate and of two.
 
-The panels are those of adaptive quadrature (Gander and Gautschi, 2000; module `lines`).
+A panel is an interval with a Gauss-Legendre rule on each half. Panels are halved where the density
+has a kink, a front or a jump (Gander and Gautschi, 2000; module `lines`).
 """
 
 from __future__ import annotations
@@ -26,13 +27,14 @@ from aleator.likelihood.individual.modes import (
 
 @dataclass(frozen=True)
 class PanelSettings:
-    """How fine the panels of one variate are; chosen by judgement.
+    """Settings of the piecewise Gauss-Legendre rule for one variate; chosen by judgement.
 
-    `finer_points`: Gauss-Legendre nodes of half a panel of the finer rule that shows how exact this
-    one is. `rough_points` and `rough_enough`: nodes of half a panel, and the share of the integral,
-    for statistics of many replicates. `size`: nodes of an experiment for which there must be memory
-    while they are sought. `left`: share of an integral that is left out with its smallest parts.
-    `lines`: the settings of lines.
+    A panel is an interval with a Gauss-Legendre rule on each half. `finer_points`: the number of
+    nodes per half panel of the finer rule that estimates the error. `rough_points` and
+    `rough_enough`: the nodes per half panel and the relative tolerance for statistics of many
+    replicates. `size`: the number of nodes of an experiment for which memory is reserved while
+    panels are halved. `left`: the nodes of least weight are left out as long as they sum to less
+    than this share of the integral. `lines`: the settings of lines.
     """
 
     finer_points: int = 12
@@ -48,11 +50,12 @@ PANELS = PanelSettings()
 
 @dataclass(frozen=True)
 class Panels(DenseRule):
-    """Gauss-Legendre nodes in panels of one variate, halved until they are enough.
+    """Adaptive piecewise Gauss-Legendre rule for one variate.
 
-    `points` in each half of a panel, which is not halved again where that changes `enough` of the
-    integral or less (both by judgement). For an individual law with several modes, a plateau, a
-    front, a kink or a jump. Cost: some hundred nodes an experiment.
+    The intervals ("panels") have `points` nodes in each half. They are halved until halving changes
+    the integral by less than the share `enough` (both values by judgement). The rule is for
+    individual laws with several modes, a plateau, a front, a kink or a jump. Cost: some hundred
+    nodes per experiment.
     """
 
     name: ClassVar[str] = "panels"
@@ -62,21 +65,21 @@ class Panels(DenseRule):
 
     @property
     def rough(self) -> Panels:
-        """A third of the nodes, exact to a thousandth."""
+        """The rule with a third of the nodes and a relative error of a thousandth."""
         own = self.settings
         return Panels(own.rough_points, own.rough_enough, own)
 
     def size(self, _: int, /) -> int:
-        """Nodes that an experiment takes, about."""
+        """The approximate number of nodes of an experiment."""
         return self.settings.size
 
     def finer(self, _: int, /) -> tuple[Panels, ...]:
-        """The rule that shows how exact this one is; there is none for the finer one."""
+        """The rule with more nodes that estimates the error of this one; empty for that rule."""
         finer = Panels(self.settings.finer_points, settings=self.settings)
         return (finer,) if self.points < finer.points else ()
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
-        """Nodes xi (B, C J, 1), where the panels of each class are fine enough."""
+        """Nodes xi (B, C J, 1) of the accurate panels of each class, and their log weights."""
         rows, own = _ClassRows.of(laws), self.settings
 
         def log_density(row: Indices, at: Array) -> Array:
@@ -92,17 +95,19 @@ class Panels(DenseRule):
 
 @dataclass(frozen=True)
 class PlaneSettings:
-    """How fine the panels of two variates are, and where their lines run; chosen by judgement.
+    """Settings of the piecewise Gauss-Legendre rule for two variates; chosen by judgement.
 
-    `points`: Gauss-Legendre nodes of half a panel. `enough`: share of the integral that halving a
-    panel may change. `coarse_enough`: that share where panels begin. `missed`: change of the
-    log-likelihood with more panels from where on coarse ones are not enough. `finer_points` and
-    `finer_enough`: nodes and share of the finer rule that shows how exact this one is.
-    `rough_enough`: the share for statistics of many replicates. `along`: the share of lines over
-    that across them; errors of lines must not look like roughness across them. `spread`: variates
-    along each axis whose pairs lie all over the law. `size`: nodes of an experiment for which there
-    must be memory while they are sought. `left`: share of an integral that is left out with its
-    smallest parts. `lines` and `modes`: the settings of lines and of modes.
+    A panel is an interval with a Gauss-Legendre rule on each half; a line is a straight line in the
+    plane of the variates. `points`: the nodes per half panel. `enough`: the change of the integral,
+    relative to it, that halving a panel may cause. `coarse_enough`: this tolerance for the coarse
+    rule that is tried first. `missed`: the coarse rule is replaced if finer panels change the
+    log-likelihood by more than this. `finer_points` and `finer_enough`: the nodes per half panel
+    and the tolerance of the finer rule that estimates the error. `rough_enough`: the tolerance for
+    statistics of many replicates. `along`: the tolerance along lines relative to that across them,
+    so that errors along lines do not look like roughness across them. `spread`: values of each
+    variate whose pairs cover the law. `size`: the number of nodes of an experiment for which memory
+    is reserved. `left`: the nodes of least weight are left out as long as they sum to less than
+    this share of the integral. `lines` and `modes`: the settings of lines and of modes.
     """
 
     points: int = 4
@@ -125,15 +130,16 @@ PLANES = PlaneSettings()
 
 @dataclass(frozen=True)
 class PlanePanels(DenseRule):
-    """Panels of two variates: adaptive along each line, and the lines adaptive across.
+    """Adaptive piecewise Gauss-Legendre rule for two variates, along lines and across the lines.
 
-    int int g du dv = int (int g(u, v) dv) du. The lines run where the observations inform most,
-    across the ridge, so that a front, a kink or a jump of the outcome is met by panels that are
-    halved there, and what is left to integrate along the ridge is smoother than the outcome
-    (Fubini). That direction is an eigenvector of the information at the mode, or of its mean over
-    the law where the mode is on a plateau; the result does not depend on it, the number of nodes
-    does. For individual laws with several modes too. Cost: some hundred lines with some fifty nodes
-    each, and ten times as many values of the log-density to find them.
+    int int g du dv = int (int g(u, v) dv) du (Fubini): the inner integral is taken along lines, the
+    outer one across them. The lines run in the direction about which the observations say most,
+    across the ridge of the density. The intervals ("panels") on a line are halved where the outcome
+    has a front, a kink or a jump; the function that remains to be integrated across the lines is
+    smoother. The direction is an eigenvector of the information at the mode, or of the mean
+    information over the law if the mode lies on a plateau. It affects the number of nodes but not
+    the result. The rule is also for individual laws with several modes. Cost: some hundred lines
+    with some fifty nodes each, and ten times as many values of the log-density to find them.
 
     >>> PlanePanels().centers
     1
@@ -146,21 +152,21 @@ class PlanePanels(DenseRule):
 
     @property
     def rough(self) -> PlanePanels:
-        """The same, exact to a hundredth."""
+        """The rule for statistics of many replicates, with a relative error of a hundredth."""
         enough = max(self.enough, self.settings.rough_enough)
         return replace(self, points=self.settings.points, enough=enough)
 
     def size(self, _: int, /) -> int:
-        """Nodes that an experiment takes while they are sought, about."""
+        """The number of nodes of an experiment for which memory is needed, approximately."""
         return self.settings.size
 
     @classmethod
     def coarse(cls, settings: PlaneSettings = PLANES) -> PlanePanels:
-        """Panels with half the nodes, which mostly suffice."""
+        """The coarse rule with half the nodes, which is accurate enough in most cases."""
         return cls(settings.points, settings.coarse_enough, settings)
 
     def finer(self, _: int, /) -> tuple[PlanePanels, ...]:
-        """The rule that shows how exact this one is; there is none for the finest."""
+        """The finer rule that estimates the error of this one; empty for the finest rule."""
         own = self.settings
         if self.enough > own.enough:
             return (PlanePanels(own.points, own.enough, own),)
@@ -168,13 +174,13 @@ class PlanePanels(DenseRule):
         return (finer,) if self.points < finer.points else ()
 
     def refined(self, gaps: Sequence[float], enough: float, _: int, /) -> PlanePanels | None:
-        """Those that are not coarse, where they are needed."""
+        """The standard rule if this is the coarse one and it is not accurate enough, else None."""
         own = self.settings
         needed = self.enough > own.enough and abs(sum(gaps)) > max(enough, own.missed)
         return PlanePanels(own.points, own.enough, own) if needed else None
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
-        """Nodes xi (B, C J, 2) on lines of each class."""
+        """Nodes xi (B, C J, 2) on the lines of each class, and their log weights (B, C J)."""
         own, rows = self.settings, _ClassRows.of(laws)
         information = laws.modes.information[:, :, 0]
         plane = _Plane(rows, _turned(laws.curved, information, own), self)
@@ -194,7 +200,10 @@ class PlanePanels(DenseRule):
 
 @dataclass(frozen=True, eq=False)
 class _ClassRows:
-    """The log-densities of experiments with classes, each class of each a row of its own."""
+    """The log-densities of all classes of all experiments.
+
+    A row is one class of one experiment.
+    """
 
     valued: Valued
     experiments: int
@@ -206,11 +215,11 @@ class _ClassRows:
 
     @property
     def count(self) -> int:
-        """R, the number of rows."""
+        """The number R of rows, experiments times classes."""
         return self.experiments * self.classes
 
     def values(self, row: Indices, xi: Array) -> Array:
-        """The log-density (T,) at variates xi (T, s) of rows (T,)."""
+        """The log-density (T,) at variates xi (T, s) of rows (T,), each an experiment and class."""
         place, most = self._places(row)
         together = np.zeros((self.count, most, xi.shape[1]))
         together[row, place] = xi
@@ -218,9 +227,10 @@ class _ClassRows:
         return np.asarray(self.valued(joint).reshape(-1, most)[row, place])
 
     def side_by_side(self, row: Indices, xi: Array, log_weight: Array) -> tuple[Array, Array]:
-        """Nodes (T, s) of rows (T,) as (B, C J, s), and their log weights under the normal law.
+        """Nodes (T, s) of rows (T,) arranged as (B, C J, s), with log weights (B, C J).
 
-        Weights (T,) are those of an integral without the law; a node that lacks has none.
+        The given log weights (T,) are for an integral over xi; the standard normal density is added
+        here. Rows with fewer nodes are filled up with nodes of weight zero.
         """
         place, most = self._places(row)
         nodes = np.zeros((self.count, most, xi.shape[1]))
@@ -233,7 +243,7 @@ class _ClassRows:
         )
 
     def _places(self, row: Indices) -> tuple[Indices, int]:
-        """The position (T,) of each among those of its row (T,), and the most that a row has."""
+        """The position (T,) of each node within its row (T,), and the largest row's size."""
         counts = np.bincount(row, minlength=self.count)
         order = np.argsort(row, kind="stable")
         place = np.empty(len(row), dtype=np.intp)
@@ -243,9 +253,10 @@ class _ClassRows:
 
 @dataclass(frozen=True, eq=False)
 class _Plane:
-    """The log-densities of rows in turned coordinates.
+    """The log-densities of rows (one class of one experiment) in rotated coordinates u, v.
 
-    `basis` (R, 2, 2): its first column is the direction of u, across the lines, its second of v.
+    The first column of `basis` (R, 2, 2) is the direction of u, across the lines. The second column
+    is the direction of v, along the lines.
     """
 
     rows: _ClassRows
@@ -253,12 +264,12 @@ class _Plane:
     rule: PlanePanels
 
     def turned(self, row: Indices, u: Array, v: Array) -> Array:
-        """The variates (..., 2) at u and v (...) of rows (...)."""
+        """The variates (..., 2) at rotated coordinates u (...) and v (...) of rows (...)."""
         basis = self.basis[row]
         return np.asarray(u[..., None] * basis[..., 0] + v[..., None] * basis[..., 1])
 
     def along(self, row: Indices, u: Array) -> tuple[Pieces, Array]:
-        """The panels of lines (L,) of these rows, and the logarithms (L,) of their integrals."""
+        """The panels on the L lines at u (L,) of rows `row` (L,), and their log integrals (L,)."""
 
         def log_density(line: Indices, v: Array) -> Array:
             owner = np.repeat(row[line], v.shape[1])
@@ -270,13 +281,16 @@ class _Plane:
         return integrated(log_density, row, self.rule.points, enough, settings.lines)
 
     def marginal(self, row: Indices, u: Array) -> Array:
-        """The logarithm (T, q) of the integral over v at u (T, q)."""
+        """The logarithm (T, q) of the integral over v at each u (T, q) of rows `row` (T,)."""
         return self.along(np.repeat(row, u.shape[1]), u.ravel())[1].reshape(u.shape)
 
 
 def _turned(curved: Curved, information: Array, settings: PlaneSettings) -> Array:
-    """Eigenvectors (B C, 2, 2), as columns, of information (B, C, 2, 2); that of most information
-    is the last."""
+    """Eigenvectors (B C, 2, 2) of the information (B, C, 2, 2), with most information last.
+
+    The eigenvectors are columns. Where the mode says no more than the law, the mean information
+    over the law is used.
+    """
     count, classes = information.shape[:2]
     over = np.array(list(product(settings.spread, repeat=2)))
     points = np.tile(over, (count, classes, 1))
@@ -287,8 +301,11 @@ def _turned(curved: Curved, information: Array, settings: PlaneSettings) -> Arra
 
 
 def _needed(row: Indices, share: Array, rows: int, left: float) -> Flags:
-    """Which parts of an integral are kept, by the logarithms (T,) of their shares; the smallest,
-    with `left` of it, are not."""
+    """Flags (T,) of the parts of each row's integral that are kept.
+
+    `share` (T,) are the logarithms of the parts relative to the integral. The smallest parts, which
+    sum to at most `left`, are not kept.
+    """
     order = np.lexsort((share, row))
     part = np.exp(np.minimum(share[order], 0.0))
     sums = np.cumsum(part)

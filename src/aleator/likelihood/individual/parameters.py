@@ -1,4 +1,7 @@
-"""Nodes that are kept as parameters, and serve for the laws of every alpha that is not far."""
+"""Quadrature nodes that are stored as parameter values and reused for neighboring laws.
+
+With fixed parameter values the simulated values stay valid while alpha changes.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +16,26 @@ from aleator.laws.law import Law
 from aleator.likelihood.individual.predictors import Block, Predictor
 
 QUARTERS = np.array([1, 2, 3]) / 4.0
-"""Probabilities of the quartiles."""
+"""The probabilities of the first quartile, the median and the third quartile."""
 
 
 @dataclass(frozen=True)
 class FollowingSettings:
-    """For which laws nodes that are kept as parameters serve, and how many are kept; by judgement.
+    """Settings for the reuse of nodes that are stored as parameter values.
 
-    Nodes serve while the median of each law moves by no more than the distance between its
-    quartiles. `narrower` and `wider`: factors by which the width of a law, or the noise, may have
-    changed; beyond the law of the nodes there are none. `tied`: by how much a correlation may have
-    changed. `shorter`: factor by which a step of alpha beyond these is shortened. `kept_values`:
-    simulated values that are kept with nodes. `kept_nodes`: nodes, kept as parameters, that an
-    objective remembers. `resolution`: error of a log-likelihood over what its modes are exact to.
+    The values are chosen by judgement. Nodes made for one law are reused for another if its medians
+    differ by no more than the distance between the quartiles. `narrower` and `wider`: the factors
+    by which the width of a law, or the noise, may have changed. `tied`: the largest change of a
+    correlation. `shorter`: the factor by which a step of alpha is shortened until it stays within
+    these bounds. `kept_values`: the largest number of simulated values stored with nodes.
+    `kept_nodes`: the largest number of nodes that an objective remembers. `resolution`: the error
+    of a log-likelihood, relative to the tolerance of its modes.
 
-    Scores of laws: `step` is that of differences over a hyperparameter, or over the share
-    `least_size` of its range if that is more. `points`: points by which the mean of a score is
-    seen. `biased`: the mean, over the size of the scores, from which on the support of a law moves.
-    `counted`: share of an integral that a node has at least, to count in its score.
+    The other fields concern the scores of laws. `step`: the step of differences, relative to a
+    hyperparameter, or to the share `least_size` of its range if that is larger. `points`: the
+    number of points for the mean of a score. `biased`: the mean of a score, relative to its root
+    mean square, above which the support of a law is taken to move with the hyperparameter.
+    `counted`: a node with a smaller share of the integral is left out of the score.
     """
 
     narrower: float = 0.4
@@ -55,11 +60,12 @@ class Parameters:
     """Parameters x (T, n) at the nodes that have a weight, and simulated values eta (M, J) there.
 
     int p(y | eta(x)) p(x | alpha) dx = sum_j w_j p(y | eta_j) p(x_j | alpha)/p(x_j | alpha0), where
-    w_j are the weights of nodes that were adapted to alpha0. It is smooth in alpha whatever the
-    simulator is: with a kink or a jump, the same nodes kept as variates are not, and their scores
-    leave out what moves across it. `alpha` is alpha0, `there` (N, J) tells which nodes have a
-    weight, and `log_weight` (T,) is log w_j/p(x_j | alpha0) of these, experiment by experiment. It
-    holds for `inputs` and `predictor` only, and for laws whose support does not move.
+    w_j are the weights of nodes that were adapted to alpha0. The sum is smooth in alpha for any
+    simulator, also for one with kinks or jumps. Nodes stored as standard normal variates would move
+    across a kink or jump as alpha changes. `alpha` is alpha0. `there` (N, J) flags the nodes with a
+    weight, and `log_weight` (T,) is log w_j/p(x_j | alpha0) of these, experiment by experiment. The
+    nodes are valid only for these `inputs` and this `predictor`, and for laws whose support does
+    not depend on alpha.
     """
 
     inputs: Inputs
@@ -72,11 +78,14 @@ class Parameters:
     settings: FollowingSettings = FOLLOWING
 
     def distance(self, alpha: Array) -> float:
-        """How far alpha is from that of the nodes; up to one, they serve there."""
+        """The distance of alpha from that of the nodes, which are valid up to a distance of 1."""
         return distance(self.inputs, self.alpha, alpha, self.settings)
 
     def log_weights(self, alpha: Array, block: Block) -> Array:
-        """log w_j p(x_j | alpha)/p(x_j | alpha0) (B, J) of a block; -inf where there is no node."""
+        """The log weights log(w_j p(x_j | alpha)/p(x_j | alpha0)) (B, J) of a block of experiments.
+
+        The log weight is minus infinity where there is no node.
+        """
         there, own = self._of(block)
         found = np.full(there.shape, -np.inf)
         with np.errstate(invalid="ignore"):
@@ -85,7 +94,7 @@ class Parameters:
         return found
 
     def scores(self, alpha: Array, block: Block, share: Array) -> Array:
-        """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) of a block."""
+        """The scores sum_j share_j d log p(x_j | alpha)/d alpha (B, K) of B experiments."""
         there, own = self._of(block)
         counted = share[there] > self.settings.counted
         owner = np.nonzero(there)[0][counted]
@@ -93,21 +102,23 @@ class Parameters:
         return _scores_of(self.inputs, alpha, x, shares, owner, len(there), self.settings)
 
     def _of(self, block: Block) -> tuple[Flags, slice]:
-        """Which nodes (B, J) of a block there are, and where they stand among all (T,)."""
+        """Flags (B, J) of a block's nodes with a weight, and their places among all T nodes."""
         part, ends = block.experiments, self._ends
         return self.there[part], slice(int(ends[part.start]), int(ends[part.stop]))
 
     @cached_property
     def _ends(self) -> Indices:
-        """How many nodes (N + 1,) come before each experiment."""
+        """The number of nodes (N + 1,) before each experiment, and last the number of all nodes."""
         return np.concatenate([[0], np.cumsum(self.there.sum(axis=1))])
 
 
 def distance(
     inputs: Inputs, alpha: Array, other: Array, settings: FollowingSettings = FOLLOWING
 ) -> float:
-    """A distance of two alphas; up to one, nodes that are adapted to the first serve for the
-    second."""
+    """The distance of two alphas; up to a distance of 1, nodes of the first are valid at the other.
+
+    It is the largest change of a median, a width or a correlation, relative to the allowed change.
+    """
     size = inputs.size
     here, there = (_quartiles(inputs, tuple(values[:size].tolist())) for values in (alpha, other))
     width, wider = here[:, 2] - here[:, 0], there[:, 2] - there[:, 0]
@@ -119,7 +130,11 @@ def distance(
 
 
 def holds(inputs: Inputs, values: int, settings: FollowingSettings = FOLLOWING) -> bool:
-    """Whether nodes with so many simulated values can be kept as parameters under these laws."""
+    """Whether nodes with this number of simulated `values` can be stored as parameters.
+
+    They can if there is memory for them, and if no law is a mixture, follows covariates, is an
+    identified constant, or has a support that depends on alpha.
+    """
     return (
         values <= settings.kept_values
         and len(inputs.classes) == 1
@@ -130,11 +145,11 @@ def holds(inputs: Inputs, values: int, settings: FollowingSettings = FOLLOWING) 
 
 @lru_cache
 def moving(inputs: Inputs, settings: FollowingSettings = FOLLOWING) -> tuple[int, ...]:
-    """The free hyperparameters that move the parameters x themselves, and not only their density.
+    """The indices of free hyperparameters that change the possible values of the parameters.
 
-    They are the values of constants, and all those of a law whose support moves. Its score has
-    another mean than zero, which is seen at the start of the hyperparameters by a hundred points of
-    equal probability.
+    They are the values of constants, and all hyperparameters of a law whose support depends on
+    them. The score of such a law has a mean different from zero. This mean is computed at the start
+    of the hyperparameters with a hundred points of equal probability.
     """
     own, start = inputs.hyperparameters, np.array([h.start for h in inputs.hyperparameters])
     found = list[int]()
@@ -157,13 +172,13 @@ def _fixed_support(law: Law, values: Array, settings: FollowingSettings) -> bool
 
 
 def densities(inputs: Inputs, alpha: Array, x: Array) -> Array:
-    """log p(x | alpha) (B, J) at x (B, J, n), of parameters that scatter."""
+    """The log-density log p(x | alpha) (B, J) of the scattering parameters at x (B, J, n)."""
     flat = x.reshape(-1, x.shape[2])
     return scattered_density(inputs, alpha, flat).reshape(x.shape[:2])
 
 
 def scattered_density(inputs: Inputs, alpha: Array, x: Array) -> Array:
-    """log p(x | alpha) (J,) at x (J, n), of parameters that scatter."""
+    """The log-density log p(x | alpha) (J,) of the scattering parameters at x (J, n)."""
     return inputs.log_density_of(inputs.scattered, alpha, x, inputs.normal_scores(alpha, x))
 
 
@@ -174,7 +189,7 @@ def law_scores(
     share: Array,
     settings: FollowingSettings = FOLLOWING,
 ) -> Array:
-    """sum_j share_j d log p(x_j | alpha)/d alpha (B, K) at x (B, J, n)."""
+    """The scores sum_j share_j d log p(x_j | alpha)/d alpha (B, K) at points x (B, J, n)."""
     there = share > settings.counted
     owner = np.nonzero(there)[0]
     return _scores_of(inputs, alpha, x[there], share[there], owner, len(x), settings)
@@ -189,8 +204,10 @@ def _scores_of(
     count: int,
     settings: FollowingSettings,
 ) -> Array:
-    """Sums (B, K) of scores by central differences at x (T, n), which belong to B experiments,
-    `owner` (T,)."""
+    """Weighted sums (B, K) of scores at points x (T, n) over the points of each experiment.
+
+    `owner` (T,) is the experiment of each point. The scores are central differences.
+    """
     found, scores = np.zeros((count, inputs.size)), inputs.normal_scores(alpha, x)
     for k, h in enumerate(inputs.hyperparameters):
         if h.free:
@@ -205,10 +222,10 @@ def _scores_of(
 
 
 def _changed_density(inputs: Inputs, alpha: Array, x: Array, k: int, scores: Array) -> Array:
-    """The part (J,) of log p(x | alpha) that alpha_k changes.
+    """The part (J,) of log p(x | alpha) that depends on alpha_k.
 
-    `scores` (m, J) are the normal scores at another alpha_k; only that of the law of alpha_k is
-    computed anew.
+    `scores` (m, J) are normal scores of the correlated parameters, computed with another alpha_k.
+    Only the score of the parameter whose law has alpha_k is computed again.
     """
     own = [i for i in inputs.scattered if inputs.slices[i].start <= k < inputs.slices[i].stop]
     theta = scores.copy()
@@ -220,15 +237,17 @@ def _changed_density(inputs: Inputs, alpha: Array, x: Array, k: int, scores: Arr
 
 @lru_cache
 def _quartiles(inputs: Inputs, alpha: tuple[float, ...]) -> Array:
-    """Quartiles and median (s, 3) of each law that scatters."""
+    """The first quartile, median and third quartile (s, 3) of each scattering parameter."""
     laws, values = list(inputs.laws.values()), np.array(alpha)
     own = [laws[i].quantile(values[inputs.slices[i]], QUARTERS) for i in inputs.scattered]
     return np.array(own)
 
 
 def _grown(before: Array, after: Array, settings: FollowingSettings) -> Array:
-    """How far widths have changed, 1 being the limit; a value that is not positive must not
-    change."""
+    """The change of widths relative to the allowed change, which is 1.
+
+    It is infinite where a value that is not positive has changed.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.log(after / before)
         wider, narrower = np.log(settings.wider), np.log(settings.narrower)

@@ -1,4 +1,4 @@
-"""What an experiment's own observations leave open of its parameters: its individual law."""
+"""Individual laws: the distribution of each experiment's parameters given its observations."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from aleator.likelihood.individual.rules import proposed, standard_points
 
 @dataclass(frozen=True, eq=False)
 class IndividualParameters:
-    """The individual laws p(x | y_l, alpha): mode, mean and sd of the parameters, (N, n) each.
+    """Summaries of the individual laws p(x | y_l, alpha) of N experiments.
 
-    The mode is that of the standard normal variates, as parameters. `predicted` (M,) is the mean
-    simulated value of each observation under its individual law. `shrinkage` (n,) is
-    1 - sd_l(E[theta_l | y_l]) with theta the variate of each parameter, whose sd is one: 0 where
-    the observations alone say what each x is, 1 where only the law does (Savic and Karlsson,
-    2009); NaN for a constant. `components` (N, C) of each parameter with a mixture are the
-    probabilities P(c | y_l, alpha) of its components.
+    `mode`, `mean` and `sd` (N, n) are those of the parameters; the mode is that of the standard
+    normal variates, mapped to parameters. `predicted` (M,) is the mean simulated value of each
+    observation under its individual law. `shrinkage` (n,) is 1 - sd_l(E[theta_l | y_l]), where
+    theta is the standard normal variate of each parameter: 0 where the observations alone determine
+    each x, 1 where they say nothing about it (Savic and Karlsson, 2009); NaN for a constant.
+    `components` (N, C), for each parameter with a mixture law, has the probabilities
+    P(c | y_l, alpha) of its components.
     """
 
     mode: Array
@@ -36,9 +37,10 @@ class IndividualParameters:
 def values_under_law(
     likelihood: IndividualLikelihood, alpha: Array, points: int
 ) -> Iterator[tuple[Block, Array, Array]]:
-    """Blocks with simulated values (m, P) under the law alpha (K,), and their shares (m, P).
+    """Simulated values (m, P) under the law alpha (K,) with weights (m, P), for each block.
 
-    At so many points of the law of each experiment, class by class; what failed has no share.
+    There are `points` points of the law of each experiment in each class. A point whose simulation
+    failed has the weight zero.
     """
     inputs = likelihood.inputs
     classes, theta = len(inputs.classes), standard_points(points, inputs.scattering)
@@ -55,7 +57,7 @@ def values_under_law(
 
 
 def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> IndividualParameters:
-    """The individual laws at alpha (K,), where the likelihood's nodes are adapted."""
+    """The individual laws at alpha (K,), to which the nodes of the likelihood must be adapted."""
     inputs, count = likelihood.inputs, likelihood.count
     n = len(inputs.names)
     mode, mean, sd = (np.empty((count, n)) for _ in range(3))
@@ -93,8 +95,9 @@ def individual_points(
 ) -> tuple[Array, Array]:
     """Points x (B, J, n) of the individual laws at alpha (K,), with weights (B, J) of sum one.
 
-    Importance points about the modes, to which the likelihood is adapted; some `count` for each
-    class (see `proposed`). A point whose run fails weighs nothing. Cost: a run for each point.
+    They are importance points about the modes, about `count` for each class (see `proposed`). The
+    likelihood must be adapted to alpha. A point whose run fails has the weight zero. Cost: a run
+    for each point.
     """
     nodes, inputs, part = likelihood.nodes, likelihood.inputs, block.experiments
     xi, log_weight = proposed(nodes.modes[part], nodes.information[part], count)
@@ -104,7 +107,7 @@ def individual_points(
 
 
 def individual_variates(likelihood: IndividualLikelihood, alpha: Array) -> tuple[Array, Array]:
-    """Means (N, s) and mean products (N, s, s) of the variates given the observations, by nodes."""
+    """Means (N, s) and mean products (N, s, s) of the normal scores given the observations."""
     s = likelihood.inputs.scattering
     means, products = np.empty((likelihood.count, s)), np.empty((likelihood.count, s, s))
     for block in likelihood.blocks:

@@ -1,4 +1,4 @@
-"""Simulated values of the observations, each experiment at parameters of its own."""
+"""Simulated values of all observations, where each experiment has its own parameters."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from aleator.surrogates.surface import chained, outcomes, products, products_wit
 
 @dataclass(frozen=True)
 class PredictorSettings:
-    """How much is simulated at once, and the steps of differences; chosen by judgement.
+    """Settings for simulated values: sizes of blocks and steps of numerical derivatives.
 
-    `block`: simulated values of a block of experiments. `group`: experiments next to each other
-    that a sample of them takes together. `step`: step of differences over the size of a parameter.
-    `least_step`: the same over the width of its box, where the parameter is near zero. `basis`:
-    numbers of one block of basis functions of surfaces.
+    The values are chosen by judgement. `block`: the largest number of simulated values of a block
+    of experiments. `group`: the number of neighboring experiments that are taken together when
+    experiments are sampled. `step`: the step of differences, relative to the size of a parameter.
+    `least_step`: the smallest step, relative to the width of the parameter's range. `basis`: the
+    largest number of values in one block of basis functions of response surfaces.
     """
 
     block: int = 400_000
@@ -37,12 +38,12 @@ PREDICTORS = PredictorSettings()
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Some experiments one after the other: B of them, with m observations.
+    """A block of B consecutive experiments with m observations.
 
-    `owner` (m,) is the experiment of each observation, counted from the first of the block, and
-    `starts` (B,) where the observations of each begin. `units` (V,) are what has to be run for
-    them, `unit_owner` (V,) whose they are, and `place`, `column` (m,) say which value of which of
-    these units an observation is.
+    `owner` (m,) is the experiment of each observation, counted from the first of the block;
+    `starts` (B,) is the index of each experiment's first observation. `units` (V,) are the
+    simulations that the block needs, and `unit_owner` (V,) are their experiments. An observation is
+    the value `column` (m,) of the unit `place` (m,).
     """
 
     experiments: slice
@@ -59,11 +60,11 @@ class Block:
 
     @cached_property
     def seen(self) -> Flags:
-        """Which experiments have an observation (B,)."""
+        """Flags (B,) of the experiments that have an observation."""
         return np.bincount(self.owner, minlength=len(self)) > 0
 
     def summed(self, values: Array) -> Array:
-        """Sums (B, ...) over the observations (m, ...) of each experiment; zero without any."""
+        """Sums (B, ...) of values (m, ...) over the observations of each experiment; 0 if none."""
         if np.all(self.seen):
             return np.add.reduceat(values, self.starts, axis=0)
         sums = np.zeros((len(self), *values.shape[1:]))
@@ -76,10 +77,10 @@ class Block:
 class Layout:
     """N experiments (`count`) and their M observations, sorted by experiment.
 
-    An experiment may have none: its likelihood is one, whatever the law. `experiment` (M,) is that
-    of each observation, `unit` (M,) what a run has to be made for to give its value, and `column`
-    (M,) which of the values of that run it is. `chosen` are the only experiments that count, where
-    there are any.
+    An experiment without observations has the likelihood one under every law. `experiment` (M,) is
+    the experiment of each observation. `unit` (M,) is the simulation that gives its value, and
+    `column` (M,) is the index of the value in the result. If `chosen` has slices, only the
+    experiments in them count.
     """
 
     count: int
@@ -92,11 +93,11 @@ class Layout:
 
     @property
     def size(self) -> int:
-        """M, the number of observations."""
+        """The number M of observations."""
         return self.experiment.size
 
     def blocks(self, nodes: int) -> tuple[Block, ...]:
-        """The experiments in blocks that fit into memory at so many nodes; made once for each."""
+        """Blocks of experiments that fit into memory with this number of nodes; cached."""
         widest = int(np.bincount(self.experiment, minlength=self.count).max())
         step = min(max(1, self.settings.block // (widest * nodes)), self.count)
         if step not in self._blocks:
@@ -109,14 +110,14 @@ class Layout:
         return self._blocks[step]
 
     def sampled(self, size: int) -> Layout:
-        """Only about so many of the experiments, in groups that are spread evenly over all."""
+        """The layout with about `size` of the experiments, in groups spread evenly over all."""
         group = self.settings.group
         starts = np.linspace(0, self.count - group, max(1, size // group)).astype(int).tolist()
         chosen = tuple(slice(first, first + group) for first in dict.fromkeys(starts))
         return replace(self, chosen=chosen, _blocks={})
 
     def alone(self, experiment: int) -> Block:
-        """One experiment by itself."""
+        """The block of one experiment alone."""
         return self._block(experiment, experiment + 1)
 
     def _block(self, first: int, last: int) -> Block:
@@ -133,31 +134,34 @@ class Layout:
 
 
 class Evaluator(Protocol):
-    """What gives simulated values: a runner (see `Runner`)."""
+    """The part of a `Runner` that is used here: it gives simulated values."""
 
     def straight(self, unit: Indices, x: Array) -> Array:
-        """Values (R, W) of units (R,) at parameters x (R, n)."""
+        """The simulated values (R, W) of units (R,) at parameters x (R, n)."""
 
 
 class Predictor(Protocol):
-    """What answers for the simulator: itself, or its surfaces."""
+    """The interface that gives simulated values: the simulator itself, or response surfaces."""
 
     def values(self, block: Block, x: Array) -> Array:
-        """eta (m, J) of the m observations of a block at its experiments' parameters x (B, J, n).
+        """Simulated values eta (m, J) of the m observations of a block.
 
-        NaN where there is no value.
+        x (B, J, n) are J parameter points of each experiment. A value that does not exist is NaN.
         """
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
-        """eta (m, J), and its derivatives (n, m, J); zero by a parameter that is known."""
+        """Simulated values eta (m, J) and their derivatives (n, m, J) by the parameters.
+
+        The derivatives by fixed parameters are zero.
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class Direct:
-    """The simulator itself, for functions that cost less than a surface; slopes are central
-    differences.
+    """The simulator itself, for simulators that cost less than response surfaces.
 
-    `moving` are the parameters by which it is differentiated; steps stay in the box (n, 2).
+    Slopes are central differences. `moving` are the parameters by which the simulator is
+    differentiated. The steps stay in the parameters' ranges `box` (n, 2).
     """
 
     runner: Evaluator
@@ -166,7 +170,7 @@ class Direct:
     settings: PredictorSettings = PREDICTORS
 
     def values(self, block: Block, x: Array) -> Array:
-        """One evaluation a unit and node."""
+        """Simulated values (m, J), with one evaluation for each unit and node."""
         nodes = x.shape[1]
         points = x[block.unit_owner].reshape(-1, x.shape[2])
         found = self.runner.straight(np.repeat(block.units, nodes), points)
@@ -174,7 +178,10 @@ class Direct:
         return np.asarray(whole[block.place, :, block.column])
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
-        """2 n + 1 evaluations a unit and node, in one call; slope 0 where one is not finite."""
+        """Simulated values and slopes, with 2 n + 1 evaluations for each unit and node.
+
+        A slope is zero where a value beside it is not finite.
+        """
         points, gaps = self._points(x)
         found = self.values(block, points.reshape(len(x), -1, x.shape[2]))
         parts = found.reshape(len(found), points.shape[1], -1)
@@ -183,14 +190,15 @@ class Direct:
             with np.errstate(invalid="ignore"):
                 rise = parts[:, 1 + 2 * k] - parts[:, 2 + 2 * k]
             fine = np.isfinite(rise)
-            # an infinite value, such as a life without end, stays what it is
+            # An infinite value, such as an unlimited fatigue life, is kept; only its slope is zero.
             slopes[i] = (rise if np.all(fine) else np.where(fine, rise, 0.0)) / gaps[k][block.owner]
         return parts[:, 0], slopes
 
     def _points(self, x: Array) -> tuple[Array, list[Array]]:
-        """x (B, J, n) and steps up and down from it (B, 2 n + 1, J, n), and how far they are apart.
+        """The points x (B, J, n) with steps up and down from them, as (B, 2 n + 1, J, n).
 
-        Steps stay in the box; where x is beyond it, on their side of x.
+        Also returns the distance from the lower to the upper step. Steps stay in the parameters'
+        ranges. Where x lies outside its range, there is no step away from the range.
         """
         size = np.sqrt(np.mean(x**2, axis=(0, 1)))
         points = np.repeat(x[:, None], 1 + 2 * self.moving.size, axis=1)
@@ -207,10 +215,11 @@ class Direct:
 
 @dataclass(frozen=True, eq=False)
 class OnSurfaces:
-    """The values of surfaces known on a region (n, 2); beyond it those of its nearest point.
+    """Simulated values from response surfaces on a region (n, 2) of parameters.
 
-    `of` (M,) is the surface of each observation; the surfaces are in the parameters whose region
-    has a width. Cost O(M J T) for T terms.
+    A point outside the region has the value of the nearest point in it. `of` (M,) is the number of
+    the surface of each observation. The surfaces are functions of the parameters whose region has a
+    width. Cost O(M J T) for T terms.
     """
 
     surface: Surface
@@ -219,15 +228,15 @@ class OnSurfaces:
     settings: PredictorSettings = PREDICTORS
 
     def values(self, block: Block, x: Array) -> Array:
-        """The surfaces at the experiments' points."""
+        """The values (m, J) of the surfaces at the parameters x (B, J, n) of the experiments."""
         return self._evaluated(block, x, slopes=False)[0]
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
-        """The surfaces and their gradients; a coordinate beyond the region has none."""
+        """The values and gradients of the surfaces; zero by a coordinate outside the region."""
         return self._evaluated(block, x, slopes=True)
 
     def inward(self, x: Array) -> Array:
-        """The coordinates (..., n) of the surfaces, those of the region's nearest points."""
+        """The surfaces' coordinates (..., n) of the points in the region that are nearest to x."""
         return self.surface.axes.inward(self._inside(x)[..., self._moving])
 
     def _inside(self, x: Array) -> Array:
@@ -264,7 +273,7 @@ class OnSurfaces:
 
     @cached_property
     def _terms(self) -> Array:
-        """Coefficients (U, P) of all surfaces."""
+        """The coefficients (U, P) of all surfaces, for all basis functions of any of them."""
         whole = np.zeros((len(self.surface.error), len(self.surface.indices)))
         for group in self.surface.groups:
             whole[group.members, : group.size] = group.coefficients

@@ -1,4 +1,7 @@
-"""Rules that place the nodes of experiments: about modes, along a ridge, by importance."""
+"""Rules that place quadrature nodes in the individual law of each experiment.
+
+The nodes lie about the modes, along a ridge of the density, or are importance points.
+"""
 
 from __future__ import annotations
 
@@ -27,17 +30,17 @@ from aleator.likelihood.individual.panels import Panels
 
 @dataclass(frozen=True)
 class RuleSettings:
-    """How many nodes the rules take, and where they lie; chosen by judgement.
+    """Settings of the node rules: numbers and places of nodes. The values are chosen by judgement.
 
-    `most_nodes`: Gauss-Hermite nodes of an experiment beyond which no more are taken. `finest`: the
-    same of a variate, beyond which their weights leave the floating numbers. `tie`: information
-    that each variate is given more than the one before; directions that are informed alike are else
-    what rounding errors make of them. `points`: importance points of an experiment that are tried
-    first, and that serve for statistics of many replicates. `most_points`: those beyond which no
-    more are taken. `wider`: factor by which they lie farther out than the curvature of an
-    individual law says. `ridge_points` and `most_ridge_points`: points along a ridge, as `points`
-    and `most_points`. `least_probability`: distance of the probabilities of points from zero and
-    one, at least. `modes`: the settings of modes.
+    `most_nodes`: the largest number of Gauss-Hermite nodes of an experiment. `finest`: the largest
+    number for one variate; with more, weights are too small for floating-point numbers. `tie`: a
+    small amount of information that is added to each variate, one more for each next variate, so
+    that equally informed directions are not chosen by rounding errors. `points`: the first number
+    of importance points of an experiment, also used for statistics of many replicates.
+    `most_points`: the largest number of them. `wider`: the factor by which importance points spread
+    wider than the curvature of an individual law suggests. `ridge_points` and `most_ridge_points`:
+    the first and the largest number of points along a ridge. `least_probability`: the smallest
+    distance of the probability of a point from zero and from one. `modes`: the settings of modes.
     """
 
     most_nodes: int = 3000
@@ -59,10 +62,10 @@ RULES = RuleSettings()
 class GaussHermite(NodeRule):
     """Gauss-Hermite nodes in each of s coordinates: `first` in the first, `others` in the others.
 
-    Exact where the integrand is the normal density it is adapted to, times a polynomial of degree 2
-    q - 1 in each coordinate of q nodes. The first coordinate is the one that the observations
-    inform least; it needs most nodes. An individual law with several modes is taken for one with
-    its highest.
+    The rule is exact where the integrand is the normal density to which the nodes are adapted,
+    times a polynomial of degree 2 q - 1 in each coordinate with q nodes. The first coordinate is
+    the one about which the observations say least, and it needs most nodes. Only the highest mode
+    of an individual law is used, even if there are several.
 
     >>> GaussHermite(5, 3).nodes(2)[0].shape
     (15, 2)
@@ -74,16 +77,16 @@ class GaussHermite(NodeRule):
     settings: RuleSettings = field(default=RULES, repr=False)
 
     def at_least(self, count: int) -> GaussHermite:
-        """The same with so many nodes or more in every coordinate."""
+        """This rule with at least `count` nodes in every coordinate."""
         others = None if self.others is None else max(self.others, count)
         return replace(self, first=max(self.first, count), others=others)
 
     def coordinate(self, i: int) -> tuple[Array, Array]:
-        """Nodes t (q,) of coordinate i, and the logarithms (q,) of their weights, of sum one."""
+        """Nodes t (q,) of coordinate i, and their log weights (q,); the weights sum to one."""
         return _line(self.first if i == 0 or self.others is None else self.others)
 
     def nodes(self, dimensions: int) -> tuple[Array, Array]:
-        """All nodes t (J, s) and the logarithms (J,) of their weights."""
+        """All nodes t (J, s) of the product rule, and their log weights (J,)."""
         if dimensions == 0:
             return np.zeros((1, 0)), np.zeros(1)
         lines = [self.coordinate(i) for i in range(dimensions)]
@@ -91,14 +94,15 @@ class GaussHermite(NodeRule):
         return nodes, np.array(list(product(*(log_w for _, log_w in lines)))).sum(axis=1)
 
     def size(self, dimensions: int, /) -> int:
-        """J, the number of all nodes."""
+        """The number J of nodes of the product rule."""
         return int(np.prod([self.coordinate(i)[0].size for i in range(dimensions)]))
 
     def finer(self, dimensions: int, /) -> tuple[GaussHermite | Panels, ...]:
-        """Finer rules, whose differences from this one show how exact it is.
+        """Finer rules, whose differences from this one estimate its error.
 
-        For one variate a rule with more nodes, and panels; for several one with more nodes in the
-        first coordinate, and one with more in the others.
+        For one variate they are a rule with more nodes, and a piecewise Gauss-Legendre rule
+        (`Panels`). For several variates they are a rule with more nodes in the first coordinate,
+        and one with more nodes in the others.
         """
         others = self.others or self.first
         whole = replace(self, others=others)
@@ -110,10 +114,12 @@ class GaussHermite(NodeRule):
     def refined(
         self, gaps: Sequence[float], enough: float, dimensions: int, /
     ) -> GaussHermite | Panels | None:
-        """As many nodes as those finer rules have whose gaps are not small enough.
+        """The next rule to use, if the differences `gaps` to the finer rules are too large.
 
-        None where all are, or where that would be too many nodes. For one variate it is the first
-        that agrees with panels, because it has the fewest nodes.
+        It has the numbers of nodes of those finer rules that differ by too much. For one variate it
+        is the first finer rule that agrees with the piecewise Gauss-Legendre rule, because it has
+        the fewest nodes. None where all differences are small enough, or where there would be too
+        many nodes.
         """
         pairs = list(zip(self.finer(dimensions), gaps, strict=True))
         if dimensions < 2:
@@ -134,24 +140,28 @@ class GaussHermite(NodeRule):
         return found if found != self and fits else None
 
     def gap(self, gaps: Sequence[float], dimensions: int, /) -> float:
-        """For one variate what panels change, which leave nothing out; for several the sum of all
-        gaps."""
+        """The error estimate of this rule, from the differences `gaps` to the finer rules.
+
+        For one variate it is the difference to the piecewise Gauss-Legendre rule, which leaves
+        nothing out. For several variates it is the sum of all differences.
+        """
         return float(gaps[-1] if dimensions == 1 else sum(gaps))
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
         """Nodes xi (B, C J, s) about the highest mode of each class, and their log weights.
 
-        The coordinates w = Q' xi are those of the eigenvectors Q of the information at the mode,
-        the least informed first; where several are informed alike, as all but one are by a single
-        observation, `tie` chooses them, so that they move with alpha. Each has a Gauss-Hermite rule
-        in turn, about its conditional mode given those before it and as wide as the information
-        there says:
+        The coordinates are w = Q' xi with the eigenvectors Q of the information at the mode; the
+        coordinate with least information comes first. Directions with equal information are made
+        distinct by the setting `tie`. One coordinate after the other gets a Gauss-Hermite rule. It
+        is centered at the conditional mode w_i* given the coordinates before it, and its scale c_i
+        follows from the information there:
 
             w_i = w_i*(t_1 .. t_(i-1)) + c_i(t_1 .. t_(i-1)) t_i,
             weight = w_j prod_i c_i phi(xi)/phi(t).
 
-        So the nodes follow a curved ridge, which is what fewer observations than parameters leave.
-        Where the log-density is quadratic they are those of Liu and Pierce (1994).
+        The nodes thus follow a curved ridge of the density, as it occurs with fewer observations
+        than parameters. Where the log-density is quadratic, the nodes are those of Liu and Pierce
+        (1994).
         """
         highest = laws.modes
         z, information = highest.z[:, :, 0], highest.information[:, :, 0]
@@ -159,11 +169,11 @@ class GaussHermite(NodeRule):
         basis = np.linalg.eigh(information + self.settings.tie * np.diag(np.arange(s)))[1]
         log_weight = np.zeros(z.shape[:2])
         for i in range(s):
-            # those of one mode are next to each other
+            # Nodes of the same mode are neighbors in the array.
             rest = np.repeat(basis, z.shape[1] // basis.shape[1], axis=1)[..., i:]
             left = np.linalg.inv(np.swapaxes(rest, -1, -2) @ information @ rest)
             scale = np.sqrt(left[..., 0, 0])
-            # the others go along as the conditional normal law says
+            # The other coordinates move with this one as in the conditional normal law.
             along = (rest @ (left[..., :, :1] / scale[..., None, None]))[..., 0]
             t, log_w = self.coordinate(i)
             z = _spread(z[:, :, None] + t[:, None] * along[:, :, None])
@@ -178,19 +188,19 @@ class GaussHermite(NodeRule):
 
 
 def _more(nodes: int) -> int:
-    """Half as many again, and two."""
+    """The next larger number of nodes: 1.5 times as many, plus two."""
     return nodes + nodes // 2 + 2
 
 
 @lru_cache
 def _line(count: int) -> tuple[Array, Array]:
-    # weights with all their digits: those far out are multiplied by exp(t^2/2)
+    # The weights need all their digits, because far out they are multiplied by exp(t^2/2).
     t, weights, _ = polished_rule(*hermite_recurrence(count), 2 * count - 2)
     return t[weights > 0.0], np.log(weights[weights > 0.0])
 
 
 def _spread(values: Array) -> Array:
-    """(B, P, q, ...) as (B, P q, ...)."""
+    """The values (B, P, q, ...) reshaped to (B, P q, ...)."""
     return values.reshape(values.shape[0], -1, *values.shape[3:])
 
 
@@ -201,9 +211,10 @@ class ImportancePoints(NodeRule):
         int g phi dxi = 1/J sum_j g(xi_j) phi(xi_j)/q(xi_j),
         q = phi/2 + sum_m N(z_m, c^2 I_m^-1)/(2 M),
 
-    with M modes z_m of g phi and the information I_m there (Hesterberg, 1995). What has several
-    modes, or a density that is not smooth, is integrated as well as any other; the error falls
-    about as 1/J. Each experiment has points of its own, so that their errors do not add up.
+    with M modes z_m of g phi, the information I_m there, and c the setting `wider` (Hesterberg,
+    1995). Densities with several modes, and densities that are not smooth, are integrated as well
+    as any other. The error falls about as 1/J. Each experiment has its own points, so that errors
+    of different experiments partly cancel.
 
     >>> ImportancePoints(60).size(2)
     60
@@ -217,19 +228,19 @@ class ImportancePoints(NodeRule):
 
     @property
     def rough(self) -> ImportancePoints:
-        """At most 300 points."""
+        """The rule for statistics of many replicates, with at most 300 points."""
         return replace(self, count=min(self.count, self.settings.points))
 
     def size(self, _: int, /) -> int:
-        """J, the number of points: as many about each mode."""
+        """The number J of points, made a multiple of twice the number of modes."""
         return 2 * self.centers * _each(self.count, self.centers)
 
     def finer(self, _: int, /) -> tuple[ImportancePoints, ...]:
-        """One with twice as many points."""
+        """The finer rule with twice as many points, whose difference estimates the error."""
         return (replace(self, count=2 * self.count),)
 
     def refined(self, gaps: Sequence[float], enough: float, _: int, /) -> ImportancePoints | None:
-        """Twice as many points."""
+        """The rule with twice as many points if the difference is too large, else None."""
         more = 2 * self.count
         needed = abs(gaps[0]) > enough and more <= self.settings.most_points
         return replace(self, count=more) if needed else None
@@ -242,7 +253,7 @@ class ImportancePoints(NodeRule):
 
 
 def standard_points(count: int, dimensions: int) -> Array:
-    """Points (count, s) of the standard normal law: Sobol's, in one dimension midpoints."""
+    """Points (count, s) of the standard normal law: a Sobol' sequence, or in 1-D midpoints."""
     return _normal(_uniform(count, dimensions))
 
 
@@ -253,12 +264,13 @@ def proposed(
     shift: Indices | None = None,
     wider: float = RULES.wider,
 ) -> tuple[Array, Array]:
-    """Points xi (B, C J, s) about modes (B, C, M, s), half of them of the standard normal law.
+    """Importance points xi (B, C J, s), half of them about modes, and log weights (B, C J).
 
-    log weights (B, C J) such that sum_j exp(log_weight_j) g(xi_j) is near int g(xi) phi(xi) dxi
-    over the J points of each class (see `ImportancePoints`). `information` (B, C, M, s, s) is the
-    curvature at the modes. With `shift` (B,) the points of an experiment are shifted by as many
-    steps of a lattice in the unit cube (Cranley and Patterson, 1976).
+    The other half are points of the standard normal law. `modes` (B, C, M, s) are M modes of each
+    class, and `information` (B, C, M, s, s) is the curvature there. For the J points of each class
+    sum_j exp(log_weight_j) g(xi_j) approximates int g(xi) phi(xi) dxi (see `ImportancePoints`).
+    `shift` (B,) is the number of lattice steps in the unit cube by which the points of an
+    experiment are shifted (Cranley and Patterson, 1976).
     """
     experiments, classes, centers, s = modes.shape
     each = _each(count, centers)
@@ -282,12 +294,12 @@ def proposed(
 
 
 def _each(count: int, centers: int) -> int:
-    """Points about each of the modes; those of all modes are half of `count`."""
+    """The number of points about each mode, so that those of all modes are half of `count`."""
     return max(1, count // (2 * centers))
 
 
 def _uniform(count: int, dimensions: int) -> Array:
-    """Points (count, s) of the unit cube."""
+    """Quasi-random points (count, s) of the unit cube: a Sobol' sequence, or in 1-D midpoints."""
     if dimensions <= 1:
         return ((np.arange(count) + 0.5) / count)[:, None][:, :dimensions]
     power = int(np.ceil(np.log2(count)))
@@ -296,12 +308,13 @@ def _uniform(count: int, dimensions: int) -> Array:
 
 
 def shifted_points(count: int, dimensions: int, shift: Indices | None) -> Array:
-    """Standard normal points (B, count, s), or the same for all (1, count, s)."""
+    """Standard normal points (B, count, s) with shifts (B,), or (1, count, s) without a shift."""
     if shift is None:
         return standard_points(count, dimensions)[None]
-    # the lattice of the powers of 1/g, g the root of g^(s+1) = g + 1 (Roberts, 2018)
+    # The lattice has the steps g^-1 to g^-s, where g is the root of g^(s+1) = g + 1 (Roberts,
+    # 2018).
     g = 2.0
-    # a step gains a binary digit at least
+    # Each iteration gains at least one binary digit of g.
     for _ in range(np.finfo(np.float64).nmant):
         g = (1.0 + g) ** (1.0 / (dimensions + 1.0))
     steps = np.outer(shift, g ** -np.arange(1.0, dimensions + 1.0))
@@ -309,27 +322,27 @@ def shifted_points(count: int, dimensions: int, shift: Indices | None) -> Array:
 
 
 def _normal(u: Array, least: float = RULES.least_probability) -> Array:
-    """Standard normal points of those of the unit cube."""
+    """The standard normal points Phi^-1(u) of points u in the unit cube."""
     return np.asarray(special.ndtri(np.clip(u, least, 1.0 - least)))
 
 
 @dataclass(frozen=True)
 class LawPoints(DenseRule):
-    """Quasi-random points of the law, those of each experiment its own.
+    """Quasi-random points of the law itself, with different points for each experiment.
 
-    int g phi dxi = 1/J sum_j g(xi_j). Values that are simulated there serve for any observations;
-    the error is the larger, the smaller the part of the law is that explains an observation.
+    int g phi dxi = 1/J sum_j g(xi_j). Values simulated at these points serve for any observations.
+    The error is large where only a small part of the law explains an observation.
     """
 
     name: ClassVar[str] = "points of the law"
     count: int
 
     def size(self, _: int, /) -> int:
-        """J, the number of points."""
+        """The number J of points."""
         return self.count
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
-        """Points xi (B, C J, s), the same in each class."""
+        """Points xi (B, C J, s), the same in each class, and their log weights (B, C J)."""
         experiments, classes, _, s = laws.modes.z.shape
         own = shifted_points(self.count, s, laws.first + np.arange(experiments))
         xi = np.tile(own, (1, classes, 1))
@@ -340,16 +353,16 @@ class LawPoints(DenseRule):
 class RidgePoints(NodeRule):
     """Quasi-random points of a normal law that follows the ridge of an individual law.
 
-    Observations inform k directions b of the s variates, and the others, a, next to nothing. The
-    points are those of a by the curvature at the mode, and of b by the mode and the curvature given
-    a:
+    The observations determine the s variates in k directions, with coordinates b, and say next to
+    nothing about the other directions, with coordinates a: the ridge. The coordinates a of the
+    points follow a normal law with the curvature at the mode. The coordinates b follow a normal law
+    about the conditional mode b*(a), with the curvature there:
 
         int g phi dxi = 1/J sum_j g(xi_j) phi(xi_j) / (N(a_j; a*, A) N(b_j; b*(a_j), C(a_j))).
 
-    Where the log-density is quadratic every term is the integral itself; where the ridge bends
-    slowly the terms differ little, however many variates there are and however small the noise. The
-    error falls about as 1/J. An individual law with several modes is taken for one with its
-    highest.
+    Where the log-density is quadratic, every term equals the integral. Where the ridge bends
+    slowly, the terms differ little, for any number of variates and for any noise, however small.
+    The error falls about as 1/J. Only the highest mode of an individual law is used.
 
     >>> RidgePoints(60).size(7)
     60
@@ -361,28 +374,29 @@ class RidgePoints(NodeRule):
 
     @property
     def rough(self) -> RidgePoints:
-        """The fewest."""
+        """The rule for statistics of many replicates, with at most 64 points."""
         return replace(self, count=min(self.count, self.settings.ridge_points))
 
     def size(self, _: int, /) -> int:
-        """J, the number of points."""
+        """The number J of points."""
         return self.count
 
     def finer(self, _: int, /) -> tuple[RidgePoints, ...]:
-        """One with twice as many points."""
+        """The finer rule with twice as many points, whose difference estimates the error."""
         return (replace(self, count=2 * self.count),)
 
     def refined(self, gaps: Sequence[float], enough: float, _: int, /) -> RidgePoints | None:
-        """Twice as many points."""
+        """The rule with twice as many points if the difference is too large, else None."""
         more = 2 * self.count
         needed = abs(gaps[0]) > enough and more <= self.settings.most_ridge_points
         return replace(self, count=more) if needed else None
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
-        """Points xi (B, C J, s) about the highest mode of each class, and their log weights.
+        """Points xi (B, C J, s) along the ridge through each class's highest mode, and log weights.
 
-        Directions are the eigenvectors of the information at the mode. Points come in pairs that
-        lie on either side of the ridge, so that a score across it is no matter of chance.
+        The directions are the eigenvectors of the information at the mode. Points come in pairs
+        that lie symmetrically on both sides of the ridge, so that random errors of a score across
+        the ridge cancel.
         """
         mode, information = laws.modes.z[:, :, 0], laws.modes.information[:, :, 0]
         experiments, classes, s = mode.shape
@@ -414,13 +428,13 @@ class RidgePoints(NodeRule):
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Standard normal variates xi (N, J, s) of each experiment, and log weights (N, J).
+    """Quadrature nodes: J standard normal variates xi (N, J, s) of each experiment, with weights.
 
     int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) over the nodes of each of C classes,
-    which stand one after the other (see `Individual`). `modes` (N, C, M, s) are those that they lie
-    about, the highest first, and `information` (N, C, M, s, s) is that of the variates there. `x`
-    (N, C, n) are the highest modes as parameters, under the alpha to which the nodes are adapted;
-    None for the nodes of the law.
+    which follow one after the other (see `Individual`); `log_weight` is (N, J). The nodes lie about
+    the `modes` (N, C, M, s), the highest first; `information` (N, C, M, s, s) is the information
+    there. `x` (N, C, n) are the parameters at the highest modes, under the alpha to which the nodes
+    are adapted. It is None for nodes of the law itself.
     """
 
     xi: Array
@@ -431,14 +445,14 @@ class Nodes:
 
     @classmethod
     def of_the_law(cls, count: int, classes: int, variates: int, rule: GaussHermite) -> Nodes:
-        """Those of the standard normal law, the same in each of so many experiments."""
+        """The nodes of the standard normal law, equal for all `count` experiments."""
         t, log_w = rule.nodes(variates)
         xi, log_weight = np.tile(t, (count, classes, 1)), np.tile(log_w, (count, classes))
         information = np.tile(np.eye(variates), (count, classes, 1, 1, 1))
         return cls(xi, log_weight, np.zeros((count, classes, 1, variates)), information)
 
     def peaks(self, count: int) -> tuple[Array, Array]:
-        """So many copies of the highest modes, and of the information there."""
+        """The highest mode of each class, repeated `count` times, and the information there."""
         modes, information = self.modes[:, :, :1], self.information[:, :, :1]
         return np.repeat(modes, count, axis=2), np.repeat(information, count, axis=2)
 
@@ -451,9 +465,10 @@ class Nodes:
 def joined(
     parts: Sequence[tuple[slice, Array, Array]], count: int, classes: int
 ) -> tuple[Array, Array]:
-    """Nodes (N, J, s) and log weights (N, J) of parts of N experiments, class by class.
+    """The nodes (N, J, s) and log weights (N, J) of all N experiments from those of parts of them.
 
-    Experiments that need fewer nodes than others are filled up with nodes without weight.
+    The nodes are in the order of the classes. Experiments that need fewer nodes than others are
+    filled up with nodes of weight zero.
     """
     most = max(xi.shape[1] for _, xi, _ in parts) // classes
     nodes = np.zeros((count, classes, most, parts[0][1].shape[2]))

@@ -1,8 +1,10 @@
-"""The likelihood without noise: where the simulator gives just what was measured.
+"""The likelihood without noise, from the parameters that give exactly the measured outcome.
 
-Three nouns: a `Grid` has the simulated values in whose cells sets are found, if one or two
-parameters scatter; `LevelSets` are points with weights on those sets, so that a density is a sum
-over them; the `LevelLikelihood` of alpha chooses the grid, or the lines where no grid serves.
+These parameters form a level set of the simulator's response. Three nouns: if one or two parameters
+scatter, a `Grid` of simulated values is used to find the set in its cells. `LevelSets` are points
+with weights on the sets, so that the density of an outcome is a sum over them. The
+`LevelLikelihood` is the log-likelihood as a function of alpha. It chooses the grid; where a grid
+cannot be used, it finds the set on lines through the space of the standard normal variates.
 `predicted` has the distributions of outcomes under a law.
 """
 

@@ -1,4 +1,4 @@
-"""The part of a set {x: eta(x) = y} that goes through an interval or a triangle of a grid."""
+"""The part of a level set {x: eta(x) = y} that lies in an interval or a triangle of a grid."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from aleator.core.types import Array, Flags, Indices
 
 @dataclass(frozen=True)
 class CellSettings:
-    """Where an outcome is smooth in a cell, and how small cells become; chosen by judgement.
+    """Settings of grid cells: the test for a smooth outcome, and the number of halvings.
 
-    `steep`: difference of the slopes at a cell's corners from their mean, over the cell's, up to
-    which an outcome is smooth there. `halvings`: times that a cell which is not smooth is halved.
+    The values are chosen by judgement. `steep`: the outcome counts as smooth in a cell if the
+    slopes at its corners differ from their mean by less than this, relative to the slope of the
+    cell. `halvings`: the largest number of times that a cell which is not smooth is halved.
     """
 
     steep: float = 0.1
@@ -28,12 +29,12 @@ class CellSettings:
 
 CELLS = CellSettings()
 GAUSS = 0.5 / np.sqrt(3.0)
-"""Distance of two points from the middle of a line, over its length, that integrate cubics."""
+"""The distance of the two Gauss points from the middle of a line, relative to its length."""
 BELOW, ABOVE, NONE = np.array([1, 2, 4], dtype=np.uint8)
-"""Where an outcome of the grid lies: not above what was measured, above it, or nowhere."""
+"""Codes for an outcome on the grid: not above the measured one, above it, or not finite."""
 
 At = Callable[[Indices, Array], Array]
-"""Outcomes (R,) of experiments (R,), each at a point of its own, (R, s)."""
+"""A function that gives the outcomes (R,) of experiments (R,) at one point (R, s) for each."""
 
 
 def crossed(
@@ -46,14 +47,15 @@ def crossed(
     alike: float,
     settings: CellSettings = CELLS,
 ) -> tuple[Indices, Array, Array]:
-    """Level sets in the cells of a grid: experiments (H,), points x (H, s) on their sets, weights
-    (H,).
+    """The level sets in the cells of a grid, as points: experiments (H,), points (H, s), weights.
 
-    Of experiments `rows` (B,) with outcomes y (B,), and `eta` (C, P) of conditions, theirs being
-    `condition` (B,), at the points of a grid with these `sides`. A weight is the length of the set
-    over the slope of the outcome. A cell whose slope differs by more than `alike` from the mean of
-    those at its corners, or which may hide a set between its corners, is halved: near an extreme, a
-    saddle, a fold or a kink. That takes outcomes `at` further points.
+    `rows` (B,) are the experiments and y (B,) their measured outcomes. `sides` are the coordinates
+    of the grid. `eta` (C, P) are the simulated outcomes of C conditions at the P grid points, and
+    `condition` (B,) is the number of each experiment's condition. A weight (H,) is the length of
+    the set in the cell, divided by the slope of the outcome. A cell is halved where the slopes at
+    its corners do not explain its outcomes to the relative tolerance `alike`, and where a set may
+    be hidden between its corners: near an extreme, a saddle, a fold or a kink. The function `at`
+    then gives the outcomes at further points.
     """
     shape = tuple(side.size for side in sides)
     whose, cell, corners = _passed(y, eta[condition], shape)
@@ -82,16 +84,17 @@ def crossed(
 
 
 def _unit(x: Array) -> Array:
-    """Corners (H, s + 1, s) of simplices by the width of their cells, from zero to one."""
+    """The corners (H, s + 1, s) of simplices in coordinates that run from 0 to 1 in their cells."""
     low = x.min(axis=1, keepdims=True)
     return np.asarray((x - low) / (x.max(axis=1, keepdims=True) - low))
 
 
 def _pieces(y: Array, v: Array, x: Array, slopes: Array) -> tuple[Array, Array]:
-    """Points (H, C, s) and weights (H, C) of sets in simplices, corners x (H, s + 1, s).
+    """Points (H, C, s) and weights (H, C) of the level sets in simplices.
 
-    Of outcomes v (H, s + 1) there, with `slopes` (H, s + 1, s) by the width of the cell. Exact
-    where the outcome is quadratic, up to the third power of what the slopes differ by.
+    A simplex is an interval or a triangle with corners x (H, s + 1, s). It has the outcomes v
+    (H, s + 1) and the `slopes` (H, s + 1, s), in widths of the cell, at its corners. For a
+    quadratic outcome the error is of third order in the difference of the slopes.
     """
     inside = _on_line if x.shape[2] == 1 else _in_triangle
     low, width = x.min(axis=1), np.ptp(x, axis=1)
@@ -100,7 +103,7 @@ def _pieces(y: Array, v: Array, x: Array, slopes: Array) -> tuple[Array, Array]:
 
 
 def _flat(whose: Indices, on: Array, weight: Array) -> tuple[Indices, Array, Array]:
-    """Points and weights in a row, each with its experiment."""
+    """The experiments (H C,), points (H C, s) and weights (H C,), as flat lists of all points."""
     return np.repeat(whose, on.shape[1]), on.reshape(-1, on.shape[2]), weight.ravel()
 
 
@@ -113,11 +116,13 @@ def _halved(
     alike: float,
     settings: CellSettings,
 ) -> Iterator[tuple[Indices, Array, Array]]:
-    """Experiments (H,) with points (H, C, s) and weights (H, C) of sets in cells (M,).
+    """The level sets in M cells, which are halved until the outcome is smooth in them.
 
-    `ends` (2, M, s) are those of the cells, and v (M, 2) or (M, 2, 2) the outcomes at their
-    corners. A half in which the outcome is smooth is done, one that its set cannot reach is left
-    out, and any other is halved again.
+    Yields experiments (H,), points (H, C, s) and weights (H, C) after every halving. `rows` (M,)
+    are the experiments of the cells, and y (M,) their measured outcomes. `ends` (2, M, s) are the
+    lower and upper coordinates of the cells, and v (M, 2) or (M, 2, 2) the outcomes at their
+    corners. A part in which the outcome is smooth is finished. A part that cannot contain the set
+    is left out. Any other part is halved again.
     """
     s = ends.shape[2]
     triangles = _simplices(*[2] * s)
@@ -167,7 +172,11 @@ def _halved(
 
 
 def _between(rows: Indices, sides: Array, v: Array, at: At) -> Array:
-    """Outcomes (M, 3) or (M, 3, 3) at the corners and middles, `sides` (3, M, s), of cells."""
+    """The outcomes at the corners and midpoints of M cells.
+
+    They are (M, 3) for one parameter and (M, 3, 3) for two. `sides` (3, M, s) has the lower, middle
+    and upper coordinate of each cell. v has the outcomes at the corners, which are known.
+    """
     s = sides.shape[2]
     found = np.empty((len(v), *[3] * s))
     found[(np.s_[:], *[np.s_[::2]] * s)] = v
@@ -181,7 +190,10 @@ def _between(rows: Indices, sides: Array, v: Array, at: At) -> Array:
 
 
 def _by_parabolas(v: Array) -> Array:
-    """Derivatives (M, 3, s) or (M, 3, 3, s) by steps of v (M, 3) or (M, 3, 3)."""
+    """Slopes (M, 3, s) or (M, 3, 3, s) of outcomes v (M, 3) or (M, 3, 3), per grid step.
+
+    They are the slopes of the parabola through three neighboring points.
+    """
     found = []
     for i in range(1, v.ndim):
         low, here, high = np.moveaxis(v, i, 0)
@@ -191,7 +203,11 @@ def _by_parabolas(v: Array) -> Array:
 
 
 def _passed(y: Array, eta: Array, shape: tuple[int, ...]) -> tuple[Indices, Indices, Indices]:
-    """Simplices that sets go through: experiments (H,), cells (H,) and corners (H, s + 1)."""
+    """The simplices through which level sets go: experiments (H,), cells (H,), corners (H, s + 1).
+
+    A simplex is an interval or a triangle. A set goes through it if some corner has an outcome
+    above the measured one and some corner has not.
+    """
     simplices = _simplices(*shape)
     below, above = (found.view(np.uint8) for found in (eta <= y[:, None], eta > y[:, None]))
     place = NONE - (NONE - BELOW) * below - (NONE - ABOVE) * above
@@ -201,9 +217,10 @@ def _passed(y: Array, eta: Array, shape: tuple[int, ...]) -> tuple[Indices, Indi
 
 
 def _hiding(y: Array, condition: Indices, eta: Array, sides: tuple[Array, ...]) -> Indices:
-    """Numbers of the cells that a set may go through although all corners are on one side of it.
+    """The numbers of the cells that may contain a level set although their corners do not show it.
 
-    Such a cell has a corner where the outcome bends by more than it differs from what was measured.
+    The outcomes at all corners of such a cell are on the same side of the measured one, but at one
+    corner the difference is smaller than the change that the curvature can make within a cell.
     """
     v = eta.reshape(len(eta), *(side.size for side in sides))
     bend = np.zeros_like(v)
@@ -224,7 +241,11 @@ def _hiding(y: Array, condition: Indices, eta: Array, sides: tuple[Array, ...]) 
 
 @lru_cache
 def _simplices(*points: int) -> Indices:
-    """The corners (C, s + 1) of the intervals, or of the two triangles of each rectangle."""
+    """The corners (C, s + 1) of all simplices of a grid.
+
+    These are the intervals of a grid in one parameter, and two triangles for each rectangle of a
+    grid in two parameters.
+    """
     number = np.arange(math.prod(points)).reshape(points)
     if number.ndim == 1:
         return np.stack([number[:-1], number[1:]], axis=1)
@@ -235,7 +256,7 @@ def _simplices(*points: int) -> Indices:
 
 
 def _together(corners: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Where the corners (B, ...) of each simplex (B, C) lie, all together; see `_simplices`."""
+    """The codes of all corners of each simplex, joined by bitwise "or" (B, C); see `_simplices`."""
     if corners.ndim == 2:
         return corners[:, :-1] | corners[:, 1:]
     both = corners[:, :-1, :-1] | corners[:, 1:, 1:]
@@ -244,7 +265,10 @@ def _together(corners: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _slopes(eta: Array, whose: Indices, corners: Indices, sides: tuple[Array, ...]) -> Array:
-    """Derivatives (H, C, s) of outcomes `whose` (H,) at corners (H, C), by parabolas."""
+    """Slopes (H, C, s) at the corners (H, C) of simplices, by parabolas through three grid points.
+
+    `whose` (H,) are the rows of `eta` with the outcomes.
+    """
     shape = tuple(side.size for side in sides)
     found = []
     for i, (side, place) in enumerate(zip(sides, np.unravel_index(corners, shape), strict=True)):
@@ -253,17 +277,17 @@ def _slopes(eta: Array, whose: Indices, corners: Indices, sides: tuple[Array, ..
         first = corners + (middle - 1 - place) * apart
         low, here, high = (eta[whose[:, None], first + k * apart] for k in range(3))
         before, after = side[middle] - side[middle - 1], side[middle + 1] - side[middle]
-        # an outcome beside may be infinite: a cell with such slopes is not smooth
+        # A neighboring outcome may be infinite. A cell with such slopes is not smooth.
         with np.errstate(invalid="ignore"):
             rise, next_rise = (here - low) / before, (high - here) / after
-            # the derivative of the parabola through three points, at the one that is the corner
+            # This is the slope, at the corner, of the parabola through three points.
             bend = (next_rise - rise) / (before + after)
             found.append(rise + bend * (2.0 * side[place] - side[middle - 1] - side[middle]))
     return np.stack(found, axis=-1)
 
 
 def _chord(v: Array, x: Array) -> Array:
-    """The gradient (H, s) of what is linear between corners x (H, s + 1, s) of outcomes v."""
+    """The gradient (H, s) of the linear function that has outcomes v at corners x (H, s + 1, s)."""
     rise, side = v[:, 1:] - v[:, :1], x[:, 1:] - x[:, :1]
     if x.shape[2] == 1:
         return np.asarray(rise / side[:, 0])
@@ -274,11 +298,12 @@ def _chord(v: Array, x: Array) -> Array:
 
 
 def _smooth(v: Array, x: Array, slope: Array, alike: float, steep: float) -> tuple[Array, Flags]:
-    """Slopes at the corners (H, C, s), and where (H,) the outcome is smooth: no kink, no extreme.
+    """The slopes (H, C, s) to use at the corners, and flags (H,) of simplices with smooth outcomes.
 
-    From corners x (H, C, s), outcomes v (H, C) and `slope` (H, C, s). Where it is smooth the
-    outcome rises along each side by the mean of the slopes at its ends; elsewhere all slopes are
-    the chord's.
+    The arguments are the outcomes v (H, C), the corners x (H, C, s) and the slopes (H, C, s) there.
+    The outcome is smooth, without kink or extreme, if along each side it rises by the mean of the
+    slopes at the ends of the side, and if the slopes are alike. Otherwise the slope of the linear
+    interpolation takes the place of all slopes.
     """
     chord = _chord(v, x)
     size = np.sqrt(np.sum(chord**2, axis=1))
@@ -293,13 +318,14 @@ def _smooth(v: Array, x: Array, slope: Array, alike: float, steep: float) -> tup
 
 
 def _share(y: Array, v: Array, other: Array, rise: Array, rise_there: Array) -> Array:
-    """Share (H,) of the way from a corner to another where a parabola is y.
+    """The share (H,) of the way from one corner to another at which a parabola has the value y.
 
-    From the outcomes v and `other` at both, and the derivatives along the way.
+    The parabola has the outcomes v and `other` at the two corners, and the derivatives `rise` and
+    `rise_there` along the way.
     """
     bend = 0.5 * (rise_there - rise)
     slope, off = other - v - bend, y - v
-    # it goes through y in the direction in which the other corner lies
+    # The chosen root is the one at which the parabola changes towards the other corner's outcome.
     root = np.copysign(np.sqrt(np.maximum(slope**2 + 4.0 * bend * off, 0.0)), other - v)
     with np.errstate(invalid="ignore", divide="ignore"):
         found = np.where(
@@ -309,9 +335,9 @@ def _share(y: Array, v: Array, other: Array, rise: Array, rise_there: Array) -> 
 
 
 def _on_line(y: Array, v: Array, x: Array, slope: Array) -> tuple[Array, Array]:
-    """Where (H, 1, 1) the outcome is y (H,) between corners x (H, 2, 1), and weights (H, 1).
+    """The point (H, 1, 1) of each interval at which the outcome is y (H,), and its weight (H, 1).
 
-    Of outcomes v (H, 2) with derivatives `slope` (H, 2, 1).
+    The intervals have the ends x (H, 2, 1), with the outcomes v (H, 2) and slopes (H, 2, 1) there.
     """
     ends = slope[..., 0]
     share = _share(y, v[:, 0], v[:, 1], ends[:, 0], ends[:, 1])
@@ -321,14 +347,16 @@ def _on_line(y: Array, v: Array, x: Array, slope: Array) -> tuple[Array, Array]:
 
 
 def _in_triangle(y: Array, v: Array, x: Array, slope: Array) -> tuple[Array, Array]:
-    """The same in triangles, corners x (H, 3, 2): two points of Gauss (H, 2, 2) of a curve.
+    """Two Gauss points (H, 2, 2) on the level curve in each triangle, and weights (H, 2).
 
-    It goes from one side of the triangle to another. By the length t of its chord e, and n at right
-    angles to that, its weight is int |e| dt/|d eta/dn|.
+    The curve, on which the outcome is y (H,), goes from one side of the triangle to another. The
+    triangles have the corners x (H, 3, 2), with the outcomes v (H, 3) and slopes (H, 3, 2) there.
+    The weights are those of int |e| dt/|d eta/dn|, where e is the chord of the curve, t runs from 0
+    to 1 along it, and n is the direction normal to it.
     """
     order = np.argsort(v, axis=1)
     lone = y < np.take_along_axis(v, order, axis=1)[:, 1]
-    # the corner that is alone on its side comes first
+    # The corner that lies alone on one side of the curve comes first.
     order = np.where(lone[:, None], order, order[:, ::-1])
     v = np.take_along_axis(v, order, axis=1)
     x, slope = (np.take_along_axis(one, order[..., None], axis=1) for one in (x, slope))
@@ -359,7 +387,10 @@ def _in_triangle(y: Array, v: Array, x: Array, slope: Array) -> tuple[Array, Arr
 
 
 def _between_corners(shares: Array, values: Array) -> Array:
-    """What is linear between the corners of triangles, values (H, 3, C), at `shares` (2, H)."""
+    """Linear interpolation in triangles between the values (H, 3, C) at their corners.
+
+    `shares` (2, H) are the barycentric weights of the second and the third corner.
+    """
     first, second = shares[..., None]
     alone = 1.0 - first - second
     return np.asarray(alone * values[:, 0] + first * values[:, 1] + second * values[:, 2])

@@ -1,4 +1,4 @@
-"""Where a simulator without noise gives just what was measured: points of a grid's cells."""
+"""Level sets of the simulated outcome (where it equals the measured one), found on a grid."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from aleator.simulators.response_functions import Divisible
 
 @dataclass(frozen=True)
 class GridSettings:
-    """When a grid serves a law, and how much of it is in memory; chosen by judgement.
+    """Settings for grids: whether a grid is fine enough for a law, and how much is in memory.
 
-    `share`: share of a grid's cells that each part of a law must have for the grid to serve.
-    `narrow`: share of the width of a law below which a part of it needs no cells: it ends there.
-    `least_change`: share of its changes that an outcome has along each side, at least. `block`:
-    simulated values of the grid that are looked at together. `kept`: simulated values of grids that
-    are kept for other outcomes. `cells`: the settings of cells.
+    The values are chosen by judgement. `share`: the smallest share of a grid's cells that each part
+    of a law (between neighboring quantiles) must have for the grid to be used. `narrow`: a part
+    narrower than this share of the law's width needs no cells, because the law ends there.
+    `least_change`: the smallest share of an outcome's changes that is assumed along each side of
+    the grid. `block`: the number of simulated values that are processed together. `kept`: the
+    number of simulated values on grids that are stored for other outcomes. `cells`: the settings of
+    cells.
     """
 
     share: float = 0.09
@@ -35,21 +37,21 @@ GRIDS = GridSettings()
 
 
 class Values:
-    """Simulated values of the last grids of one response, whatever the outcomes are."""
+    """A store of the simulated values on the last grids; they do not depend on the outcomes."""
 
     def __init__(self, settings: GridSettings = GRIDS) -> None:
         self._most = settings.kept
         self._known: list[tuple[tuple[Array, ...], Array]] = []
 
     def of(self, sides: tuple[Array, ...]) -> Array | None:
-        """Values (U, P) on the grid with these sides; None where they are not known."""
+        """The stored values (U, P) on the grid with these sides, or None."""
         for known, values in self._known:
             if all(np.array_equal(a, b) for a, b in zip(known, sides, strict=True)):
                 return values
         return None
 
     def keep(self, sides: tuple[Array, ...], values: Array) -> None:
-        """Remember them, as many as may be kept."""
+        """Store the values on a grid, and forget the oldest grids if there are too many values."""
         known = [*self._known, (sides, values)]
         while known and sum(one.size for _, one in known) > self._most:
             known = known[1:]
@@ -58,13 +60,13 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A grid on which level sets are looked for.
+    """A grid in one or two parameters, on which level sets of the outcome are sought.
 
-    `response` is that of the distinct conditions, the simulator or surfaces; `condition` (N,) are
-    those of the experiments. `sides` are rising values (C + 1,) of each of the parameters
-    `scattered`, one or two; the others stay at their values in `x` (n,). `alike` is the relative
-    error of a slope up to which a cell is not halved; see `crossed`. `values` are those of grids
-    of this response that are known.
+    `response` is the simulator or its surfaces, for all distinct conditions. `condition` (N,) is
+    the number of each experiment's condition. `sides` has rising values (C + 1,) of each parameter
+    in `scattered`; all other parameters have their values in `x` (n,). `alike` is the relative
+    error of a slope up to which a cell is not halved; see `crossed`. `values` stores the simulated
+    values on earlier grids.
     """
 
     response: Divisible
@@ -77,9 +79,9 @@ class Grid:
     settings: GridSettings = GRIDS
 
     def serves(self, marks: Array) -> bool:
-        """Whether this grid resolves a law with rising quantiles `marks` (s, Q).
+        """Whether this grid is fine enough for a law with rising quantiles `marks` (s, Q).
 
-        The law lies inside, and between any two marks there are cells enough.
+        The quantiles must lie inside the grid, with enough cells between any two of them.
         """
         for side, own in zip(self.sides, marks, strict=True):
             if own[0] < side[0] or side[-1] < own[-1]:
@@ -91,12 +93,12 @@ class Grid:
         return True
 
     def traced(self, y: Array) -> tuple[Array, Array]:
-        """Points (N, K, n) and log weights (N, K) of the sets {x: eta_l(x) = y_l}, y (N,).
+        """Points (N, K, n) and log weights (N, K) on the level sets {x: eta_l(x) = y_l} of y (N,).
 
-        int p(x) delta(eta_l(x) - y_l) dx = sum_k w_lk p(x_lk). The outcome is linear between the
-        corners of an interval or a triangle, where a set is then a point or a straight line: an
-        error of second order in the size of the cells, which are halved where the outcome is not
-        smooth. Cost: the response of each condition at all points.
+        int p(x) delta(eta_l(x) - y_l) dx = sum_k w_lk p(x_lk). The sets are found in the intervals
+        or triangles of the grid, from the outcomes and slopes at the corners (see `crossed`). Cells
+        are halved where the outcome is not smooth. Cost: the response of each condition at all
+        points.
         """
         points = self._points
         cells = self.settings.cells
@@ -111,9 +113,10 @@ class Grid:
             return in_rows(y.size, owner, x, np.log(weight))
 
     def changes(self) -> Array:
-        """How much an outcome changes along each side (s,), over what it changes along all.
+        """The change of the outcome along each side (s,) of the grid, relative to all sides.
 
-        The geometric mean over the experiments of the sums of all steps. Cost: all points.
+        A change is the sum of the absolute differences between neighboring points. The shares are
+        averaged over the experiments by the geometric mean. Cost: the response at all points.
         """
         shape = tuple(side.size for side in self.sides)
         simulated = self._simulated(self._points)
@@ -127,23 +130,23 @@ class Grid:
         return np.asarray(np.exp(np.mean(np.log(shares), axis=1)))
 
     def _at(self, rows: Indices, scattered: Array) -> Array:
-        """Outcomes (R,) of experiments `rows`, each at values (R, s) of its own."""
+        """Outcomes (R,) of experiments `rows` (R,) at values (R, s) of the grid's parameters."""
         x = np.tile(self.x, (len(rows), 1))
         x[:, [*self.scattered]] = scattered
         return self.response.at(self.condition[rows], x)
 
     @property
     def _points(self) -> Array:
-        """All points of the grid, (P, n)."""
+        """All points (P, n) of the grid."""
         corners = np.meshgrid(*self.sides, indexing="ij")
         points = np.tile(self.x, (corners[0].size, 1))
         points[:, [*self.scattered]] = np.stack([part.ravel() for part in corners], axis=1)
         return points
 
     def _simulated(self, points: Array) -> Iterator[tuple[Indices, Indices, Array]]:
-        """Experiments (B,), the condition (B,) of each, and the outcomes (C, P) of C conditions.
+        """Blocks of experiments (B,), their conditions (B,), and the outcomes (C, P) of these.
 
-        As many at a time as fit into memory.
+        A block has C conditions, as many as fit into memory.
         """
         count = int(self.condition.max()) + 1
         block, known = max(1, self.settings.block // len(points)), self.values.of(self.sides)
@@ -161,9 +164,10 @@ class Grid:
 
 
 def in_rows(count: int, owner: Indices, x: Array, log_weight: Array) -> tuple[Array, Array]:
-    """Points (N, K, n) and log weights (N, K) of each experiment; those of no weight fill the rows.
+    """Points (N, K, n) and log weights (N, K), with one row for each of `count` experiments.
 
-    Of points x (H, n) with log weights (H,) in any order, and their `owner` (H,).
+    They are arranged from points x (H, n) with log weights (H,) in any order; `owner` (H,) is the
+    experiment of each. Rows with fewer points are filled up with points of weight zero.
     """
     order = np.argsort(owner, kind="stable")
     order = order[np.isfinite(log_weight[order])]

@@ -1,4 +1,7 @@
-"""The log-likelihood without noise: level sets of a response, for one law or for all near it."""
+"""The log-likelihood without noise, from level sets of the response.
+
+Level sets on a grid serve for all laws that the grid resolves; sets on lines are found for one law.
+"""
 
 from __future__ import annotations
 
@@ -22,23 +25,26 @@ from aleator.simulators.response_functions import Divisible
 
 @dataclass(frozen=True)
 class LevelSettings:
-    """How fine grids and lines are, where they lie, and how many are kept.
+    """Settings of level sets: how fine grids and lines are, where they lie, how many are stored.
 
-    By judgement, but for `alike`, which `benchmarks folds` measures.
+    The values are chosen by judgement, except `alike`, which `benchmarks folds` measures.
 
-    `cells` and `fewest_cells`: cells of a parameter for an answer, of one that scatters and of two,
-    of few experiments and of very many; a search goes on half as many. `lines` and `fewest_lines`:
-    lines of an experiment in more than two parameters. `values`: values of the response on all grid
-    points of an answer, or on all lines, above which there are fewer. `alike`: error of a slope,
-    over it, up to which a cell of an answer is not halved; twice as much for a search, so that the
-    difference of both is the error of an answer. `reach`: standard normal variates to which the
-    grid of a law goes, even steps apart. `marks`: variates between which a grid must have cells to
-    serve a law. `widths`: standard deviations that a region is wide, of laws that fill it.
-    `grids` and `laws`: grids that are kept, and laws whose sets on lines are. `step`: step of
-    differences of the log-likelihood over the range of a hyperparameter. `looks`: points of a side
-    at which outcomes are simulated before a grid is made. `uneven`: factor by which a grid may have
-    more cells along one side, and fewer along the other. `slim`: cells that a side keeps.
-    `grid` and `crossings`: the settings of grids and of lines.
+    `cells` and `fewest_cells`: the usual and, for very many experiments, the smallest number of
+    grid cells per parameter for a reported result. Each has two numbers: for one scattering
+    parameter and for two. A search uses half as many cells. `lines` and `fewest_lines`: the usual
+    and the smallest number of lines per experiment, for more than two parameters. `values`: the
+    number of response values on all grid points, or on all lines, above which fewer cells or lines
+    are used. `alike`: the relative error of a slope up to which a cell is not halved, for a
+    reported result; in a search it is twice as large, so that the difference of both shows the
+    error of the result. `reach`: the largest standard normal variate of the grid of a law, whose
+    points are evenly spaced in this variate. `marks`: standard normal variates between which a grid
+    must have enough cells to be used for a law. `widths`: a law that fills a region has this number
+    of standard deviations in the region's width. `grids` and `laws`: the numbers of grids, and of
+    laws with their sets on lines, that are stored. `step`: the step for differences of the
+    log-likelihood, relative to the range of a hyperparameter. `looks`: the number of points per
+    side at which outcomes are simulated before a grid is made. `uneven`: the largest factor by
+    which a grid may have more cells along one side and fewer along the other. `slim`: the smallest
+    number of cells along a side. `grid` and `crossings`: the settings of grids and of lines.
     """
 
     cells: tuple[int, int] = (16384, 96)
@@ -64,23 +70,29 @@ LEVELS = LevelSettings()
 
 
 def traceable(inputs: Inputs) -> bool:
-    """Whether level sets serve these laws: some scatter, and are the same in all experiments."""
+    """Whether level sets can be used: parameters scatter, with the same laws in all experiments.
+
+    Mixtures are excluded, too.
+    """
     return inputs.scattering > 0 and len(inputs.classes) == 1 and not inputs.regressed
 
 
 def on_a_grid(inputs: Inputs) -> bool:
-    """Whether sets are found once on a grid: one or two scatter, and only their density moves."""
+    """Whether level sets are found on a grid that serves for many laws.
+
+    This needs one or two scattering parameters whose possible values do not depend on alpha.
+    """
     return 1 <= inputs.scattering <= 2 and not moving(inputs)
 
 
 def searched(inputs: Inputs, conditions: int, settings: LevelSettings = LEVELS) -> int:
-    """Cells of a parameter for a search, or lines of an experiment."""
+    """The number of grid cells per parameter, or of lines per experiment, for a search."""
     answers = cells_of(inputs, conditions, settings)
     return answers // 2 if on_a_grid(inputs) else answers // 4
 
 
 def cells_of(inputs: Inputs, conditions: int, settings: LevelSettings = LEVELS) -> int:
-    """Cells of a parameter for an answer, or lines of an experiment."""
+    """The number of grid cells per parameter, or of lines per experiment, for a reported result."""
     if not on_a_grid(inputs):
         of_line = settings.crossings.steps + 1 + settings.crossings.halvings
         affordable = settings.values // (of_line * conditions)
@@ -94,11 +106,11 @@ def cells_of(inputs: Inputs, conditions: int, settings: LevelSettings = LEVELS) 
 class LevelLikelihood:
     """The log-likelihood of N outcomes y (N,) as a function of alpha (K,); see `LevelSets`.
 
-    The first grid is even and all of the region. A law that it does not resolve has a grid of
-    its own quantiles; an outcome that is not reached on that one has the set of the first.
-    The grids are all that is remembered: a value depends on them by their fineness only.
-    `response` is that of the distinct conditions on a `region` (n, 2), and `condition` (N,) are
-    those of the experiments.
+    The first grid covers the whole `region` (n, 2) evenly. For a law that is too narrow for it, a
+    new grid is made of quantiles of the law. An outcome without a level set on that grid keeps the
+    set on the first grid. Only grids and their sets are stored between calls; they affect the value
+    only through their fineness. `response` is the simulator or its surfaces for all distinct
+    conditions, and `condition` (N,) is the number of each experiment's condition.
     """
 
     def __init__(
@@ -121,23 +133,24 @@ class LevelLikelihood:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """The name in reports."""
         return "level sets"
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of alpha, in its order."""
+        """All hyperparameters in the order of alpha."""
         return self.inputs.hyperparameters
 
     @property
     def continued(self) -> LevelLikelihood:
-        """What a search climbs: the same, with grids of its own to remember."""
+        """The objective of a search: a copy of this likelihood that stores its own grids."""
         return copy(self)
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood with its score.
+        """The log-likelihood at alpha (K,) with its score.
 
-        The score by a constant, or by a law whose support moves, is a difference.
+        The score by the value of a constant, or by hyperparameters that move the support of a law,
+        is a central difference.
         """
         found = self.sets(alpha)(alpha)
         if self._on_a_grid or not moving(self.inputs):
@@ -155,11 +168,11 @@ class LevelLikelihood:
         return replace(found, scores=scores)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood without its score."""
+        """The log-likelihood at alpha (K,) without its score."""
         return self.sets(alpha).evaluate(alpha)
 
     def sets(self, alpha: Array) -> LevelSets:
-        """The level sets that serve for a law alpha (K,)."""
+        """The level sets from which the likelihood of the law alpha (K,) is computed."""
         return self._of_grid(alpha) if self._on_a_grid else self._of_lines(alpha)
 
     def _of_grid(self, alpha: Array) -> LevelSets:
@@ -179,7 +192,7 @@ class LevelLikelihood:
         return sets
 
     def _of_lines(self, alpha: Array) -> LevelSets:
-        """On lines that are laid for this law, so that they are exact where a set is smooth."""
+        """The level sets on lines that are placed for this law; stored for the last laws."""
         for known, sets in self._last:
             if np.array_equal(known, alpha):
                 return sets
@@ -197,11 +210,11 @@ class LevelLikelihood:
         return LevelSets(self.inputs, *in_rows(self.outcomes.size, *found))
 
     def values(self, alphas: Array) -> Array:
-        """Totals (A,) at alphas (A, K)."""
+        """The total log-likelihoods (A,) at alphas (A, K)."""
         return np.array([self.evaluate(alpha).total for alpha in alphas])
 
     def take(self, rows: Indices) -> LevelLikelihood:
-        """The likelihood of some of the experiments."""
+        """The likelihood of the experiments `rows` alone."""
         own, condition = np.unique(self.condition[rows], return_inverse=True)
         return LevelLikelihood(
             self.inputs, self.response.take(own), self.region, condition, self.outcomes[rows],
@@ -209,35 +222,36 @@ class LevelLikelihood:
         )  # fmt: skip
 
     def with_outcomes(self, outcomes: Array) -> LevelLikelihood:
-        """The same experiments with other outcomes (N,)."""
+        """The likelihood of the same experiments with other outcomes (N,)."""
         return self._with(outcomes, self.cells)
 
     def coarse(self, times: int = 2) -> LevelLikelihood:
-        """The same on grids of half as many cells: for a search, and for drawn experiments.
+        """This likelihood on coarser grids, with 1/`times` of the cells per parameter.
 
-        Or of so many `times` fewer cells a parameter, to see what cells change.
+        Half as many cells serve for a search and for simulated experiments. Other numbers show how
+        much the number of cells changes the result.
         """
         return self._with(self.outcomes, max(self._answers // times, 1))
 
     def coarsest(self) -> LevelLikelihood:
-        """The same as coarse as serves for many data sets in turn."""
+        """This likelihood on the coarsest acceptable grids, for the analysis of many data sets."""
         few = searched(self.inputs, int(self.condition.max()) + 1, self.settings)
         if self._on_a_grid:
             few = min(few, self.settings.fewest_cells[self.inputs.scattering - 1])
         return self._with(self.outcomes, few)
 
     def fine(self) -> LevelLikelihood:
-        """The same on the grids of an answer."""
+        """This likelihood on the fine grids that are used for reported results."""
         return self._with(self.outcomes, self._answers)
 
     @property
     def unreached(self) -> Flags:
-        """(N,) whose outcome is none of the response in the region."""
+        """Flags (N,) of the outcomes that the response does not reach anywhere in the region."""
         return self._everywhere.empty
 
     @cached_property
     def _everywhere(self) -> LevelSets:
-        """The sets on the first grid, or on lines all over the region."""
+        """The level sets on the first grid, or on lines that cover the whole region."""
         if self._on_a_grid:
             return self._traced(self._whole)
         return self._laid(self.inputs.filling(self.region, self.settings.widths))
@@ -248,7 +262,7 @@ class LevelLikelihood:
 
     @cached_property
     def _whole(self) -> Grid:
-        """The even grid over all of the region."""
+        """The first grid, which covers the whole region evenly."""
         own = self.region[[*self.inputs.scattered]]
         return self._grid(np.linspace(own[:, 0], own[:, 1], self.cells + 1, axis=1))
 
@@ -257,21 +271,24 @@ class LevelLikelihood:
         return cells_of(self.inputs, int(self.condition.max()) + 1, self.settings)
 
     def _with(self, outcomes: Array, cells: int) -> LevelLikelihood:
-        """Other outcomes or cells of the same response, whose values on grids are shared."""
+        """This likelihood with other outcomes and cells, which shares the stored responses."""
         return LevelLikelihood(
             self.inputs, self.response, self.region, self.condition, outcomes, cells, self._values,
             self.settings,
         )  # fmt: skip
 
     def _quantiles(self, alpha: Array, theta: Array) -> Array:
-        """Values (s, Q) of each parameter that scatters at standard normal variates (Q,)."""
+        """The values (s, Q) of the s scattering parameters at standard normal variates (Q,)."""
         own = self.inputs.slices
         return np.stack([
             image_at(self.inputs, i, alpha[own[i]], theta) for i in self.inputs.scattered
         ])  # fmt: skip
 
     def _grid(self, sides: Array) -> Grid:
-        """A grid between sides (s, C + 1); two have their cells where the outcomes change."""
+        """A grid with these sides (s, C + 1).
+
+        If it has two sides, more of the cells go to the side along which outcomes change more.
+        """
         if len(sides) == 1:
             return self._on(sides)
         few = np.linspace(0, self.cells, self.settings.looks).astype(np.intp)
@@ -291,10 +308,10 @@ class LevelLikelihood:
 
 
 def _shared(sides: Array, ratio: float, settings: LevelSettings = LEVELS) -> tuple[Array, Array]:
-    """Two sides with as many cells together, so that outcomes change alike from cell to cell.
+    """Two sides with the same number of cells in total, shared by the changes of the outcome.
 
-    They change `ratio` times as much along the first. A law that is narrow beside the other has
-    few cells: an outcome hardly changes along it, and what matters is where it does.
+    The outcomes change `ratio` times as much along the first side as along the second. With the new
+    sides they change about equally from cell to cell in both directions.
 
     >>> [side.size - 1 for side in _shared(np.linspace([0.0, 0.0], [1.0, 4.0], 65).T, 4.0)]
     [128, 32]

@@ -1,8 +1,10 @@
-"""Level sets where no grid serves: points where lines through the variates cross them.
+"""Level sets found on lines through the space of the standard normal variates.
 
-int phi(xi) delta(eta(x(xi)) - y) dxi is an integral over the lines along one direction and, on
-each, a sum over the points where the outcome is y. The lines are points of a Sobol' sequence in
-the plane across that direction, about where the law explains the outcome.
+This is used where no grid can be, for example with more than two scattering parameters. The
+integral int phi(xi) delta(eta(x(xi)) - y) dxi is taken over parallel lines in one direction. On
+each line it is a sum over the points at which the outcome is y: the crossings of the line with the
+level set. The lines go through quadrature points in the plane normal to their direction, placed
+where the law explains the outcome.
 """
 
 from __future__ import annotations
@@ -25,23 +27,29 @@ from aleator.simulators.response_functions import Divisible
 
 @dataclass(frozen=True)
 class Crossings:
-    """How lines are laid and crossed; measured by `tests/likelihood/test_level_lines.py`.
+    """Settings for the lines on which level sets are found, and for their crossings with the sets.
 
-    The `nearest` of `points` of the law show the direction in which the outcome changes, and a few
-    lines, `wider` than the law, where the set has its mass. A line goes to `reach` standard
-    deviations and is looked at in `steps`, or in so many where it is `alone`; two of these between
-    which the outcome turns are looked at `closer`. A crossing is found in `halvings` of the false
-    position, and the slope there by a difference over `difference`; one that is off by a share
-    `jump` of that is none. The normal law by which nodes are placed has precisions within `narrow`.
-    A set of which lines are `touching` less than such a share is crossed by nodes of a Gauss rule;
-    another one by `bent` times as many lines along each direction, `thick` at least, that count by
-    the `power` of the slopes along them.
+    A line is a straight line in the space of the standard normal variates. These values were
+    measured by `tests/likelihood/test_level_lines.py`. `points` and `nearest`: of this number of
+    points of the law, the `nearest` ones in outcome show the direction in which the outcome changes
+    most. `wider`: lines are spread wider than the law by this factor. `reach`: the ends of a line,
+    in standard deviations. `steps`: the number of steps in which a line is searched; `alone`: this
+    number if there is only one variate and thus one line. `closer`: the number of finer steps where
+    the outcome has an extreme between two steps. `halvings`: the iterations of the false-position
+    method for a crossing. `difference`: the step for the slope there. `jump`: a crossing is
+    rejected as a jump if the outcome there is off by this share of its change over that step.
+    `narrow`: limits of the precision of the normal law by which lines are placed. `touching`: the
+    share of the level set, nearly parallel to the lines, above which it counts as curved. A set
+    that is not curved is integrated by a Gauss rule. `bent`: a curved set gets this factor times as
+    many lines, along each axis in turn. `thick`: the smallest standard deviation of the lines'
+    positions for it. `power`: the power of the slopes by which the directions are weighted.
 
-    By judgement: the plane and the normal law are fitted with the ridges `flat` and `ridge`, the
-    latter to values that weigh by their power `weight`. The first lines are d (d + 3) and `spare`
-    more, of d dimensions across. Every line by the number `of_law` of a bent set lies by the law. A
-    Gauss rule has `nodes` in a dimension, at least and at most. So many outcomes as a `block` has
-    are simulated together.
+    These values are chosen by judgement. `flat` and `ridge`: small ridge terms in the least-squares
+    fits of a plane and of a normal law. `weight`: the power of the density that weights the latter
+    fit. `spare`: the first lines are d (d + 3) plus this number, in d dimensions normal to them.
+    `of_law`: for a curved set, one line in this number is placed by the law itself. `nodes`: the
+    smallest and the largest number of nodes per dimension of the Gauss rule. `block`: the number of
+    outcomes that are simulated together.
     """
 
     points: int = 256
@@ -80,8 +88,9 @@ def traced(
     lines: int,
     settings: Crossings = CROSSINGS,
 ) -> tuple[Indices, Array, Array]:
-    """Level sets on lines: experiments (H,), points x (H, n) and log weights (H,), near alpha (K,).
+    """Points on level sets, found on lines that are placed for the law alpha (K,).
 
+    Returns experiments (H,), points x (H, n) and log weights (H,). The density of outcome l is
     f_l(y_l | beta) = sum_h w_h p(x_h | beta) for any beta near alpha. Cost: the outcomes of each
     experiment at 25 points of every line.
     """
@@ -100,7 +109,7 @@ def traced(
 
 @dataclass(frozen=True, eq=False)
 class _LineBlock:
-    """Some experiments, B of them, whose lines are looked at together."""
+    """A block of B experiments whose lines are evaluated together."""
 
     inputs: Inputs
     alpha: Array
@@ -110,10 +119,12 @@ class _LineBlock:
     settings: Crossings
 
     def laid(self, law: Array, eta: Array) -> tuple[Array, Array]:
-        """An orthonormal basis (B, s, s), its first column the direction, and a centre (B, s - 1).
+        """The direction of the lines of each experiment, and the center of their positions.
 
-        From points of the law (P, s) and outcomes eta (B, P) there: the slopes of a plane through
-        the nearest, and the mean of these.
+        The direction is the first column of an orthonormal basis (B, s, s); the center (B, s - 1)
+        has coordinates in the other columns. A plane is fitted to the outcomes eta (B, P) at those
+        points of the law (P, s) whose outcomes are nearest to the measured one. The direction is
+        that of its slope, and the center is the mean of these points.
         """
         away = np.nan_to_num(np.abs(eta - self.y[:, None]), nan=np.inf)
         near = np.argpartition(away, self.settings.nearest, axis=1)[:, : self.settings.nearest]
@@ -132,10 +143,12 @@ class _LineBlock:
         return basis, np.einsum("bi,bik->bk", middle, basis[:, :, 1:])
 
     def crossed(self, laid: tuple[Array, Array], lines: int) -> tuple[Indices, Array, Array]:
-        """Crossings of lines that are placed by the crossings of a small number of first lines.
+        """The crossings of lines with the level sets: experiments, points x and log weights.
 
-        Where the outcome changes along the direction of the lines all over the set, nodes of a
-        Gauss rule do; elsewhere there are more lines, along every direction.
+        A small number of first lines shows where the set has its probability, and the final lines
+        are placed there. If the lines go straight through the set everywhere, they are placed by a
+        Gauss rule. If the set is curved, so that some lines only touch it, more lines along every
+        axis are used.
         """
         basis, centre = laid
         dimensions = centre.shape[1]
@@ -188,7 +201,10 @@ class _LineBlock:
     def _weighted(
         self, owner: Indices, xi: Array, log_weight: Array
     ) -> tuple[Indices, Array, Array]:
-        """The crossings as parameters, whose weights are those of the density there."""
+        """The crossings as parameters x (H, n), with log weights for the density of the outcome.
+
+        A crossing adds exp(log weight) p(x | alpha) to this density.
+        """
         x = self._x(xi)
         return owner, x, log_weight - scattered_density(self.inputs, self.alpha, x)
 
@@ -196,7 +212,11 @@ class _LineBlock:
         return replace(self, condition=self.condition[rows], y=self.y[rows])
 
     def _roots(self, basis: Array, u: Array) -> _Crossed:
-        """Where lines u (B, J, s - 1) along the first of the basis (B, s, s) cross."""
+        """The crossings of lines with the level sets.
+
+        The lines are parallel to the first column of the basis (B, s, s). Their positions
+        u (B, J, s - 1) are coordinates in the other columns.
+        """
         settings = self.settings
         steps = settings.steps if basis.shape[1] > 1 else settings.alone
         t = np.linspace(-settings.reach, settings.reach, steps + 1)
@@ -212,7 +232,7 @@ class _LineBlock:
             middle = _between(low, high, f_low, f_high)
             value = self._eta(of, first + middle[:, None] * along) - self.y[of]
             right = (value > 0.0) == (f_high > 0.0)
-            # the end that stays counts half, so that it does not stay for ever
+            # The value at the end that stays is halved, so that the end does not stay for ever.
             f_low = np.where(right, 0.5 * f_low, value)
             f_high = np.where(right, value, 0.5 * f_high)
             low, high = np.where(right, low, middle), np.where(right, middle, high)
@@ -222,7 +242,7 @@ class _LineBlock:
         )
         with np.errstate(divide="ignore", invalid="ignore"):
             slope, bend = (up - down) / (2.0 * by), (up - 2.0 * here + down) / by**2
-            # a step of Newton's, where it stays between the points of the difference
+            # One Newton step is made if it stays between the points of the difference.
             move = np.nan_to_num(-here / slope)
             move = np.where(np.abs(move) < by, move, 0.0)
             root, log_slope = root + move, np.log(np.abs(slope + bend * move))
@@ -233,7 +253,7 @@ class _LineBlock:
             others.append((next(ends) - next(ends)) / (2.0 * by))
         with np.errstate(divide="ignore", invalid="ignore"):
             log_others = np.log(np.abs(np.reshape(others, (len(others), of.size)).T))
-        # where the outcome jumps over y it is still off between the points of the difference
+        # Where the outcome jumps over y, its value at the supposed crossing still differs from y.
         fine = np.isfinite(log_slope) & (np.abs(here) < settings.jump * np.abs(up - down))
         each = (of[fine], line[fine], xi[fine], log_slope[fine], log_others[fine])
         return _Crossed(*each, settings.power)
@@ -241,11 +261,12 @@ class _LineBlock:
     def _brackets(
         self, off: Array, t: Array, start: Array, direction: Array
     ) -> tuple[Indices, Indices, Array, Array, Array, Array]:
-        """Steps that cross sets: experiments (R,), lines (R,), ends (R,) and what outcomes there
-        are `off`.
+        """The steps in which lines cross level sets.
 
-        `off` (B, J, T) are outcomes less those measured. A step beside which the outcome turns may
-        hide two crossings: it is looked at more closely.
+        Returns the experiments (R,) and lines (R,), the lower and upper ends (R,) of the steps, and
+        the differences (R,) at both ends of the outcome from the measured one. `off` (B, J, T) are
+        these differences at all points of all lines. Near an extreme of the outcome two crossings
+        may lie in one step; such places are searched in finer steps.
         """
         changes = _changes(off)
         of, line, step = np.nonzero(changes)
@@ -282,7 +303,7 @@ class _LineBlock:
 
 
 def _changes(off: Array) -> Flags:
-    """Between which neighbours (..., T - 1) of points (..., T) the sign changes."""
+    """Flags (..., T - 1) of the pairs of neighbors, among values (..., T), with unlike signs."""
     with np.errstate(invalid="ignore"):
         above, known = off > 0.0, np.isfinite(off)
     found: Flags = above[..., 1:] != above[..., :-1]
@@ -290,14 +311,14 @@ def _changes(off: Array) -> Flags:
 
 
 def _between(low: Array, high: Array, f_low: Array, f_high: Array) -> Array:
-    """Where the straight line between two points is zero."""
+    """The place at which the straight line between two points (low, f_low), (high, f_high) is 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = f_low / (f_low - f_high)
     return np.asarray(low + np.clip(np.nan_to_num(share, nan=0.5), 0.0, 1.0) * (high - low))
 
 
 def _reflected(direction: Array) -> Array:
-    """Orthonormal bases (B, s, s) whose first column is the direction (B, s): Householder's."""
+    """Orthonormal bases (B, s, s) with the direction (B, s) as first column, by Householder."""
     s = direction.shape[1]
     side = direction.copy()
     sign = np.where(direction[:, 0] > 0.0, 1.0, -1.0)
@@ -308,10 +329,11 @@ def _reflected(direction: Array) -> Array:
 
 
 def _nodes(count: int, dimensions: int, limits: tuple[int, int]) -> tuple[Array, Array]:
-    """Nodes (J, d) and log weights (J,) of the standard normal law, about so many.
+    """About `count` nodes (J, d) of the standard normal law, and their log weights (J,).
 
-    Products of Gauss-Hermite rules up to three dimensions; else points of a Sobol' sequence with
-    their opposites, so that mean and covariance are those of the law.
+    Up to three dimensions they are those of a product of Gauss-Hermite rules. In more dimensions
+    they are points of a Sobol' sequence with their mirror images, scaled so that the mean and the
+    covariance are those of the law.
     """
     if dimensions <= 3:
         each = int(np.clip(round(count ** (1.0 / dimensions)), *limits))
@@ -327,7 +349,7 @@ def _nodes(count: int, dimensions: int, limits: tuple[int, int]) -> tuple[Array,
 
 @lru_cache
 def _scores(count: int, dimensions: int, seed: int = 1) -> Array:
-    """Normal scores (count, dimensions) of a scrambled Sobol' sequence, always the same."""
+    """Normal scores (count, dimensions) of a Sobol' sequence, scrambled with a fixed seed."""
     u = qmc.Sobol(dimensions, rng=seed).random_base2(int(np.ceil(np.log2(count))))[:count]
     least = RULES.least_probability
     found = np.asarray(special.ndtri(np.clip(u, least, 1.0 - least)))
@@ -337,9 +359,12 @@ def _scores(count: int, dimensions: int, seed: int = 1) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Crossed:
-    """Whose crossings (H,), of which lines, variates xi (H, s), and logarithms of slopes there.
+    """All crossings of lines with level sets.
 
-    `log_slope` (H,) is along the line and `log_others` (H, s - 1) across it.
+    `owner` (H,) is the experiment of each crossing, `line` (H,) the number of its line, and `xi`
+    (H, s) its variates. `log_slope` (H,) is the logarithm of the outcome's absolute slope along the
+    line, and `log_others` (H, s - 1) are those of the slopes normal to it. `power` is the power p
+    of the slopes by which directions are weighted.
     """
 
     owner: Indices
@@ -351,10 +376,10 @@ class _Crossed:
 
     @cached_property
     def log_part(self) -> Array:
-        """The logarithm (H,) of the share that this direction has of all directions together.
+        """The log weight (H,) of this direction of lines among all directions.
 
-        g_1^2p / sum_i g_i^2p: it vanishes where a line only touches the set, and is one where it
-        goes straight through.
+        The weight is g_1^2p / sum_i g_i^2p with the slopes g_i. It is zero where a line only
+        touches the set, and one where the line goes straight through it.
         """
         every = np.concatenate([self.log_slope[:, None], self.log_others], axis=1)
         power = 2.0 * self.power
@@ -364,26 +389,35 @@ class _Crossed:
 
     @property
     def log_alone(self) -> Array:
-        """The logarithm (H,) of phi/|g_1|, as if this direction were the only one."""
+        """The logarithm (H,) of phi/|g_1|, for lines in this direction alone."""
         return _normal(self.xi) - self.log_slope
 
     @property
     def log_value(self) -> Array:
-        """The logarithm (H,) of phi/|g_1| times the share of this direction."""
+        """The logarithm (H,) of phi/|g_1| times the weight of this direction (`log_part`)."""
         return self.log_alone + self.log_part
 
     def of_lines(self, u: Array, log_value: Array) -> Array:
-        """The logarithm (B, J) of the sum of values (H,) over the crossings of each line."""
+        """The logarithms (B, J) of sums over the crossings of each line.
+
+        `log_value` (H,) are the logarithms of the values that are summed.
+        """
         found = np.full(u.shape[:2], -np.inf)
         np.logaddexp.at(found, (self.owner, self.line), log_value)
         return found
 
     def weighed(self, log_q: Array, log_value: Array) -> tuple[Indices, Array, Array]:
-        """Owners, variates and log weights, of lines with this density (B, J) of all together."""
+        """The experiments (H,), variates (H, s) and log weights (H,) of the crossings.
+
+        `log_q` (B, J) is the logarithm of the density of the lines' positions times their number.
+        """
         return self.owner, self.xi, log_value - log_q[self.owner, self.line]
 
     def moments(self, log_q: Array, count: int) -> tuple[Array, Array, Array]:
-        """Means (B, s) and covariances (B, s, s) of crossings, and shares of other directions."""
+        """The weighted means (B, s) and covariances (B, s, s) of the crossings of each experiment.
+
+        Also returns the share (B,) of the set that lines in other directions represent better.
+        """
         owner, xi = self.owner, self.xi
         log_share = self.log_value - log_q[owner, self.line]
         top = np.full(count, -np.inf)
@@ -403,7 +437,10 @@ class _Crossed:
 
 
 def _gaussian(u: Array, mean: Array, factor: Array, wide: float = 1.0) -> Array:
-    """The log-density (B, J) at u (B, J, d) of normal laws by means and Cholesky factors."""
+    """The log-density (B, J) at u (B, J, d) of normal laws with these means and Cholesky factors.
+
+    `wide` multiplies the factors.
+    """
     factor = np.broadcast_to(factor, (len(u), *factor.shape[-2:]))
     own = np.linalg.solve(wide * factor, (u - mean[:, None]).transpose(0, 2, 1)).astype(np.float64)
     volume = np.log(np.diagonal(wide * factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
@@ -416,10 +453,10 @@ def _normal(u: Array) -> Array:
 
 
 def _fitted(u: Array, value: Array, settings: Crossings) -> tuple[Array, Array]:
-    """Means (B, d) and Cholesky factors (B, d, d) of normal laws nearest to values (B, J) at u.
+    """Normal laws fitted to log values (B, J) at u (B, J, d): means (B, d), Cholesky (B, d, d).
 
-    A parabola is fitted to the logarithms by least squares, those near the top counting most. A
-    normal law has one: lines are then exact, however few there are.
+    A quadratic function is fitted to the log values by least squares, in which the largest values
+    have most weight. The fit is exact if the values are those of a normal law.
     """
     count, _, d = u.shape
     pairs = np.triu_indices(d)

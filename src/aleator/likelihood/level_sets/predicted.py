@@ -1,4 +1,4 @@
-"""What an outcome without noise would be under a law: its values at points of the law."""
+"""The distribution of outcomes without noise under a law, from simulated values at its points."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from aleator.simulators.response_functions import ResponseFunction
 
 @dataclass(frozen=True)
 class PredictionPointSettings:
-    """At how many points of a law outcomes are predicted, and where; chosen by judgement.
+    """Settings for the points of a law at which outcomes are predicted; chosen by judgement.
 
-    `points`: points of the law. `fewest`: points at least, of very many conditions. `values`:
-    simulated values of all conditions together. `coarse`: points that give a probability to a
-    thousandth, of one and of two variates; of more it is `fewest`. `reach`: standard normal
-    variates to which a lattice goes. `wide`: so many times farther out lies half of the points of
-    more variates than two, for the tails.
+    `points`: the usual number of points. `fewest`: the smallest number, for very many conditions.
+    `values`: the largest number of simulated values for all conditions together. `coarse`: the
+    number of points that gives a probability to a thousandth, for one and for two variates; for
+    more variates it is `fewest`. `reach`: the largest standard normal variate of the lattice that
+    is used for one or two variates. `wide`: with more than two variates, half of the points are
+    spread wider by this factor, for the tails.
     """
 
     points: int = 8192
@@ -39,14 +40,14 @@ PREDICTION_POINTS = PredictionPointSettings()
 
 @dataclass(frozen=True, eq=False)
 class PredictedOutcomes:
-    """The distributions of N outcomes: values (U, P) with weights (P,) of the points of a law.
+    """The distributions of N outcomes: values (U, P) at P points of a law, with weights (P,).
 
-    They are those of U distinct conditions; `condition` (N,) says which each experiment has.
-
-    A lattice with the weights of the normal law for one variate or two, so that moments are exact
-    to many digits; else points of a Sobol' sequence, half of the law and half farther out. Between
-    neighbouring values probability is linear; beyond all of them it is half of what there is beyond
-    the last. A value that is not finite counts as none.
+    The values are those of U distinct conditions, and `condition` (N,) is the number of each
+    experiment's condition. For one or two variates the points are a lattice with weights of the
+    normal law, so that moments are exact to many digits. For more variates they are points of a
+    Sobol' sequence, half of them spread wider than the law. The distribution function is linear
+    between neighboring values; beyond the outermost values it is half of the tail probability
+    there. A value that is not finite is left out.
 
     >>> values = np.array([[0.0, 1.0, 2.0]])
     >>> found = PredictedOutcomes(values, np.full(3, 1 / 3), np.array([0]))
@@ -60,17 +61,17 @@ class PredictedOutcomes:
 
     @property
     def mean(self) -> Array:
-        """(N,)."""
+        """The mean outcome (N,) of each experiment."""
         return self._mean[self.condition]
 
     @property
     def sd(self) -> Array:
-        """(N,)."""
+        """The standard deviation (N,) of each experiment's outcome."""
         return self._sd[self.condition]
 
     @cached_property
     def standardized(self) -> Array:
-        """Standardized moments (N, 5) of orders zero to four."""
+        """The standardized moments (N, 5) of each outcome, of orders zero to four."""
         sd = np.where(self._sd > 0.0, self._sd, 1.0)
         third, fourth = self._central(3) / sd**3, self._central(4) / sd**4
         none, one = np.zeros_like(sd), np.ones_like(sd)
@@ -78,12 +79,12 @@ class PredictedOutcomes:
 
     @property
     def status(self) -> NDArray[np.int64]:
-        """(N,) `Status` codes: solved where there is any value."""
+        """The `Status` code (N,) of each experiment: solved if any simulated value is finite."""
         known = self._finite.any(axis=1)
         return np.where(known, int(Status.SOLVED), int(Status.DEGENERATE))[self.condition]
 
     def cdf(self, y: Array) -> Array:
-        """P(outcome < y) at y (N,) or (N, G), of the same shape."""
+        """The distribution functions P(outcome < y) at y (N,) or (N, G), with the shape of y."""
         found, order = np.empty(y.shape), np.argsort(self.condition, kind="stable")
         ends = np.cumsum(np.bincount(self.condition, minlength=len(self.values)))[:-1]
         each = zip(np.split(order, ends), *self._sorted, strict=True)
@@ -93,7 +94,7 @@ class PredictedOutcomes:
         return found
 
     def quantile(self, p: ArrayLike) -> Array:
-        """Outcomes (N, Q) that are not exceeded with probabilities p (Q,)."""
+        """The quantiles (N, Q) of the outcomes at probabilities p (Q,)."""
         value, level = self._sorted
         pairs = zip(level, value, strict=True)
         each = np.array([np.interp(np.asarray(p, dtype=float), *pair) for pair in pairs])
@@ -127,7 +128,7 @@ class PredictedOutcomes:
 
     @cached_property
     def _sorted(self) -> tuple[Array, Array]:
-        """Values in order, and the probability below the middle of each."""
+        """The values (U, P) in rising order, and the probability up to the middle of each."""
         values = np.where(self._finite, self.values, self._mean[:, None])
         order = np.argsort(values, axis=1)
         value = np.take_along_axis(values, order, axis=1)
@@ -137,10 +138,11 @@ class PredictedOutcomes:
 
 @dataclass(frozen=True, eq=False)
 class PointPredictor:
-    """From a law alpha (K,) to the outcomes of N experiments under it.
+    """Predicts the distributions of the outcomes of N experiments under a law alpha (K,).
 
-    `response` is that of the distinct conditions, and `condition` (N,) are those of the
-    experiments; `lower` and `upper` (N,) are the ends of what the response reaches.
+    `response` is the simulator or its surfaces, for all distinct conditions. `condition` (N,) is
+    the number of each experiment's condition. `lower` and `upper` (N,) are the smallest and the
+    largest value of the response.
     """
 
     inputs: Inputs
@@ -152,12 +154,15 @@ class PointPredictor:
     settings: PredictionPointSettings = PREDICTION_POINTS
 
     def coarse(self) -> PointPredictor:
-        """By as few points of the law as serve for many data sets."""
+        """This predictor with fewer points of the law, for the analysis of many data sets."""
         own, s = self.settings, self.inputs.scattering
         return replace(self, points=own.coarse[s - 1] if 1 <= s <= 2 else own.fewest)
 
     def under(self, alpha: Array) -> PredictedOutcomes:
-        """Their distributions. Cost: the response at 8192 points of the law, fewer of very many."""
+        """The distributions of the outcomes under the law alpha (K,).
+
+        Cost: the response at 8192 points of the law, or at fewer for very many conditions.
+        """
         xi, weights = self._points
         law = alpha[: self.inputs.size]
         x = parameters_at(self.inputs, law, xi[None], slice(0, 1), often=True)[0][0]
@@ -165,7 +170,7 @@ class PointPredictor:
 
     @cached_property
     def _points(self) -> tuple[Array, Array]:
-        """Variates (P, s) and their weights (P,)."""
+        """The standard normal variates (P, s) of the points, and their weights (P,)."""
         own, s = self.settings, self.inputs.scattering
         conditions = int(self.condition.max()) + 1
         count = min(self.points, max(own.values // conditions, own.fewest))

@@ -1,4 +1,4 @@
-"""The likelihood without noise from points where the simulator gives just what was measured."""
+"""The likelihood without noise, from points at which the simulator gives the measured outcome."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from aleator.search.interface import LogLikelihood
 
 @dataclass(frozen=True, eq=False)
 class LevelSets:
-    """Points x (N, K, n) of the sets {x: eta_l(x) = y_l}, with log weights (N, K).
+    """Points x (N, K, n) on the level sets {x: eta_l(x) = y_l}, with log weights (N, K).
 
-    Without noise f_l(y_l | alpha) = int p(x | alpha) delta(eta_l(x) - y_l) dx, which by the coarea
-    formula (Federer, 1969, 3.2.12) is the integral of p/|grad eta_l| over the set. The set does not
-    know alpha: it is found once, and f_l = sum_k w_lk p(x_lk | alpha) is smooth in alpha whatever
-    the simulator does. Cost of a value with its score: 2 K + 1 densities of the law at all points,
-    of which `block` are looked at together (by judgement: a core's cache).
+    Without noise f_l(y_l | alpha) = int p(x | alpha) delta(eta_l(x) - y_l) dx. By the coarea
+    formula (Federer, 1969, 3.2.12) this is the integral of p/|grad eta_l| over the set. The set
+    does not depend on alpha and is found only once; f_l = sum_k w_lk p(x_lk | alpha) is smooth in
+    alpha for any simulator. Cost of a value with its score: 2 K + 1 densities of the law at all
+    points. `block` points are processed together (by judgement, to fit a core's cache).
 
     >>> from aleator.laws import Free, Normal
     >>> inputs = Inputs({"a": Normal(Free(-2.0, 2.0), Free(0.1, 2.0))})
@@ -38,24 +38,24 @@ class LevelSets:
     block: int = 64_000
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """Log-densities (N,) with scores (N, K); where there is none it is DEGENERATE_VALUE."""
+        """The log-densities (N,) with scores (N, K); DEGENERATE_VALUE where the density is zero."""
         found = [self.take(rows)._scored(alpha) for rows in self._blocks]
         total, scores = (np.concatenate(part) for part in zip(*found, strict=True))
         return self._found(alpha, total, scores)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
-        """Log-densities (N,) without scores; where there is none it is DEGENERATE_VALUE."""
+        """The log-densities (N,) without scores; DEGENERATE_VALUE where the density is zero."""
         found = [mean_of(self.take(rows)._terms(alpha))[0] for rows in self._blocks]
         return self._found(alpha, np.concatenate(found), None)
 
     def take(self, rows: Indices | slice) -> LevelSets:
-        """The sets of some experiments, with as many points as these have."""
+        """The level sets of the experiments `rows`, with no more points than these need."""
         log_weight = self.log_weight[rows]
         most = max(1, int(np.isfinite(log_weight).sum(axis=1).max(initial=0)))
         return replace(self, x=self.x[rows, :most], log_weight=log_weight[:, :most])
 
     def filled(self, other: LevelSets) -> LevelSets:
-        """The same, with the sets of `other` where an experiment has none here."""
+        """These level sets, with those of `other` for the experiments that have none here."""
         count = max(self.x.shape[1], other.x.shape[1])
         own, others = self._wide(count), other._wide(count)
         empty = self.empty
@@ -67,12 +67,12 @@ class LevelSets:
 
     @property
     def empty(self) -> Flags:
-        """(N,) whose outcome is not reached."""
+        """Flags (N,) of the experiments without a level set: no parameters give their outcome."""
         return np.asarray(np.all(np.isinf(self.log_weight), axis=1))
 
     @property
     def _blocks(self) -> list[slice]:
-        """Experiments whose points fit a core's cache."""
+        """Blocks of experiments whose points fit into a core's cache."""
         return blocks(len(self.x), self.x.shape[1], self.block)
 
     def _scored(self, alpha: Array) -> tuple[Array, Array]:
@@ -80,7 +80,7 @@ class LevelSets:
         return total, law_scores(self.inputs, alpha, self.x, share)
 
     def _wide(self, count: int) -> LevelSets:
-        """The same with points of no weight, so that each experiment has `count`."""
+        """These level sets with points of weight zero added, so that all have `count` points."""
         more = count - self.x.shape[1]
         x = np.concatenate([self.x, np.repeat(self.x[:, :1], more, axis=1)], axis=1)
         log_weight = np.pad(self.log_weight, ((0, 0), (0, more)), constant_values=-np.inf)
