@@ -212,7 +212,7 @@ class SearchResult:
 
     @property
     def evaluations(self) -> int:
-        """The number of evaluations of the log-likelihood, with score or without, in all ascents."""
+        """The number of evaluations of the log-likelihood in all ascents, with score or without."""
         return sum(ascent.evaluations for ascent in self.ascents)
 
     @property

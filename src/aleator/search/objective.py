@@ -1,5 +1,4 @@
-"""Tools of every search: scaled coordinates, a count of evaluations, and a list of distinct optima.
-"""
+"""Tools of every search: scaled coordinates, a count of evaluations, and a list of distinct optima."""
 
 from __future__ import annotations
 
@@ -34,8 +33,8 @@ class SightSettings:
     """Settings of the scaled values and log-likelihoods in a search, chosen by judgement."""
 
     knee: float = 1e-3
-    """A scale that may be zero is searched by its logarithm, and below this share of its upper limit
-    by its square."""
+    """A scale that may be zero is searched by its logarithm, but by its square if it is below this
+    share of its upper limit."""
     floor: float = -1e100
     """The value that replaces a log-likelihood that is not finite."""
 
@@ -132,7 +131,7 @@ class Coordinates:
 
 
 def _sums(hyperparameters: Sequence[Hyperparameter], free: Indices) -> tuple[Array | None, Array]:
-    """The sums that replace free hyperparameters: factors of the free terms (F, F), known part (F,).
+    """The sums that replace free hyperparameters: factors (F, F) of free terms, known terms (F,).
 
     The factors are None if no hyperparameter is replaced by a sum.
     """
@@ -357,4 +356,4 @@ class TaskSearch(ABC):
 
     @abstractmethod
     def _search(self, task: Task) -> SearchResult:
-        """Maximize the objective of the task over the free hyperparameters, and return the result."""
+        """The result of maximizing the task's objective over the free hyperparameters."""
