@@ -214,7 +214,7 @@ class StandardizedDensity(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the density in reports."""
 
     @property
     @abstractmethod
@@ -283,7 +283,7 @@ class Gaussian:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the density in reports."""
         return "gaussian"
 
     def fit(
@@ -334,7 +334,10 @@ def check_moments(moments: Moments, order: int, name: str) -> None:
 
 
 def by_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
-    """Return values as (N, G); a vector (N,) becomes (N, 1). Raise InputsError otherwise."""
+    """Return G numbers for each experiment as (N, G); a vector (N,) becomes (N, 1).
+
+    Raises InputsError for any other shape.
+    """
     array = np.asarray(values, dtype=float)
     if array.ndim not in (1, 2) or array.shape[0] != experiments:
         raise InputsError(
@@ -345,7 +348,7 @@ def by_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
 
 
 def one_per_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
-    """Return values as (N,). Raise InputsError where the shape differs."""
+    """Return one number for each experiment as (N,). Raise InputsError for another shape."""
     array = np.asarray(values, dtype=float)
     if array.shape != (experiments,):
         raise InputsError(

@@ -155,11 +155,12 @@ def cheapest(
 ) -> ExactQuadrature | Galerkin:
     """The method that should take less time: quadrature or Galerkin products.
 
-    The estimate compares the number of nodes with `nodes_an_entry` times the bound of the number of
-    entries in the products; one node takes about as long as ten such entries. This was timed on one
-    core for 1 to 10 parameters, degrees 2 to 8, orders 4 to 8, Hermite and Laguerre polynomials
-    (`python -m benchmarks moments`). Quadrature is faster with few parameters, Galerkin products
-    with five or more.
+    The cost of quadrature grows with its number of nodes, that of Galerkin products with their
+    number of coefficients that are not zero (entries), for which there is a bound. The estimate
+    compares the nodes with `nodes_an_entry` times this bound: one node takes about as long as ten
+    entries. This was timed on one core for 1 to 10 parameters, degrees 2 to 8, orders 4 to 8,
+    Hermite and Laguerre polynomials (`python -m benchmarks moments`). Quadrature is faster with few
+    parameters, Galerkin products with five or more.
 
     >>> from aleator.moments.expansion import TotalDegree
     >>> def choice(n, d, order):
@@ -235,7 +236,7 @@ class QuadraturePowers:
     at_once: int = 100_000
 
     def means(self, z: Array) -> Array:
-        """E[Z^m] for m = 0..M, as (N, M+1)."""
+        """The moments E[Z^m], m = 0..M, of expansions Z with coefficients z (N, P): (N, M+1)."""
         means = np.ones((z.shape[0], self.order + 1))
         for part in blocks(z.shape[0], self.weights.size, self.at_once):
             values = self._values(z[part])
@@ -246,7 +247,7 @@ class QuadraturePowers:
         return means
 
     def projections(self, z: Array) -> Array:
-        """E[Z^m psi_i] for m = 0..M-1, as (N, M, P)."""
+        """E[Z^m psi_i], m = 0..M-1, of expansions Z with coefficients z (N, P): (N, M, P)."""
         found = np.zeros((z.shape[0], self.order, z.shape[1]))
         for part in blocks(z.shape[0], self.weights.size, self.at_once):
             values = self._values(z[part])
@@ -367,7 +368,7 @@ class GalerkinPowers:
     at_once: int = 1_000_000
 
     def means(self, z: Array) -> Array:
-        """E[Z^m] for m = 0..M, as (N, M+1)."""
+        """The moments E[Z^m], m = 0..M, of expansions Z with coefficients z (N, P): (N, M+1)."""
         means = np.zeros((z.shape[0], self.order + 1))
         means[:, 0] = 1.0
         means[:, 2] = np.sum(z**2, axis=1)
@@ -383,7 +384,7 @@ class GalerkinPowers:
         return means
 
     def projections(self, z: Array) -> Array:
-        """E[Z^m psi_i] for m = 0..M-1, as (N, M, P)."""
+        """E[Z^m psi_i], m = 0..M-1, of expansions Z with coefficients z (N, P): (N, M, P)."""
         found = np.zeros((z.shape[0], self.order, z.shape[1]))
         found[:, 0, self.constant] = 1.0
         found[:, 1] = z

@@ -27,7 +27,7 @@ from aleator.simulators.response_functions import Divisible, OutcomeDistribution
 
 @dataclass(frozen=True, eq=False)
 class FittedOutcomes:
-    """The distributions of N outcomes under one law; see `PredictedOutcomes`."""
+    """The distributions of N outcomes at one alpha, from densities fitted to their moments."""
 
     moments: Moments
     fitted: FittedMomentDensity
@@ -123,7 +123,7 @@ class Predictive:
         return np.asarray(value.reshape(-1, y.size).sum(axis=1))
 
     def nodes(self, alpha: Array) -> Array:
-        """The points x (J, n) at which the response is evaluated."""
+        """The parameters x (J, n) at which the response is evaluated for alpha (K,)."""
         return self.propagation.at(alpha)
 
     def take(self, rows: Indices) -> Predictive:
@@ -233,7 +233,7 @@ class Continued:
         return value.believed(self.likelihood.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
-        """The continued totals (A,) at alphas (A, K), without scores."""
+        """The continued log-likelihood plus log prior at each of the alphas (A, K), as (A,)."""
         likelihood = self.likelihood
         totals = likelihood.predictive.continued(np.asarray(alphas), likelihood.outcomes)
         priors = [log_prior(likelihood.hyperparameters, alpha) for alpha in alphas]

@@ -167,10 +167,10 @@ class Propagation(Protocol):
         """The joint law of the parameters."""
 
     def at(self, alpha: Array) -> Array:
-        """The points x (J, n) at which the response is evaluated."""
+        """The parameters x (J, n) at which the response is evaluated for alpha (K,)."""
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
-        """Moments up to `order`, with jacobians by alpha if `gradient`."""
+        """Moments of the N outcomes up to `order`, with jacobians by alpha if `gradient`."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ class QuadraturePropagation:
         return replace(self, response=self.response.take(conditions))
 
     def at(self, alpha: Array) -> Array:
-        """The nodes of the law (J, n)."""
+        """The nodes (J, n) of the cubature for the law at alpha."""
         return self.cubature.nodes(self.inputs, alpha).x
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
@@ -398,7 +398,7 @@ def collocated(
 def _enough_nodes(
     best: QuadraturePropagation, most: int, region: Array, order: int, settings: NodeSettings
 ) -> QuadraturePropagation:
-    """The quadrature with the fewest nodes per parameter whose moments agree with those of `most`.
+    """The quadrature with the fewest nodes per parameter that is as accurate as one with `most`.
 
     The moments to `order` are compared at two test laws in the middle of the region (n, 2), with
     standard deviations of 1/12 and 1/24 of its width. Smooth surfaces need few nodes, steep fronts

@@ -1,4 +1,4 @@
-"""Measurement errors of all observations: their log-density at simulated values, with derivatives."""
+"""The measurement errors of all observations: log-densities at simulated values, derivatives."""
 
 from __future__ import annotations
 
@@ -337,7 +337,7 @@ class MeasurementErrors:
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """The hyperparameters of all noise, named as `noise.sd`, or `noise.RESPONSE.sd` if several."""
+        """All hyperparameters of the noise; with several responses they are `noise.RESPONSE.sd`."""
         return _named({n: part.noise for n, part in zip(self.names, self.parts, strict=True)})
 
     @property
@@ -390,7 +390,7 @@ class MeasurementErrors:
         return found
 
     def scale(self, values: Array, eta: Array, rows: slice) -> Array:
-        """The scale of the errors of the observations `rows` at eta (m, J): (m, J)."""
+        """The scale (m, J) of the errors of the observations `rows` at eta (m, J)."""
         found = np.empty(eta.shape)
         for at, _, scale in self._models(values, eta, rows):
             found[at] = scale
@@ -450,7 +450,7 @@ class MeasurementErrors:
     def _models(
         self, values: Array, eta: Array, rows: slice
     ) -> Iterator[tuple[Indices, ObservationModel, Array]]:
-        """Yields, for each response, positions of its observations in `rows`, their law, and scale."""
+        """For each response, yield positions of its observations in `rows`, their law and scale."""
         for part, first, at, mine in self._parts(values, rows):
             scale = part.scale(mine, eta[at], slice(first, first + len(at))).value
             yield at, part.model(mine), scale

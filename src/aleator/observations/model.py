@@ -1,4 +1,4 @@
-"""Laws of the measurement error of one response, normal and Student's t, also for censored values."""
+"""Laws of the measurement error of one response, normal and Student's t, with censored values."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class Shaped(ObservationModel, Protocol):
         """
 
 
-# One attribute is looked up: isinstance with a protocol would cost more than the computation.
+# Only one attribute is looked up: isinstance with a protocol would take longer than the rest.
 def is_bounded(model: ObservationModel) -> TypeGuard[Bounded]:
     """Whether a model has its own method for probabilities of intervals (`Bounded`)."""
     return hasattr(model, "log_probability")
@@ -223,7 +223,7 @@ class NormalError:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the error in reports."""
         return "normal"
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
@@ -357,7 +357,7 @@ class StudentError:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the error in reports, with the degrees of freedom if they are known."""
         return "student_t" if isinstance(self.df, Free) else f"student_t({self.df:g})"
 
     @property

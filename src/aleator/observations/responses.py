@@ -177,7 +177,7 @@ class Observations:
         return tuple(response.name for response in self.responses)
 
     def only(self, which: Flags) -> Observations:
-        """Only those of the M values that are marked in `which` (M,).
+        """The observations with only those of the M values that are marked in `which` (M,).
 
         >>> Observations.exact([1.0, 2.0]).only(np.array([False, True])).lower.tolist()
         [2.0]

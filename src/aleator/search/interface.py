@@ -150,8 +150,9 @@ class OptimaSettings:
     """Two ends of ascents may be the same optimum if their log-likelihoods differ by less than
     this."""
     same_place: float = 0.3
-    """Two such ends are the same optimum if they also lie within this many standard errors of each
-    other (from outer products of scores)."""
+    """Two ends of ascents with almost the same log-likelihood (`same_value`) are the same optimum
+    if they also lie within this many standard errors of each other (from outer products of scores).
+    """
 
 
 OPTIMA = OptimaSettings()

@@ -58,29 +58,29 @@ class ClimbSettings:
     """Two points may belong to the same optimum if they lie within this many standard errors of
     each other (from outer products of scores)."""
     agrees: float = 0.05
-    """Two such points belong to the same optimum if the difference of their log-likelihoods agrees
-    with their mean slope up to this error."""
+    """Two points near each other (`near`) belong to the same optimum if the difference of their
+    log-likelihoods agrees with the mean of their slopes up to this error."""
     guided_gain: float = 1.0
     """Steps that the objective itself proposes (see `Guiding`) are repeated as long as they gain
     more than this in log-likelihood; near a maximum quasi-Newton steps are faster."""
     guided_steps: int = 10
     """The largest number of steps in a row that the objective itself proposes."""
     flat: float = 1e-4
-    """A leg ends when the slope of the log-likelihood, per standard error at the start of the leg,
-    is below this."""
+    """A run of L-BFGS-B ends when the slope of the log-likelihood, per standard error at the start
+    of the run, is below this."""
     settled: float = 1e-3
-    """Another leg follows if the slope of the log-likelihood, per standard error at the end of the
-    leg, is above this."""
+    """Another run of L-BFGS-B follows if the slope of the log-likelihood, per standard error at the
+    end of the last run, is above this."""
     noise: float = 5.0
     """A slope below this many times the square root of the objective's resolution counts as zero.
     """
     leg: int = 10
-    """The largest number of evaluations of a leg, if the objective itself proposes steps between
-    legs."""
+    """The largest number of evaluations of a run of L-BFGS-B, if the objective itself proposes
+    steps between such runs."""
     little: float = 1e-6
-    """A leg that gains less than this in log-likelihood is the last."""
+    """An ascent ends after a run of L-BFGS-B that gains less than this in log-likelihood."""
     digits: float = 1e-11
-    """A leg ends when a step gains less than this share of the log-likelihood."""
+    """A run of L-BFGS-B ends when a step gains less than this share of the log-likelihood."""
     memory: int = 20
     """The number of past steps from which L-BFGS-B estimates the curvature."""
     finest: float = 1e6
@@ -340,7 +340,10 @@ def _settled(
     resolution: float,
     settings: ClimbSettings = CLIMBS,
 ) -> bool:
-    """Whether the slope in every direction within the limits is too small for another leg."""
+    """Whether the slope in every direction is too small for another run of L-BFGS-B.
+
+    Directions that lead beyond the limits do not count.
+    """
     slope = coordinates.gradient(alpha, at.score) * _scale(coordinates, at, alpha, settings)
     unit = coordinates.to_unit(alpha)
     outward = ((unit <= 0.0) & (slope < 0.0)) | ((unit >= 1.0) & (slope > 0.0))
@@ -365,7 +368,7 @@ def _scale(
 
 
 class _EndedError(Exception):
-    """Ends a leg when its evaluations are used up, or when it joins a known optimum."""
+    """Ends a run of L-BFGS-B whose evaluations are used up, or that joins a known optimum."""
 
 
 @dataclass(frozen=True)

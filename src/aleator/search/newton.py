@@ -28,11 +28,11 @@ class AscentSettings:
     tries: int = 12
     """The largest number of lengths of one step that are tried."""
     doubted: int = 4
-    """The largest number of lengths that are tried if the matrix of the step can be replaced by
-    outer products of scores."""
+    """The largest number of lengths of one step that are tried if the matrix that gave the step can
+    still be replaced by outer products of scores."""
     experiments: int = 5
-    """Outer products of scores can replace the matrix if there are more than this many experiments
-    for each hyperparameter."""
+    """Outer products of scores can replace the information matrix if there are more than this many
+    experiments for each hyperparameter."""
     rise: float = 1e-4
     """The share of the gain predicted by the slope that a step must at least bring (Armijo)."""
     shorter: float = 0.4

@@ -1,4 +1,4 @@
-"""Tools of every search: scaled coordinates, a count of evaluations, and a list of distinct optima."""
+"""Tools of every search: scaled coordinates, counted evaluations, and a list of distinct optima."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class CountedObjective:
         return result
 
     def values(self, alphas: Array) -> Array:
-        """The log-likelihoods (A,) at alphas (A, K)."""
+        """The log-likelihood at each of the alphas (A, K), as (A,)."""
         with np.errstate(all="ignore"):
             values = np.asarray(self._objective.values(alphas), dtype=np.float64)
         self.evaluations += len(alphas)

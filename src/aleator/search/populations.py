@@ -224,7 +224,7 @@ class GeneticAlgorithm(TaskSearch):
         return f"genetic({self.population})"
 
     def _search(self, task: Task) -> SearchResult:
-        """Let the population evolve, and polish its best."""
+        """Let the population evolve, then improve its best alpha by a gradient ascent if asked."""
         first = first_population(task.coordinates, task.guesses, self.population, task.seed)
         evolution = _evolution(first, task.seed)
         best: list[float] = []
@@ -289,7 +289,7 @@ class DifferentialEvolution(TaskSearch):
         return f"differential_evolution({self.population})"
 
     def _search(self, task: Task) -> SearchResult:
-        """Let the population evolve, and polish its best."""
+        """Let the population evolve, then improve its best alpha by a gradient ascent if asked."""
         done = 0
 
         def tell(intermediate_result: optimize.OptimizeResult) -> None:  # noqa: ARG001

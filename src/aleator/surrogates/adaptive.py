@@ -42,7 +42,8 @@ class RoundSettings:
     """
 
     reserved: int = 2
-    """The number of runs of each simulated unit that a budget keeps for the check of the result."""
+    """The number of runs that a budget keeps for the check of the result, for each group of
+    surfaces that share their runs."""
     exact: float = 0.005
     """The default tolerance of surfaces that are exact all over their region."""
     rough: float = 0.05
@@ -57,14 +58,15 @@ class RoundSettings:
     by less than a fifth. Its runs have then grown fivefold, so that the rest of the error comes
     from noise of the simulator or from a jump of the outcome."""
     stall: float = 0.8
-    """The error after these rounds, relative to that before, above which an experiment gets no
-    further runs."""
+    """An experiment gets no further runs if its last `patience` rounds have left more than this
+    share of its error."""
     alike: float = 0.01
     """The few first runs of linear surfaces are enough if no experiment has a larger error than
     this share of its standard deviation. A feature that the runs of one experiment miss would show
     in those of another."""
     confirmed: int = 5
-    """The least number of experiments whose linear surfaces confirm each other in this way."""
+    """The least number of experiments for which few first runs may be enough: their linear surfaces
+    confirm each other."""
     lost: int = 2
     """The number of extra rounds for experiments that have too few successful runs for a surface.
     """
@@ -79,7 +81,7 @@ class RoundSettings:
     slowest: float = 0.5
     """The least p of the law that errors fall like R^-p with the number of runs R."""
     fastest: float = 6.0
-    """The largest p of this law."""
+    """The largest p of the law that errors fall like R^-p with the number of runs R."""
 
 
 ROUNDS = RoundSettings()
@@ -93,8 +95,8 @@ def everyone(members: Flags, _relative: Array, _runs: Array) -> Flags:
 def within(account: Account, unit: Indices, settings: RoundSettings = ROUNDS) -> Afforded:
     """A function that selects the experiments with the largest errors, as the budget allows.
 
-    `unit` (N,) is the simulated unit of each surface. One run of a unit gives values of all its
-    surfaces, so that a unit needs as many runs as the surface with most runs.
+    `unit` (N,) says which surfaces share their runs: one run of the simulator gives values of all
+    surfaces of a unit, so that a unit needs as many runs as its surface with most runs.
     """
     units, of = np.unique(unit, return_inverse=True)
 

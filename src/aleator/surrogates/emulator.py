@@ -104,7 +104,7 @@ class Emulator(ABC):
 
     @abstractmethod
     def move(self, box: Array) -> None:
-        """Take the surfaces to another box."""
+        """Change the region that the surfaces cover to another box (n, 2)."""
 
     @abstractmethod
     def round(self, members: Indices, growth: float) -> int:

@@ -281,14 +281,16 @@ class SurfaceFitSettings:
     range_points: int = 2048
     """The number of points of the box at which the range of an outcome is sought."""
     range_block: int = 256
-    """The number of points that are evaluated together in this search."""
+    """The number of points that are evaluated together in the search for the range of an outcome.
+    """
     corners: int = 10
-    """The number of parameters whose combinations of limits (corners of the box) are all points of
-    this search, at most."""
+    """The range of an outcome is also sought at all combinations of the limits of the parameters
+    (corners of the box), for at most this many parameters."""
     range_step: float = 0.04
-    """First step of the local refinement of an extreme, over the width of the box."""
+    """First step of the local search for the extremes of an outcome, as a share of the width of the
+    box."""
     halvings: int = 10
-    """How many times this step is halved."""
+    """How many times the local search for the extremes of an outcome halves its step."""
 
 
 FITS = SurfaceFitSettings()

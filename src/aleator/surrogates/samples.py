@@ -138,9 +138,10 @@ def _scaled(numbers: Array, settings: FeatureSettings = FEATURES) -> Array:
 class Sites:
     """The U different simulated values that the M observations need, each with its own surface.
 
-    A value is one column of the simulator's output under one distinct condition. `unit` (U,) is a
-    unit of the runner with that condition, `column` (U,) the column, and `of` (M,) the value that
-    each observation needs.
+    A simulated value is one column of the simulator's output under one distinct condition. A unit
+    is what one run computes: a row of the table, or a whole experiment. `unit` (U,) is a unit with
+    the condition of each value, `column` (U,) its column, and `of` (M,) the number of the value
+    that each observation needs.
     """
 
     unit: Indices
@@ -149,7 +150,10 @@ class Sites:
 
     @classmethod
     def seen(cls, runner: Runner, unit: Indices, column: Indices) -> Sites:
-        """The sites of M observations, each in a `column` (M,) of the output of a `unit` (M,)."""
+        """The different values that M observations need, each in a column of a unit's output.
+
+        `unit` (M,) and `column` (M,) are the unit and the column of each observation.
+        """
         case = runner.cases.condition[unit]
         pairs = np.stack([case, column], axis=1)
         distinct, of = np.unique(pairs, axis=0, return_inverse=True)
@@ -159,7 +163,7 @@ class Sites:
         return self.unit.size
 
     def run(self, runner: Runner, region: Array) -> Run:
-        """A function that runs the simulator for sites index (R,) at points x (R, n).
+        """A function that runs the simulator for values number index (R,) at points x (R, n).
 
         The points hold the parameters that vary in the `region`. It returns outcomes (R,), NaN
         where a run fails.
@@ -172,5 +176,5 @@ class Sites:
         return run
 
     def together(self, members: Flags) -> Flags:
-        """The sites marked in `members`, and all others of their units, which share their runs."""
+        """The values marked in `members`, and all others of their units, which share their runs."""
         return np.isin(self.unit, self.unit[members])

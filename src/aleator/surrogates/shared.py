@@ -55,7 +55,7 @@ class ProcessSettings:
     individual: tuple[float, float] = (1e-4, 3.0)
     """Limits of the standard deviation a of the part that each experiment has of its own."""
     scale: tuple[float, float] = (0.05, 10.0)
-    """Limits of the scales s of the parameters in that part."""
+    """Limits of the scales s of the parameters in the part that each experiment has of its own."""
     noise: tuple[float, float] = (3e-4, 0.3)
     """Limits of the standard deviation of the noise of a run."""
     largest_mix: float = 20.0
@@ -299,7 +299,7 @@ class SharingSettings:
     learned: int = 500
     """The number of runs to which the parameters of the covariance are fitted."""
     steps: tuple[int, int] = (60, 20)
-    """The number of steps of that fit, in the first round and in later rounds."""
+    """The number of steps of the fit of the covariance, in the first round and in later rounds."""
     terms: tuple[int, ...] = (40, 136, 220, 250)
     """The number of terms of the polynomials for 1, 2, 3 and more parameters."""
     points: float = 2.5

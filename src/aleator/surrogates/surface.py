@@ -66,19 +66,19 @@ class Axes:
         return cls(box, np.zeros(len(box), dtype=np.bool_))
 
     def inward(self, x: Array) -> Array:
-        """Coordinates z (..., n) of points x (..., n)."""
+        """Coordinates z (..., n) in [-1, 1] of parameters x (..., n) in the box."""
         low, high = self._terms(self.box.T)
         return np.asarray((2.0 * self._terms(x) - low - high) / (high - low))
 
     def outward(self, z: Array) -> Array:
-        """Points x (..., n) of coordinates z (..., n)."""
+        """Parameters x (..., n) at the coordinates z (..., n)."""
         low, high = self._terms(self.box.T)
         x = 0.5 * (low + high) + 0.5 * (high - low) * z
         x[..., self.logarithmic] = np.exp(x[..., self.logarithmic])
         return np.asarray(np.clip(x, *self.box.T))
 
     def rates(self, x: Array) -> Array:
-        """Derivatives dz/dx (..., n) at points x (..., n), each coordinate by its own parameter."""
+        """Derivatives dz_i/dx_i (..., n) of the coordinates at parameters x (..., n)."""
         low, high = self._terms(self.box.T)
         return np.asarray(2.0 / (high - low) / np.where(self.logarithmic, x, 1.0))
 
@@ -254,11 +254,11 @@ class Group:
     """
 
     members: Indices
-    coefficients: Array  # (members, size)
+    coefficients: Array  # The coefficients of the polynomials (members, size).
 
     @property
     def size(self) -> int:
-        """Number of polynomial terms."""
+        """The number of terms of each polynomial of the group."""
         return int(self.coefficients.shape[1])
 
 
