@@ -236,7 +236,7 @@ class QuadraturePowers:
     at_once: int = 100_000
 
     def means(self, z: Array) -> Array:
-        """The moments E[Z^m], m = 0..M, of expansions Z with coefficients z (N, P): (N, M+1)."""
+        """The moments E[Z^m], m = 0..M, of the expansions Z = sum_i z_i psi_i, z (N, P): (N, M+1)."""
         means = np.ones((z.shape[0], self.order + 1))
         for part in blocks(z.shape[0], self.weights.size, self.at_once):
             values = self._values(z[part])
@@ -247,7 +247,7 @@ class QuadraturePowers:
         return means
 
     def projections(self, z: Array) -> Array:
-        """E[Z^m psi_i], m = 0..M-1, of expansions Z with coefficients z (N, P): (N, M, P)."""
+        """Expectations E[Z^m psi_i], m = 0..M-1, with Z = sum_i z_i psi_i, z (N, P): (N, M, P)."""
         found = np.zeros((z.shape[0], self.order, z.shape[1]))
         for part in blocks(z.shape[0], self.weights.size, self.at_once):
             values = self._values(z[part])
@@ -268,7 +268,7 @@ class QuadraturePowers:
         return grid.reshape(z.shape[0], -1)
 
     def _project(self, weighted: Array) -> Array:
-        """Sums (N, P) over the nodes of weighted values (N, J) times each psi_i."""
+        """Sums (N, P) over the nodes of weighted values (N, J) times each polynomial psi_i."""
         grid = weighted.reshape(-1, *(table.shape[0] for table in self.tables))
         for table in self.tables:
             grid = np.tensordot(grid, table, axes=(1, 0))
@@ -368,7 +368,7 @@ class GalerkinPowers:
     at_once: int = 1_000_000
 
     def means(self, z: Array) -> Array:
-        """The moments E[Z^m], m = 0..M, of expansions Z with coefficients z (N, P): (N, M+1)."""
+        """The moments E[Z^m], m = 0..M, of the expansions Z = sum_i z_i psi_i, z (N, P): (N, M+1)."""
         means = np.zeros((z.shape[0], self.order + 1))
         means[:, 0] = 1.0
         means[:, 2] = np.sum(z**2, axis=1)
@@ -384,7 +384,7 @@ class GalerkinPowers:
         return means
 
     def projections(self, z: Array) -> Array:
-        """E[Z^m psi_i], m = 0..M-1, of expansions Z with coefficients z (N, P): (N, M, P)."""
+        """Expectations E[Z^m psi_i], m = 0..M-1, with Z = sum_i z_i psi_i, z (N, P): (N, M, P)."""
         found = np.zeros((z.shape[0], self.order, z.shape[1]))
         found[:, 0, self.constant] = 1.0
         found[:, 1] = z
@@ -407,7 +407,7 @@ class GalerkinPowers:
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """The multiplication of a power Z^k, with J coefficients, by every psi_i.
+    """The multiplication of Z^k, an expansion with J terms, by each polynomial psi_i of the basis.
 
     `keys` (L,) are the keys of the polynomials in the result (see `_strides`); `places` (J,) are
     the positions of the polynomials of Z^k among them. Multiplication by psi_i changes only the
@@ -428,7 +428,7 @@ class Product:
         tables: tuple[Linearization, ...],
         within: Indices | None,
     ) -> Product:
-        """The product of the polynomials psi_i with those of Z^k.
+        """Build the product of the polynomials psi_i of the basis with those of a power Z^k.
 
         `functions` (P, n) are the multi-indices of the psi_i, `keys` (J,) the polynomials of Z^k.
         If the keys `within` are given, the result is restricted to these polynomials.
@@ -455,7 +455,7 @@ class Product:
         return following
 
     def projected(self, power: Array, following: Array) -> tuple[Array, Array]:
-        """The projections of two powers on each psi_i, both (P, N).
+        """The projections of Z^(2k) and Z^(2k+1) on each polynomial psi_i, both (P, N).
 
         E[Z^(2k) psi_i] = <Z^k psi_i, Z^k> and E[Z^(2k+1) psi_i] = <Z^k psi_i, Z^(k+1)>, where
         `power` and `following` are the coefficients of Z^k and Z^(k+1).

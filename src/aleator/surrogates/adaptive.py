@@ -253,12 +253,12 @@ class AdaptiveSurfaces:
 
     @property
     def box(self) -> Array:
-        """The region that the surfaces cover, (n, 2)."""
+        """The region of the parameters that the surfaces cover, lower and upper limits (n, 2)."""
         return self.emulator.box
 
     @property
     def total_runs(self) -> int:
-        """Runs of all experiments together."""
+        """The number of runs of all experiments together."""
         return int(self.emulator.runs.sum())
 
     @property

@@ -99,7 +99,7 @@ class Emulator(ABC):
 
     @property
     def box(self) -> Array:
-        """The region that the surfaces cover, (n, 2)."""
+        """The region of the parameters that the surfaces cover, lower and upper limits (n, 2)."""
         return self.axes.box
 
     @abstractmethod

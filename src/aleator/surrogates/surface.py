@@ -296,12 +296,12 @@ class Surface:
 
     @property
     def box(self) -> Array:
-        """The region of the parameters, (n, 2)."""
+        """The region of the parameters that the surfaces cover, lower and upper limits (n, 2)."""
         return self.axes.box
 
     @property
     def total_runs(self) -> int:
-        """Runs of all experiments together."""
+        """The number of runs of all experiments together."""
         return int(self.runs.sum())
 
     def take(self, rows: Indices) -> Surface:
