@@ -236,7 +236,7 @@ class QuadraturePowers:
     at_once: int = 100_000
 
     def means(self, z: Array) -> Array:
-        """The moments E[Z^m], m = 0..M, of the expansions Z = sum_i z_i psi_i, z (N, P): (N, M+1)."""
+        """The moments E[Z^m], m = 0..M, of expansions Z = sum_i z_i psi_i, z (N, P): (N, M+1)."""
         means = np.ones((z.shape[0], self.order + 1))
         for part in blocks(z.shape[0], self.weights.size, self.at_once):
             values = self._values(z[part])
@@ -368,7 +368,7 @@ class GalerkinPowers:
     at_once: int = 1_000_000
 
     def means(self, z: Array) -> Array:
-        """The moments E[Z^m], m = 0..M, of the expansions Z = sum_i z_i psi_i, z (N, P): (N, M+1)."""
+        """The moments E[Z^m], m = 0..M, of expansions Z = sum_i z_i psi_i, z (N, P): (N, M+1)."""
         means = np.zeros((z.shape[0], self.order + 1))
         means[:, 0] = 1.0
         means[:, 2] = np.sum(z**2, axis=1)

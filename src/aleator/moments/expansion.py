@@ -183,7 +183,7 @@ class Basis:
 
     @classmethod
     def normal(cls, count: int) -> Basis:
-        """Hermite polynomials of `count` independent standard normal variates."""
+        """The basis of Hermite polynomials of `count` independent standard normal variates."""
         return cls((Normal(0.0, 1.0),) * count, (np.array([0.0, 1.0]),) * count)
 
     @property
