@@ -160,7 +160,7 @@ def check_nodes(nodes: int | Cubature | None) -> None:
 
 
 class Propagation(Protocol):
-    """A method that computes the moments of N outcomes from alpha (K,), without measurement errors."""
+    """A method that computes moments of N outcomes from alpha (K,), without measurement errors."""
 
     @property
     def inputs(self) -> Inputs:

@@ -271,13 +271,15 @@ class SurfaceFitSettings:
     squares is below this share of the error. The error grows by half a percent, as the root of
     1 + 0.1^2."""
     rounding: float = 1e-14
-    """Terms may be left out in any case up to this share of the largest term."""
+    """The smallest terms of a polynomial are left out in any case if the root of the sum of their
+    squares is below this share of the largest term."""
     group: float = 16.0
     """The number of terms in the smallest group of experiments that are evaluated together."""
     group_growth: float = 1.4
-    """Ratio of the number of terms of one group to that of the group before it."""
+    """Ratio of the number of terms in one group of experiments to that in the next smaller group.
+    """
     groups: int = 40
-    """The largest number of groups."""
+    """The largest number of groups of experiments that are evaluated together."""
     range_points: int = 2048
     """The number of points of the box at which the range of an outcome is sought."""
     range_block: int = 256
