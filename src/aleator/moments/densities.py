@@ -1,8 +1,8 @@
 """Densities of the outcome that are fitted to its moments: the interface, and the normal density.
 
-A choice (`Gaussian()`, `MaximumEntropy(order=4)`) is a `Density`; its `fit` returns a
-`FittedDensity`, N densities at once with a `Status` each. A density that is written down by
-u = (y - mean)/sd needs a few lines: `StandardizedDensity`.
+A `Density` is a kind of density, as `Gaussian()` or `MaximumEntropy(order=4)`. Its `fit` returns a
+`FittedDensity`: N densities at once, each with a `Status`. A user's own density with a formula in
+u = (y - mean)/sd is a subclass of `StandardizedDensity`.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ Codes = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class DensityPartials:
-    """Value for the search at one outcome per experiment, with its exact partial derivatives.
+    """The log-density that a search uses at one outcome per experiment, with exact derivatives.
 
-    `value` (N,) is log f_Y(y) inside the support and its continuation outside; each partial holds
-    the other quantities fixed. `d_standardized` (N, M+1) has a column for every standardized
-    moment that was given; columns 0, 1, 2 are zero because these moments are constants.
-    Units: `value` is the logarithm of 1/outcome, `d_mean` and `d_sd` are 1/outcome. Always finite;
-    `status` (N,) holds `Status` codes.
+    `value` (N,) is log f_Y(y) inside the support; outside it is a finite continuation. `d_mean`,
+    `d_sd` (N,) and `d_standardized` (N, M+1) are its partial derivatives by the mean, the sd and
+    the standardized moments; columns 0, 1, 2 are zero because these moments are constants.
+    Units: `value` is the logarithm of 1/outcome, `d_mean` and `d_sd` are 1/outcome. All numbers are
+    finite; `status` (N,) holds `Status` codes.
     """
 
     value: Array
@@ -45,36 +45,36 @@ class DensityPartials:
 class FittedDensity(Protocol):
     """Densities of the outcomes of N experiments, each with a status.
 
-    An outcome y is (N,), one for each experiment, or (N, G), G for each experiment; answers have
-    the shape of y.
+    Outcomes y are (N,), one for each experiment, or (N, G), G for each experiment. Every method
+    returns an array of the shape of y.
     """
 
     @property
     def status(self) -> Codes:
-        """(N,) `Status` codes of the fits."""
+        """The `Status` code of each fit (N,)."""
 
     def log_pdf(self, y: ArrayLike) -> Array:
-        """Logarithm of the density; -inf outside the support."""
+        """Logarithm of the density at y; -inf outside the support."""
 
     def pdf(self, y: ArrayLike) -> Array:
-        """The density; 0 outside the support."""
+        """The density at y; 0 outside the support."""
 
     def cdf(self, y: ArrayLike) -> Array:
-        """Probability of an outcome not above y."""
+        """Probability that the outcome is at most y."""
 
     def quantile(self, p: ArrayLike) -> Array:
         """Outcomes (N, P) that are not exceeded with probabilities p (P,)."""
 
 
 class FittedMomentDensity(FittedDensity, Protocol):
-    """Densities fitted to moments."""
+    """Densities that are fitted to moments, and can be differentiated by them."""
 
     def sensitivity(self, y: ArrayLike) -> DensityPartials:
-        """Value for the search at y (N,) with its partial derivatives."""
+        """The log-density for a search at y (N,), with its partial derivatives."""
 
 
 class Density(Protocol):
-    """A choice of density that is fitted to moments of the outcome."""
+    """A kind of density that can be fitted to moments of the outcome."""
 
     @property
     def order(self) -> int:
@@ -82,7 +82,7 @@ class Density(Protocol):
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the density in reports."""
 
     def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedMomentDensity:
         """Fit N densities to the moments on the physical ranges lower, upper (N,)."""
@@ -92,49 +92,50 @@ class Density(Protocol):
 
 
 class FittedStandardized(ABC):
-    """f_Y(y) = g(u)/sd for N experiments, u = (y - mean)/sd; methods as in `FittedDensity`.
+    """Base of fitted densities f_Y(y) = g(u)/sd of N outcomes, with u = (y - mean)/sd.
 
-    A subclass gives `moments`, and g by `log_density`, `below` and `partials`. Where sd is not
-    positive the outcome is a point mass at its mean: no density, a cdf with one step. Where a
-    moment is not finite a quantile is NaN.
+    The public methods are those of `FittedDensity`. A subclass gives `moments`, and g by
+    `log_density`, `below` and `partials`. Where sd is not positive the outcome is a point mass at
+    its mean: there is no density, and the cdf is one step. Where a moment is not finite the
+    quantiles are NaN.
     """
 
     moments: Moments
 
     @abstractmethod
     def log_density(self, u: Array) -> Array:
-        """log g at u (N, G)."""
+        """The logarithm of g at u (N, G)."""
 
     @abstractmethod
     def below(self, u: Array) -> Array:
-        """Probability (N, G) of less than u (N, G)."""
+        """Probability (N, G) of a standardized outcome below u (N, G)."""
 
     @abstractmethod
     def partials(self, u: Array) -> DensityPartials:
-        """What a search sees of log g at u (N,), with its partials for an sd of one.
+        """The value that a search uses for log g at u (N,), with its partials for an sd of one.
 
-        `d_mean` is -d log g/du and `d_sd` -u d log g/du, where nothing but u moves with them. The
-        value is finite; where the fit failed it is below log g.
+        `d_mean` is -d log g/du and `d_sd` is -u d log g/du if only u depends on the mean and the
+        sd. The value is finite; where the fit failed it lies below log g.
         """
 
     @property
     def _scatters(self) -> Flags:
-        """(N,) whether the outcome scatters; an sd whose square underflows counts as none."""
+        """Whether each outcome scatters (N,); an sd below 1e-100 counts as no scatter."""
         return np.asarray(self.moments.sd > 1e-100)
 
     @property
     def degenerate(self) -> Flags:
-        """(N,) whether there is no density."""
+        """Whether an outcome has no density (N,): no scatter, or a moment that is not finite."""
         finite: Flags = np.isfinite(self.moments.mean) & np.isfinite(self.moments.sd)
         return ~(finite & self._scatters)
 
     @property
     def status(self) -> Codes:
-        """(N,) SOLVED or DEGENERATE."""
+        """The `Status` code of each density (N,): SOLVED, or DEGENERATE where there is none."""
         return np.where(self.degenerate, Status.DEGENERATE, Status.SOLVED).astype(np.int64)
 
     def safe(self) -> tuple[Array, Array]:
-        """Mean and sd, replaced by 0 and 1 where there is no density."""
+        """Mean and sd (N,), replaced by 0 and 1 where there is no density."""
         none = self.degenerate
         return np.where(none, 0.0, self.moments.mean), np.where(none, 1.0, self.moments.sd)
 
@@ -149,7 +150,7 @@ class FittedStandardized(ABC):
         return np.exp(self.log_pdf(y))
 
     def cdf(self, y: ArrayLike) -> Array:
-        """Probability of an outcome not above y (N,) or (N, G)."""
+        """Probability that the outcome is at most y (N,) or (N, G)."""
         u, _ = self._standardized(y)
         mean = self.moments.mean[:, None]
         step = by_experiment(y, mean.size, "the outcome") >= mean
@@ -165,7 +166,7 @@ class FittedStandardized(ABC):
         return np.where(none[:, None], point[:, None], outcome)
 
     def inverse(self, p: Array) -> Array:
-        """u (N, P) with probabilities p (P,) below, within a million sds."""
+        """Quantiles u (N, P) for the probabilities p (P,), within a million standard deviations."""
         levels = np.broadcast_to(p, (self.moments.mean.size, p.size))
         low, high = np.full(levels.shape, -1.0), np.full(levels.shape, 1.0)
         while np.any(far := (self.below(low) > levels) & (low > -1e6)):
@@ -175,10 +176,10 @@ class FittedStandardized(ABC):
         return invert(self.below, lambda u: np.exp(self.log_density(u)), levels, low, high)
 
     def sensitivity(self, y: ArrayLike) -> DensityPartials:
-        """Value for the search at y (N,) with its partial derivatives.
+        """The log-density for a search at y (N,), with its partial derivatives.
 
-        Where nothing but u moves with them, d log f/d mean = -(d log g/du)/sd and
-        d log f/d sd = -(1 + u d log g/du)/sd. Without a density, or for an outcome that is not
+        If only u depends on the mean and the sd, d log f/d mean = -(d log g/du)/sd and
+        d log f/d sd = -(1 + u d log g/du)/sd. Where there is no density, or the outcome is not
         finite, the value is DEGENERATE_VALUE with zero derivatives.
         """
         outcome = one_per_experiment(y, self.moments.mean.size, "the outcome")
@@ -195,24 +196,25 @@ class FittedStandardized(ABC):
         )
 
     def _standardized(self, y: ArrayLike) -> tuple[Array, Array]:
-        """Outcomes u (N, G) in units of sd about the mean, and sd (N, 1), of safe rows."""
+        """Standardized outcomes u (N, G), and sd (N, 1), with the mean and sd of `safe`."""
         mean, sd = self.safe()
         outcome = by_experiment(y, mean.size, "the outcome")
         return in_sds(outcome, mean[:, None], sd[:, None]), sd[:, None]
 
 
 class StandardizedDensity(ABC):
-    """A density of u = (y - mean)/sd that is written down by moments of u, on the whole line.
+    """A density g of u = (y - mean)/sd on the real line, given by a formula in the moments of u.
 
-    A subclass gives `name`, `order` M and g by `log_density` and `cumulative`, as functions of u
-    (N, G) and of the standardized moments c (N, 1, M+1), c[..., 3] being the skewness. Quantiles
-    come by inversion. The density must have mean zero and standard deviation one.
+    A subclass gives `name`, the order M of the moments it needs, and g by `log_density` and
+    `cumulative`, as functions of u (N, G) and of the standardized moments c (N, 1, M+1); c[..., 3]
+    is the skewness. Quantiles are computed by inversion. g must have mean zero and standard
+    deviation one.
     """
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the density in reports."""
 
     @property
     @abstractmethod
@@ -221,11 +223,11 @@ class StandardizedDensity(ABC):
 
     @abstractmethod
     def log_density(self, u: Array, c: Array) -> tuple[Array, Array, Array]:
-        """log g (N, G), its derivative (N, G) by u, and (N, G, M+1) by the moments; finite."""
+        """log g (N, G), its derivatives by u (N, G) and by c (N, G, M+1); all must be finite."""
 
     @abstractmethod
     def cumulative(self, u: Array, c: Array) -> Array:
-        """Probability (N, G) of less than u."""
+        """Probability (N, G) of a standardized outcome below u."""
 
     def fit(self, moments: Moments, lower: ArrayLike, upper: ArrayLike) -> FittedStandardized:  # noqa: ARG002
         """Fit N densities; the range of the outcome is not used.
@@ -238,7 +240,7 @@ class StandardizedDensity(ABC):
 
 @dataclass(frozen=True)
 class _Written(FittedStandardized):
-    """A `StandardizedDensity` with the moments of N experiments."""
+    """A `StandardizedDensity` that is fitted to the moments of N experiments."""
 
     moments: Moments
     choice: StandardizedDensity
@@ -281,7 +283,7 @@ class Gaussian:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the density in reports."""
         return "gaussian"
 
     def fit(
@@ -297,24 +299,24 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class FittedGaussian(FittedStandardized):
-    """Normal densities of N experiments; methods as in `FittedDensity`."""
+    """Normal densities of N experiments, with the methods of `FittedDensity`."""
 
     moments: Moments
 
     def log_density(self, u: Array) -> Array:
-        """-u^2/2 - log sqrt(2 pi)."""
+        """The standard normal log-density -u^2/2 - log sqrt(2 pi) at u (N, G)."""
         return np.asarray(-0.5 * u**2 - 0.5 * np.log(2.0 * np.pi))
 
     def below(self, u: Array) -> Array:
-        """Phi(u)."""
+        """The standard normal distribution function Phi(u) at u (N, G)."""
         return np.asarray(ndtr(u))
 
     def inverse(self, p: Array) -> Array:
-        """Phi^-1(p) (1, P): the same for all experiments."""
+        """The standard normal quantiles Phi^-1(p) (1, P), one row for all experiments."""
         return np.asarray(ndtri(p))[None]
 
     def partials(self, u: Array) -> DensityPartials:
-        """The slope is -u; no moment above the second acts."""
+        """The log-density at u (N,), with slope -u; moments above the second have no effect."""
         none = np.zeros(self.moments.standardized.shape)
         return DensityPartials(self.log_density(u), u, u**2, none, self.status)
 
@@ -332,7 +334,10 @@ def check_moments(moments: Moments, order: int, name: str) -> None:
 
 
 def by_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
-    """Return values as (N, G); a vector (N,) becomes (N, 1). Raise InputsError otherwise."""
+    """Return G numbers for each experiment as (N, G); a vector (N,) becomes (N, 1).
+
+    Raises InputsError for any other shape.
+    """
     array = np.asarray(values, dtype=float)
     if array.ndim not in (1, 2) or array.shape[0] != experiments:
         raise InputsError(
@@ -343,7 +348,7 @@ def by_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
 
 
 def one_per_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
-    """Return values as (N,). Raise InputsError where the shape differs."""
+    """Return one number for each experiment as (N,). Raise InputsError for another shape."""
     array = np.asarray(values, dtype=float)
     if array.shape != (experiments,):
         raise InputsError(
@@ -354,7 +359,7 @@ def one_per_experiment(values: ArrayLike, experiments: int, what: str) -> Array:
 
 
 def in_sds(y: Array, mean: Array, sd: Array) -> Array:
-    """(y - mean)/sd, cut at 1e100 standard deviations, whose square is finite."""
+    """(y - mean)/sd, limited to +-1e100 so that its square is finite."""
     with np.errstate(over="ignore"):
         return np.clip((y - mean) / sd, -1e100, 1e100)
 
@@ -370,7 +375,7 @@ def probabilities(values: ArrayLike) -> Array:
 
 
 def range_end(values: ArrayLike, experiments: int, what: str) -> Array:
-    """Return an end of the physical range as (N,); one number serves all experiments."""
+    """Return a limit of the physical range as (N,); one number holds for all experiments."""
     array = np.asarray(values, dtype=float)
     return one_per_experiment(
         np.full(experiments, array) if array.ndim == 0 else array, experiments, what

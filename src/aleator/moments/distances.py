@@ -15,23 +15,25 @@ from aleator.moments.densities import FittedDensity
 from aleator.moments.moments import NodeOutcomes
 
 LawOfOutcome: TypeAlias = FittedDensity | NodeOutcomes | ArrayLike
-"""A fitted density, weighted nodes, or a sample (R,) or (N, R)."""
+"""A law of the outcome: a fitted density, weighted nodes, or a sample (R,) or (N, R)."""
 
 Cdf: TypeAlias = Callable[[Array], Array]
 
 
 def earth_movers_distance(a: LawOfOutcome, b: LawOfOutcome) -> Array:
-    """Distance (N,) of the laws a and b of the outcomes of N experiments, in the outcome's unit.
+    """Earth mover's distance (N,) between laws a and b of N outcomes, in the outcome's unit.
 
-    The least work that turns one heap of probability into the other (paper, appendix "Earth
-    mover's distance", a transport problem), which in one dimension is int |F_a(y) - F_b(y)| dy
-    (Vallender, 1974). Each of a and b is a fitted density (N of them), `NodeOutcomes` (N, J) with
-    their weights, a sample (N, R), or a sample (R,) that serves all experiments; one experiment
-    serves N.
+    The distance is the least work that turns one heap of probability into the other (paper,
+    appendix "Earth mover's distance", a transport problem). In one dimension it equals
+    int |F_a(y) - F_b(y)| dy with the cdfs F_a and F_b (Vallender, 1974). Each of a and b is a set
+    of N fitted densities, `NodeOutcomes` (N, J) with their weights, or a sample (N, R). A sample
+    (R,), or a law of one experiment, is compared with the laws of all N experiments.
 
-    Exact to rounding between nodes and samples, at O(N J log J). With a density: Gauss-Legendre
-    between quantiles, jumps and crossings; between densities without spikes the relative error is
-    below 1e-7, at some 4000 values of each cdf an experiment; with J jumps some 30 J more.
+    Between nodes and samples the result is exact to rounding, at a cost of O(N J log J). With a
+    density the integral is computed by Gauss-Legendre rules between the quantiles of the density,
+    the jumps of the other cdf and the crossings of both. Between densities without spikes the
+    relative error is below 1e-7, for some 4000 values of each cdf per experiment; J jumps add some
+    30 J values.
     Raises InputsError for a weight that is negative, weights that do not sum to one, an outcome
     that is not finite, or numbers of experiments that differ. A density without finite
     quantiles gives NaN.
@@ -57,10 +59,11 @@ def earth_movers_distance(a: LawOfOutcome, b: LawOfOutcome) -> Array:
 
 @dataclass(frozen=True)
 class _Distributions:
-    """The cdfs of some experiments, which are smooth between `breaks` (count, B), or `steps`.
+    """The cdfs of several experiments, in pieces between the outcomes `breaks` (count, B).
 
-    `within(pieces (N, G))` is the cdf (N, G) -> (N, G) of places that lie in the same pieces, which
-    have no breaks, as those.
+    Between two breaks a cdf is smooth, or constant if `steps`. `within` takes one outcome in each
+    piece (N, G) and returns a function that evaluates the cdfs at other outcomes (N, G) of the same
+    pieces.
     """
 
     breaks: Array
@@ -69,7 +72,7 @@ class _Distributions:
 
 
 def _levels() -> Array:
-    """Probabilities at whose quantiles a density is cut into panels."""
+    """Probabilities whose quantiles divide the outcomes into intervals of integration."""
     tail = np.logspace(-13.0, -2.0, 12)
     return np.concatenate([tail, np.linspace(0.02, 0.98, 49), 1.0 - tail[::-1]])
 
@@ -89,7 +92,7 @@ def _law(given: LawOfOutcome) -> _Distributions:
 
 
 def _smooth(density: FittedDensity) -> _Distributions:
-    """Fitted densities, with quantiles as breaks; one density serves all experiments."""
+    """The cdfs of fitted densities, with their quantiles as breaks."""
     quantiles = density.quantile(_levels())
 
     def within(pieces: Array) -> Cdf:
@@ -101,7 +104,7 @@ def _smooth(density: FittedDensity) -> _Distributions:
 
 
 def _steps(y: Array, weights: Array) -> _Distributions:
-    """Weighted outcomes (N, J)."""
+    """The step cdfs of outcomes y (N, J) with weights (J,); InputsError where they are no law."""
     if not np.isfinite(y).all():
         raise InputsError(
             "an outcome of the earth mover's distance is not finite", "leave its experiment out"
@@ -139,11 +142,14 @@ def _rows(values: Array, count: int) -> Array:
 
 
 def _between(excess: Cdf, left: Array, right: Array, nodes: int = 8) -> Array:
-    """int |excess| (N,) over panels (N, P) on which it is smooth; each is cut where it is zero."""
+    """int |excess| (N,), summed over P intervals; each is divided where the excess is zero.
+
+    `left` and `right` (N, P) are the ends of the intervals, within which the excess is smooth.
+    """
     crossing = _crossings(excess, left, right)
     x, w = np.polynomial.legendre.leggauss(nodes)
     total = np.zeros(len(left))
-    # a panel without a crossing has one of no width at its right end
+    # An interval without a crossing is divided at its right end: its second part has no width.
     for start, end in ((left, crossing), (crossing, right)):
         for t, weight in zip(0.5 * (x + 1.0), 0.5 * w, strict=True):
             height = np.abs(excess(start + t * (end - start)))
@@ -152,9 +158,10 @@ def _between(excess: Cdf, left: Array, right: Array, nodes: int = 8) -> Array:
 
 
 def _crossings(excess: Cdf, left: Array, right: Array, passes: int = 12) -> Array:
-    """Where the two cdfs cross in each panel, its right end where they do not.
+    """The outcome (N, P) where the two cdfs cross in each interval, or its right end if nowhere.
 
-    Regula falsi in the version of Illinois. An error of the place enters the integral squared.
+    The root is found by regula falsi in the Illinois version. An error of the root enters the
+    integral only squared.
     """
     at_low, at_high = excess(left), excess(right)
     crosses = at_low * at_high < 0.0
@@ -166,7 +173,7 @@ def _crossings(excess: Cdf, left: Array, right: Array, passes: int = 12) -> Arra
         guess = np.where(crosses, np.clip(guess, low, high), right)
         at_guess = excess(guess)
         lower = at_guess * at_low > 0.0
-        # an end that stays twice counts half
+        # Illinois: the value at an end that stays twice in a row is halved.
         at_high = np.where(lower, np.where(side < 0.0, 0.5 * at_high, at_high), at_guess)
         at_low = np.where(lower, at_guess, np.where(side > 0.0, 0.5 * at_low, at_low))
         low, high = np.where(lower, guess, low), np.where(lower, high, guess)

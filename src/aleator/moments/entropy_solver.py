@@ -1,10 +1,11 @@
-"""Maximum-entropy densities of standardized outcomes: solved, checked, with their fallback.
+"""The solver of maximum-entropy densities: it solves, checks, and falls back to fewer moments.
 
-With phi_k orthonormal on t in [-1, 1] and targets p = E phi, the multipliers minimize the convex
-dual log Z(lambda) - lambda.p, Z = (1/2) int exp(lambda.phi) dt (paper, appendix "Maximum entropy
-distribution", with the other sign of lambda). Its gradient is E phi - p and its Hessian is the
-covariance of phi. Products phi_i phi_j are sums of phi_k, k <= 2M, so that one product of the
-exponentials with a table gives value, gradient and Hessian of all experiments.
+The density is exp(lambda.phi(t))/Z with Legendre polynomials phi_1..phi_M, orthonormal on [-1, 1].
+Given the expectations p that E phi is to have, the multipliers lambda minimize the convex dual
+function log Z(lambda) - lambda.p with Z = (1/2) int exp(lambda.phi) dt (paper, appendix "Maximum
+entropy distribution", with the other sign of lambda). Its gradient is E phi - p, and its Hessian is
+the covariance of phi. Products phi_i phi_j are sums of phi_k, k <= 2M, so that one matrix product
+gives the value, gradient and Hessian of all experiments.
 """
 
 from __future__ import annotations
@@ -34,23 +35,26 @@ from aleator.moments.legendre import (
 
 @dataclass(frozen=True)
 class EntropySettings:
-    """How the solves are made and checked; chosen by tests/moments/test_maximum_entropy.py.
+    """Settings of the maximum-entropy solver, chosen by tests/moments/test_maximum_entropy.py.
 
-    `panels` (a power of two) of `panel_nodes` nodes at 200 of the solve, more in proportion, serve
-    the check, the cdf and the quantile. A solve whose check leaves a residual above `exact` is
-    polished on so many times the nodes of the check and checked on the second multiple, up to the
-    third residual (`polished`): first for digits, then for modes narrower than those nodes lie
-    apart. Nodes too coarse for a mode mislead a solve and its check alike, so that only the last
-    may leave as much as 1e-6.
+    `panels` (a power of two) is the number of intervals of the piecewise Gauss-Legendre rule that
+    is used for the check, the cdf and the quantile. Each interval has `panel_nodes` nodes if the
+    solve has 200 nodes, and more in proportion. A check fails if the moments of the density miss
+    the given ones by more than `exact`. Such a density is refined (`polish`) in two attempts. Each
+    entry of `polished` gives for one attempt the nodes of its solve and of its check, as multiples
+    of the nodes above, and the miss that is allowed. The first attempt gains digits, the second
+    resolves modes narrower than the distance of the nodes. Nodes that are too coarse for a mode
+    would mislead both a solve and its check, so that only the last attempt may miss by 1e-6.
 
-    Newton's method takes `passes` at most, with a first Levenberg `damping`; undamped from a
-    decrement (twice the distance in entropy) below `near`; one step reaches rounding below `close`.
-    `block` experiments are solved at once: their exponentials at the nodes fit a core's cache.
+    Newton's method takes at most `passes` steps, with an initial Levenberg `damping`. The steps are
+    undamped once the Newton decrement is below `near`, and end once it is below `close`, where one
+    more step is exact to rounding. `block` experiments are solved at once, so that their numbers
+    fit the cache of a core.
 
-    `penalty` is subtracted from the value that a search sees where a density could not be solved: a
-    factor e^5 = 150 in likelihood, more than any plausible gain of a fallback over the density that
-    it replaces, so that the search is repelled from places where it would be guessing. An outcome
-    beyond an edge by less than the part `touch` of half the support lies on the edge.
+    `penalty` is subtracted from the log-density that a search uses where a density could not be
+    solved. It is a factor e^5 = 150 in likelihood, more than a fallback plausibly gains over the
+    density that it replaces, so that the search avoids such places. An outcome outside the support
+    by less than `touch` times half its width counts as lying on its edge.
     """
 
     panels: int = 32
@@ -71,8 +75,10 @@ SETTINGS = EntropySettings()
 
 @dataclass(frozen=True)
 class Expectations:
-    """Of N laws exp(lambda.phi)/Z: log Z (N,), E phi_1..phi_M (N, M) and the covariance (N, M, M)
-    of phi."""
+    """The expectations under N densities exp(lambda.phi)/Z.
+
+    `log_z` (N,) is log Z, `mean` (N, M) is E phi_1..E phi_M, `covariance` (N, M, M) is that of phi.
+    """
 
     log_z: Array
     mean: Array
@@ -80,7 +86,10 @@ class Expectations:
 
 
 def expectations(multipliers: Array, rule: LegendreRule) -> Expectations:
-    """Expectations under exp(multipliers.phi)/Z by a rule; the exponent is shifted by its top."""
+    """Expectations under exp(multipliers.phi)/Z by a quadrature rule.
+
+    The largest exponent is subtracted first, against overflow.
+    """
     order = multipliers.shape[1]
     exponent = multipliers @ rule.basis
     top = exponent.max(axis=1)
@@ -96,9 +105,9 @@ def expectations(multipliers: Array, rule: LegendreRule) -> Expectations:
 
 
 def gaussian_start(a: Array, b: Array, order: int) -> Array:
-    """Multipliers (N, M) of exp(-u^2/2) on [a, b]: the Gaussian of the same mean and sd.
+    """Starting multipliers (N, M): those of the standard normal density exp(-u^2/2) on [a, b].
 
-    u = h t + c gives -u^2/2 = -h c t - h^2 t^2/2 + const, and t^2 = 2 phi_2/(3 sqrt 5) + const.
+    With u = h t + c, -u^2/2 = -h c t - h^2 t^2/2 + const, and t^2 = 2 phi_2/(3 sqrt 5) + const.
     """
     half, center = 0.5 * (b - a), 0.5 * (a + b)
     start = np.zeros((a.size, order))
@@ -109,8 +118,12 @@ def gaussian_start(a: Array, b: Array, order: int) -> Array:
 
 @dataclass
 class _Descent:
-    """The experiments whose dual is not yet minimal: position, value, gradient, Hessian, next
-    step."""
+    """The state of Newton's method for the experiments that have not converged.
+
+    For each experiment: its row, the expectations `target`, the multipliers `position`, the dual
+    function with gradient and Hessian there, the damping, the next step, its Newton decrement, and
+    the part `extra` of the promised fall that is due to the damping.
+    """
 
     rows: Codes
     target: Array
@@ -124,16 +137,16 @@ class _Descent:
     extra: Array
 
     def keep(self, stays: Flags) -> None:
-        """Drop the rows that have arrived."""
+        """Keep only the experiments marked in `stays`; the others have converged."""
         for name, values in vars(self).items():
             setattr(self, name, values[stays])
 
     def advance(self, rule: LegendreRule, near: float) -> None:
-        """Try the step, keep it where the dual falls as promised, and prepare the next one."""
+        """Try the step, accept it where the dual function falls, and prepare the next one."""
         trial = self.position + self.step
         law = expectations(trial, rule)
         trial_value = law.log_z - dot(trial, self.target)
-        # exponents cancel that are as large as the multipliers allow
+        # The rounding error of the dual grows with the largest exponent, which cancels in it.
         largest = np.abs(trial) @ np.sqrt(2.0 * np.arange(1, trial.shape[1] + 1) + 1.0)
         slack = 1e-15 * (1.0 + np.abs(law.log_z) + largest)
         promised = 0.5 * (self.decrement + self.extra)
@@ -152,8 +165,8 @@ class _Descent:
         rows = np.flatnonzero((ratio > 0.5) & (self.decrement < near))
         if rows.size == 0:
             return
-        # the undamped step, where its decrement too says that the end is near; should it fail,
-        # the next one is damped
+        # Near the minimum the undamped step is taken, if its decrement confirms that the minimum is
+        # near. If that step fails, the next one is damped.
         gradient = self.gradient[rows]
         step = substitute(cholesky(self.hessian[rows])[0], -gradient)
         decrement = -dot(gradient, step)
@@ -163,24 +176,25 @@ class _Descent:
 
 
 def damping_factor(ratio: Array, fair: float = 0.25, less: float = 0.1) -> Array:
-    """Of Levenberg's damping, by the part of the promised fall that came true."""
+    """Factor of Levenberg's damping, from the `ratio` of the actual to the promised fall."""
     return np.where(ratio > 1.0 - fair, less, np.where(ratio >= fair, 1.0, 4.0))
 
 
 def minimize_dual(
     target: Array, start: Array, rule: LegendreRule, settings: EntropySettings = SETTINGS
 ) -> tuple[Array, Flags]:
-    """Multipliers (N, M) with E phi = target (N, M), and whether Newton's decrement vanished.
+    """Multipliers (N, M) with E phi = target (N, M), and whether each solve converged (N,).
 
-    Newton's method with Levenberg's damping: (H + mu I) step = p - E phi, mu raised where the dual
-    falls short of its quadratic model. A full Newton step fits the bulk and lets the exponent
-    explode in the tails, which the Hessian does not see; the damping weighs the support evenly
-    (phi is orthonormal for the uniform law) and needs half the passes of a line search. A row
-    leaves the batch as soon as it has converged. Cost: some 7 passes of O(N Q M) at M = 4.
+    Newton's method with Levenberg's damping solves (H + mu I) step = p - E phi, where mu is raised
+    if the dual function falls less than its quadratic model. A full Newton step fits the bulk of
+    the density, but can let the exponent explode in the tails, where the Hessian has no weight. The
+    damping weighs the support evenly (phi is orthonormal for the uniform law) and needs half the
+    steps of a line search. An experiment leaves the batch as soon as it has converged. Cost: some
+    7 steps of O(N Q M) at M = 4, for Q nodes.
     """
     answer, converged = start.copy(), np.zeros(start.shape[0], dtype=bool)
     count, order = start.shape
-    # a first step of length zero is accepted since the value starts at infinity
+    # The first step has length zero. It is accepted because the value starts at infinity.
     descent = _Descent(
         rows=np.arange(count),
         target=target,
@@ -196,7 +210,7 @@ def minimize_dual(
     for _ in range(settings.passes):
         if descent.rows.size == 0:
             break
-        # a trial that overflows is refused
+        # A trial step whose value overflows is refused.
         with np.errstate(over="ignore", invalid="ignore"):
             descent.advance(rule, settings.near)
         close = descent.decrement < settings.close
@@ -210,8 +224,11 @@ def minimize_dual(
 
 @dataclass(frozen=True)
 class Orthonormal:
-    """psi_0..psi_M of N measures: `values` (M+1, N, Q) at the nodes, their coefficients in
-    phi_0..phi_M `legendre` and in 1, u, ..u^M `powers`, both (N, M+1, M+1) and triangular."""
+    """The polynomials psi_0..psi_M that are orthonormal under each of N densities.
+
+    `values` (M+1, N, Q) are their values at the nodes; `legendre` and `powers`, both (N, M+1, M+1)
+    and triangular, are their coefficients in phi_0..phi_M and in 1, u, .., u^M.
+    """
 
     values: Array
     legendre: Array
@@ -221,10 +238,10 @@ class Orthonormal:
 def orthonormal(probability: Array, u: Array, a: Array, b: Array, order: int) -> Orthonormal:
     """Polynomials orthonormal under the probabilities (N, Q) of the outcomes u (N, Q).
 
-    By their recurrence (Stieltjes; Gautschi 2004, sec. 2.2), which never forms a moment above M:
-    beta_(k+1) psi_(k+1) = (u - alpha_k) psi_k - beta_k psi_(k-1), on nodes and coefficients alike;
-    u = h t + c acts on coefficients by t phi_j = s_(j+1) phi_(j+1) + s_j phi_(j-1),
-    s_j = j/sqrt(4 j^2 - 1). Cost O(N Q M).
+    They follow from their recurrence (Stieltjes; Gautschi 2004, sec. 2.2),
+    beta_(k+1) psi_(k+1) = (u - alpha_k) psi_k - beta_k psi_(k-1), which is applied to the values at
+    the nodes and to the coefficients. In coefficients, u = h t + c multiplies by
+    t phi_j = s_(j+1) phi_(j+1) + s_j phi_(j-1), s_j = j/sqrt(4 j^2 - 1). Cost O(N Q M).
     """
     count = a.size
     half, center = 0.5 * (b - a), 0.5 * (a + b)
@@ -253,15 +270,15 @@ def orthonormal(probability: Array, u: Array, a: Array, b: Array, order: int) ->
 
 
 def outcomes_at(rule: LegendreRule, a: Array, b: Array) -> Array:
-    """Outcomes u (N, Q) at the nodes of a rule."""
+    """Standardized outcomes u (N, Q) at the nodes of a rule, on the supports [a, b] (N,)."""
     return np.asarray(0.5 * (a + b)[:, None] + 0.5 * (b - a)[:, None] * rule.nodes)
 
 
 def density_at(multipliers: Array, rule: LegendreRule) -> Array:
-    """Probabilities (N, Q) of the nodes, normalized on them."""
+    """Probabilities (N, Q) of the nodes of a rule under the densities; each row sums to one."""
     exponent = multipliers @ rule.basis
     exponent -= exponent.max(axis=1)[:, None]
-    np.maximum(exponent, -500.0, out=exponent)  # less only costs time, as denormal numbers do
+    np.maximum(exponent, -500.0, out=exponent)  # Smaller numbers would be denormal, and slow.
     probability = rule.weights * np.exp(exponent)
     probability /= probability.sum(axis=1)[:, None]
     return np.asarray(probability)
@@ -277,20 +294,20 @@ def polish(
     rounding: float = 1e-16,
     undamped: float = 1e-6,
 ) -> tuple[Array, Flags]:
-    """Multipliers (N, M) in phi with the standardized moments, and whether they were reached.
+    """Refined multipliers (N, M) for densities whose first solve was inexact; whether converged.
 
-    In the Legendre basis the covariance of a density that is narrow, or has two modes, on a wide
-    support loses its digits: its condition number grows like the 2M-th power of the support over
-    the modes. In polynomials psi_k orthonormal under the present density f (re-orthogonalized at
-    each step, as in Abramov, J. Comput. Phys. 226 (2007) 621) the Hessian of the dual is the
-    identity, E_f psi_k = 0, and the step is the expectation that the moments ask for:
-    lambda.phi += sum_k delta_k psi_k, delta_k = P_k . c, P_k the coefficients in powers of u.
-    Levenberg's damping mu adds the uniform law to the measure of orthogonality, so that the step is
-    bounded where the density has no mass yet. A row arrives where the promised fall of the dual is
-    rounding and the step is Newton's own.
+    In the Legendre basis the covariance loses its digits if the density is narrow, or has two
+    modes, on a wide support: its condition number grows like the 2M-th power of the ratio of the
+    support's width to that of a mode. Therefore polynomials psi_k are used that are orthonormal
+    under the present density f, computed anew at each step (Abramov, J. Comput. Phys. 226 (2007)
+    621). In them the Hessian of the dual is the identity and E_f psi_k = 0. The Newton step is
+    lambda.phi += sum_k delta_k psi_k with delta_k = P_k . c, where P_k are the coefficients of
+    psi_k in powers of u and c the standardized moments. Levenberg's damping mu adds the uniform law
+    to f, so that the step is bounded where f has no mass yet. An experiment has converged if the
+    promised fall of the dual is rounding and the step is practically undamped.
 
-    Cost O(N Q M) a step, some 10 times that of `minimize_dual`, and 10 to 100 steps. It fails
-    where the density is narrower than the nodes of the rule lie apart.
+    Cost O(N Q M) per step, some 10 times that of `minimize_dual`, for 10 to 100 steps. It fails
+    where the density is narrower than the distance of the nodes.
     """
     multipliers, converged = start.copy(), np.zeros(a.size, dtype=bool)
     damping = np.full(a.size, settings.damping)
@@ -298,7 +315,7 @@ def polish(
     for _ in range(settings.passes):
         if active.size == 0:
             break
-        # a trial that overflows is refused
+        # A trial step whose value overflows is refused.
         with np.errstate(all="ignore"):
             step, predicted, ratio = _trial(
                 a[active], b[active], standardized[active],
@@ -322,8 +339,11 @@ def _trial(
     rule: LegendreRule,
     rounding: float = 1e-14,
 ) -> tuple[Array, Array, Array]:
-    """Damped step (N, M), the fall of the dual that it promises (N,), and the share that comes
-    true."""
+    """One damped Newton step of `polish`, and how well the dual function agrees with it.
+
+    Returns the step (N, M), the promised fall of the dual (N,), and the actual over the promised
+    fall (N,).
+    """
     order = multipliers.shape[1]
     density = density_at(multipliers, rule)
     mu = damping[:, None]
@@ -347,16 +367,18 @@ def _trial(
 
 @dataclass(frozen=True)
 class Solution:
-    """Densities f(u) = exp(multipliers.phi(t(u)) - log_z)/(b - a) on [a, b] of N experiments.
+    """Solved densities f(u) = exp(multipliers.phi(t(u)) - log_z)/(b - a) of N experiments.
 
-    `a`, `b` (N,) are the edges in standard deviations from the mean; `lower_moves`, `upper_moves`
-    (N,) tell those that the physical range has set. The others lie at the reach, whose derivatives
-    by the standardized moments are `reach_slope` (N, M+1). `psi` and `powers` (N, M+1, M+1) hold
-    the polynomials orthonormal under f, in phi_0..phi_M and in the powers of u, so that
-    H^-1 = T^T T with T = psi without row and column 0. `order_used` (N,) is M or that of the
-    fallback, whose rows end in zeros, or 0 where none could be solved: then the row is a uniform
-    law that stands for nothing. `residual` (N,) is what the solve misses of the moments by `check`,
-    a rule independent of that of the solve.
+    `a`, `b` (N,) are the edges of the support, in standard deviations from the mean. `lower_moves`
+    and `upper_moves` (N,) say whether the physical range has set a and b. Any other edge lies at -r
+    or r with the half-width r of `reach_of`, whose derivatives by the standardized moments are
+    `reach_slope` (N, M+1). `psi` and `powers` (N, M+1, M+1) are the coefficients of the polynomials
+    orthonormal under f, in phi_0..phi_M and in powers of u. With T = psi without row and column 0,
+    the inverse covariance of phi is T^T T. `order_used` (N,) is the number of moments that the
+    density matches: M, or fewer after a fallback, with the multipliers filled up by zeros. It is 0
+    where no density could be solved; the numbers of that row must not be used. `residual` (N,) is
+    how much the density misses the given moments, computed by the rule `check`, which is not that
+    of the solve. `status` (N,) holds `Status` codes.
     """
 
     a: Array
@@ -374,7 +396,7 @@ class Solution:
     check: LegendreRule
 
     def with_fallback(self, rows: Codes, lower: Solution, check: LegendreRule) -> Solution:
-        """With the densities of a lower order in these rows, where they could be solved."""
+        """This solution, with densities of a lower order in `rows` where these could be solved."""
         kept = np.flatnonzero(lower.order_used)
         changed = {}
         for name in _ARRAYS[:-2]:
@@ -396,12 +418,13 @@ def solve(
     nodes: int,
     settings: EntropySettings = SETTINGS,
 ) -> Solution:
-    """Densities with the standardized moments (N, M+1) on lower, upper (N,), each with a status.
+    """Maximum-entropy densities with standardized moments (N, M+1), each with a status.
 
-    The range, in standard deviations from the mean, is cut at the reach, at least `least`. Where
-    the check refutes a solve it is polished in a basis orthonormal under the density itself; where
-    that fails too, order M-2, M-4, .. 2 within its own reach takes its place and `status` keeps the
-    failure. Cost O(N nodes M) a Newton step.
+    `lower`, `upper` (N,) are the physical range in standard deviations from the mean; the support
+    is this range, cut at a half-width of at least `least` (`reach_of`). Where the check of a solve
+    fails it is refined by `polish`. Where that fails too, a density of the first M-2 moments takes
+    its place, or of M-4, .. 2, on the support for these; `status` keeps the failure. Cost
+    O(N nodes M) per Newton step.
     """
     parts = [
         _solve_block(lower[rows], upper[rows], standardized[rows], least, nodes, settings)
@@ -410,7 +433,7 @@ def solve(
     if len(parts) == 1:
         return parts[0]
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
-    # the finest check serves all
+    # The finest rule of any block serves as the check of all.
     return Solution(**joined, check=max((part.check for part in parts), key=_size))
 
 
@@ -455,8 +478,11 @@ def _multipliers(
     nodes: int,
     settings: EntropySettings,
 ) -> tuple[Array, Array, Codes, int]:
-    """Multipliers (N, M) of one order on the support, what they miss of the moments (N,), their
-    status (N,), and the nodes in a panel of the finest check that was needed."""
+    """Multipliers (N, M) for all given moments on the supports [a, b].
+
+    Returns the multipliers, how much they miss the moments (N,), their status (N,), and the number
+    of nodes per interval of the finest check that was needed.
+    """
     order, panels = standardized.shape[1] - 1, settings.panels
     target = (in_powers @ standardized[:, :, None])[:, :, 0]
     possible = realizable(target)
@@ -466,7 +492,7 @@ def _multipliers(
     first = check = max(settings.panel_nodes, nodes // 15)
 
     def judge(found: Array, converged: Flags, allowed: float) -> Codes:
-        """Keep multipliers that miss the moments by less, and return the rows whose check fails."""
+        """Keep multipliers that are better than before; return the rows whose check still fails."""
         rule = panel_rule(order, panels, check)
         missed = _residual(found, rule, a[hard], b[hard], standardized[hard])
         honest = converged & (missed <= allowed)
@@ -496,9 +522,11 @@ def _orthonormal(
     in_powers: Array,
     smallest_pivot: float = 1e-8,
 ) -> tuple[Array, Array]:
-    """Coefficients (N, M+1, M+1) of the polynomials orthonormal under the densities, in phi and in
-    the powers of u: from the factors of the covariance, or by recurrence where these have lost half
-    their digits."""
+    """Coefficients of the polynomials orthonormal under each density, in phi and in powers of u.
+
+    Both are (N, M+1, M+1). They come from the Cholesky factors of the covariance of phi, or from
+    the recurrence of the polynomials where these factors have lost half their digits.
+    """
     count, order = multipliers.shape
     factor, pivot = cholesky(law.covariance)
     psi = np.zeros((count, order + 1, order + 1))
@@ -520,9 +548,10 @@ def _orthonormal(
 def _residual(
     multipliers: Array, check: LegendreRule, a: Array, b: Array, standardized: Array
 ) -> Array:
-    """Distance of the moments of u, summed at the nodes of the check, from the given ones.
+    """How much each density misses its standardized moments, by the rule `check` (N,).
 
-    Powers of u itself are summed, so that a wrong conversion to Legendre moments shows as well.
+    It is the largest difference over the orders, relative for moments above one. The moments are
+    sums of powers of u, so that an error in the conversion to Legendre moments would show as well.
     """
     u, probability = outcomes_at(check, a, b), density_at(multipliers, check)
     found = np.empty_like(standardized)

@@ -1,9 +1,10 @@
 """Moments of a polynomial chaos expansion, exact to rounding, with derivatives.
 
-`prepare(basis, indices, order)` is the paper's offline step; its result gives the moments of any
-coefficients: with Z = sum_i z_i psi_i, without the constant, E[Z^m] for m = 0..M (`means`) and
-E[Z^m psi_i] for m = 0..M-1 (`projections`), which is the derivative of E[Z^(m+1)]/(m+1) by z_i.
-Both ways are exact: `ExactQuadrature` for few parameters, `Galerkin` for many.
+`prepare(basis, indices, order)` is the offline step of the paper: it computes all that does not
+depend on the coefficients. Its result gives the moments for any coefficients. Let
+Z = sum_i z_i psi_i be an expansion without the constant. Then `means` are E[Z^m] for m = 0..M, and
+`projections` are E[Z^m psi_i] for m = 0..M-1, the derivative of E[Z^(m+1)]/(m+1) by z_i. There are
+two exact methods: `ExactQuadrature` for few parameters, `Galerkin` for many.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from aleator.moments.moments import Moments
 
 @dataclass(frozen=True)
 class ExpansionMoments:
-    """Moments to `order` of Y = sum_i c_i psi_i, ready for any coefficients.
+    """The moments to `order` of Y = sum_i c_i psi_i as functions of the coefficients c.
 
-    Made by `prepare`; this is the paper's offline step, `moments` its online step.
+    It is the result of `prepare`, the offline step of the paper; `moments` is the online step.
     """
 
     indices: Indices
@@ -38,10 +39,11 @@ class ExpansionMoments:
     def moments(self, coefficients: ArrayLike) -> Moments:
         """Mean, sd and standardized moments to `order` of the expansions c (N, P).
 
-        The mean is c_0, the variance the sum of the other c_i^2, and powers are taken of
-        z = (Y - mean)/sd, whose coefficients are c_i/sd without the constant: raw moments of an
-        outcome with little scatter lose all digits. An expansion without scatter has sd 0 and
-        standardized moments of zero. Raises InputsError for coefficients of another shape.
+        The mean is c_0, and the variance is the sum of the other c_i^2. Powers are taken of
+        z = (Y - mean)/sd, whose coefficients are c_i/sd without the constant, because raw moments
+        of an outcome with little scatter lose all digits. An expansion without scatter has sd 0 and
+        standardized moments of zero from order 3 on. Raises InputsError for coefficients of another
+        shape.
 
         >>> indices = np.array([[0], [1], [2]])
         >>> ready = prepare(Basis.normal(1), indices, 4)
@@ -55,9 +57,9 @@ class ExpansionMoments:
 
     @single_threaded
     def moments_with_gradient(self, coefficients: ArrayLike) -> Moments:
-        """Moments as `moments`, with derivatives by the coefficients: the last axis is P.
+        """The moments of `moments` with their derivatives by the coefficients, on a last axis P.
 
-        d mu_m/d c_i = m E[(Y - mean)^(m-1) psi_i] of the central moments, hence
+        The central moments mu_m have d mu_m/d c_i = m E[(Y - mean)^(m-1) psi_i]. With z_i = c_i/sd,
         d E[z^m]/d c_i = (m/sd) (E[z^(m-1) psi_i] - E[z^m] z_i), and zero for the constant.
         """
         c = self._checked(coefficients)
@@ -65,7 +67,7 @@ class ExpansionMoments:
         projections = self.powers.projections(z)
         mean_at = constant(self.indices)
         standardized = np.zeros((c.shape[0], self.order + 1))
-        # E[z^m] = sum_i z_i E[z^(m-1) psi_i]
+        # The moments follow from the projections: E[z^m] = sum_i z_i E[z^(m-1) psi_i].
         standardized[:, 1:] = np.einsum("np,nmp->nm", z, projections)
         _exact_by_definition(standardized)
         scale = np.where(sd > 0.0, sd, np.inf)[:, None, None]
@@ -91,11 +93,11 @@ class ExpansionMoments:
         mean_at = constant(self.indices)
         scattering = c.copy()
         scattering[:, mean_at] = 0.0
-        # scaled before it is squared: no overflow, no underflow
+        # The coefficients are scaled before they are squared, against overflow and underflow.
         largest = np.abs(scattering).max(axis=1)
         safe = np.where(largest > 0.0, largest, 1.0)[:, None]
         sd = largest * np.linalg.norm(scattering / safe, axis=1)
-        # scatter at the level of rounding is no scatter, as for weighted outcomes
+        # Scatter as small as the rounding error counts as no scatter, as for weighted outcomes.
         sd = np.where(sd > 1e-14 * np.abs(c[:, mean_at]), sd, 0.0)
         return c[:, mean_at].copy(), sd, scattering / np.where(sd > 0.0, sd, np.inf)[:, None]
 
@@ -103,13 +105,12 @@ class ExpansionMoments:
 def prepare(
     basis: Basis, indices: Indices, order: int, way: ExactQuadrature | Galerkin | None = None
 ) -> ExpansionMoments:
-    """The offline step: everything about moments to `order` that the coefficients do not change.
+    """The offline step: compute all that the moments to `order` need besides the coefficients.
 
-    `indices` (P, n) are the polynomials in the order of the coefficients, in any order and of any
-    shape, the constant among them; `order` M is at least 2. The way is the `cheapest` unless one is
-    given. Raises InputsError for indices that are
-    negative, double or without the constant, and where the way needs more memory than is sensible;
-    cost: see the way.
+    `indices` (P, n) are the multi-indices in the order of the coefficients; they may be any set in
+    any order that includes the constant. `order` M is at least 2. `way` is the method, by default
+    the `cheapest`; its cost is given there. Raises InputsError for indices that are negative,
+    double or without the constant, and where the method would need too much memory.
 
     >>> normal = prepare(Basis.normal(1), np.array([[0], [1]]), 8).moments([[3.0, 0.1]])
     >>> normal.standardized.round(9).tolist()
@@ -123,7 +124,7 @@ def prepare(
 
 
 def _checked(basis: Basis, given: ArrayLike) -> Indices:
-    """The multi-indices (P, n) as whole numbers that nobody can change."""
+    """The multi-indices (P, n) as a read-only array of whole numbers; InputsError if not valid."""
     array = np.asarray(given)
     indices = np.array(array, dtype=np.intp, order="C", copy=True)
     if indices.ndim != 2 or indices.shape[1] != len(basis.laws) or indices.size == 0:
@@ -144,7 +145,7 @@ def _checked(basis: Basis, given: ArrayLike) -> Indices:
 
 
 def _exact_by_definition(standardized: Array) -> Array:
-    """Columns 0, 1, 2 free of rounding, as the solvers of densities expect them."""
+    """Set the standardized moments of orders 0, 1, 2 to 1, 0, 1, free of rounding errors."""
     standardized[:, 0], standardized[:, 1], standardized[:, 2] = 1.0, 0.0, 1.0
     return standardized
 
@@ -152,11 +153,14 @@ def _exact_by_definition(standardized: Array) -> Array:
 def cheapest(
     basis: Basis, indices: Indices, order: int, nodes_an_entry: float = 0.1
 ) -> ExactQuadrature | Galerkin:
-    """The way that should take less time, by counts of nodes and of entries of the products.
+    """The method that should take less time: quadrature or Galerkin products.
 
-    With few parameters quadrature wins, with five or more Galerkin products. A node costs as much
-    as ten bounded entries (`nodes_an_entry`), by seconds on one core for 1 to 10 parameters,
-    degrees 2 to 8, orders 4 to 8, Hermite and Laguerre (`python -m benchmarks moments`).
+    The cost of quadrature grows with its number of nodes, that of Galerkin products with their
+    number of coefficients that are not zero (entries), for which there is a bound. The estimate
+    compares the nodes with `nodes_an_entry` times this bound: one node takes about as long as ten
+    entries. This was timed on one core for 1 to 10 parameters, degrees 2 to 8, orders 4 to 8,
+    Hermite and Laguerre polynomials (`python -m benchmarks moments`). Quadrature is faster with few
+    parameters, Galerkin products with five or more.
 
     >>> from aleator.moments.expansion import TotalDegree
     >>> def choice(n, d, order):
@@ -175,21 +179,23 @@ def cheapest(
 
 @dataclass(frozen=True)
 class ExactQuadrature:
-    """Tensor Gauss quadrature of the powers of the polynomial itself.
+    """The method that integrates powers of the polynomial by tensor Gauss quadrature.
 
-    floor(M d_k/2) + 1 Gauss nodes for parameter k are exact for polynomials of degree M d_k.
+    Parameter k, of degree d_k, has floor(M d_k/2) + 1 Gauss nodes, which are exact for polynomials
+    of degree M d_k.
 
     The polynomial is evaluated on the tensor grid one parameter at a time (sum factorization), so
-    that a node costs about d_k + 1 multiplications instead of P. Cost: no offline step to speak of;
-    online O(N J (d + M)) with J = prod_k (floor(M d_k/2) + 1) nodes: 4,096 for (n, d, M) =
-    (4, 3, 5), hopeless beyond six parameters, where `Galerkin` is the way. Raises InputsError for
-    more than 5e7 nodes, whose values fill 400 MB.
+    that a node costs about d_k + 1 multiplications instead of P. The offline step takes almost no
+    time. The online cost is O(N J (d + M)) with J = prod_k (floor(M d_k/2) + 1) nodes: 4,096 nodes
+    for n = 4 parameters, degree d = 3 and order M = 5. Beyond six parameters there are too many
+    nodes, and `Galerkin` should be used. Raises InputsError for more than `most` nodes (5e7), whose
+    values fill 400 MB.
     """
 
     most: int = 50_000_000
 
     def powers(self, basis: Basis, indices: Indices, order: int) -> QuadraturePowers:
-        """Weights, and the polynomials of each parameter at its nodes."""
+        """The quadrature rule for moments to `order`, and the polynomials at its nodes."""
         nodes, degrees = node_count(indices, order), highest(indices)
         if nodes > self.most:
             raise InputsError(
@@ -200,7 +206,7 @@ class ExactQuadrature:
         tables, weights = [], np.ones(())
         for k, degree in enumerate(degrees):
             _, w, p = basis.exact_rule(k, order * degree)
-            # with order 2 or more there are more nodes than degrees
+            # From order 2 on there are more nodes than degrees.
             tables.append(np.ascontiguousarray(p[:, : degree + 1]))
             weights = np.multiply.outer(weights, w)
         shape = tuple(degree + 1 for degree in degrees)
@@ -215,9 +221,11 @@ def node_count(indices: Indices, order: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class QuadraturePowers:
-    """Weights (J,), and `tables` (q_k, d_k + 1) of the polynomials at each parameter's nodes.
+    """Moments of expansions by a tensor Gauss rule with J nodes.
 
-    `at_once` values of the polynomial are held, so that they stay in the cache.
+    `weights` (J,) are those of the rule. `tables` hold each parameter's polynomials at its q_k
+    nodes, (q_k, d_k + 1). `shape` and `places` say where each coefficient stands in a tensor of all
+    degrees. At most about `at_once` values are computed at a time, so that they stay in the cache.
     """
 
     order: int
@@ -228,7 +236,7 @@ class QuadraturePowers:
     at_once: int = 100_000
 
     def means(self, z: Array) -> Array:
-        """E[Z^m] for m = 0..M, as (N, M+1)."""
+        """The moments E[Z^m], m = 0..M, of expansions Z = sum_i z_i psi_i, z (N, P): (N, M+1)."""
         means = np.ones((z.shape[0], self.order + 1))
         for part in blocks(z.shape[0], self.weights.size, self.at_once):
             values = self._values(z[part])
@@ -239,7 +247,7 @@ class QuadraturePowers:
         return means
 
     def projections(self, z: Array) -> Array:
-        """E[Z^m psi_i] for m = 0..M-1, as (N, M, P)."""
+        """Expectations E[Z^m psi_i], m = 0..M-1, with Z = sum_i z_i psi_i, z (N, P): (N, M, P)."""
         found = np.zeros((z.shape[0], self.order, z.shape[1]))
         for part in blocks(z.shape[0], self.weights.size, self.at_once):
             values = self._values(z[part])
@@ -250,17 +258,17 @@ class QuadraturePowers:
         return found
 
     def _values(self, z: Array) -> Array:
-        """The polynomials at all nodes, (N, J)."""
+        """The values of the expansions with coefficients z (N, P) at all nodes, (N, J)."""
         grid = np.zeros((z.shape[0], int(np.prod(self.shape))))
         grid[:, self.places] = z
         grid = grid.reshape(-1, *self.shape)
         for table in self.tables:
-            # each turn replaces the first axis of degrees and appends its nodes as the last axis
+            # Each turn sums over the first axis of degrees and appends its nodes as the last axis.
             grid = np.tensordot(grid, table, axes=(1, 1))
         return grid.reshape(z.shape[0], -1)
 
     def _project(self, weighted: Array) -> Array:
-        """Sums over the nodes of weighted values (N, J) times every psi_i, (N, P)."""
+        """Sums (N, P) over the nodes of weighted values (N, J) times each polynomial psi_i."""
         grid = weighted.reshape(-1, *(table.shape[0] for table in self.tables))
         for table in self.tables:
             grid = np.tensordot(grid, table, axes=(1, 0))
@@ -272,22 +280,23 @@ class QuadraturePowers:
 
 @dataclass(frozen=True)
 class Galerkin:
-    """Repeated Galerkin products: powers of an expansion are expansions.
+    """The method of repeated Galerkin products, in which powers of an expansion are expansions.
 
-    Z^(k+1) = Z^k Z, E[Z^(2k)] = <Z^k, Z^k>, E[Z^(2k+1)] = <Z^k, Z^(k+1)>. The products are exact:
-    Z^k is expanded in all functions that can occur in it, with the linearization coefficients
-    <psi_i psi_j psi_l> = prod_k <p_(i_k) p_(j_k) p_(l_k)>, of which few are not zero. Powers to
-    floor(M/2) are enough; the basis of Z^k has degree k d. Even moments are sums of squares: no
-    cancellation at all. Cost: offline and, for each experiment, online O(number of entries), for
-    degree d at most P |D_k| 2^d where |D_k| functions occur in Z^k, k = floor((M - 1)/2). Ten
-    parameters: degree 2 to M = 8, degree 3 to M = 4. Raises InputsError where there may be more
-    than 1e8 entries, which fill 1.2 GB.
+    Z^(k+1) = Z^k Z, E[Z^(2k)] = <Z^k, Z^k>, E[Z^(2k+1)] = <Z^k, Z^(k+1)>, with <f, g> = E[f g]. The
+    products are exact: Z^k is expanded in all polynomials that can occur in it, with the
+    linearization coefficients <psi_i psi_j psi_l> = prod_k <p_(i_k) p_(j_k) p_(l_k)>, of which few
+    are not zero. Powers to floor(M/2) are enough; Z^k has degree k d. Even moments are sums of
+    squares and suffer no cancellation. The cost, offline and online for each experiment, is
+    proportional to the number of coefficients that are not zero (entries). With degree d there are
+    at most P |D_k| 2^d entries, where |D_k| polynomials occur in Z^k and k = floor((M - 1)/2). For
+    ten parameters degree 2 is possible up to M = 8, and degree 3 up to M = 4. Raises InputsError
+    where there may be more than `most` entries (1e8), which fill 1.2 GB.
     """
 
     most: int = 100_000_000
 
     def powers(self, basis: Basis, indices: Indices, order: int) -> GalerkinPowers:
-        """The products psi_i psi_j of the basis with those of every power."""
+        """The products of the polynomials with powers of an expansion, for moments to `order`."""
         entries, degrees = entry_bound(basis, indices, order), highest(indices)
         levels = _levels(order)
         strides = _strides(degrees, order)
@@ -303,7 +312,7 @@ class Galerkin:
         )
         keys, products = indices @ strides, []
         for level in range(1, levels + 1):
-            # E[Z^(2k+1)] asks of Z^(k+1) only what Z^k holds
+            # E[Z^(2k+1)] needs of Z^(k+1) only the polynomials that occur in Z^k.
             within = np.unique(keys) if order == 2 * level + 1 else None
             products.append(Product.of(indices, keys, strides, tables, within))
             keys = products[-1].keys
@@ -311,11 +320,11 @@ class Galerkin:
 
 
 def entry_bound(basis: Basis, indices: Indices, order: int) -> float:
-    """An upper bound of the entries of the last product, from counts of functions alone.
+    """An upper bound of the number of coefficients that are not zero in the last Galerkin product.
 
-    psi_i psi_j holds at most prod_k (i_k + 1) functions where all weights are symmetric, and
-    prod_k (2 i_k + 1) otherwise; Z^k at most as many as its largest degrees and its largest total
-    degree allow.
+    psi_i psi_j is a sum of at most prod_k (i_k + 1) polynomials if all laws are symmetric, and of
+    prod_k (2 i_k + 1) otherwise. Z^k has at most as many as its largest degree in each parameter
+    and its largest total degree allow.
     """
     level = _levels(order)
     degrees = highest(indices)
@@ -331,12 +340,15 @@ def entry_bound(basis: Basis, indices: Indices, order: int) -> float:
 
 
 def _levels(order: int) -> int:
-    """The products by which moments to an order are known."""
+    """The number of products Z^k Z that the moments to `order` need."""
     return max((order - 1) // 2, 1)
 
 
 def _strides(degrees: tuple[int, ...], order: int) -> Indices | None:
-    """Strides by which a multi-index of any power becomes one whole number, None if too large."""
+    """Strides s (n,) that turn a multi-index k of any power into one key, the whole number k . s.
+
+    None where the keys would exceed 62 bits.
+    """
     sizes = [order * degree + 1 for degree in degrees]
     if prod(sizes) >= 2**62:
         return None
@@ -345,9 +357,9 @@ def _strides(degrees: tuple[int, ...], order: int) -> Indices | None:
 
 @dataclass(frozen=True, eq=False)
 class GalerkinPowers:
-    """The products that give Z^2 of Z, from it Z^3, Z^4, ..
+    """Moments of expansions Z by products that give Z^2, Z^3, .. one after the other.
 
-    `at_once` coefficients of a power are held: experiments are taken in parts.
+    The experiments are taken in parts, with about `at_once` coefficients of a power at a time.
     """
 
     order: int
@@ -356,7 +368,7 @@ class GalerkinPowers:
     at_once: int = 1_000_000
 
     def means(self, z: Array) -> Array:
-        """E[Z^m] for m = 0..M, as (N, M+1)."""
+        """The moments E[Z^m], m = 0..M, of expansions Z = sum_i z_i psi_i, z (N, P): (N, M+1)."""
         means = np.zeros((z.shape[0], self.order + 1))
         means[:, 0] = 1.0
         means[:, 2] = np.sum(z**2, axis=1)
@@ -372,7 +384,7 @@ class GalerkinPowers:
         return means
 
     def projections(self, z: Array) -> Array:
-        """E[Z^m psi_i] for m = 0..M-1, as (N, M, P)."""
+        """Expectations E[Z^m psi_i], m = 0..M-1, with Z = sum_i z_i psi_i, z (N, P): (N, M, P)."""
         found = np.zeros((z.shape[0], self.order, z.shape[1]))
         found[:, 0, self.constant] = 1.0
         found[:, 1] = z
@@ -395,10 +407,11 @@ class GalerkinPowers:
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """Multiplication of Z^k by every psi_i: coefficients (J,) to coefficients (L,).
+    """The multiplication of Z^k, an expansion with J terms, by each polynomial psi_i of the basis.
 
-    `keys` (L,) name the functions of the result; `places` (J,) are the functions of Z^k in it.
-    Multiplication by psi_i reaches only the functions `rows[i]` (R_i,), by `matrices[i]` (R_i, J).
+    `keys` (L,) are the keys of the polynomials in the result (see `_strides`); `places` (J,) are
+    the positions of the polynomials of Z^k among them. Multiplication by psi_i changes only the
+    coefficients `rows[i]` (R_i,) of the result, by the sparse matrix `matrices[i]` (R_i, J).
     """
 
     keys: Indices
@@ -415,8 +428,11 @@ class Product:
         tables: tuple[Linearization, ...],
         within: Indices | None,
     ) -> Product:
-        """The product of `functions` (P, n) with those of Z^k, `keys`; only what is `within`, if
-        given."""
+        """Build the product of the polynomials psi_i of the basis with those of a power Z^k.
+
+        `functions` (P, n) are the multi-indices of the psi_i, `keys` (J,) the polynomials of Z^k.
+        If the keys `within` are given, the result is restricted to these polynomials.
+        """
         indices = _decoded(keys, strides)
         entries = [multiply(factor, indices, strides, tables) for factor in functions]
         if within is None:
@@ -431,7 +447,7 @@ class Product:
         return cls(within, np.searchsorted(within, keys), tuple(reached), tuple(matrices))
 
     def multiplied(self, z: Array, power: Array) -> Array:
-        """Z^(k+1) (L, N) of z (P, N) and Z^k (J, N)."""
+        """Coefficients of Z^(k+1) (L, N) from those of Z, z (P, N), and of Z^k, `power` (J, N)."""
         following = np.zeros((self.keys.size, z.shape[1]))
         for factor, rows, matrix in zip(z, self.rows, self.matrices, strict=True):
             if factor.any():
@@ -439,12 +455,16 @@ class Product:
         return following
 
     def projected(self, power: Array, following: Array) -> tuple[Array, Array]:
-        """E[Z^(2k) psi_i] = <Z^k psi_i, Z^k> and E[Z^(2k+1) psi_i] = <Z^k psi_i, Z^(k+1)>."""
+        """The projections of Z^(2k) and Z^(2k+1) on each polynomial psi_i, both (P, N).
+
+        E[Z^(2k) psi_i] = <Z^k psi_i, Z^k> and E[Z^(2k+1) psi_i] = <Z^k psi_i, Z^(k+1)>, where
+        `power` and `following` are the coefficients of Z^k and Z^(k+1).
+        """
         embedded = np.zeros_like(following)
         embedded[self.places] = power
         even, odd = np.empty((2, len(self.rows), power.shape[1]))
         for i, (rows, matrix) in enumerate(zip(self.rows, self.matrices, strict=True)):
-            # once more instead of kept: the images of all functions fill the memory
+            # The product is computed again, since keeping all of them would fill the memory.
             image = matrix @ power
             even[i] = np.sum(image * embedded[rows], axis=0)
             odd[i] = np.sum(image * following[rows], axis=0)
@@ -467,10 +487,10 @@ def _decoded(keys: Indices, strides: Indices) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """p_g p_j = sum_l C_(gjl) p_l of one parameter, as a list of what is not zero for each g, j.
+    """Coefficients of products of one parameter's polynomials, p_g p_j = sum_l C_(gjl) p_l.
 
-    Row (g, j) are the entries starts[g, j] .. starts[g, j] + counts[g, j] of `shift` = l - j and of
-    `value` = C_(gjl) = <p_g p_j p_l>.
+    Only coefficients that are not zero are listed. Those of the pair (g, j) begin at starts[g, j]
+    and are counts[g, j] in number; `shift` holds l - j, and `value` holds C_(gjl) = <p_g p_j p_l>.
     """
 
     starts: Indices
@@ -480,11 +500,11 @@ class Linearization:
 
 
 def linearization(basis: Basis, k: int, degree: int, most: int, highest: int) -> Linearization:
-    """The coefficients of parameter k for g <= `degree`, j <= `most` and l <= `highest`.
+    """The coefficients C_(gjl) of parameter k for g <= `degree`, j <= `most` and l <= `highest`.
 
-    By a Gauss rule of q nodes that is exact to their sum. Zero, and exactly so, is what
-    orthogonality makes zero: l outside |g - j| .. g + j, and an odd g + j + l for a symmetric
-    weight. Cost O(degree most highest q).
+    They are computed by a Gauss rule of q nodes, which is exact to the sum of these degrees. Those
+    that vanish by orthogonality are left out: l outside |g - j| .. g + j, and an odd g + j + l if
+    the law is symmetric. Cost O(degree most highest q).
 
     >>> products = linearization(Basis.normal(1), 0, 2, 2, 4)    # theta * theta = 1 + sqrt(2) p_2
     >>> row = slice(products.starts[1, 1], products.starts[1, 1] + products.counts[1, 1])
@@ -509,11 +529,12 @@ def linearization(basis: Basis, k: int, degree: int, most: int, highest: int) ->
 def multiply(
     factor: Indices, indices: Indices, strides: Indices, tables: tuple[Linearization, ...]
 ) -> tuple[Indices, Indices, Array]:
-    """psi_factor psi_j = sum_l T_l psi_l for every row j of `indices`: the entries (j, l, T_l).
+    """The products psi_factor psi_j = sum_l T_l psi_l, for every multi-index j in `indices`.
 
-    An entry names j by its row and l by its key, sum_k l_k strides_k. Parameter after parameter
-    every entry is split into those of the univariate product; a parameter of degree zero in
-    `factor` splits nothing, so that the cost is that of the result.
+    Returns one entry for each term: the row of j, the key sum_k l_k strides_k of l, and T_l. The
+    entries are built one parameter after the other by the products of one parameter's polynomials.
+    A parameter of degree zero in `factor` is skipped, so that the cost is proportional to the
+    number of entries.
     """
     rows = np.arange(indices.shape[0])
     keys = indices @ strides

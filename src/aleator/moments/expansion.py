@@ -1,10 +1,10 @@
 """Polynomial chaos expansions of the outcomes of many experiments in many parameters.
 
-Products of the orthonormal polynomials of the parameters (`Basis`), by multi-indices of a set
-(`TotalDegree`, `Hyperbolic`): a multi-index k (n,) stands for
-p_k1(theta_1) .. p_kn(theta_n), and every set is downward closed, with k it holds each k' <= k.
-A design says where to run the simulator; `Expansion` is what its outcomes give, by a way of
-`projection`; from it come the parameters' shares of the variance.
+An expansion is a sum of products of orthonormal polynomials, one for each of n parameters
+(`Basis`). A multi-index k (n,) stands for the product p_k1(theta_1) .. p_kn(theta_n). A set of
+multi-indices (`TotalDegree`, `Hyperbolic`) that contains k contains every k' <= k as well. A design
+says at which points to run the simulator. The module `projection` computes an `Expansion` from the
+outcomes there, and `sobol_indices` gives the parameters' shares of the variance.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from aleator.laws import Inputs, Law, Normal, Rule
 
 
 class IndexSet(Protocol):
-    """A choice of multi-indices that grows with `degree`."""
+    """A rule that says which multi-indices an expansion has; their number grows with `degree`."""
 
     @property
     def degree(self) -> int:
         """The largest degree of a polynomial of one parameter (before its limit)."""
 
     def lowered(self, degree: int) -> Self:
-        """The same choice with another degree."""
+        """This rule with another degree."""
 
     def indices(self, limits: Sequence[int | None]) -> Indices:
-        """Multi-indices (P, n), entry i at most limits[i] (None: as far as the degree goes)."""
+        """Multi-indices (P, n), with entry i at most limits[i]; None sets no limit of its own."""
 
 
 class _OfDegree:
-    """Base of sets (sum_i k_i^q)^(1/q) <= degree, q the norm."""
+    """Base of the sets of multi-indices k with (sum_i k_i^q)^(1/q) <= degree; q is the norm."""
 
     degree: int
 
     @property
     def norm(self) -> float:
-        """q."""
+        """The exponent q of the norm; 1 makes the set that of the total degree."""
         return 1.0
 
     def __post_init__(self) -> None:
@@ -51,7 +51,7 @@ class _OfDegree:
             raise InputsError(f"degree {self.degree} is negative", "use 0 or more")
 
     def indices(self, limits: Sequence[int | None]) -> Indices:
-        """Multi-indices (P, n) in the order of their sum. Cost O(P n)."""
+        """The multi-indices (P, n) of the set, sorted by their sum. Cost O(P n)."""
         tops = (self.degree if limit is None else min(limit, self.degree) for limit in limits)
         costs = [np.arange(top + 1.0) ** self.norm for top in tops]
         return _below(costs, self.degree**self.norm)
@@ -59,8 +59,9 @@ class _OfDegree:
 
 @dataclass(frozen=True)
 class TotalDegree(_OfDegree):
-    """|k|_1 <= degree: P = (n + d)!/(n! d!) without limits, the set of the paper.
+    """The multi-indices k with k_1 + .. + k_n <= degree, the set of the paper.
 
+    For degree d there are P = (n + d)!/(n! d!) of them if no parameter has a limit of its own.
     Raises InputsError for a negative degree.
 
     >>> TotalDegree(2).indices((None, None)).tolist()
@@ -72,17 +73,17 @@ class TotalDegree(_OfDegree):
     degree: int
 
     def lowered(self, degree: int) -> TotalDegree:
-        """The same choice with another degree."""
+        """The total-degree set of another degree."""
         return TotalDegree(degree)
 
 
 @dataclass(frozen=True)
 class Hyperbolic(_OfDegree):
-    """(sum_i k_i^q)^(1/q) <= degree with 0 < q <= 1: few products of many parameters.
+    """The multi-indices k with (sum_i k_i^q)^(1/q) <= degree, with q = `norm` in (0, 1].
 
-    Blatman and Sudret, J. Comput. Phys. 230 (2011), sec. 3.2, with q = `norm`; q = 1 is
-    `TotalDegree`, q towards 0 leaves only polynomials of single parameters. Raises InputsError for
-    a negative degree or a norm that is not in (0, 1].
+    The set has few products of several parameters (Blatman and Sudret, J. Comput. Phys. 230 (2011),
+    sec. 3.2). q = 1 gives `TotalDegree`; with q towards 0 only polynomials of single parameters
+    remain. Raises InputsError for a negative degree or a norm that is not in (0, 1].
 
     >>> Hyperbolic(4).indices((None, None)).tolist()           # (1, 1): (1 + 1)^2 = 4
     [[0, 0], [0, 1], [1, 0], [0, 2], [1, 1], [2, 0], [0, 3], [3, 0], [0, 4], [4, 0]]
@@ -99,7 +100,7 @@ class Hyperbolic(_OfDegree):
             )
 
     def lowered(self, degree: int) -> Hyperbolic:
-        """The same choice with another degree."""
+        """The hyperbolic set of another degree, with this norm."""
         return Hyperbolic(degree, self.norm)
 
 
@@ -113,7 +114,7 @@ def highest(indices: Indices) -> tuple[int, ...]:
 
 
 def constant(indices: Indices) -> int:
-    """Where the constant polynomial stands among multi-indices (P, n).
+    """The row of the constant polynomial (all degrees zero) among multi-indices (P, n).
 
     >>> constant(np.array([[1, 0], [0, 0]]))
     1
@@ -122,13 +123,14 @@ def constant(indices: Indices) -> int:
 
 
 def _below(costs: Sequence[Array], most: float, largest: int = 200_000) -> Indices:
-    """Multi-indices whose costs, costs[i][k_i] for each parameter, sum to at most `most`.
+    """The multi-indices k (P, n) with costs[0][k_1] + .. + costs[n-1][k_n] <= `most`.
 
-    Parameter after parameter every partial index is extended by all degrees that it can afford.
-    Degree zero is free, so that no partial index is ever lost: cost O(P n). More than `largest` are
-    a slip, and fill the memory.
+    The indices are built one parameter after the other: each partial index is extended by every
+    degree whose cost still fits. Degree zero costs nothing, so that no partial index is dropped:
+    the work is O(P n). Raises InputsError for more than `largest` indices, which would fill the
+    memory.
     """
-    most = most * (1.0 + 1e-9)  # costs are rounded
+    most = most * (1.0 + 1e-9)  # The costs are rounded.
     found: Indices = np.zeros((1, 0), dtype=np.intp)
     spent = np.zeros(1)
     for cost in costs:
@@ -142,7 +144,7 @@ def _below(costs: Sequence[Array], most: float, largest: int = 200_000) -> Indic
         degree = np.arange(len(parent)) - np.repeat(np.cumsum(counts) - counts, counts)
         found = np.column_stack([found[parent], degree])
         spent = spent[parent] + cost[degree]
-    # by sum, then lexicographically: lexsort takes its last key first
+    # Sort by the sum, then lexicographically; lexsort takes its last key first.
     return found[np.lexsort((*found.T[::-1], found.sum(axis=1)))]
 
 
@@ -150,9 +152,9 @@ def _below(costs: Sequence[Array], most: float, largest: int = 200_000) -> Indic
 class Basis:
     """Orthonormal polynomials of n independent variables, given by the laws of the variables.
 
-    psi_k(t) = p_k1(t_1) .. p_kn(t_n) for every multi-index k, with the polynomials of each law at
-    `values` (k,) of its own hyperparameters. A constant has no polynomial but 1. Raises InputsError
-    where laws and values differ in number.
+    psi_k(t) = p_k1(t_1) .. p_kn(t_n) for every multi-index k. The polynomials p of a variable are
+    orthonormal under its law, whose hyperparameters have the given `values`. A variable that is
+    constant has only the polynomial 1. Raises InputsError where laws and values differ in number.
 
     >>> from aleator.laws import Normal
     >>> basis = Basis((Normal(0.0, 1.0), Normal(2.0, 0.5)), (np.array([0.0, 1.0]),) * 2)
@@ -172,44 +174,45 @@ class Basis:
 
     @classmethod
     def of(cls, inputs: Inputs, alpha: Array) -> Basis:
-        """The basis of the joint law at alpha (K,), in the independent variables it is made of.
+        """The basis of the joint law of the parameters with hyperparameters alpha (K,).
 
-        These are the parameters themselves, and standard normal variates for correlated ones.
+        Its variables are the parameters, except that independent standard normal variates stand for
+        correlated parameters.
         """
         return cls(*inputs.independent(alpha))
 
     @classmethod
     def normal(cls, count: int) -> Basis:
-        """Hermite polynomials of `count` independent standard normal variates."""
+        """The basis of Hermite polynomials of `count` independent standard normal variates."""
         return cls((Normal(0.0, 1.0),) * count, (np.array([0.0, 1.0]),) * count)
 
     @property
     def limits(self) -> tuple[int | None, ...]:
-        """The largest degree that each law has: none, but zero for a constant."""
+        """The largest degree of each variable: 0 for a constant, None (no limit) for any other."""
         return tuple(None if law.scatters else 0 for law in self.laws)
 
     def rule(self, parameter: int, nodes: int) -> Rule:
-        """The Gauss rule of one marginal (one node for a constant)."""
+        """The Gauss rule of one parameter's law with `nodes` nodes (one node for a constant)."""
         return self.laws[parameter].rule(self.values[parameter], nodes)
 
     def exact_rule(self, parameter: int, degree: int) -> tuple[Array, Array, Array]:
-        """A Gauss rule exact to `degree`, for high powers: nodes t (q,), weights, p_0..p_(q-1)."""
+        """A Gauss rule exact up to `degree`: nodes t (q,), weights (q,), and p_0..p_(q-1) at t."""
         return polished_rule(*self.recurrence(parameter, degree // 2 + 1), degree)
 
     def recurrence(self, parameter: int, count: int) -> tuple[Array, Array]:
-        """The recurrence coefficients (count,), (count,) of one marginal's polynomials."""
+        """The two sets of recurrence coefficients (count,) of one parameter's polynomials."""
         return self.laws[parameter].recurrence(self.values[parameter], count)
 
     def symmetric(self, parameter: int, count: int) -> bool:
-        """Whether polynomials below degree `count` have a symmetric weight, as far as they show."""
+        """Whether a parameter's law is symmetric, judged by the first `count` coefficients."""
         return symmetric(*self.recurrence(parameter, count))
 
     def table(self, parameter: int, t: Array, degree: int) -> Array:
-        """The polynomials of one marginal at t (J,), as (J, degree + 1)."""
+        """The polynomials p_0..p_degree of one parameter at t (J,), as (J, degree + 1)."""
         return evaluate(*self.recurrence(parameter, degree + 1), t, degree)
 
     def evaluate(self, t: Array, indices: Indices) -> Array:
-        """psi at points t (J, n) for multi-indices (P, n), as (J, P). Cost O(J P n)."""
+        """psi_k at points t (J, n) for the multi-indices k (P, n), as (J, P). Cost O(J P n)."""
         value = np.ones((len(t), len(indices)))
         for i, degrees in enumerate(indices.T):
             used = np.flatnonzero(degrees)
@@ -223,9 +226,9 @@ class Basis:
 class ExpansionDesign:
     """J points at which each experiment is to be run.
 
-    `t` (J, n) are the points in the variables of the polynomials, `x` (J, n) the variables of
-    the basis, which are the parameters where none is correlated, and `weights` (J,) make
-    sum_j weights_j f(x_j) an estimate of E f.
+    `t` (J, n) are the points as arguments of the polynomials; `x` (J, n) are the same points as
+    values of the variables of the basis (the parameters, if none is correlated). With `weights`
+    (J,), sum_j weights_j f(x_j) estimates the expectation of f.
     """
 
     t: Array
@@ -233,7 +236,7 @@ class ExpansionDesign:
     weights: Array
 
     def __post_init__(self) -> None:
-        """Nobody may move a point after its runs."""
+        """Make the arrays read-only: no point may change after the simulator was run there."""
         for array in (self.t, self.x, self.weights):
             array.setflags(write=False)
 
@@ -244,17 +247,18 @@ class ExpansionDesign:
 def induced(
     basis: Basis, indices: Indices, runs: int, seed: int, fine: int = 40
 ) -> ExpansionDesign:
-    """`runs` points from the distribution that a set of P polynomials induces.
+    """A design of `runs` points from the distribution that a set of P polynomials induces.
 
-    Density (1/P) sum_k psi_k(theta)^2 of the law, weights P / sum_k psi_k(theta)^2 / runs: least
-    squares on P log P such points are as good as projection, for any law and any set (Cohen and
-    Migliorati, SMAI J. Comput. Math. 3 (2017); sampled coordinate by coordinate as Narayan, SIAM
-    J. Sci. Comput. 40 (2018) has it). The random numbers are a randomly shifted sequence of Sobol',
-    so that a design of fewer runs is the beginning of one of more. Raises InputsError for less
-    than one run or a degree above 39. Cost O(runs (P + n)).
+    Its density is that of the law times (1/P) sum_k psi_k(theta)^2, and a point has the weight
+    P / sum_k psi_k(theta)^2 / runs. Least squares on the order of P log P such points is as
+    accurate as projection, for any law and any set of polynomials (Cohen and Migliorati, SMAI J.
+    Comput. Math. 3 (2017)). The points are sampled one coordinate after the other (Narayan, SIAM J.
+    Sci. Comput. 40 (2018)). The random numbers are a randomly shifted Sobol' sequence, so that a
+    design of fewer runs is the beginning of one of more. Raises InputsError for less than one run
+    or a degree above 39. Cost O(runs (P + n)).
 
-    A Gauss rule of `fine` nodes stands for each marginal law: it integrates the square of a
-    polynomial of degree 39 exactly, so that polynomials stay orthonormal on it.
+    Each parameter's law is replaced by its Gauss rule of `fine` nodes. This rule integrates the
+    square of a polynomial of degree 39 exactly, so that the polynomials stay orthonormal.
     """
     if indices.max() >= fine:
         raise InputsError(
@@ -274,7 +278,7 @@ def induced(
 
 
 def _uniform(runs: int, dimension: int, seed: int) -> Array:
-    """Points (runs, dimension) of Sobol's sequence, moved by one random shift modulo 1."""
+    """Points (runs, dimension) of Sobol's sequence, all moved by one random shift modulo 1."""
     if runs < 1:
         raise InputsError(f"{runs} runs make no design", "allow at least one run an experiment")
     power = int(np.ceil(np.log2(max(runs, 2))))
@@ -285,11 +289,12 @@ def _uniform(runs: int, dimension: int, seed: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
-    """Y_l(theta) = sum_k c_lk psi_k(theta) for N experiments (paper, eq. of the expansion).
+    """The expansions Y_l(theta) = sum_k c_lk psi_k(theta) of N outcomes (paper, expansion).
 
-    `indices` (P, n), the first of them zero, are shared by all experiments; `coefficients` (N, P);
-    `leave_one_out` (N,) estimates the root-mean-square error under the law, in the outcome's unit,
-    from the runs that were fitted (NaN where the way to the expansion has no such estimate).
+    `indices` (P, n) are the multi-indices k, shared by all experiments; the first is zero.
+    `coefficients` (N, P) are the c_lk. `leave_one_out` (N,) estimates the root-mean-square error
+    under the law, in the outcome's unit, from the runs that were fitted. It is NaN where the method
+    gives no such estimate, as projection.
 
     >>> basis = Basis.normal(1)
     >>> y = Expansion(basis, np.array([[0], [1]]), np.array([[3.0, 2.0]]), np.array([0.0]))
@@ -303,7 +308,7 @@ class Expansion:
     leave_one_out: Array
 
     def __post_init__(self) -> None:
-        """Check the shapes; nobody may change a coefficient."""
+        """Check the shapes, and make the arrays read-only."""
         if self.coefficients.shape != (len(self.leave_one_out), len(self.indices)):
             raise InputsError(
                 f"coefficients {self.coefficients.shape} for {len(self.leave_one_out)} experiments "
@@ -314,25 +319,25 @@ class Expansion:
             array.setflags(write=False)
 
     def evaluate(self, t: Array) -> Array:
-        """Outcomes (N, J) at points t (J, n) of the polynomials. Cost O(J P (n + N))."""
+        """Outcomes (N, J) at points t (J, n), the arguments of the polynomials. O(J P (n + N))."""
         return self.coefficients @ self.basis.evaluate(t, self.indices).T
 
     @property
     def mean(self) -> Array:
-        """E Y (N,), the coefficient of the constant polynomial."""
+        """The mean of each outcome (N,), the coefficient of the constant polynomial."""
         return self.coefficients[:, 0]
 
     @property
     def variance(self) -> Array:
-        """Var Y (N,) = sum of the other coefficients squared."""
+        """The variance of each outcome (N,), the sum of the squares of its other coefficients."""
         return np.asarray(np.sum(self.coefficients[:, 1:] ** 2, axis=1))
 
     @property
     def unexplained(self) -> Array:
         """Share (N,) of the outcome's variance that the expansion misses, an estimate of 1 - R^2.
 
-        leave_one_out^2 / (variance + leave_one_out^2); zero where the outcome does not vary but by
-        rounding, NaN without a leave-one-out error.
+        It is leave_one_out^2 / (variance + leave_one_out^2). It is zero where the outcome varies
+        only by rounding, and NaN where there is no leave-one-out error.
         """
         missed = self.leave_one_out**2
         whole = self.variance + missed
@@ -341,21 +346,21 @@ class Expansion:
 
 
 class Expanding(Protocol):
-    """A way to an expansion: where to run, and what to make of the outcomes.
+    """A method for an expansion: it chooses the points, and fits the outcomes there.
 
-    design = choice.design(basis); outcomes = the simulator at design.x;
+    Used as design = choice.design(basis); outcomes = the simulator at design.x;
     expansion = choice.fit(basis, design, outcomes).
     """
 
     def design(self, basis: Basis) -> ExpansionDesign:
-        """The points that every experiment is to be run at."""
+        """The points at which every experiment is to be run."""
 
     def fit(self, basis: Basis, design: ExpansionDesign, outcomes: Array) -> Expansion:
-        """The expansion from outcomes (N, J) at the points of the design."""
+        """The expansions that fit outcomes (N, J) at the points of the design."""
 
 
 def checked(design: ExpansionDesign, outcomes: Array) -> Array:
-    """Outcomes (N, J) that belong to the design; raises InputsError where they do not."""
+    """Outcomes (N, J) as an array; raises InputsError if not finite, or not one for each point."""
     outcomes = np.asarray(outcomes, dtype=np.float64)
     if outcomes.ndim != 2 or outcomes.shape[1] != len(design):
         raise InputsError(
@@ -372,12 +377,12 @@ def checked(design: ExpansionDesign, outcomes: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SobolIndices:
-    """Shares of the variance of N outcomes, by n parameters.
+    """The shares that n parameters have in the variance of N outcomes (Sobol' indices).
 
-    `first` (N, n): of one parameter alone; `total` (N, n): of one parameter with all its
-    interactions; `second` (N, n, n): of two parameters together beyond their first-order shares,
-    symmetric, zero on the diagonal; `variance` (N,) in the outcome's unit squared. Shares are NaN
-    where an outcome does not vary but by rounding.
+    `first` (N, n): the share of one parameter alone. `total` (N, n): the share of one parameter
+    with all its interactions. `second` (N, n, n): the share of two parameters together beyond their
+    first-order shares; symmetric, zero on the diagonal. `variance` (N,): the variance, in the
+    outcome's unit squared. Shares are NaN where an outcome varies only by rounding.
     """
 
     first: Array
@@ -387,9 +392,9 @@ class SobolIndices:
 
     @property
     def closed(self) -> Array:
-        """Shares (N, n, n) that two parameters explain by themselves: S_i + S_j + S_ij.
+        """The share (N, n, n) that each pair of parameters explains: S_i + S_j + S_ij.
 
-        On the diagonal S_i.
+        S_i is the first-order share and S_ij the second-order share; the diagonal holds S_i.
         """
         n = self.first.shape[1]
         pairs = self.first[:, :, None] + self.first[:, None, :] + self.second
@@ -399,10 +404,11 @@ class SobolIndices:
 def sobol_indices(indices: Indices, coefficients: Array) -> SobolIndices:
     """First, second and total Sobol' indices of N expansions in orthonormal polynomials.
 
-    Var Y = sum of c_k^2 over k != 0; a term belongs to the parameters with k_i > 0, so that each
-    index is a partial sum of squares over that of all (Sudret, Reliab. Eng. Syst. Saf. 93 (2008)).
-    `indices` (P, n), `coefficients` (N, P). As good as the expansion: what it misses has no share.
-    Raises InputsError where the shapes do not fit. Cost O(N P + P n^2).
+    Var Y = sum of c_k^2 over k != 0. A term belongs to the parameters with k_i > 0, so that each
+    index is the sum of squares of its terms over the variance (Sudret, Reliab. Eng. Syst. Saf. 93
+    (2008)). `indices` (P, n) are the multi-indices k, `coefficients` (N, P) the c_k. Variance that
+    the expansion misses appears in no index. Raises InputsError where the shapes do not fit. Cost
+    O(N P + P n^2).
 
     >>> found = sobol_indices(np.array([[0, 0], [1, 0], [0, 2], [1, 1]]),
     ...                       np.array([[7.0, 2.0, 1.0, 2.0]]))    # variance 4 + 1 + 4

@@ -1,7 +1,8 @@
-"""Legendre polynomials on the support of a maximum-entropy density, and how far that reaches.
+"""Legendre polynomials on the support of a maximum-entropy density, and the width of the support.
 
-phi_k(t) = sqrt(2k + 1) P_k(t), orthonormal for the uniform law on t in [-1, 1]. In this basis the
-covariance that the solver inverts stays well conditioned, which powers of u do not offer.
+The polynomials phi_k(t) = sqrt(2k + 1) P_k(t) are orthonormal for the uniform law on [-1, 1]. In
+this basis the covariance matrix that the solver inverts is well conditioned; in powers of the
+standardized outcome u it is not. t is u mapped linearly from the support [a, b] to [-1, 1].
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from aleator.core.types import Array, Flags
 
 
 def legendre(t: Array, degree: int, derivative: int = 0) -> Array:
-    """Values (..., degree+1) of the derivative of phi_0..phi_degree at t (...).
+    """Values (..., degree+1) of phi_0..phi_degree at t (...), or of a derivative of them.
 
-    Three-term recurrence (k+1) P_(k+1) = (2k+1) t P_k - k P_(k-1); derivatives by
+    `derivative` is the order of the derivative, 0 for the polynomials themselves. The values come
+    from (k+1) P_(k+1) = (2k+1) t P_k - k P_(k-1), the derivatives from
     P'_(k+1) = P'_(k-1) + (2k+1) P_k.
 
     >>> legendre(np.array([1.0]), 2).round(6).tolist()  # sqrt(2k + 1)
@@ -41,9 +43,12 @@ def legendre(t: Array, degree: int, derivative: int = 0) -> Array:
 
 @dataclass(frozen=True)
 class LegendreRule:
-    """Nodes t (Q,) on [-1, 1], weights (Q,) that sum to one, phi_1..phi_M (M, Q) at the nodes,
-    and w phi_0..phi_2M (Q, 2M+1), by which one product gives every expectation needed. `edges`
-    (panels+1,) are those of the panels that it is made of."""
+    """A quadrature rule on [-1, 1], with the Legendre polynomials at its nodes.
+
+    `nodes` (Q,) are values of t; `weights` w (Q,) sum to one; `basis` (M, Q) holds phi_1..phi_M at
+    the nodes. `weighted` (Q, 2M+1) holds w phi_0..w phi_2M: a density at the nodes times this
+    matrix gives its Legendre moments. `edges` are the ends of the intervals of a piecewise rule.
+    """
 
     nodes: Array
     weights: Array
@@ -54,17 +59,18 @@ class LegendreRule:
 
 @lru_cache
 def gauss_rule(order: int, nodes: int) -> LegendreRule:
-    """Gauss-Legendre rule on the whole support: exact to degree 2 nodes - 1."""
+    """One Gauss-Legendre rule on the whole support, exact up to degree 2 nodes - 1."""
     t, w = np.polynomial.legendre.leggauss(nodes)
     return _rule(t, 0.5 * w, order, np.array([-1.0, 1.0]))
 
 
 @lru_cache
 def panel_rule(order: int, panels: int, nodes: int) -> LegendreRule:
-    """Gauss-Legendre rule on each panel: nodes that `gauss_rule` does not have.
+    """A piecewise Gauss-Legendre rule: `panels` intervals of [-1, 1] with `nodes` nodes each.
 
-    The edges at -cos(pi j/panels) are equal in angle, so that a bump whose width is a thousandth
-    of the support is seen where it may be, at an edge.
+    Its nodes differ from those of `gauss_rule`, so that it can check a solve. The intervals end at
+    -cos(pi j/panels) and are narrow near -1 and 1, where the density may have a bump as narrow as a
+    thousandth of the support.
     """
     x, w = np.polynomial.legendre.leggauss(nodes)
     edges = -np.cos(np.pi * np.arange(panels + 1) / panels)
@@ -84,8 +90,9 @@ def _rule(t: Array, w: Array, order: int, edges: Array) -> LegendreRule:
 def linearization(rows: int, factor: str, degree: int) -> Array:
     """Coefficients (degree+1, rows*rows) of g(t) phi_i phi_j, i, j < rows, in phi_0..phi_degree.
 
-    `factor` names g: "1", "1-t", "1+t" or "1-t^2". The product of the expectations (N, degree+1)
-    with it is the batch of matrices E[g phi_i phi_j]. Exact where the degrees fit.
+    `factor` names g: "1", "1-t", "1+t" or "1-t^2". Expectations E phi_k (N, degree+1) times these
+    coefficients are the matrices E[g phi_i phi_j], one row for each law. They are exact if `degree`
+    is not below that of g phi_i phi_j.
     """
     t, w = np.polynomial.legendre.leggauss(rows + degree + 2)
     g = {"1": np.ones_like(t), "1-t": 1.0 - t, "1+t": 1.0 + t, "1-t^2": 1.0 - t**2}[factor]
@@ -95,10 +102,11 @@ def linearization(rows: int, factor: str, degree: int) -> Array:
 
 
 def legendre_in_powers(a: Array, b: Array, order: int) -> Array:
-    """Coefficients (N, M+1, M+1) of phi_k(t(u)) in the powers of u, t affine on [a, b].
+    """Coefficients (N, M+1, M+1) of phi_k(t(u)) in the powers of u, for supports [a, b] (N,).
 
-    The recurrence of `legendre` on coefficients. Row k is the Taylor series of phi_k about the
-    mean u = 0, whose terms stay moderate since b - a >= 2 wherever a law with variance one exists.
+    t(u) maps [a, b] linearly to [-1, 1]. The recurrence of `legendre` is applied to coefficients.
+    Row k is the Taylor series of phi_k about the mean u = 0. Its terms stay moderate, because
+    b - a >= 2 for every law with variance one.
     """
     slope, offset = 2.0 / (b - a), -(a + b) / (b - a)
     c = np.zeros((a.size, order + 1, order + 1))
@@ -119,8 +127,8 @@ def realizable(expected: Array, smallest_pivot: float = 1e-13) -> Flags:
 
     The truncated moment problem on an interval (Krein and Nudelman): for M = 2m the matrices
     E[phi_i phi_j] (i, j <= m) and E[(1-t^2) phi_i phi_j] (i, j < m), for M = 2m+1 the matrices
-    E[(1-t) phi_i phi_j] and E[(1+t) phi_i phi_j] (i, j <= m) must be positive definite. They are
-    Hankel matrices in another basis. Those with a pivot under 1e-13 lie on the boundary.
+    E[(1-t) phi_i phi_j] and E[(1+t) phi_i phi_j] (i, j <= m) must be positive definite. A matrix
+    with a pivot of its Cholesky factorization below `smallest_pivot` counts as not definite.
 
     >>> realizable(np.array([[1.0, 0.0, 0.0], [1.0, 1.8, 0.0]])).tolist()  # uniform; E t > 1
     [True, False]
@@ -139,17 +147,17 @@ def realizable(expected: Array, smallest_pivot: float = 1e-13) -> Flags:
 
 
 def dot(x: Array, y: Array) -> Array:
-    """Sums (N,) over the rows of x y, both (N, Q)."""
+    """The inner product (N,) of each row of x (N, Q) with the same row of y (N, Q)."""
     return np.asarray(np.einsum("nk,nk->n", x, y))
 
 
 def cholesky(matrices: Array) -> tuple[Array, Array]:
     """Lower factors (M, M, N) of symmetric matrices (N, M, M), and the smallest pivot (N,) of each.
 
-    What stands above the diagonal is without meaning. The batch is the last axis of the factors,
-    so that every operation runs along it. A pivot at the level of rounding is replaced by that
-    level: a matrix that is not positive definite spoils neither its own row with NaN nor the batch
-    with an exception.
+    The numbers above the diagonal have no meaning. The N matrices are the last axis of the factors,
+    so that every operation runs along it. A pivot below the rounding error is replaced by the
+    rounding error: a matrix that is not positive definite gives no NaN and raises nothing; the
+    smallest pivot reports it.
     """
     factor = np.array(matrices.transpose(1, 2, 0), order="C")
     diagonal = np.einsum("jjn->jn", factor)
@@ -186,9 +194,11 @@ def substitute(factor: Array, right: Array) -> Array:
 def support_of(
     lower: Array, upper: Array, standardized: Array, least: float
 ) -> tuple[Array, Array, Flags, Flags, Array]:
-    """The physical range lower < 0 < upper (N,) in standard deviations, cut at the reach.
+    """The support [a, b] of N densities, in standard deviations from the mean.
 
-    The edges a, b (N,), which of them the range has set (N,), and the slope of the reach (N, M+1).
+    It is the physical range `lower` < 0 < `upper` (N,), cut at -r and r with the half-width r of
+    `reach_of`. Returns a and b (N,), whether the physical range has set a (N,) and b (N,), and
+    dr/dc (N, M+1).
     """
     width, slope = reach_of(standardized, least)
     lower_set, upper_set = lower > -width, upper < width
@@ -199,24 +209,27 @@ def support_of(
 def reach_of(
     standardized: Array, least: float, widening: float = 2.0, smallest_pivot: float = 1e-13
 ) -> tuple[Array, Array]:
-    """Reach r (N,) for the standardized moments (N, M+1), and dr/dc (N, M+1); cost O(N M^3).
+    """Half-width r (N,) of an unlimited support, from the standardized moments c (N, M+1); dr/dc.
 
-    Where no physical range ends it, how far a density reaches is a smooth function of its moments.
-    The moments c_0..c_M of a law of u on [-r, r] obey, for every polynomial q (Krein and Nudelman,
-    the truncated moment problem),
+    Where no physical range limits it, the support is [-r, r] standard deviations about the mean,
+    and r is a smooth function of the moments. dr/dc is (N, M+1); the cost is O(N M^3). The moments
+    c_0..c_M of a law of u on [-r, r] satisfy, for every polynomial q (Krein and Nudelman, the
+    truncated moment problem),
 
         M = 2m:    E[(r^2 - u^2) q^2] > 0, degree below m:    r^2 > eigenvalues of X = A^-1 B,
         M = 2m+1:  E[(r +- u) q^2] > 0, degree not above m:   r > |eigenvalues| of X = A^-1 B,
 
     with the Hankel matrices A = (c_(i+j)), and B = (c_(i+j+2)) for even M, (c_(i+j+1)) for odd M.
-    The sum of these squares, s = tr X or tr X^2, is above the largest and, unlike it,
-    differentiable: r(c)^2 = sqrt(least^4 + (2 s)^2). `widening` is this 2: the least that some law
-    needs has no density, and with twice its square an edge may also be fixed. For the normal law s
-    is m^2 at M = 2m, which leaves r at `least`; for the cube of a normal variable it is 47 at M = 4
-    and 268 at M = 6, so that its moments lie within 11 and 23 standard deviations.
+    Let s = tr X for even M and s = tr X^2 for odd M: s is not below the bound on r^2 and, unlike
+    the largest eigenvalue, it is differentiable. The half-width is r^2 = sqrt(least^4 + (2 s)^2);
+    the 2 is `widening`. At the bound itself only point masses have the moments, and twice s leaves
+    room for a density, even where the physical range fixes one edge. For the normal law s = m^2 at
+    M = 2m, which leaves r near `least`. For the cube of a normal variable s is 47 at M = 4 and 268
+    at M = 6, so that r is 11 and 23 standard deviations.
 
-    ds = tr(A^-1 dB) - tr(X A^-1 dA) for even M, 2 tr(X A^-1 dB) - 2 tr(X^2 A^-1 dA) for odd M.
-    Moments that no law on the real line has get `least` and slope zero.
+    The derivative is ds = tr(A^-1 dB) - tr(X A^-1 dA) for even M and
+    ds = 2 tr(X A^-1 dB) - 2 tr(X^2 A^-1 dA) for odd M. Moments that no law on the real line has
+    get r = `least` and derivative zero.
 
     >>> r, slope = reach_of(np.array([[1.0, 0.0, 1.0, 0.0, 3.0]]), 8.0)  # (8^4 + (2 * 4)^2)^(1/4)
     >>> float(r[0]), slope[0, 3:].round(6).tolist()
@@ -244,6 +257,6 @@ def reach_of(
 
 
 def _solve(factor: Array, right: Array) -> Array:
-    """A^-1 R (N, m, m) for the factors of A, a column of R (N, m, m) at a time."""
+    """A^-1 R (N, m, m) from the Cholesky factors of A and the right-hand sides R (N, m, m)."""
     columns = [substitute(factor, right[:, :, j]) for j in range(right.shape[2])]
     return np.stack(columns, axis=2)

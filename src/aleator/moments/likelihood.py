@@ -1,8 +1,8 @@
-"""The paper's likelihood: densities that are fitted to moments, as functions of alpha, and data.
+"""The likelihood of the paper, from densities that are fitted to moments.
 
-log L(alpha) = sum_l log f_Yl(y_l | alpha)   (paper, eqs. (PDF) and (MLE)), and log priors where
-given. `Predictive` has law and response, but no data; it carries the derivatives by alpha, so that
-the `Likelihood` made of it has its exact score. Neither sees a simulator.
+log L(alpha) = sum_l log f_Yl(y_l | alpha)   (paper, eqs. (PDF) and (MLE)), plus log priors where
+given. `Predictive` gives the densities as functions of alpha, with derivatives; it holds no data.
+`Likelihood` adds the outcomes and has the exact score. Neither runs a simulator.
 """
 
 from __future__ import annotations
@@ -27,33 +27,33 @@ from aleator.simulators.response_functions import Divisible, OutcomeDistribution
 
 @dataclass(frozen=True, eq=False)
 class FittedOutcomes:
-    """The distributions of N outcomes under one law; see `PredictedOutcomes`."""
+    """The distributions of N outcomes at one alpha, from densities fitted to their moments."""
 
     moments: Moments
     fitted: FittedMomentDensity
 
     @property
     def mean(self) -> Array:
-        """(N,)."""
+        """The mean of each outcome (N,)."""
         return self.moments.mean
 
     @property
     def sd(self) -> Array:
-        """(N,)."""
+        """The standard deviation of each outcome (N,)."""
         return self.moments.sd
 
     @property
     def standardized(self) -> Array:
-        """Standardized moments (N, 5) of orders zero to four."""
+        """The standardized moments of each outcome (N, 5), of orders zero to four."""
         return self.moments.standardized[:, :5]
 
     @property
     def status(self) -> NDArray[np.int64]:
-        """(N,) `Status` codes."""
+        """The `Status` code of each fitted density (N,)."""
         return self.fitted.status
 
     def cdf(self, y: Array) -> Array:
-        """P(outcome < y) (N,)."""
+        """The probability (N,) that each outcome is below y (N,)."""
         return self.fitted.cdf(y)
 
     def quantile(self, p: ArrayLike) -> Array:
@@ -61,7 +61,7 @@ class FittedOutcomes:
         return self.fitted.quantile(p)
 
     def scored(self, y: Array) -> LogLikelihood:
-        """Continued log-densities at y (N,) with their scores, by the chain rule over moments."""
+        """Log-densities at y (N,), continued outside the supports, with their scores by alpha."""
         s, moments = self.fitted.sensitivity(y), self.moments
         assert moments.mean_jac is not None
         assert moments.sd_jac is not None
@@ -78,9 +78,10 @@ class FittedOutcomes:
 class Predictive:
     """The distributions of N outcomes as functions of alpha (K,).
 
-    `propagation` gives the moments of U distinct conditions, and `condition` (N,) says which of
-    them each experiment is made under: repetitions are propagated once. `lower` and `upper` (N,)
-    are the range of the outcome, possibly infinite. `hyperparameters` (K) are those of the inputs.
+    `propagation` gives the moments under U distinct conditions, and `condition` (N,) is the
+    condition of each experiment, so that repeated experiments are propagated once. `lower` and
+    `upper` (N,) are the physical range of the outcome, possibly infinite. `hyperparameters` (K) are
+    those of the laws.
     """
 
     propagation: Propagation
@@ -92,26 +93,29 @@ class Predictive:
 
     @property
     def name(self) -> str:
-        """What the densities are made of, for reports."""
+        """The name of the kind of density, for reports."""
         return self.density.name
 
     @property
     def order(self) -> int:
-        """Moments that are needed: those that are matched, and the four of a report."""
+        """The highest order of the moments: that of the density, and at least four for reports."""
         return max(self.density.order, 4)
 
     def moments(self, alpha: Array, *, gradient: bool = False) -> Moments:
-        """Moments of the outcomes."""
+        """The moments of the N outcomes at alpha (K,), with jacobians by alpha if `gradient`."""
         moments = self.propagation.moments(alpha, self.order, gradient=gradient)
         return moments.take(self.condition)
 
     def under(self, alpha: Array, *, gradient: bool = False) -> FittedOutcomes:
-        """The N densities with these moments on the range of the outcome."""
+        """The N outcome densities at alpha (K,), fitted to the moments on the physical range."""
         moments = self.moments(alpha, gradient=gradient)
         return FittedOutcomes(moments, self.density.fit(moments, self.lower, self.upper))
 
     def continued(self, alphas: Array, y: Array) -> Array:
-        """Sums (A,) of the continuation at y (N,), for alphas (A, K): a batch of A N densities."""
+        """Sums over y (N,) of the continued log-densities, one for each of the alphas (A, K).
+
+        All A N densities are fitted in one batch. Returns (A,).
+        """
         every = joined([self.moments(alpha) for alpha in alphas])
         lower, upper = (np.tile(end, len(alphas)) for end in (self.lower, self.upper))
         fitted = self.density.fit(every, lower, upper)
@@ -119,7 +123,7 @@ class Predictive:
         return np.asarray(value.reshape(-1, y.size).sum(axis=1))
 
     def nodes(self, alpha: Array) -> Array:
-        """The points x (J, n) at which the response is evaluated."""
+        """The parameters x (J, n) at which the response is evaluated for alpha (K,)."""
         return self.propagation.at(alpha)
 
     def take(self, rows: Indices) -> Predictive:
@@ -139,7 +143,10 @@ class Predictive:
         )
 
     def finer(self) -> Predictive | None:
-        """The same with half as many nodes again a parameter; None where that is not known."""
+        """These distributions with half as many nodes again, or None where there is no finer rule.
+
+        A set of Sobol' points is doubled instead.
+        """
         way = self.propagation
         if not isinstance(way, QuadraturePropagation):
             return None
@@ -151,10 +158,10 @@ class Predictive:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """The likelihood of N outcomes as a function of alpha (K,): what users and samplers may call.
+    """The likelihood of N outcomes as a function of alpha (K,), for users and samplers.
 
-    It is honest: minus infinity where an outcome lies outside the support of its density. What a
-    search needs there, a smooth continuation, is `Continued`.
+    It is minus infinity where an outcome lies outside the support of its density. A search needs a
+    smooth continuation there, which is `Continued`.
     """
 
     predictive: Predictive
@@ -162,16 +169,20 @@ class Likelihood:
 
     @property
     def name(self) -> str:
-        """What its densities are made of, for reports."""
+        """The name of the kind of density, for reports."""
         return self.predictive.name
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """Those of alpha, in its order."""
+        """The hyperparameters, in the order of alpha."""
         return self.predictive.hyperparameters
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood with its exact score; outside a support the score leads back to it."""
+        """The log-likelihood with its exact score at alpha (K,).
+
+        For an outcome outside its support the value is minus infinity, and the score is that of the
+        continuation, which leads back to the support.
+        """
         here = self.predictive.under(alpha, gradient=True)
         honest = replace(here.scored(self.outcomes), each=here.fitted.log_pdf(self.outcomes))
         return honest.believed(self.hyperparameters, alpha)
@@ -183,7 +194,7 @@ class Likelihood:
         return value.believed(self.hyperparameters, alpha)
 
     def gap(self, alpha: Array) -> float:
-        """Change of the log-likelihood with half as many nodes again; zero where there are none."""
+        """Change of the log-likelihood if the nodes are refined; zero without a finer rule."""
         more = self.predictive.finer()
         if more is None:
             return 0.0
@@ -191,12 +202,12 @@ class Likelihood:
         return finer.likelihood - self.evaluate(alpha).likelihood
 
     def with_outcomes(self, outcomes: Array) -> Likelihood:
-        """The same distributions with other outcomes (N,)."""
+        """The likelihood of other outcomes (N,) under the same distributions."""
         return replace(self, outcomes=outcomes)
 
     @property
     def continued(self) -> Continued:
-        """What a search climbs."""
+        """The objective that a search maximizes."""
         return Continued(self)
 
     def take(self, rows: Indices) -> Likelihood:
@@ -206,11 +217,11 @@ class Likelihood:
 
 @dataclass(frozen=True)
 class Continued:
-    """The objective of a search: the log-likelihood, continued where there is none.
+    """The objective of a search: the log-likelihood, continued where there is no density.
 
-    Outside a support and where a density failed it is a smooth penalty with the exact score of just
-    what is computed, so that a search that is still far away finds its way. A sound answer
-    contains none of it.
+    For an outcome outside its support, or with a density that could not be fitted, a smooth penalty
+    takes the place of the log-density. Its score is exact, so that a search far from the maximum is
+    led towards it. At a valid maximum no outcome has such a penalty.
     """
 
     likelihood: Likelihood
@@ -222,7 +233,7 @@ class Continued:
         return value.believed(self.likelihood.hyperparameters, alpha)
 
     def values(self, alphas: Array) -> Array:
-        """The continued totals (A,) at alphas (A, K), without scores."""
+        """The continued log-likelihood plus log prior at each of the alphas (A, K), as (A,)."""
         likelihood = self.likelihood
         totals = likelihood.predictive.continued(np.asarray(alphas), likelihood.outcomes)
         priors = [log_prior(likelihood.hyperparameters, alpha) for alpha in alphas]
@@ -245,11 +256,12 @@ def density_distances(
     sds: float = 8.0,
     points: int = 401,
 ) -> tuple[DensityDistance, ...]:
-    """Each density by moments at alpha against the exact one, all from the same surfaces.
+    """How far each density fitted to moments is at alpha from the exact density of the outcome.
 
-    `exact` is the log-likelihood of the density of the outcome itself, and `outcomes` are its
-    distributions. Distances are means over `most` experiments, more would say the same, on `points`
-    points over `sds` standard deviations to either side: good to a thousandth of one.
+    Both come from the same response surfaces. `exact` is the log-likelihood with the exact density,
+    and `outcomes` are the exact distributions. The earth mover's distances, in standard deviations,
+    are computed for at most `most` experiments, on `points` points over `sds` standard deviations
+    to either side of the mean; their error is about a thousandth.
     """
     chosen = np.unique(np.linspace(0, likelihood.outcomes.size - 1, most).astype(np.intp))
     steps = np.linspace(-sds, sds, points)
@@ -259,7 +271,7 @@ def density_distances(
     for density in COMPARED:
         other = replace(likelihood, predictive=replace(likelihood.predictive, density=density))
         fitted = other.take(chosen).predictive.under(alpha).fitted
-        # the earth mover's distance, by the trapezoidal rule
+        # This is the earth mover's distance, by the trapezoidal rule.
         distance = np.trapezoid(np.abs(fitted.cdf(y) - truth), steps, axis=1)
         value = other.evaluate(alpha)
         rows.append(

@@ -31,22 +31,24 @@ from aleator.moments.moments import Moments
 
 @dataclass(frozen=True)
 class MaximumEntropy:
-    """The density of largest entropy with the first M moments, on an explicit bounded support.
+    """The density of largest entropy with the first M moments, on a bounded support.
 
-    f(y) = exp(sum_k lambda_k phi_k(t))/Z (paper, appendix "Maximum entropy distribution"), with
-    phi_k Legendre polynomials of degree 1..M on the support [a, b] of u = (y - mean)/sd: the
-    physical range of the outcome, cut at the reach. The paper takes the whole real line, where
-    odd M, or M = 4 with a kurtosis above that of the normal, have no solution; on a bounded
-    support every M has one if the moments are realizable. The reach is at least `reach` standard
-    deviations and grows smoothly with heavy tails, so that their moments are (`reach_of`).
-    `order` M is 2..8, `nodes` the Gauss-Legendre nodes of the solve.
+    f(y) = exp(sum_k lambda_k phi_k(t))/Z (paper, appendix "Maximum entropy distribution"). phi_k
+    are Legendre polynomials of degree 1..M on the support [a, b] of u = (y - mean)/sd. The support
+    is the physical range of the outcome, cut at r standard deviations on either side of the mean; r
+    is at least `reach` and grows smoothly with heavy tails, so that their moments can be matched
+    (`reach_of`). The paper takes the whole real line, where odd M, or M = 4 with a kurtosis above
+    that of the normal, have no solution. On a bounded support every M has a solution if the moments
+    are realizable. `order` M is 2..8, and `nodes` is the number of Gauss-Legendre nodes of the
+    solve.
 
-    A kurtosis above 3 puts a small bump at an edge that the reach has set. Raises InputsError for
-    an inadmissible choice. Cost: some 7 Newton steps of O(N nodes M), for hard targets at M of 6
-    and more some 100 times that. It fails, with a status and M-2 moments in its place, where the
-    moments are not realizable, so close to that boundary that the density is a set of spikes, or
-    where eight moments of heavy tails leave no digits (a third of the cubics of a normal variable
-    with a kurtosis of 10 to 20): orders above 8 are not offered for that reason.
+    A kurtosis above 3 makes a small bump at an edge r or -r. Raises InputsError for an inadmissible
+    choice. Cost: some 7 Newton steps of O(N nodes M); for difficult moments at M of 6 and more,
+    some 100 times that. A fit fails in three cases: the moments are not realizable; they are so
+    close to that boundary that the density is a set of spikes; or eight moments of heavy tails
+    leave no digits (a third of the cubics of a normal variable with a kurtosis of 10 to 20), for
+    which reason orders above 8 are not allowed. Then the status says so, and a density of M-2
+    moments takes its place.
 
     >>> m = Moments(np.array([1.0]), np.array([3.0**-0.5]), np.array([[1.0, 0.0, 1.0, 0.0, 1.8]]))
     >>> fitted = MaximumEntropy(order=4).fit(m, [0.0], [2.0])  # the moments of the uniform law
@@ -77,7 +79,7 @@ class MaximumEntropy:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the density in reports."""
         return f"maximum entropy, {self.order} moments"
 
     @single_threaded
@@ -85,16 +87,16 @@ class MaximumEntropy:
         """Fit N densities on the physical ranges lower, upper (N,), each possibly infinite.
 
         Raises InputsError for too few moments or a wrong shape. A mean outside its range, or
-        moments that no density on the support has, are a status.
+        moments that no density on the support has, raise nothing and are reported by the status.
         """
         check_moments(moments, self.order, self.name)
         mean, sd = FittedGaussian(moments).safe()
         lower = in_sds(range_end(lower, mean.size, "lower"), mean, sd)
         upper = in_sds(range_end(upper, mean.size, "upper"), mean, sd)
         standardized = moments.standardized[:, : self.order + 1]
-        # a mean outside the range, or NaN, gets moments that no density has: not realizable
+        # A mean that is NaN or outside the range gets moments that no density can have.
         usable = (lower < 0.0) & (upper > 0.0) & np.isfinite(standardized).all(axis=1)
-        # E 1 = 1 and all others zero but for a second moment of -1
+        # These impossible moments are 1, 0, a second moment of -1, and zeros.
         none = np.array([1.0, 0.0, -1.0, *np.zeros(self.order - 2)])
         standardized = np.where(usable[:, None], standardized, none)
         lower, upper = np.where(usable, lower, -np.inf), np.where(usable, upper, np.inf)
@@ -104,9 +106,9 @@ class MaximumEntropy:
 
 @dataclass(frozen=True)
 class FittedMaximumEntropy(FittedStandardized):
-    """Maximum-entropy densities of N experiments; methods as in `FittedDensity`.
+    """Maximum-entropy densities of N experiments, with the methods of `FittedDensity`.
 
-    The normal density stands in where neither the chosen order nor a lower one could be solved.
+    The normal density takes the place where neither the chosen order nor a lower one was solved.
     """
 
     moments: Moments
@@ -114,16 +116,16 @@ class FittedMaximumEntropy(FittedStandardized):
 
     @property
     def status(self) -> Codes:
-        """(N,) how the solve of the chosen order ended."""
+        """The `Status` code (N,) of each solve with the chosen number of moments."""
         return np.where(self.degenerate, Status.DEGENERATE, self.solution.status).astype(np.int64)
 
     @property
     def _normal(self) -> Flags:
-        """(N, 1) where the normal density stands in."""
+        """Whether the normal density takes the place of the solved one, (N, 1)."""
         return np.asarray((self.solution.order_used == 0)[:, None])
 
     def log_density(self, u: Array) -> Array:
-        """Logarithm of the density of u (N, G); -inf outside the support."""
+        """Log-density of the standardized outcome at u (N, G); -inf outside the support."""
         t = self._on_support(u)
         scale = np.log(self.solution.b - self.solution.a)[:, None]
         value = log_density(self.solution, np.clip(t, -1.0, 1.0)) - scale
@@ -132,28 +134,29 @@ class FittedMaximumEntropy(FittedStandardized):
         return np.where(self._normal, FittedGaussian(self.moments).log_density(u), value)
 
     def below(self, u: Array) -> Array:
-        """Probability (N, G) of less than u (N, G), to rounding."""
+        """Probability (N, G) of a standardized outcome below u (N, G), exact to rounding."""
         value = cumulative(self.solution, np.clip(self._on_support(u), -1.0, 1.0))
         return np.where(self._normal, ndtr(u), value)
 
     def inverse(self, p: Array) -> Array:
-        """u (N, P) with probabilities p (P,) below."""
+        """Quantiles u (N, P) of the standardized outcomes for the probabilities p (P,)."""
         a, b = self.solution.a[:, None], self.solution.b[:, None]
         t = inverse(self.solution, np.broadcast_to(p, (a.size, p.size)))
         return np.where(self._normal, ndtri(p), 0.5 * (a + b) + 0.5 * (b - a) * t)
 
     def partials(self, u: Array) -> DensityPartials:
-        """What a search sees of log g at u (N,), cost O(N M^2); derived in `support_partials`.
+        """The value that a search uses for log g at u (N,), with its partials. Cost O(N M^2).
 
-        An edge of the physical range is a = (lower - mean)/sd, an edge at the reach a function of
-        the moments. Outside the support a concave continuation takes the place of -inf. A failed
-        solve has the value of its fallback less the penalty.
+        The formulas are derived in `support_partials`. An edge set by the physical range is
+        a = (lower - mean)/sd, and moves with the mean and the sd; an edge at the half-width of
+        `reach_of` moves with the standardized moments. Outside the support a concave continuation
+        takes the place of -inf. A failed solve has the value of its fallback minus the penalty.
         """
         s, normal = self.solution, self._normal[:, 0]
         plain, own = FittedGaussian(self.moments).partials(u), support_partials(s, u)
         d_a = np.where(s.lower_moves, own.d_a, 0.0)
         d_b = np.where(s.upper_moves, own.d_b, 0.0)
-        # what does not move with the range moves with the reach
+        # Edges that the physical range has not set move with the standardized moments.
         by_reach = (own.d_b - d_b) - (own.d_a - d_a)
         moved = own.d_standardized + by_reach[:, None] * s.reach_slope
         moved[:, :3] = 0.0
@@ -171,13 +174,13 @@ class FittedMaximumEntropy(FittedStandardized):
         )
 
     def _on_support(self, u: Array) -> Array:
-        """Outcomes u (N, G) as t, -1 and 1 at the edges."""
+        """Standardized outcomes u (N, G) as coordinates t, with -1 and 1 at the support's edges."""
         a, b = self.solution.a[:, None], self.solution.b[:, None]
         return np.asarray((2.0 * u - a - b) / (b - a))
 
 
 def log_density(solution: Solution, t: Array) -> Array:
-    """Logarithm of the density by dt/2 at t (N, ...), by the recurrence of the polynomials."""
+    """Logarithm of the density at t (N, ...), relative to the uniform law on [-1, 1]."""
     multipliers = solution.multipliers
     shape = (-1, *[1] * (t.ndim - 1))
     below, here = np.ones_like(t), t
@@ -189,7 +192,11 @@ def log_density(solution: Solution, t: Array) -> Array:
 
 
 def cumulative(solution: Solution, t: Array) -> Array:
-    """Probability of [-1, t] for t (N, G): whole panels, and Gauss-Legendre on the broken one."""
+    """Probability (N, G) of the interval [-1, t], for t (N, G).
+
+    It is the sum over the whole intervals of the check rule below t, and a Gauss-Legendre integral
+    over the part of the interval in which t lies.
+    """
     below, edges = _below_panels(solution), solution.check.edges
     panel = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, edges.size - 2)
     value = np.take_along_axis(below, panel, axis=1) + _part(solution, panel, t)
@@ -197,9 +204,10 @@ def cumulative(solution: Solution, t: Array) -> Array:
 
 
 def inverse(solution: Solution, p: Array, largest: int = 10**6) -> Array:
-    """t (N, G) with probability p (N, G) below it; `largest` exponentials are evaluated at once.
+    """Quantiles t (N, G) for the probabilities p (N, G).
 
-    The panel by bisection, then Newton's method within it. Cost: some six evaluations of the cdf.
+    Bisection finds the interval of the check rule, then Newton's method the quantile within it.
+    About `largest` exponentials are evaluated at once. Cost: some six evaluations of the cdf.
     """
     below, edges, t = _below_panels(solution), solution.check.edges, np.empty(p.shape)
     for part in blocks(p.shape[1], _part_nodes(solution) * max(1, p.shape[0]), largest):
@@ -215,7 +223,7 @@ def inverse(solution: Solution, p: Array, largest: int = 10**6) -> Array:
 
 
 def _below_panels(solution: Solution) -> Array:
-    """Probability below each edge of the panels, (N, panels+1)."""
+    """Probability below each end of the check rule's intervals, one column for each end."""
     probability = density_at(solution.multipliers, solution.check)
     panels = solution.check.edges.size - 1
     masses = probability.reshape(probability.shape[0], panels, -1).sum(axis=2)
@@ -225,7 +233,7 @@ def _below_panels(solution: Solution) -> Array:
 
 
 def _panel_of(below: Array, p: Array) -> Codes:
-    """Panel (N, G) whose probability range holds p, by bisection of its number."""
+    """The number (N, G) of the interval in which the cdf reaches p (N, G), by bisection."""
     panel = np.zeros(p.shape, dtype=np.int64)
     step = (below.shape[1] - 1) // 2
     while step:
@@ -236,7 +244,7 @@ def _panel_of(below: Array, p: Array) -> Codes:
 
 
 def _part(solution: Solution, panel: Codes, t: Array) -> Array:
-    """Probability between the left edge of the panel and t, (N, G)."""
+    """Probability (N, G) between the left end of the interval number `panel` and t."""
     x, w = np.polynomial.legendre.leggauss(_part_nodes(solution))
     left = solution.check.edges[panel]
     width = t - left
@@ -250,8 +258,12 @@ def _part_nodes(solution: Solution) -> int:
 
 @dataclass(frozen=True)
 class SupportPartials:
-    """Value (N,) in units of u, its partials by u, a, b (N,) and by the standardized moments
-    (N, M+1), and whether u lies outside the support."""
+    """The log-density of u that a search uses, with its partial derivatives.
+
+    `value` (N,) is the log-density or its continuation; `d_u`, `d_a`, `d_b` (N,) are the partials
+    by u and the edges of the support, `d_standardized` (N, M+1) those by the standardized moments.
+    `outside` (N,) says whether u lies outside the support.
+    """
 
     value: Array
     d_u: Array
@@ -262,11 +274,11 @@ class SupportPartials:
 
 
 def support_partials(solution: Solution, u: Array) -> SupportPartials:
-    """Value for the search at u (N,) and its partials; cost O(N M^2).
+    """The log-density that a search uses at u (N,), with its partials; cost O(N M^2).
 
-    Let the basis be a fixed function of u, phi_k(u) = phi_k(t(u)) for the present edges, so that
-    only the limits of integration move with the edges. The multipliers solve F(lambda, c, a, b) =
-    0,
+    Let the basis be a fixed function of u, phi_k(u) = phi_k(t(u)) for the present edges a, b of the
+    support, so that only the limits of integration move with the edges. The multipliers lambda
+    solve F(lambda, c, a, b) = 0,
 
         F = E phi - C c,   E g = int_a^b g exp(lambda.phi) du / int_a^b exp(lambda.phi) du,
 
@@ -283,14 +295,15 @@ def support_partials(solution: Solution, u: Array) -> SupportPartials:
 
         d log f(u) = (phi(u) - E phi).dlambda - f(b) db + f(a) da   at fixed u.
 
-    Outside the support the search sees, with e the nearest edge, D = u - e, g = (log f)'(e),
+    Outside the support the value is, with e the nearest edge, D = u - e and g = (log f)'(e),
 
         value = log f(e) + k g D - D^2/2,   k = 1 where the density falls outward at e, else 0.
 
-    It is continuous, never above log f(e), and pulls the outcome back. The multipliers move it by
-    v.dlambda - f(b) db + f(a) da with v = phi(e) - E phi + k D phi'(e); the edge itself moves it by
-    (1 - k) g + k D lambda.phi''(e) + D, the outcome by k g - D. Inside, e = u and D = 0: the same v
-    serves, the edges do not act directly, and the outcome moves the value by g.
+    It is continuous, never above log f(e), and falls with the distance from the support. Through
+    the multipliers it changes by v.dlambda - f(b) db + f(a) da with v = phi(e) - E phi + k D
+    phi'(e). Its derivative by the edge e itself is (1 - k) g + k D lambda.phi''(e) + D, and by the
+    outcome u it is k g - D. Inside the support e = u and D = 0: v has the same form, the edges have
+    no direct effect, and the derivative by u is g.
     """
     s = solution
     order = s.multipliers.shape[1]
@@ -305,7 +318,7 @@ def support_partials(solution: Solution, u: Array) -> SupportPartials:
     inside = beyond == 0.0
     falls = np.where(g * beyond < 0.0, 1.0, 0.0)
     log_f = dot(s.multipliers, phi[:, 1:]) - s.log_z - np.log(2.0 * half)
-    # v in the orthonormal polynomials: those of degree 0 vanish in it
+    # The coefficients of v in the orthonormal polynomials; degree 0 does not occur in it.
     w = np.einsum("nkj,nj->nk", s.psi[:, 1:], phi + (falls * beyond)[:, None] * slope)
     d_a, d_b = (
         side * np.exp(s.multipliers @ end[1:] - s.log_z) / (2.0 * half)

@@ -50,7 +50,7 @@ class Moments:
         )
 
     def lowered(self, order: int) -> Moments:
-        """The moments up to a lower order."""
+        """These moments, restricted to the orders up to `order`."""
         jac = self.standardized_jac
         return replace(
             self,
@@ -60,7 +60,7 @@ class Moments:
 
 
 def joined(parts: Sequence[Moments]) -> Moments:
-    """The moments of several sets of experiments as one set, without jacobians.
+    """The moments of several sets of experiments, concatenated into one set without jacobians.
 
     >>> m = weighted_moments(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]), 2)
     >>> joined([m, m]).mean.tolist()
@@ -78,13 +78,14 @@ def weighted_moments(y: Array, weights: Array, order: int) -> Moments:
     """Moments of outcomes y (N, J) under weights (J,) that sum to one.
 
     mean = sum_j w_j y_j and E[z^m] = sum_j w_j z_j^m (paper, eq. (momentdef), by quadrature).
-    Cost O(N J M). An outcome without scatter gets sd 0 and standardized moments of zero.
+    Cost O(N J M). An outcome without scatter gets sd 0 and standardized moments of zero from order
+    3 on.
 
     >>> m = weighted_moments(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]), 4)
     >>> m.mean.tolist(), m.sd.tolist(), m.standardized.tolist()
     ([2.0], [1.0], [[1.0, 0.0, 1.0, 0.0, 1.0]])
     """
-    # as many powers at once as fit a core's cache
+    # Experiments are taken in blocks whose powers fit the cache of a core.
     every = blocks(max(len(y), 1), y.shape[1], 64_000)
     parts = []
     for rows in every:
@@ -97,10 +98,13 @@ def weighted_moments(y: Array, weights: Array, order: int) -> Moments:
 def weighted_moments_with_gradient(
     y: Array, weights: Array, order: int, dy: Array, dweights: Array
 ) -> Moments:
-    """Moments as `weighted_moments`, with derivatives from dy (N, J, K) and dweights (J, K).
+    """The moments of `weighted_moments` and their derivatives by K hyperparameters.
+
+    `dy` (N, J, K) are the derivatives of the outcomes, `dweights` (J, K) those of the weights.
 
     d E[z^m] = sum_j dw_j z_j^m + m sum_j w_j z_j^(m-1) (dy_j - dmean)/sd - m E[z^m] dsd/sd,
-    the differential of the weighted sum itself, so that it is exact for any number of nodes.
+    with z_j = (y_j - mean)/sd. This differentiates the weighted sum itself, so that the derivative
+    is exact for any number of nodes.
     Cost O(N J K M).
     """
     mean, sd, z = _standardize(y, weights)
@@ -113,7 +117,7 @@ def weighted_moments_with_gradient(
     weighted_power = np.broadcast_to(weights, z.shape)
     power = np.ones_like(z)
     for m in range(1, order + 1):
-        # here power = z^(m-1) and weighted_power = w z^(m-1)
+        # At this point power is z^(m-1) and weighted_power is w z^(m-1).
         moving = (weighted_power[:, None, :] @ dy)[:, 0, :] / scale
         weighted_power = weighted_power * z
         power = power * z
@@ -135,7 +139,7 @@ def _standardize(y: Array, weights: Array) -> tuple[Array, Array, Array]:
     mean = y @ weights
     centered = y - mean[:, None]
     sd = np.sqrt(np.maximum(centered**2 @ weights, 0.0))
-    # scatter at the level of rounding is no scatter
+    # Scatter as small as the rounding error counts as no scatter.
     sd = np.where(sd > 1e-14 * np.max(np.abs(y), axis=1), sd, 0.0)
     z = centered / np.where(sd > 0.0, sd, np.inf)[:, None]
     return mean, sd, z
@@ -147,7 +151,7 @@ def _powers(z: Array, weights: Array, order: int) -> Array:
     for m in range(order + 1):
         standardized[:, m] = power @ weights
         power = power * z
-    # exact by definition; free of rounding for the solver of the density
+    # Moments 0, 1, 2 are 1, 0, 1 by definition; set so, they are free of rounding errors.
     standardized[:, 0], standardized[:, 1], standardized[:, 2] = 1.0, 0.0, 1.0
     return standardized
 
@@ -157,7 +161,8 @@ class NodeOutcomes:
     """Outcomes y (N, J) of N experiments at J nodes with weights (J,) that sum to one.
 
     `dy` (N, J, K) and `dweights` (J, K) are their derivatives by the K hyperparameters, or None
-    where no derivative was computed. E[g(Y_l)] is sum_j w_j g(y_lj) for any function g.
+    where no derivative was computed. For any function g, sum_j w_j g(y_lj) approximates the
+    expectation E[g(Y_l)] of experiment l.
 
     >>> o = NodeOutcomes(np.array([[1.0, 3.0]]), np.array([0.5, 0.5]))
     >>> o.moments(2).mean.tolist()
@@ -170,7 +175,7 @@ class NodeOutcomes:
     dweights: Array | None = None
 
     def moments(self, order: int) -> Moments:
-        """Moments up to `order`, with jacobians where the derivatives are there."""
+        """The moments up to `order`, with jacobians if `dy` and `dweights` are given."""
         if self.dy is None or self.dweights is None:
             return weighted_moments(self.y, self.weights, order)
         return weighted_moments_with_gradient(self.y, self.weights, order, self.dy, self.dweights)

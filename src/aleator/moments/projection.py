@@ -1,7 +1,8 @@
-"""Ways to the coefficients of an expansion: projection on a tensor rule, and regression.
+"""Two methods for the coefficients of an expansion: projection on a tensor rule, and regression.
 
-A way is an `Expanding`: `design` says where to run, `fit` makes the expansion of the outcomes.
-`Projection` on a tensor rule is the paper's; `Regression` takes few runs in many parameters.
+Both are an `Expanding`: `design` chooses the points of the runs, `fit` computes the expansion from
+the outcomes there. `Projection` on a tensor rule is the method of the paper. `Regression` needs
+few runs where there are many parameters.
 """
 
 from __future__ import annotations
@@ -29,12 +30,14 @@ from aleator.moments.expansion import (
 
 @dataclass(frozen=True)
 class Projection:
-    """c_k = sum_j y_j psi_k(theta_j) w_j at the nodes of a tensor Gauss rule (paper, quadrature).
+    """Coefficients by projection, c_k = sum_j y_j psi_k(theta_j) w_j (paper, quadrature).
 
-    `terms` are the polynomials, `nodes` the nodes a parameter (default: degree + 1, the fewest
-    that determine them). Exact for polynomials of degree up to 2 nodes - 1 - degree in every
-    parameter; others alias. nodes^n runs an experiment: for few parameters. There is no
-    leave-one-out error. Raises InputsError for fewer nodes than degree + 1.
+    theta_j are the nodes of a tensor Gauss rule and w_j its weights. `terms` is the set of
+    polynomials psi_k; `nodes` is the number of nodes per parameter (default: degree + 1, the fewest
+    that determine the coefficients). The coefficients are exact if the outcome is a polynomial of
+    degree up to 2 nodes - 1 - degree in every parameter; higher terms falsify them. The method
+    takes nodes^n runs per experiment, so that it suits few parameters. It has no leave-one-out
+    error. Raises InputsError for fewer nodes than degree + 1.
 
     >>> from aleator.moments.expansion import TotalDegree
     >>> basis = Basis.normal(1)
@@ -55,11 +58,11 @@ class Projection:
             )
 
     def design(self, basis: Basis) -> ExpansionDesign:
-        """All combinations of the nodes of the marginal laws."""
+        """The design with all combinations of the nodes of the parameters' Gauss rules."""
         return tensor_design(basis, [self.nodes or self.terms.degree + 1] * len(basis.laws))
 
     def fit(self, basis: Basis, design: ExpansionDesign, outcomes: Array) -> Expansion:
-        """The expansion from outcomes (N, J) at the nodes."""
+        """The expansions of N outcomes by projection, from their values (N, J) at the nodes."""
         outcomes, indices = checked(design, outcomes), self.terms.indices(basis.limits)
         coefficients = (outcomes * design.weights) @ basis.evaluate(design.t, indices)
         return Expansion(basis, indices, coefficients, np.full(len(outcomes), np.nan))
@@ -68,11 +71,12 @@ class Projection:
 def expansion_map(
     inputs: Inputs, alpha: Array, nodes: int, degree: int, order: int
 ) -> tuple[Array, Array]:
-    """Matrix (F, J) from outcomes at the J nodes to the expansion at F finer nodes, and weights.
+    """A matrix (F, J) that maps outcomes at J nodes to their expansion at F finer nodes.
 
-    The expansion is the projection on a tensor rule of `nodes` a parameter, to total degree
-    `degree` (paper, eq. (quadrature)). The finer rule, with floor(order degree / 2) + 1 nodes a
-    parameter, integrates the expansion to the power `order` exactly (paper, eq. (moments)).
+    Returns the matrix and the weights (F,) of the finer nodes. The expansion is the projection on a
+    tensor rule with `nodes` nodes per parameter, to total degree `degree` (paper, eq.
+    (quadrature)). The finer rule, with floor(order degree / 2) + 1 nodes per parameter, integrates
+    the power `order` of the expansion exactly (paper, eq. (moments)).
     """
     basis, way = Basis.of(inputs, alpha), Projection(TotalDegree(degree), nodes)
     design = way.design(basis)
@@ -82,7 +86,7 @@ def expansion_map(
 
 
 def tensor_design(basis: Basis, sizes: list[int]) -> ExpansionDesign:
-    """The tensor Gauss rule with sizes[i] nodes of parameter i (one for a constant)."""
+    """The tensor Gauss rule with sizes[i] nodes for parameter i (one node for a constant)."""
     rules = [basis.rule(i, size) for i, size in enumerate(sizes)]
     picks = tensor(tuple(rule.x.size for rule in rules))
     columns = list(zip(rules, picks.T, strict=True))
@@ -95,15 +99,15 @@ def tensor_design(basis: Basis, sizes: list[int]) -> ExpansionDesign:
 
 @dataclass(frozen=True)
 class Regression:
-    """Weighted least squares on points of the induced distribution (see `induced`).
+    """Coefficients by weighted least squares on points of the induced distribution (`induced`).
 
-    All N experiments share the points, one QR decomposition and its leverages. With `runs` (default
-    twice the number of terms) well above the number of terms the matrix is well conditioned by
-    construction, whatever law and terms. With `adaptive` every lower degree is tried too, and each
-    experiment takes the degree of the least corrected leave-one-out error; more terms than 80 % of
-    the runs are not tried, for there the errors can no longer be compared. Exact for polynomials in
-    the set. Raises InputsError for runs below one, and if there are fewer runs than terms and the
-    degree may not be lowered.
+    All N experiments share the points and one QR decomposition. `runs` (default: twice the number
+    of terms) well above the number of terms makes the matrix well conditioned, for any law and any
+    terms. With `adaptive` every lower degree is tried too, and each experiment takes the degree
+    with the least corrected leave-one-out error. Sets with more terms than 80 % of the runs are not
+    tried, because their errors cannot be compared. The result is exact if the outcome is a
+    polynomial in the set. Raises InputsError for runs below one, and where there are fewer runs
+    than terms and the degree may not be lowered.
 
     >>> from aleator.moments.expansion import TotalDegree
     >>> basis = Basis.normal(10)
@@ -124,12 +128,15 @@ class Regression:
             raise InputsError(f"{self.runs} runs make no design", "allow at least one run")
 
     def design(self, basis: Basis) -> ExpansionDesign:
-        """Points of the induced distribution; fewer runs are the beginning of more."""
+        """The design of points of the induced distribution; fewer runs are the first of more."""
         indices = self.terms.indices(basis.limits)
         return induced(basis, indices, self.runs or 2 * len(indices), self.seed)
 
     def fit(self, basis: Basis, design: ExpansionDesign, outcomes: Array) -> Expansion:
-        """The expansion from outcomes (N, J) at the points of the design, or of any other."""
+        """The expansions of N outcomes by regression, from values (N, J) at the points of a design.
+
+        The design need not be that of `design`.
+        """
         outcomes = checked(design, outcomes)
         indices, ends = self._nested(basis, len(design))
         psi = basis.evaluate(design.t, indices[: ends[-1]])
@@ -143,7 +150,7 @@ class Regression:
         return Expansion(basis, indices[: ends[-1]], coefficients, error)
 
     def _nested(self, basis: Basis, runs: int) -> tuple[Indices, tuple[int, ...]]:
-        """The terms, those of a lower degree first, and how many there are up to each degree."""
+        """The multi-indices sorted by degree (P, n), and how many there are up to each degree."""
         sets = [
             self.terms.lowered(degree).indices(basis.limits)
             for degree in range(0 if self.adaptive else self.terms.degree, self.terms.degree + 1)
@@ -165,11 +172,13 @@ class Regression:
 
 @dataclass(frozen=True, eq=False)
 class NestedFits:
-    """Fits of N outcomes with the first k terms, for k in `ends` (E,).
+    """Least-squares fits of N outcomes with the first k terms, for each k in `ends` (E,).
 
-    `leave_one_out` (E, N) are mean-square errors; `corrected` are those times the factor
-    J/(J - k) (1 + tr(C^-1)/J) of small samples (Chapelle, Vapnik and Bengio 2002; Blatman and
-    Sudret 2011, eq. 21), by which fits with different numbers of terms are compared.
+    `leave_one_out` (E, N) are mean-square leave-one-out errors. `corrected` (E, N) are these errors
+    times J/(J - k) (1 + tr(C^-1)/J), a correction for J runs and the Gram matrix C of the k terms
+    (Chapelle, Vapnik and Bengio 2002; Blatman and Sudret 2011, eq. 21). With it, fits with
+    different numbers of terms can be compared. `upper` and `projected` are the R factor and the
+    right-hand side of the QR decomposition, from which the coefficients follow.
     """
 
     upper: Array
@@ -190,13 +199,13 @@ def nested_fits(
 ) -> NestedFits:
     """Fit outcomes (N, J) by the first k columns of psi (J, P) for every k in `ends`, increasing.
 
-    Minimizes sum_j weights_j (y_j - psi_j c)^2; weights (J,) are normalized to sum to one. The
-    leave-one-out residual is r_j / (1 - h_j) with the leverage h_j, without any second fit. A point
-    that alone determines a coefficient (h_j = 1) makes the error infinite, and so do columns that
-    depend on each other: where less than `smallest` is left over it is rounding. One QR
-    decomposition of the weighted matrix serves every leading part of the terms: the fit with the
-    first k of them is Q_k Q_k' b, its leverages are the row sums of Q_k^2, and the inverse of the
-    leading block of R is the leading block of R^-1. Needs ends[-1] <= J. Cost O(J P^2 + J P N).
+    Each fit minimizes sum_j weights_j (y_j - psi_j c)^2; the weights (J,) are normalized to sum to
+    one. The leave-one-out residual is r_j / (1 - h_j) with the residual r_j and the leverage h_j,
+    so that no second fit is needed. The error is infinite where one point alone determines a
+    coefficient (1 - h_j below `smallest`), or where columns depend linearly on each other. One QR
+    decomposition of the weighted matrix gives all fits: with the first k terms the fit is
+    Q_k Q_k' b, its leverages are the row sums of Q_k^2, and the inverse of the leading block of R
+    is the leading block of R^-1. Needs ends[-1] <= J. Cost O(J P^2 + J P N).
     """
     share = weights / weights.sum()
     root = np.sqrt(share)[:, None]
@@ -221,7 +230,10 @@ def nested_fits(
 
 
 def _inverse_norms(upper: Array, smallest: float) -> Array:
-    """tr((R_k' R_k)^-1) (P,) for every leading block R_k; infinite from a dependent column on."""
+    """tr((R_k' R_k)^-1) for every leading k x k block R_k of R, as (P,).
+
+    It is infinite from the first column on that depends linearly on those before it.
+    """
     size = np.linalg.norm(upper, axis=0)
     depends = np.flatnonzero(np.abs(np.diag(upper)) <= smallest * size)
     sound = int(depends[0]) if depends.size else len(upper)

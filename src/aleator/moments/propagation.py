@@ -1,9 +1,9 @@
-"""alpha -> moments of every experiment: the seam that the likelihood sees.
+"""Propagation: from the hyperparameters alpha to the moments of every experiment's outcome.
 
-The ways are one computation, averages of a response over the law; they differ in who answers for
-the response: the simulator itself (`Collocation`, the paper's way, runs for every alpha) or
-surfaces built once on the box (no run at all); and in how the average is taken: at the nodes of a
-cubature, or exactly from an expansion.
+Moments are averages of functions of the response over the law of the parameters. The response is
+either the simulator itself, run anew for every alpha (`Collocation`, the method of the paper), or a
+response surface that was built once, which needs no further run. The average is taken either at the
+nodes of a cubature, or exactly from a polynomial expansion.
 """
 
 from __future__ import annotations
@@ -30,19 +30,20 @@ Fit = Projection | Regression
 
 @dataclass(frozen=True)
 class Collocation:
-    """The user's choice to run the simulator at nodes of the law for every alpha.
+    """The user's choice to run the simulator at nodes of the law, anew for every alpha.
 
-    `nodes` is q, the nodes of Gauss rules a dimension (None: 20, 20, 12, 8 for 1 to 4 scattering
-    parameters), or any cubature: `Smolyak(3)`, `SobolPoints(1024)`, `MonteCarloPoints(1000)`, the
-    paper's `ProbabilityGrid(30)`. `moments` takes them by plain "quadrature" of the outcomes or
-    from the polynomial chaos "expansion" of total degree `degree` (default q - 1), as the paper
-    does with q = 5 and degree 4, in the laws' own polynomials. `fit`, instead, is an expansion in
-    standard normal variates for many parameters, `Regression(TotalDegree(2))`, whose moments are
-    exact too.
+    `nodes` is the number q of Gauss nodes per scattering parameter (None: 20, 20, 12, 8 for 1 to 4
+    scattering parameters), or a cubature: `Smolyak(3)`, `SobolPoints(1024)`,
+    `MonteCarloPoints(1000)`, or the paper's `ProbabilityGrid(30)`. `moments` says how the moments
+    are computed: by "quadrature" of the outcomes at the nodes, or from the polynomial chaos
+    "expansion" of total degree `degree` (default q - 1) in the polynomials of the laws, as in the
+    paper with q = 5 and degree 4. `fit` takes the place of both: an expansion in standard normal
+    variates, as `Regression(TotalDegree(2))`, for many parameters; its moments are exact.
 
-    `difference_step` is the step of the central differences that give the derivative by the
-    parameters, relative to the spread of the nodes; a gradient costs 2 n times the runs more.
-    Raises InputsError for values out of range or choices that do not go together.
+    `difference_step` is the step of the central differences for the derivative of the outcome by
+    the parameters, relative to the spread of the nodes. A gradient costs 2 n times as many runs in
+    addition, for n parameters. Raises InputsError for values out of range, or choices that exclude
+    each other.
 
     >>> Collocation(nodes=5, moments="expansion", degree=4).degree
     4
@@ -92,12 +93,12 @@ class Collocation:
         if self.nodes is not None or self.degree is not None:
             raise InputsError("fit brings nodes and degree of its own", "leave them out")
         if isinstance(self.fit, Regression) and self.fit.adaptive:
-            # a degree that changes with alpha would make the likelihood jump
+            # A degree that changes with alpha would make the likelihood jump.
             object.__setattr__(self, "fit", replace(self.fit, adaptive=False))
 
     @property
     def name(self) -> str:
-        """How the result names this choice."""
+        """The name of this choice in a result."""
         if self.fit is not None:
             return f"collocation({type(self.fit).__name__.lower()})"
         return f"collocation({self.moments})"
@@ -106,11 +107,11 @@ class Collocation:
 def default_cubature(
     inputs: Inputs, *, runs: bool, per_dimension: tuple[int, ...] = (1, 20, 20, 12, 8)
 ) -> Cubature:
-    """The nodes where the user does not choose; `runs` says that each of them costs runs.
+    """The default cubature, where the user chooses none; `runs`: each node costs simulator runs.
 
-    `per_dimension` are those of a tensor rule by the number of scattering parameters; 2,048 Sobol'
-    points where such a rule has too many nodes. Raises InputsError where each node costs runs and a
-    tensor rule has too many of them.
+    For up to 4 scattering parameters it is a tensor Gauss rule; `per_dimension` holds its nodes per
+    parameter, by the number of scattering parameters. For more parameters it is 2,048 Sobol'
+    points, or InputsError is raised if each node costs runs.
     """
     dimensions = inputs.scattering
     if dimensions < len(per_dimension):
@@ -125,7 +126,7 @@ def default_cubature(
 
 
 def as_cubature(nodes: int | Cubature) -> Cubature:
-    """A number of nodes a dimension as a tensor rule; a cubature as it is.
+    """A cubature from `nodes`: a number becomes the tensor rule with so many nodes per parameter.
 
     >>> as_cubature(5)
     TensorGauss(per_dimension=5)
@@ -134,7 +135,9 @@ def as_cubature(nodes: int | Cubature) -> Cubature:
 
 
 def finer(cubature: Cubature) -> Cubature | None:
-    """A rule with more nodes, to see whether there are enough; None where that is not known.
+    """A cubature with more nodes, to test whether the given one has enough.
+
+    None where the cubature has no larger one of its kind here.
 
     >>> finer(TensorGauss(8))
     TensorGauss(per_dimension=12)
@@ -157,17 +160,17 @@ def check_nodes(nodes: int | Cubature | None) -> None:
 
 
 class Propagation(Protocol):
-    """alpha (K,) to what is known of the N outcomes, without noise."""
+    """A method that computes moments of N outcomes from alpha (K,), without measurement errors."""
 
     @property
     def inputs(self) -> Inputs:
-        """The joint law."""
+        """The joint law of the parameters."""
 
     def at(self, alpha: Array) -> Array:
-        """The points x (J, n) at which the response is evaluated."""
+        """The parameters x (J, n) at which the response is evaluated for alpha (K,)."""
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
-        """Moments up to `order`, with jacobians by alpha if `gradient`."""
+        """Moments of the N outcomes up to `order`, with jacobians by alpha if `gradient`."""
 
 
 @dataclass(frozen=True)
@@ -182,16 +185,16 @@ class QuadraturePropagation:
     cubature: Cubature
 
     def take(self, conditions: Indices) -> QuadraturePropagation:
-        """Of some of the conditions, each at most once."""
+        """This propagation for some of the conditions, each named at most once."""
         assert isinstance(self.response, Divisible)
         return replace(self, response=self.response.take(conditions))
 
     def at(self, alpha: Array) -> Array:
-        """The nodes of the law (J, n)."""
+        """The nodes (J, n) of the cubature for the law at alpha."""
         return self.cubature.nodes(self.inputs, alpha).x
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
-        """Moments of the N outcomes, with the derivatives of just what is computed."""
+        """Moments of the N outcomes; their derivatives are those of the sums themselves."""
         nodes = self.cubature.nodes(self.inputs, alpha)
         return outcomes_at(self.response, nodes, gradient=gradient).moments(order)
 
@@ -207,7 +210,10 @@ def outcomes_at(
 
 
 def along_alpha(slope: Array, dx: Array) -> Array:
-    """dY/dalpha (N, J, K) = sum_i (d eta/d x_i)(d x_i/d alpha)."""
+    """Derivatives of outcomes by alpha (N, J, K), sum_i (d eta/d x_i)(d x_i/d alpha).
+
+    `slope` (N, J, n) are the derivatives by the parameters, `dx` (J, n, K) those of the points.
+    """
     dy = np.zeros((slope.shape[0], slope.shape[1], dx.shape[2]))
     for i in range(slope.shape[2]):
         for k in np.flatnonzero(np.any(dx[:, i], axis=0)):
@@ -217,12 +223,13 @@ def along_alpha(slope: Array, dx: Array) -> Array:
 
 @dataclass(frozen=True)
 class ProjectedPropagation:
-    """Moments of the expansion that is projected on a tensor rule of `nodes` a parameter.
+    """Moments of an expansion by projection, on a tensor rule with `nodes` nodes per parameter.
 
-    The polynomials to total degree `degree` are those of the laws at alpha, and move with it; the
-    moments are integrated exactly (paper, eqs. (quadrature) and (moments)). `step` is that of the
-    differences of the basis by alpha, in widths of the limits or in parts of an sd. Cost: one
-    evaluation of the response at J points and O(N J K M).
+    The polynomials, to total degree `degree`, are those of the laws at alpha and change with it.
+    The moments of the expansion are integrated exactly (paper, eqs. (quadrature) and (moments)).
+    `step` is the relative step of the differences that give the derivative of the basis by a
+    hyperparameter: relative to its value where it is searched on a logarithmic scale, otherwise to
+    the width of its limits. Cost: one evaluation of the response at J points and O(N J K M).
     """
 
     inputs: Inputs
@@ -232,7 +239,7 @@ class ProjectedPropagation:
     step: float = 1e-5
 
     def moments(self, alpha: Array, order: int, *, gradient: bool) -> Moments:
-        """Moments of the N expansions, with the derivatives of just what is computed."""
+        """Moments of the N expansions, with jacobians by alpha if `gradient`."""
         nodes = TensorGauss(self.nodes).nodes(self.inputs, alpha)
         outcomes = outcomes_at(self.response, nodes, gradient=gradient)
         matrix, weights = self._expansion(alpha, order)
@@ -242,7 +249,7 @@ class ProjectedPropagation:
         dfine = np.einsum("fj,njk->nfk", matrix, outcomes.dy, optimize=True)
         dweights = np.zeros((weights.size, alpha.size))
         for k, h in enumerate(self.inputs.hyperparameters):
-            # a basis that depends on alpha moves too; its map costs no run, so differences serve
+            # The basis depends on alpha too. It costs no run, so that differences can be used.
             if not h.free:
                 continue
             step = np.zeros_like(alpha)
@@ -263,13 +270,15 @@ class ProjectedPropagation:
 
 @dataclass(frozen=True)
 class ExpandedPropagation:
-    """Moments of eta(T(theta | alpha)) expanded in Hermite polynomials of theta ~ N(0, 1).
+    """Moments of an expansion in Hermite polynomials of standard normal variates theta.
 
-    The points of the design, in theta, do not depend on alpha, and the coefficients are linear in
-    the outcomes there, so that their derivative by alpha is that of the outcomes. The moments of
-    the expansion are exact (paper, eq. (moments3.0); here by tensor Gauss rules or Galerkin
-    products). `order` is the highest moment that will be needed. Cost: one evaluation of the
-    response at the points, and O(N J P) besides the moments.
+    The response eta(x) is expanded as a function of theta, where x = T(theta | alpha) maps the
+    variates to parameters that follow the law at alpha. The points of the design, in theta, do not
+    depend on alpha, and the coefficients are linear in the outcomes there. Therefore their
+    derivative by alpha follows linearly from that of the outcomes. The moments of the expansion are
+    exact (paper, eq. (moments3.0); here by tensor Gauss rules or Galerkin products). `order` is the
+    highest order of the moments. Cost: one evaluation of the response at the J points, and O(N J P)
+    besides the moments.
     """
 
     inputs: Inputs
@@ -283,12 +292,12 @@ class ExpandedPropagation:
 
     @cached_property
     def design(self) -> ExpansionDesign:
-        """The points in theta, (J, scattering)."""
+        """The points of the design in theta, one column for each scattering parameter."""
         return self.fit.design(self._basis)
 
     @cached_property
     def _operator(self) -> Array:
-        """From outcomes at the points to coefficients, (J, P): the fit of every unit vector."""
+        """The matrix (J, P) that maps outcomes at the points to the coefficients of their fit."""
         return self.fit.fit(self._basis, self.design, np.eye(len(self.design))).coefficients
 
     @cached_property
@@ -309,7 +318,7 @@ class ExpandedPropagation:
         assert m.mean_jac is not None
         assert m.sd_jac is not None
         assert m.standardized_jac is not None
-        # by the outcomes first: moments are fewer than hyperparameters and polynomials
+        # The product runs over the outcomes first: the moments are few, which saves operations.
         own = np.stack(
             [m.mean_jac, m.sd_jac, *np.moveaxis(m.standardized_jac[:, 3:], 1, 0)], axis=1
         )
@@ -329,12 +338,13 @@ class ExpandedPropagation:
 
 @dataclass(frozen=True)
 class NodeSettings:
-    """How many nodes are of use where they cost no run (tests/moments/test_propagation.py).
+    """Settings of the choice of nodes on surfaces, set by tests/moments/test_propagation.py.
 
-    Moments, in standard deviations, that agree to `alike` (rms over experiments) are the same to a
-    likelihood. Nodes are compared at laws whose standard deviation is the region's width over each
-    of `shares`, from `fewest` a dimension on; in many parameters expansions of `degrees` are tried,
-    the last only to compare.
+    `alike`: moments, in standard deviations, that agree to this (rms over experiments) count as
+    equal. `shares`: two numbers of nodes are compared at test laws whose standard deviation is the
+    width of the region divided by each of these. `fewest`: the first number of nodes per parameter
+    that is tried. `degrees`: degrees of the expansions that are tried for many parameters; the last
+    is only compared with.
     """
 
     alike: float = 1e-3
@@ -354,9 +364,10 @@ def on_surfaces(
     region: Array,
     settings: NodeSettings = NODE_SETTINGS,
 ) -> Propagation:
-    """The way from the law to `order` moments of outcomes that cost no run.
+    """The propagation from the law to `order` moments, where the response is a surface.
 
-    The surfaces are known on a `region` (n, 2). Without `nodes` there are as many as are of use.
+    The surfaces are known on a `region` (n, 2) of the parameters. Where `nodes` is None, the number
+    of nodes is the smallest that gives sufficiently accurate moments.
     """
     if nodes is not None:
         return QuadraturePropagation(inputs, response, as_cubature(nodes))
@@ -370,7 +381,7 @@ def on_surfaces(
 def collocated(
     inputs: Inputs, chosen: Collocation, order: int, response: ResponseFunction
 ) -> Propagation:
-    """The way from the law to `order` moments of outcomes that are simulated for every alpha."""
+    """The propagation from the law to `order` moments, where every alpha takes simulator runs."""
     if chosen.fit is not None:
         return ExpandedPropagation(inputs, response, chosen.fit, order)
     if chosen.nodes is None:
@@ -387,11 +398,11 @@ def collocated(
 def _enough_nodes(
     best: QuadraturePropagation, most: int, region: Array, order: int, settings: NodeSettings
 ) -> QuadraturePropagation:
-    """The fewest nodes a dimension whose moments to `order` agree with those of `most`.
+    """The quadrature with the fewest nodes per parameter that is as accurate as one with `most`.
 
-    Compared at laws in the middle of the region (n, 2) that span a sixth and a twelfth of it with
-    one standard deviation on either side: smooth surfaces need few nodes, fronts need many. Every
-    node saved is saved in each of the search's evaluations.
+    The moments to `order` are compared at two test laws in the middle of the region (n, 2), with
+    standard deviations of 1/12 and 1/24 of its width. Smooth surfaces need few nodes, steep fronts
+    need many. A node that is saved here is saved in every evaluation of the search.
     """
     dense = _compared(best, region, order, settings)
     for nodes in range(settings.fewest, most):
@@ -404,10 +415,11 @@ def _enough_nodes(
 def _enough_degrees(
     sampled: QuadraturePropagation, region: Array, order: int, settings: NodeSettings
 ) -> Propagation:
-    """The expansion of degree 2 or 3 where one more degree changes nothing, else the samples.
+    """An expansion of degree 2 or 3 if one more degree leaves the moments as they are.
 
-    In many parameters the moments of an expansion are exact where samples are not; a surface that
-    bends more than such a degree is left to the samples.
+    Otherwise the quadrature `sampled` on Sobol' points. In many parameters the moments of an
+    expansion are exact, and those of Sobol' points are not; but a surface that bends more than
+    degree 3 needs the points.
     """
     inputs, response = sampled.inputs, sampled.response
     ways = [
@@ -431,13 +443,17 @@ def _alike(some: list[Array], others: list[Array], settings: NodeSettings) -> bo
 
 
 def _compared(way: Propagation, region: Array, order: int, settings: NodeSettings) -> list[Array]:
-    """Moments at each law on a common scale: mean and sd in sds, the others damped if large."""
+    """Moments at each test law, scaled for comparison.
+
+    The mean is divided by the sd, the logarithm is taken of the sd, and a standardized moment is
+    divided by one plus the size of the even moment at or above it.
+    """
     found = []
     for share in settings.shares:
         alpha = way.inputs.filling(region, share)
         m = way.moments(alpha, order + order % 2, gradient=False)
         sd = np.where(m.sd > 0.0, m.sd, 1.0)
-        # an even moment bounds the odd one below it
+        # An even moment bounds the odd moment below it.
         above = np.arange(3, order + 1) + np.arange(3, order + 1) % 2
         shape = m.standardized[:, 3 : order + 1] / (1.0 + np.abs(m.standardized[:, above]))
         columns = [(m.mean / sd)[:, None], np.log(sd)[:, None], shape]

@@ -1,10 +1,10 @@
-"""What was measured: the table of experiments, and the errors of its observations.
+"""The measured data: the table of experiments, and the laws of the measurement errors.
 
-Three nouns: `Experiments` are the rows of a table, each of an experiment with one draw of the
-parameters; `Observations` are the measured values of their responses, exact or between bounds;
-`MeasurementErrors` give log p of every observation at simulated values.
+`Experiments` are the rows of a table; all rows of one experiment share one draw of the parameters.
+`Observations` are the measured values of their responses, known exactly or by bounds.
+`MeasurementErrors` give the log-density log p of every observation, given its simulated value.
 
-`tables` reads files and frames cell by cell, `outcomes` what is measured or censored in them,
-`experiments` puts ids, conditions and observations together, `responses` holds transforms and the
-limits of a test, `model` the laws of an error, and `errors` the noise of each response.
+The module `tables` reads files and data frames, and `outcomes` reads the measured and censored
+values in them. `experiments` joins ids, conditions and observations. `responses` holds transforms
+and the limits of a test. `model` has the laws of an error, and `errors` the noise of each response.
 """

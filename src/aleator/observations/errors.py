@@ -1,4 +1,4 @@
-"""Measurement errors of all observations: log p at simulated values, with derivatives."""
+"""The measurement errors of all observations: log-densities at simulated values, derivatives."""
 
 from __future__ import annotations
 
@@ -30,20 +30,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Noise:
-    """Measured value = simulated value eta + error, independent per observation.
+    """The measurement error of a response: measured value = simulated value eta + error.
 
-    p(y | eta, scale) is that of `kind`, by default e ~ Normal(0, scale^2), with
+    The errors of different observations are independent. Their density p(y | eta, scale) is given
+    by `kind`, by default Normal(0, scale^2), with
 
         scale^2 = sd^2 + (relative eta)^2
 
-    `sd` carries the unit of the response: a number (known), `Free(lower, upper)` (identified, both
-    limits needed), or the name of a column that holds a known sd for each row. `relative` is a
-    share of eta, known or free. One of the two may be left out. Both are parts of the scale, which
-    is the standard deviation of normal errors but not of every kind. With a "log" transform, eta
-    and the sd are those of the logarithm.
+    `sd`, in the unit of the response, is a number (known), `Free(lower, upper)` (to be identified,
+    both limits needed), or the name of a column that holds a known sd for each row. `relative` is a
+    share of eta, known or free. One of the two may be left out. The scale is the standard deviation
+    if the errors are normal, but not for every kind. With a "log" transform, eta and the sd are
+    those of the logarithm.
 
-    Raises InputsError where there is neither, one is zero, limits are missing or out of order, or
-    `kind` lacks a member of `ObservationModel`.
+    Raises InputsError where neither is given, where one is zero, where limits are missing or out of
+    order, or where `kind` lacks a member of `ObservationModel`.
 
     >>> Noise(0.002).hyperparameter.name
     'noise.sd'
@@ -57,7 +58,7 @@ class Noise:
     relative: Specification | None = None
 
     def __post_init__(self) -> None:
-        """Check all arguments at once."""
+        """Check all arguments; InputsError if they are not valid."""
         if self.sd is None and self.relative is None:
             raise InputsError("noise: neither sd nor relative is given", "give one of them")
         for name, value in (("sd", self.sd), ("relative", self.relative)):
@@ -68,30 +69,30 @@ class Noise:
 
     @property
     def normal(self) -> bool:
-        """Whether the error is normal, so that it adds to moments and densities in closed form."""
+        """Whether the error is normal; then moments and densities with it have a closed form."""
         return isinstance(self.kind, NormalError)
 
     @property
     def simple(self) -> bool:
-        """Whether one scale, known or free, describes the whole noise."""
+        """Whether one standard deviation, known or free, describes the whole noise."""
         plain = self.sd is not None and not isinstance(self.sd, str)
         return plain and self.relative is None and not self.shapes
 
     @cached_property
     def shapes(self) -> tuple[Hyperparameter, ...]:
-        """The free shapes of the kind, without a prefix."""
+        """The free shape hyperparameters of the kind, named without the prefix `noise.`."""
         return self.kind.shapes if is_shaped(self.kind) else ()
 
     @property
     def column(self) -> str | None:
-        """The column of known sds, if the sd is one."""
+        """The name of the column of known sds, or None if the sd is not given by a column."""
         return self.sd if isinstance(self.sd, str) else None
 
     @property
     def hyperparameter(self) -> Hyperparameter:
-        """The one hyperparameter of simple noise, `noise.sd`.
+        """The hyperparameter `noise.sd` of simple noise, which has no other.
 
-        Raises InputsError for every other noise, which has none or several.
+        Raises InputsError for noise that is not `simple`.
         """
         if not self.simple:
             raise InputsError(
@@ -103,7 +104,11 @@ class Noise:
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """`noise.sd` unless it is a column, `noise.relative`, then the free shapes of the kind."""
+        """All hyperparameters of the noise, known or free.
+
+        They are `noise.sd` (unless it is a column), `noise.relative` if given, then the free shapes
+        of the kind.
+        """
         found = []
         if self.sd is not None and not isinstance(self.sd, str):
             found.append(resolve("sd", self.sd, (None, None), positive=True))
@@ -115,9 +120,10 @@ class Noise:
 def _sds_of_column(
     noise: Noise, response: str, experiments: Experiments | Conditions, rows: Indices
 ) -> Array | None:
-    """The sds (m, 1) of the observations in these rows (m,); None where the noise has no column.
+    """The known sds (m, 1) of observations in these rows (m,), from the column named by the noise.
 
-    Raises ExperimentsError with the row for a cell that is no positive number.
+    None where the noise names no column. Raises ExperimentsError, which names the row, for a cell
+    that is no positive number.
     """
     if noise.column is None:
         return None
@@ -152,9 +158,9 @@ def _number(cell: object) -> float:
 
 
 class ErrorScale(NamedTuple):
-    """sqrt(sd^2 + (relative eta)^2), with its derivatives by eta, sd and relative.
+    """The scale of an error, sqrt(sd^2 + (relative eta)^2), and its partial derivatives.
 
-    Without a relative part the derivatives are None: they are 0, 1 and none.
+    Without a relative part the derivatives are None, because the scale is the sd itself.
     """
 
     value: Array
@@ -167,9 +173,10 @@ class ErrorScale(NamedTuple):
 class ResponseErrors:
     """The m observations of one response, and their noise.
 
-    `rows` (m,) are their positions among all observations, in order; `lower` and `upper` (m, 1)
-    their ends; `sds` (m, 1) the standard deviations of a column. In all methods `values` are those
-    of `noise.hyperparameters`, and `which` are k of the m observations, simulated as eta (k, J).
+    `rows` (m,) are their positions among all observations, in ascending order; `lower` and `upper`
+    (m, 1) are their bounds; `sds` (m, 1) are their known standard deviations, if a column gives
+    them. In all methods `values` are the values of `noise.hyperparameters`, `which` selects k of
+    the m observations, and eta (k, J) are J simulated values of each.
     """
 
     noise: Noise
@@ -179,7 +186,7 @@ class ResponseErrors:
     sds: Array | None = None
 
     def scale(self, values: Sequence[float], eta: Array, which: slice) -> ErrorScale:
-        """The scale of the errors, () or (k, 1) or (k, J)."""
+        """The scale of the errors with its derivatives, each (), (k, 1) or (k, J)."""
         sd = self._sd(values, which)
         if self.noise.relative is None:
             return ErrorScale(sd)
@@ -189,14 +196,15 @@ class ResponseErrors:
         return ErrorScale(scale, relative**2 * eta / scale, sd / scale, relative * eta**2 / scale)
 
     def model(self, values: Sequence[float]) -> ObservationModel:
-        """The kind of the noise with the values of its shapes."""
+        """The law of the error, with the given values of its shape hyperparameters."""
         kind = self.noise.kind
         return kind.at(values[self._scales :]) if is_shaped(kind) else kind
 
     def terms(self, values: Sequence[float], eta: Array, which: slice) -> list[Array]:
-        """log p (k, J), its derivative by eta, then that by each of the values.
+        """log p (k, J), then its derivatives by eta and by each of the `values`, each (k, J).
 
-        Where p is zero or eta is no number, log p is minus infinity and derivatives are zero.
+        Where p is zero or eta is not a number, log p is minus infinity and the derivatives are
+        zero.
         """
         with np.errstate(all="ignore"):
             scale, seen = self._seen(values, eta, which)
@@ -213,16 +221,17 @@ class ResponseErrors:
             return _finite(found)
 
     def curvature(self, values: Sequence[float], eta: Array, which: slice) -> Array:
-        """-d2 log p/d eta2 (k, J), floored at zero.
+        """Minus the second derivative of log p by eta (k, J); negative values become zero.
 
-        In closed form where the scale does not depend on eta, for exact values and for normal
-        errors: p solves the heat equation dp/d scale = scale d2p/d eta2, so that the curvature is
-        (d log p/d eta)^2 - (d log p/d scale)/scale, for bounds too. Else a difference.
+        If the scale does not depend on eta there are two closed forms. For exact values the law of
+        the error may have one. Normal errors have one for censored values too: p solves the heat
+        equation dp/d scale = scale d2p/d eta2, so that the result is
+        (d log p/d eta)^2 - (d log p/d scale)/scale. Otherwise it is computed by differences.
         """
         with np.errstate(all="ignore"):
             scale, model = self.scale(values, eta, which), self.model(values)
             if is_curved(model) and scale.d_eta is None and np.all(self._exact[which]):
-                # The floor takes the place of what is no number, too.
+                # Values that are not a number become zero too.
                 return np.fmax(model.curvature(self.upper[which], eta, scale.value), 0.0)
             if self.noise.normal and scale.d_eta is None:
                 seen = self._seen(values, eta, which)[1]
@@ -235,7 +244,10 @@ class ResponseErrors:
     def _seen(
         self, values: Sequence[float], eta: Array, which: slice
     ) -> tuple[ErrorScale, Observed]:
-        """The scale, and log p with the whole derivative by eta and that by the scale."""
+        """The scale, and log p with its derivatives by the scale and by eta.
+
+        The derivative by eta includes the effect of eta on the scale.
+        """
         scale, lower, upper = self.scale(values, eta, which), self.lower[which], self.upper[which]
         seen = observed(self.model(values), lower, upper, eta, scale.value, self._exact[which])
         if scale.d_eta is not None:
@@ -244,17 +256,17 @@ class ResponseErrors:
 
     @cached_property
     def _exact(self) -> Flags:
-        """Which observations are known exactly, bool (m,)."""
+        """Whether each observation is known exactly, bool (m,)."""
         return np.asarray((self.lower == self.upper)[:, 0])
 
     @cached_property
     def _free_sd(self) -> bool:
-        """Whether the sd is a hyperparameter, and not a column or left out."""
+        """Whether the sd is a hyperparameter, and neither given by a column nor left out."""
         return self.noise.sd is not None and self.noise.column is None
 
     @cached_property
     def _scales(self) -> int:
-        """Number of the values that belong to the scale; the others are shapes."""
+        """The number of `values` that belong to the scale; the others belong to the shapes."""
         return len(self.noise.hyperparameters) - len(self.noise.shapes)
 
     def _sd(self, values: Sequence[float], which: slice) -> Array:
@@ -264,8 +276,8 @@ class ResponseErrors:
 
 
 def _finite(found: list[Array]) -> list[Array]:
-    # A sum is finite if all its terms are, and costs one pass. Of these two, because an infinite
-    # derivative by the scale comes with an infinite log p.
+    # A sum is finite if all its terms are, and takes one pass. Only log p and its derivative by eta
+    # are summed, because an infinite derivative by the scale comes with an infinite log p.
     if all(np.isfinite(np.sum(part)) for part in found[:2]):
         return found
     fine = np.logical_and.reduce([np.isfinite(part) for part in found])
@@ -273,11 +285,11 @@ def _finite(found: list[Array]) -> list[Array]:
 
 
 class Terms(NamedTuple):
-    """log p of m observations at J nodes each, with derivatives.
+    """The log-densities of m observations at J simulated values each, with derivatives.
 
-    `value` and `d_eta` are (m, J). `d_values` has an entry for each value of the noise: which of
-    the m observations depend on it, and the derivatives (of that many, J); those of the others
-    are zero.
+    `value` (m, J) is log p and `d_eta` (m, J) its derivative by the simulated value. `d_values` has
+    an entry for each hyperparameter of the noise: which k of the m observations depend on it, and
+    the derivatives (k, J) of these; those of the others are zero.
     """
 
     value: Array
@@ -287,7 +299,10 @@ class Terms(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MeasurementErrors:
-    """The measurement errors of M observations, a `ResponseErrors` for each response.
+    """The measurement errors of M observations, with a `ResponseErrors` for each response.
+
+    In all methods `values` (P,) are the values of `hyperparameters`, `rows` selects m of the
+    observations, and eta (m, J) are J simulated values of each.
 
     >>> import pandas as pd
     >>> from aleator.laws import Free
@@ -305,10 +320,11 @@ class MeasurementErrors:
     def of(
         cls, noise: Noise | Mapping[str, Noise], experiments: Experiments | Conditions
     ) -> MeasurementErrors:
-        """The errors of the observations of a table; a mapping has the noise of each response.
+        """The measurement errors of the observations of a table.
 
-        Raises ExperimentsError for a response without noise, for one noise and several responses,
-        and for a column of known sds that is not there, or not positive at an observation.
+        `noise` is that of the only response, or a mapping from each response to its noise. Raises
+        ExperimentsError for a response without noise, for one noise with several responses, and for
+        a column of known sds that is absent, or not positive for an observation.
         """
         seen, noises = experiments.observations, _each(noise, experiments.observations.names)
         parts = []
@@ -321,16 +337,16 @@ class MeasurementErrors:
 
     @cached_property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All of the noise: `noise.sd`, or `noise.RESPONSE.sd` with several responses."""
+        """All hyperparameters of the noise; with several responses they are `noise.RESPONSE.sd`."""
         return _named({n: part.noise for n, part in zip(self.names, self.parts, strict=True)})
 
     @property
     def simple(self) -> bool:
-        """Whether there is one response, with one scale that is known or free."""
+        """Whether there is one response, with one standard deviation that is known or free."""
         return len(self.parts) == 1 and self.parts[0].noise.simple
 
     def of_others(self, seen: Observations) -> MeasurementErrors:
-        """The errors of other measured values of the same observations."""
+        """The measurement errors of other measured values, one for each of these observations."""
         ends = seen.lower[:, None], seen.upper[:, None]
         return replace(
             self,
@@ -341,10 +357,10 @@ class MeasurementErrors:
         )
 
     def terms(self, values: Array, eta: Array, rows: slice) -> Terms:
-        """log p of the observations `rows` at eta (m, J), by the `values` (P,) of the noise.
+        """log p of the observations `rows` at eta (m, J), with its derivatives.
 
-        An eta that is not finite has p = 0, but for a censored value, which takes the limit.
-        Cost: 20 ns a normal term with its derivatives.
+        Where eta is not finite p is zero; for a censored value it is the limit for infinite eta.
+        Cost: 20 ns for each normal log-density with its derivatives.
         """
         if self._at_once(eta):
             found = self.parts[0].terms(np.asarray(values).tolist(), eta, rows)
@@ -363,7 +379,7 @@ class MeasurementErrors:
         return Terms(value, d_eta, tuple(by_values))
 
     def curvature(self, values: Array, eta: Array, rows: slice) -> Array:
-        """-d2 log p/d eta2 of the observations `rows` at eta (m, J), floored at zero: (m, J)."""
+        """Minus the second derivative of log p by eta (m, J); negative values become zero."""
         if self._at_once(eta):
             return self.parts[0].curvature(np.asarray(values).tolist(), eta, rows)
         found = np.empty(eta.shape)
@@ -374,23 +390,23 @@ class MeasurementErrors:
         return found
 
     def scale(self, values: Array, eta: Array, rows: slice) -> Array:
-        """The scale of the errors of the observations `rows` at eta (m, J): (m, J)."""
+        """The scale (m, J) of the errors of the observations `rows` at eta (m, J)."""
         found = np.empty(eta.shape)
         for at, _, scale in self._models(values, eta, rows):
             found[at] = scale
         return found
 
     def cdf(self, values: Array, y: Array, eta: Array, rows: slice) -> Array:
-        """Probability of measured values not above y, for the observations `rows`: (m, J)."""
+        """Probability (m, J) that the measured values of the observations `rows` are at most y."""
         found, y = np.empty(eta.shape), np.broadcast_to(y, eta.shape)
         for at, model, scale in self._models(values, eta, rows):
             found[at] = model.cdf(y[at], eta[at], scale)
         return found
 
     def quantile(self, values: Array, probability: Array, eta: Array, rows: slice) -> Array:
-        """The measured values of these probabilities, for the observations `rows`: (m, J).
+        """Quantiles (m, J) of the measured values of the observations `rows`.
 
-        Uniform probabilities make random values.
+        With uniform random probabilities they are random measured values.
         """
         found, probability = np.empty(eta.shape), np.broadcast_to(probability, eta.shape)
         for at, model, scale in self._models(values, eta, rows):
@@ -398,9 +414,9 @@ class MeasurementErrors:
         return found
 
     def moments(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array, Array, Array]:
-        """Mean and central moments 2 to 4 (m, J) of the values of the observations `rows`.
+        """Mean and central moments of orders 2 to 4, each (m, J), of the measured values of `rows`.
 
-        NaN where there is none.
+        NaN where a moment does not exist.
         """
         found = np.empty((4, *eta.shape))
         for at, model, scale in self._models(values, eta, rows):
@@ -412,13 +428,17 @@ class MeasurementErrors:
         return found[0], found[1], found[2], found[3]
 
     def _at_once(self, eta: Array) -> bool:
-        """Whether one array operation suffices, which saves most of the time of small arrays."""
+        """Whether one array operation is enough, which saves most of the time for small arrays."""
         return len(self.parts) == 1 and eta.size <= NUMERICS.together
 
     def _parts(
         self, values: Array, rows: slice
     ) -> Iterator[tuple[ResponseErrors, int, Indices, list[float]]]:
-        """For each response: its first observation in `rows`, all positions there, its values."""
+        """For each response, the part of it that lies in `rows`.
+
+        Yields its errors, the number of its first observation there, the positions of its
+        observations in `rows`, and the values of its hyperparameters.
+        """
         start = 0
         for part in self.parts:
             count = len(part.noise.hyperparameters)
@@ -430,7 +450,7 @@ class MeasurementErrors:
     def _models(
         self, values: Array, eta: Array, rows: slice
     ) -> Iterator[tuple[Indices, ObservationModel, Array]]:
-        """For each response: positions of its observations in `rows`, their model and scale."""
+        """For each response, yield positions of its observations in `rows`, their law and scale."""
         for part, first, at, mine in self._parts(values, rows):
             scale = part.scale(mine, eta[at], slice(first, first + len(at))).value
             yield at, part.model(mine), scale
@@ -439,7 +459,7 @@ class MeasurementErrors:
 def noise_hyperparameters(
     noise: Noise | Mapping[str, Noise] | None, names: tuple[str, ...]
 ) -> tuple[Hyperparameter, ...]:
-    """The hyperparameters of the noise of responses with these names; none without noise.
+    """The hyperparameters of the noise of the responses `names`; an empty tuple without noise.
 
     >>> from aleator.laws import Free
     >>> [h.name for h in noise_hyperparameters({"a": Noise(1), "b": Noise(Free(1, 2))}, ("a", "b"))]
@@ -457,14 +477,14 @@ def _named(noises: Mapping[str, Noise]) -> tuple[Hyperparameter, ...]:
 
 
 def _blocks(at: Indices, nodes: int) -> Iterator[tuple[slice, slice | Indices]]:
-    """Blocks of the positions `at`: slices of `at`, and the same positions in the whole array."""
+    """Blocks of the positions `at`: a slice of `at`, and these positions in the whole array."""
     adjoin = len(at) > 0 and at[-1] - at[0] + 1 == len(at)
     for some in blocks(len(at), nodes, NUMERICS.together):
         yield some, slice(at[0] + some.start, at[0] + some.stop) if adjoin else at[some]
 
 
 def _each(noise: Noise | Mapping[str, Noise], names: tuple[str, ...]) -> Mapping[str, Noise]:
-    """The noise of each response."""
+    """The noise of each response by its name; ExperimentsError if one is missing or ambiguous."""
     if isinstance(noise, Noise):
         if len(names) > 1:
             raise ExperimentsError(

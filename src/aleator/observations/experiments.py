@@ -1,4 +1,4 @@
-"""The table of experiments: an id, the conditions, and what was measured."""
+"""The table of experiments: their ids, their conditions, and the measured values."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ DEFAULT_ID = "id"
 
 @dataclass(frozen=True, eq=False, init=False)
 class _TableRows:
-    """R rows of a table, each of one of N experiments: what experiments and conditions share."""
+    """R rows of a table of N experiments, the base class of `Experiments` and `Conditions`.
+
+    An experiment has one row or several.
+    """
 
     ids: tuple[str, ...]
     conditions: pd.DataFrame
@@ -42,7 +45,11 @@ class _TableRows:
         experiment: Indices | None,
         places: Sequence[str] | None,
     ) -> None:
-        """Without `experiment` each row is one. Raises ExperimentsError for sizes that differ."""
+        """Take the rows; if `experiment` is None each row is one experiment.
+
+        Raises ExperimentsError for sizes that differ, an id that appears twice, or an experiment
+        without a row.
+        """
         experiment = np.arange(len(ids)) if experiment is None else np.array(experiment, np.intp)
         if len(experiment) != len(conditions):
             raise ExperimentsError(
@@ -85,12 +92,13 @@ def _rows_of(
     beside: Collection[str] = (),
     numbers: Collection[str] = (),
 ) -> tuple[_TableRows, Table]:
-    """The rows of a table, and the table with their ids; rows with the same id are one experiment.
+    """The rows of a table, and the table with the ids of its rows.
 
-    The columns of `outcomes` are not part of the table that is kept. Conditions are `names`, or
-    every other column but those `beside`. Those in `numbers` must be numbers.
+    Rows with the same id are one experiment. The columns `outcomes` are left out of the rows. The
+    conditions are the columns `names`, by default every other column but those in `beside`. Columns
+    in `numbers` must hold numbers.
 
-    Raises ExperimentsError for a column that is not there, a blank id, and a slip in a number.
+    Raises ExperimentsError for a missing column, a blank id, and a faulty number.
     """
     import pandas as pd
 
@@ -116,7 +124,10 @@ def _rows_of(
 
 
 def _ids(table: Table, column: str | None) -> tuple[tuple[str, ...], Indices]:
-    """The ids by first appearance, and the experiment of each row; row numbers without a column."""
+    """The ids in order of first appearance, and the experiment of each row.
+
+    If `column` is None, the ids are the row numbers from 1.
+    """
     if column is None:
         return tuple(str(k) for k in range(1, len(table) + 1)), np.arange(len(table))
     number: dict[str, int] = {}
@@ -134,10 +145,11 @@ def _ids(table: Table, column: str | None) -> tuple[tuple[str, ...], Indices]:
 
 
 def _condition(table: Table, name: str, chosen: bool) -> Array | pd.Series:
-    """A column of numbers, or one of objects if it is plainly not meant as numbers.
+    """The column of a condition, as numbers or, if it is clearly not meant as numbers, as texts.
 
-    A text in a column of numbers is a slip that must not turn the column into text: it is an error
-    if most cells are numbers, and for a condition chosen by name already if one cell is.
+    A text in a column of numbers is a typing error, which must not turn the column into texts.
+    ExperimentsError is raised for a text if at least half of the cells are numbers. If the user has
+    `chosen` the condition by name, it is raised if any cell is a number.
     """
     import pandas as pd
 
@@ -154,7 +166,7 @@ def _condition(table: Table, name: str, chosen: bool) -> Array | pd.Series:
 
 
 def _any(table: Table, name: str) -> Array | pd.Series:
-    """A column that is no condition: numbers, NaN where blank, if it has nothing else."""
+    """A column that is no condition: as numbers (NaN for a blank) if possible, else as objects."""
     import pandas as pd
 
     try:
@@ -167,11 +179,12 @@ def _any(table: Table, name: str) -> Array | pd.Series:
 class Conditions(_TableRows):
     """N experiments without outcomes: R rows of conditions.
 
-    `ids` (N,) are distinct texts; `conditions` has R rows and a named column for each condition:
-    float64 where every cell is a number, else objects. `table` has R rows and every column but the
-    ids; `experiment` (R,) is the experiment of each row, arange(N) where each row is one, and
-    `places` (R,) say where each stands. `responses` are those of the identification; `transform`
-    is short for one response that has it.
+    `ids` (N,) are distinct texts. `conditions` is a data frame with R rows and a named column for
+    each condition: float64 where every cell is a number, else objects. `table` is a data frame with
+    R rows and every column but the ids. `experiment` (R,) is the number of the experiment of each
+    row, and `places` (R,) say in words where each row stands. `responses` are the measured
+    quantities of the identification; in place of them, `transform` stands for one response with
+    this transform.
 
     Raises ExperimentsError if the sizes differ or an id appears twice.
 
@@ -199,18 +212,18 @@ class Conditions(_TableRows):
 
     @property
     def transform(self) -> Transform:
-        """The transform that all responses have; none where they differ."""
+        """The common transform of all responses; Transform.NONE if they differ."""
         return common_transform(self.responses)
 
     @property
     def simple(self) -> bool:
-        """Whether each experiment is one row of one response."""
+        """Whether each experiment has one row, and there is one response."""
         alone = np.array_equal(self.experiment, np.arange(len(self.ids)))
         return len(self.responses) == 1 and alone
 
     @property
     def observations(self) -> Observations:
-        """Every response at every row, as observations whose values are NaN."""
+        """Observations of every response in every row, with NaN for their values."""
         order = np.argsort(self.experiment, kind="stable")
         row = np.repeat(order, len(self.responses))
         response = np.tile(np.arange(len(self.responses)), len(order))
@@ -229,7 +242,7 @@ class Conditions(_TableRows):
     ) -> Conditions:
         """Take `conditions` (default: every column but the id) from a data frame.
 
-        Raises ExperimentsError as Experiments.from_frame does.
+        Raises ExperimentsError in the cases of `Experiments.from_frame`.
 
         >>> import pandas as pd
         >>> Conditions.from_frame(pd.DataFrame({"ratio": [0.9, 0.8]})).ids
@@ -253,7 +266,7 @@ class Conditions(_TableRows):
         """Take `conditions` (default: every column but the id) from a delimited file.
 
         Those named in `numbers` must be numbers; the others may be text.
-        Raises ExperimentsError as Experiments.from_csv does.
+        Raises ExperimentsError in the cases of `Experiments.from_csv`.
         """
         table = tables.read(path, delimiter, decimal)
         return cls._of(_rows_of(table, id, conditions, numbers=numbers)[0], transform, responses)
@@ -267,10 +280,11 @@ class Conditions(_TableRows):
 
 
 def covariates(experiments: Experiments | Conditions, names: Sequence[str]) -> pd.DataFrame:
-    """The named columns of the table with a row for each of the N experiments, indexed by ids.
+    """The columns `names` of the table, with one row for each of the N experiments.
 
-    Raises ExperimentsError for a name that is no column, a blank cell, and a value that differs
-    between rows of one experiment: a law holds for the whole experiment.
+    The law of the parameters may depend on them. The rows are indexed by the ids. Raises
+    ExperimentsError for a name that is no column, for a blank cell, and for a value that differs
+    between rows of one experiment, because a law holds for the whole experiment.
 
     >>> import pandas as pd
     >>> from aleator.observations.experiments import Conditions
@@ -315,14 +329,14 @@ def covariates(experiments: Experiments | Conditions, names: Sequence[str]) -> p
 class Experiments(_TableRows):
     """N experiments: R rows of conditions, and M observations.
 
-    `ids` (N,) are distinct texts. `conditions` has R rows and a named column for each condition:
-    float64 where every cell is a number, else objects. `table` has R rows too, and every column
-    but the ids and outcomes. `experiment` (R,) is the experiment of each row: rows of
-    one experiment share one draw of the parameters. `places` (R,) say where each row stands.
-    `observations` are what was measured.
+    `ids` (N,) are distinct texts. `conditions` is a data frame with R rows and a named column for
+    each condition: float64 where every cell is a number, else objects. `table` is a data frame with
+    R rows and every column but the ids and outcomes. `experiment` (R,) is the number of the
+    experiment of each row; rows of one experiment share one draw of the parameters. `places` (R,)
+    say in words where each row stands. `observations` are the measured values.
 
-    Experiments(ids, conditions, outcomes, outcome_name, transform) is a table with one row and one
-    outcome an experiment; the outcomes (N,) are those after the `transform`.
+    Experiments(ids, conditions, outcomes, outcome_name, transform) makes a table with one row and
+    one outcome for each experiment; the outcomes (N,) are already transformed.
 
     Raises ExperimentsError if the sizes differ, an id appears twice or an outcome is not finite.
 
@@ -360,7 +374,7 @@ class Experiments(_TableRows):
         return len(self.ids)
 
     def only(self, which: Flags) -> Experiments:
-        """The same experiments with some of the observations (M,)."""
+        """These experiments, with only the observations that are marked in `which` (M,)."""
         return self.with_observations(self.observations.only(which))
 
     @property
@@ -376,9 +390,9 @@ class Experiments(_TableRows):
 
     @property
     def outcomes(self) -> Array:
-        """The outcomes (N,) of a simple table, as the likelihood sees them.
+        """The transformed outcomes (N,) of a simple table, as the likelihood uses them.
 
-        Raises ExperimentsError for every other table: its `observations` are more than that.
+        Raises ExperimentsError if the table is not `simple`; then use `observations`.
         """
         if not self.simple:
             raise ExperimentsError(
@@ -394,12 +408,12 @@ class Experiments(_TableRows):
 
     @property
     def outcome_name(self) -> str:
-        """The name of the response; several are joined by commas."""
+        """The name of the response; the names of several responses are joined by commas."""
         return ", ".join(self.observations.names)
 
     @property
     def transform(self) -> Transform:
-        """The transform that all responses have; none where they differ."""
+        """The common transform of all responses; Transform.NONE if they differ."""
         return common_transform(self.observations.responses)
 
     @classmethod
@@ -417,17 +431,18 @@ class Experiments(_TableRows):
     ) -> Experiments:
         """Take the `outcome`, the `id` and the `conditions` from the columns of a data frame.
 
-        `id` defaults to the column "id" if there is one, else each row is an experiment, numbered
-        from 1; rows with the same id are one experiment. `outcome` is the measured column, or
-        several: each is then a response, and a cell may be blank. With `response`, the column of
-        that name says which response each value of the one outcome is. `transform` "log" takes the
-        logarithm of outcomes that are positive; {response: transform} gives each its own. So does
-        {response: Censoring(...)} as `censored`, by which only bounds of some outcomes are known.
-        `conditions` default to every other column but those `beside`.
+        Rows with the same `id` are one experiment. `id` is by default the column "id"; without one,
+        each row is an experiment, numbered from 1. `outcome` is the column of measured values, or
+        several columns, each of which is then a response in which cells may be blank. `response` is
+        a column that names the response of each value in the one outcome column. The `transform`
+        "log" takes the logarithm of the outcomes, which must be positive; a mapping
+        {response: transform} gives each response its own. `censored` says which outcomes are known
+        only by bounds, as a `Censoring` or a mapping {response: Censoring(...)}. `conditions` are
+        by default all other columns but those in `beside`.
 
-        Raises ExperimentsError with row and column for: a missing column, a blank, a text, NaN or
-        an infinity where a number is needed, a blank id, the logarithm of an outcome <= 0, a
-        censored value without a bound.
+        Raises ExperimentsError, which names row and column, for a missing column; for a blank, a
+        text, NaN or an infinity where a number is needed; for a blank id; for the logarithm of an
+        outcome <= 0; and for a censored value without a bound.
 
         >>> import pandas as pd
         >>> frame = pd.DataFrame({"id": ["a", "b"], "load": [1, 2], "time": [0.8, 0.9]})
@@ -454,10 +469,12 @@ class Experiments(_TableRows):
     ) -> Experiments:
         """Take the `outcome`, the `id` and the `conditions` from the columns of a delimited file.
 
-        Arguments as in `from_frame`. Text is UTF-8 or UTF-16, the first row names the columns.
+        The other arguments are those of `from_frame`. The text is UTF-8 or UTF-16, and its first
+        row names the columns.
 
-        Raises ExperimentsError as `from_frame` does, with the row as a spreadsheet counts it (the
-        header is row 1), and for a file that is absent, empty, no text, or differently delimited.
+        Raises ExperimentsError in the cases of `from_frame`, with the row number of a spreadsheet
+        (the header is row 1), and for a file that is absent, empty, no text file, or has another
+        delimiter.
         """
         outcomes = OutcomeColumns(_names(outcome), response, transform, censored)
         table = tables.read(path, delimiter, decimal)
@@ -478,7 +495,7 @@ class Experiments(_TableRows):
 
 
 def unmeasured(conditions: Conditions) -> Experiments:
-    """Experiments under these conditions, with NaN for every value because none is measured."""
+    """Experiments under the given conditions whose values are all NaN, as none is measured yet."""
     return conditions.with_observations(conditions.observations)
 
 

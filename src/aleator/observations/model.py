@@ -1,4 +1,4 @@
-"""Laws of the measurement error of one response: normal and Student's t, for bounds as well."""
+"""Laws of the measurement error of one response, normal and Student's t, with censored values."""
 
 from __future__ import annotations
 
@@ -18,29 +18,35 @@ from aleator.laws.law import difference
 
 @dataclass(frozen=True)
 class ErrorNumerics:
-    """How exactly errors are computed; chosen by tests/observations/test_errors.py."""
+    """Numerical settings of measurement errors, chosen by tests/observations/test_errors.py."""
 
     narrow: float = 1e-3
-    """Width of an interval, in scales (of a normal error relative to its distance, too), up to
-    which its probability is its width times the density in its middle."""
+    """Width of an interval, in units of the error's scale, up to which its probability is computed
+    as its width times the density in its middle. For a normal error the limit is smaller for an
+    interval far from the simulated value."""
     df: tuple[float, float] = (1.0, 100.0)
-    """Limits of the degrees of freedom where none are given, from Cauchy's law to what nobody tells
-    from a normal law (by judgement)."""
+    """Default limits of the degrees of freedom of Student's law, chosen by judgement: from Cauchy's
+    law to one that is practically normal."""
     step: float = 2e-3
-    """Relative step of a difference in the degrees of freedom."""
+    """Relative step of the difference that gives the derivative by the degrees of freedom."""
     eta_step: float = 1e-4
-    """Step, in scales, of the difference that gives a curvature; its error is about 1e-8."""
+    """Step, in units of the error's scale, of the difference that gives a curvature; its error is
+    about 1e-8."""
     farthest: float = 1e140
-    """The largest simulated value that is told from infinity; its square is a finite number."""
+    """The size to which a simulated value is limited, so that its square is a finite number."""
     together: int = 32768
-    """Numbers of one array operation: intermediate ones stay in the cache (`make bench`)."""
+    """The number of values in one array operation, chosen so that they stay in the cache
+    (`make bench`)."""
 
 
 NUMERICS = ErrorNumerics()
 
 
 class Observed(NamedTuple):
-    """log p(y | eta, scale) with its derivatives by eta and by the scale, elementwise."""
+    """The log-density log p(y | eta, scale) with its derivatives by eta and the scale, elementwise.
+
+    y is the measured value, eta the simulated value, and scale the scale of the error.
+    """
 
     value: Array
     d_eta: Array
@@ -50,57 +56,58 @@ class Observed(NamedTuple):
 class ObservationModel(Protocol):
     """The distribution of a measured value y, given the simulated value eta and a scale.
 
-    Everything is elementwise: y, eta and the scale broadcast against each other, in the unit of the
-    outcome. The scale is positive. A new kind of measurement error fills this protocol in a file of
-    its own; nothing else in the package knows which kinds there are.
+    All methods work elementwise: y, eta and the scale broadcast against each other, in the unit of
+    the outcome. The scale is positive. A new kind of measurement error is a class with the members
+    of this protocol; no other code has to be changed for it.
     """
 
     @property
     def name(self) -> str:
-        """Name for reports and for `[noise] kind` in a study."""
+        """Name of the error in reports, and as `[noise] kind` in a study."""
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
-        """log p(y | eta, scale), d/d eta and d/d scale; minus infinity where y cannot be."""
+        """log p(y | eta, scale) and its derivatives; minus infinity where y is impossible."""
 
     def cdf(self, y: Array, eta: Array, scale: Array) -> Array:
-        """Probability of a measured value not above y."""
+        """Probability that the measured value is at most y."""
 
     def quantile(self, probability: Array, eta: Array, scale: Array) -> Array:
-        """The measured value that is not exceeded with a probability."""
+        """The value that the measured value does not exceed with the given probability."""
 
     def moments(self, order: int) -> Array:
-        """E[((y - eta)/scale)^m] for m from 0 to `order`, (order + 1,); NaN where there is none."""
+        """E[((y - eta)/scale)^m] for m from 0 to `order`, (order + 1,); NaN where infinite."""
 
 
 class Bounded(ObservationModel, Protocol):
-    """An observation model that also computes probabilities of bounds itself, exact in both tails.
+    """An observation model with its own method for probabilities of intervals, exact in both tails.
 
-    That of a model without it is the difference of its `cdf`, which loses the upper tail.
+    For any other model such a probability is a difference of values of its `cdf`, which is inexact
+    in the upper tail.
     """
 
     def log_probability(self, lower: Array, upper: Array, eta: Array, scale: Array) -> Observed:
-        """log P(lower < y < upper | eta, scale), d/d eta and d/d scale; ends may be infinite."""
+        """log P(lower < y < upper | eta, scale) and its derivatives; the ends may be infinite."""
 
 
 class CurvedModel(ObservationModel, Protocol):
-    """An observation model whose log density has a second derivative in closed form.
+    """An observation model whose log-density has a second derivative in closed form.
 
-    That of a model without it is a difference.
+    For any other model it is computed by differences.
     """
 
     def curvature(self, y: Array, eta: Array, scale: Array) -> Array:
-        """-d2 log p(y | eta, scale)/d eta2, which may be negative."""
+        """Minus the second derivative of log p(y | eta, scale) by eta, which may be negative."""
 
 
 class Shaped(ObservationModel, Protocol):
-    """An observation model with hyperparameters of its own beside the scale.
+    """An observation model with shape hyperparameters, as degrees of freedom, beside the scale.
 
-    Where none of them is free `shapes` is empty, and the model is used as it is.
+    Where none of them is free, `shapes` is empty and the methods `at` and `by_shapes` are not used.
     """
 
     @property
     def shapes(self) -> tuple[Hyperparameter, ...]:
-        """The free shapes, named without a prefix."""
+        """The free shape hyperparameters, named without the prefix `noise.`."""
 
     def at(self, values: Sequence[float]) -> ObservationModel:
         """The model with these values of its `shapes`."""
@@ -108,35 +115,36 @@ class Shaped(ObservationModel, Protocol):
     def by_shapes(
         self, values: Sequence[float], lower: Array, upper: Array, eta: Array, scale: Array
     ) -> tuple[Array, ...]:
-        """The derivative by each of the `shapes` at these values.
+        """The derivatives of log p by each of the `shapes` at these values.
 
-        It is that of the log density where lower and upper are equal, and of the log probability
-        between them where they are not.
+        Where lower and upper are equal, log p is the log-density there; otherwise it is the log
+        probability of the interval between them.
         """
 
 
-# One attribute is looked up: isinstance with a protocol would cost more than the computation.
+# Only one attribute is looked up: isinstance with a protocol would take longer than the rest.
 def is_bounded(model: ObservationModel) -> TypeGuard[Bounded]:
-    """Whether a model computes probabilities of bounds itself."""
+    """Whether a model has its own method for probabilities of intervals (`Bounded`)."""
     return hasattr(model, "log_probability")
 
 
 def is_curved(model: ObservationModel) -> TypeGuard[CurvedModel]:
-    """Whether a model has a closed form of the second derivative."""
+    """Whether a model has a closed form of the second derivative (`CurvedModel`)."""
     return hasattr(model, "curvature")
 
 
 def is_shaped(model: ObservationModel) -> TypeGuard[Shaped]:
-    """Whether a model has shapes that are free."""
+    """Whether a model has shape hyperparameters that are free (`Shaped`)."""
     return bool(getattr(model, "shapes", ()))
 
 
 def observed(
     model: ObservationModel, lower: Array, upper: Array, eta: Array, scale: Array, exact: Flags
 ) -> Observed:
-    """The log density of exact values (lower == upper), the log probability between bounds.
+    """The log-density of exactly known values, and the log probability of censored ones.
 
-    `lower` and `upper` (m, 1), `eta` (m, J), `scale` () or (m, 1) or (m, J), `exact` (m,).
+    `lower` and `upper` (m, 1) are the bounds of m observations, equal where `exact` (m,) is true.
+    `eta` (m, J) are simulated values, and `scale` is (), (m, 1) or (m, J).
     """
     if np.all(exact):
         return model.log_density(upper, eta, scale)
@@ -154,9 +162,9 @@ def observed(
 def log_probability(
     model: ObservationModel, lower: Array, upper: Array, eta: Array, scale: Array
 ) -> Observed:
-    """log P(lower < y < upper | eta, scale) with derivatives: the model's own, or by its cdf.
+    """log P(lower < y < upper | eta, scale) and its derivatives, by the model itself or by its cdf.
 
-    An infinite eta gives the limit.
+    For an infinite eta it is the limit.
     """
     eta = np.clip(eta, -NUMERICS.farthest, NUMERICS.farthest)
     if is_bounded(model):
@@ -167,7 +175,7 @@ def log_probability(
 def _by_cdf(
     model: ObservationModel, lower: Array, upper: Array, eta: Array, scale: Array
 ) -> Observed:
-    """P = F(upper) - F(lower), where F depends on y, eta and the scale by (y - eta)/scale only."""
+    """log(F(upper) - F(lower)) and its derivatives, for a cdf F that depends on (y - eta)/scale."""
     below = np.where(np.isneginf(lower), 0.0, model.cdf(lower, eta, scale))
     above = np.where(np.isposinf(upper), 1.0, model.cdf(upper, eta, scale))
     a, b = (lower - eta) / scale, (upper - eta) / scale
@@ -179,10 +187,10 @@ def _by_cdf(
 
 
 def from_ends(value: Array, at_a: Array, at_b: Array, a: Array, b: Array, scale: Array) -> Observed:
-    """The derivatives of value = log P(a < u < b) from the log densities of u at the two ends.
+    """The derivatives of value = log P(a < u < b), from the log-densities of u at the two ends.
 
-    d/d eta = (f(a) - f(b))/(scale P), d/d scale = (a f(a) - b f(b))/(scale P); an end at infinity
-    gives nothing.
+    With u = (y - eta)/scale and its density f, d/d eta = (f(a) - f(b))/(scale P) and
+    d/d scale = (a f(a) - b f(b))/(scale P). An end at infinity contributes nothing.
     """
     with np.errstate(all="ignore"):
         ratio_a = np.where(np.isinf(a), 0.0, np.exp(at_a - value))
@@ -192,7 +200,10 @@ def from_ends(value: Array, at_a: Array, at_b: Array, a: Array, b: Array, scale:
 
 
 def outward(a: Array, b: Array) -> tuple[Array, Array, Flags]:
-    """Ends mirrored so that b >= |a|, which have equal probability by symmetry; which were."""
+    """Intervals (a, b) mirrored at zero where needed so that b >= |a|, and which were mirrored.
+
+    For a symmetric law the probability stays the same.
+    """
     turned = a + b < 0.0
     return np.where(turned, -b, a), np.where(turned, -a, b), turned
 
@@ -203,7 +214,7 @@ ROOT_2 = float(np.sqrt(2.0))
 
 @dataclass(frozen=True)
 class NormalError:
-    """y = eta + e with e ~ Normal(0, scale^2).
+    """Normal measurement error: y = eta + e with e ~ Normal(0, scale^2).
 
     >>> y, eta, scale = np.array(1.0), np.array(0.0), np.array(2.0)
     >>> [float(v) for v in NormalError().log_density(y, eta, scale)]
@@ -212,12 +223,12 @@ class NormalError:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the error in reports."""
         return "normal"
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
-        """-u^2/2 - log scale - log(2 pi)/2 with u = (y - eta)/scale."""
-        # In place, because memory traffic is the cost: it is called for millions of values.
+        """-u^2/2 - log scale - log(2 pi)/2 with u = (y - eta)/scale, and its derivatives."""
+        # Arrays are changed in place, since with millions of values memory traffic is the cost.
         u = (y - eta) / scale
         square = u * u
         value = -0.5 * square
@@ -228,7 +239,9 @@ class NormalError:
         return Observed(value, u, square)
 
     def log_probability(self, lower: Array, upper: Array, eta: Array, scale: Array) -> Observed:
-        """log(Phi(b) - Phi(a)) with a and b the ends in scales from eta; all digits in both tails.
+        """log(Phi(b) - Phi(a)) with a = (lower - eta)/scale, b = (upper - eta)/scale; derivatives.
+
+        It is exact in both tails.
 
         >>> seen = NormalError().log_probability(*map(np.array, ([40.0], [np.inf], [0.0], [1.0])))
         >>> [v.round(6).tolist() for v in seen]
@@ -252,36 +265,39 @@ class NormalError:
             return Observed(value, sign * by_eta / scale, by_scale / scale)
 
     def curvature(self, y: Array, eta: Array, scale: Array) -> Array:
-        """1/scale^2."""
+        """Minus the second derivative of the log-density by eta, 1/scale^2."""
         return np.broadcast_to(scale**-2.0, np.broadcast_shapes(y.shape, eta.shape, scale.shape))
 
     def cdf(self, y: Array, eta: Array, scale: Array) -> Array:
-        """Phi((y - eta)/scale)."""
+        """Probability that the measured value is at most y, Phi((y - eta)/scale)."""
         return np.asarray(special.ndtr((y - eta) / scale))
 
     def quantile(self, probability: Array, eta: Array, scale: Array) -> Array:
-        """Eta + scale Phi^-1(probability)."""
+        """The quantile of the measured value, eta + scale Phi^-1(probability)."""
         return np.asarray(eta + scale * special.ndtri(probability))
 
     def moments(self, order: int) -> Array:
-        """(m - 1)!! for even m, zero for odd."""
+        """The moments of the standard normal law: (m - 1)!! for even m, zero for odd m."""
         m = np.arange(order + 1)
         return np.where(m % 2 == 0, special.factorial2(np.maximum(m - 1, 0)), 0.0)
 
 
 _Found = tuple[Array, Array, Array]
-"""log P(a < u < b), (phi(a) - phi(b))/P and (a phi(a) - b phi(b))/P of a standard normal u."""
+"""For a standard normal u: log P(a < u < b), (phi(a) - phi(b))/P, (a phi(a) - b phi(b))/P."""
 
 
 def _narrow(a: Array, b: Array) -> _Found:
-    """Case of a narrow interval: the integral of phi about its middle, to third order."""
+    """`_Found` for a narrow interval, over which a series of the normal density is integrated.
+
+    The series about the middle of the interval has terms to the third order in its width.
+    """
     m, d = 0.5 * (a + b), b - a
     value = -0.5 * m**2 - HALF_LOG_2_PI + np.log(d) + np.log1p(d**2 * (m**2 - 1.0) / 24.0)
     return value, m - d**2 * m / 12.0, m**2 - 1.0 - d**2 * (2.0 * m**2 - 1.0) / 12.0
 
 
 def _beyond(a: Array, b: Array) -> _Found:
-    """Case 0 <= a: P = Q(a)(1 - Q(b)/Q(a)), since ratios of upper tails Q keep their digits."""
+    """`_Found` for 0 <= a: P = Q(a)(1 - Q(b)/Q(a)); ratios of upper tails Q keep their digits."""
     tail, drop = special.erfcx(a / ROOT_2), 0.5 * (b - a) * (b + a)
     left = -np.expm1(np.log(special.erfcx(b / ROOT_2) / tail) - drop)
     at_a = np.sqrt(2.0 / np.pi) / (tail * left)
@@ -291,7 +307,7 @@ def _beyond(a: Array, b: Array) -> _Found:
 
 
 def _across(a: Array, b: Array) -> _Found:
-    """Case a < 0 < b: P is a sum of two positive numbers."""
+    """`_Found` for a < 0 < b: P is a sum of two positive numbers."""
     probability = 0.5 * (special.erf(b / ROOT_2) + special.erf(-a / ROOT_2))
     at_a, at_b = (np.exp(-0.5 * u**2 - HALF_LOG_2_PI) / probability for u in (a, b))
     moved = np.where(np.isinf(a), 0.0, a * at_a) - np.where(np.isinf(b), 0.0, b * at_b)
@@ -300,12 +316,13 @@ def _across(a: Array, b: Array) -> _Found:
 
 @dataclass(frozen=True)
 class StudentError:
-    """y = eta + scale t, t of Student's law with `df` degrees of freedom: outliers pull little.
+    """Measurement error with heavy tails, y = eta + scale t, on which outliers have little effect.
 
-    p(y | eta, scale) = c (1 + u^2/df)^(-(df + 1)/2)/scale with u = (y - eta)/scale. The scale is
-    not the standard deviation: that is scale sqrt(df/(df - 2)), and there is none up to df = 2.
-    `df` is a number > 0, or `Free(lower, upper)`, whose limits default to 1 and 100; its
-    hyperparameter is `noise.df`. Raises InputsError for what is neither.
+    t follows Student's law with `df` degrees of freedom:
+    p(y | eta, scale) = c (1 + u^2/df)^(-(df + 1)/2)/scale with u = (y - eta)/scale. The standard
+    deviation is scale sqrt(df/(df - 2)), and does not exist for df <= 2. `df` is a number > 0, or
+    `Free(lower, upper)` with default limits 1 and 100, to be identified as the hyperparameter
+    `noise.df`. Raises InputsError for any other `df`.
 
     >>> from scipy import stats
     >>> at = np.array(1.5), np.array(0.2), np.array(0.7)
@@ -316,7 +333,7 @@ class StudentError:
     df: Specification
 
     def __post_init__(self) -> None:
-        """Check the degrees of freedom at once."""
+        """Check the degrees of freedom; InputsError if not valid."""
         _ = self._shape
 
     @cached_property
@@ -327,11 +344,11 @@ class StudentError:
 
     @property
     def shapes(self) -> tuple[Hyperparameter, ...]:
-        """The degrees of freedom, if they are to be identified."""
+        """The hyperparameter of the degrees of freedom, if they are to be identified."""
         return (self._shape,) if self._shape.free else ()
 
     def at(self, values: Sequence[float]) -> StudentError:
-        """The same error with a known df; with no values, itself.
+        """This error with known degrees of freedom values[0]; unchanged if `values` is empty.
 
         >>> StudentError(Free(2.0, 30.0)).at([5.0])
         StudentError(df=5.0)
@@ -340,7 +357,7 @@ class StudentError:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the error in reports, with the degrees of freedom if they are known."""
         return "student_t" if isinstance(self.df, Free) else f"student_t({self.df:g})"
 
     @property
@@ -353,7 +370,7 @@ class StudentError:
         return float(self.df)
 
     def log_density(self, y: Array, eta: Array, scale: Array) -> Observed:
-        """log c - (df + 1)/2 log(1 + u^2/df) - log scale, with derivatives."""
+        """log c - (df + 1)/2 log(1 + u^2/df) - log scale with u = (y - eta)/scale; derivatives."""
         df, u = self._df, (y - eta) / scale
         square = u * u
         pull = (df + 1.0) * u / (df + square)
@@ -361,9 +378,10 @@ class StudentError:
         return Observed(value, pull / scale, (u * pull - 1.0) / scale)
 
     def log_probability(self, lower: Array, upper: Array, eta: Array, scale: Array) -> Observed:
-        """log P(lower < y < upper), by the tail in which the interval lies.
+        """log P(lower < y < upper) and its derivatives, from the tail in which the interval lies.
 
-        An interval narrower than 1e-3 scales is its width times the density in its middle.
+        For an interval narrower than 1e-3 scales the probability is its width times the density in
+        its middle.
         """
         df = self._df
         with np.errstate(all="ignore"):
@@ -372,17 +390,21 @@ class StudentError:
             return from_ends(_log_between(df, a, b), *ends, a, b, scale)
 
     def curvature(self, y: Array, eta: Array, scale: Array) -> Array:
-        """(df + 1)(df - u^2)/(df + u^2)^2/scale^2, negative where |u| > sqrt(df)."""
+        """Minus the second derivative of the log-density by eta, negative where |u| > sqrt(df).
+
+        It is (df + 1)(df - u^2)/(df + u^2)^2/scale^2 with u = (y - eta)/scale.
+        """
         df, square = self._df, ((y - eta) / scale) ** 2
         return (df + 1.0) * (df - square) / ((df + square) * scale) ** 2
 
     def by_shapes(
         self, values: Sequence[float], lower: Array, upper: Array, eta: Array, scale: Array
     ) -> tuple[Array, ...]:
-        """d/d df: in closed form where lower and upper are equal, else a difference.
+        """The derivative of log p by df: in closed form for exact values, otherwise by differences.
 
-        2 d log p/d df = psi((df + 1)/2) - psi(df/2) - 1/df - log(1 + u^2/df) + u pull/df with
-        pull = (df + 1) u/(df + u^2). The difference has some ten digits.
+        2 d log p/d df = psi((df + 1)/2) - psi(df/2) - 1/df - log(1 + u^2/df) + u w/df with
+        w = (df + 1) u/(df + u^2) and the digamma function psi. The differences, for values between
+        bounds, have some ten correct digits.
         """
         df = float(values[0])
         with np.errstate(all="ignore"):
@@ -397,17 +419,18 @@ class StudentError:
         return (found,)
 
     def cdf(self, y: Array, eta: Array, scale: Array) -> Array:
-        """F((y - eta)/scale)."""
+        """Probability that the measured value is at most y, F((y - eta)/scale) of Student's law."""
         return np.asarray(special.stdtr(self._df, (y - eta) / scale))
 
     def quantile(self, probability: Array, eta: Array, scale: Array) -> Array:
-        """Eta + scale F^-1(probability)."""
+        """The quantile of the measured value, eta + scale F^-1(probability) of Student's law."""
         return np.asarray(eta + scale * special.stdtrit(self._df, probability))
 
     def moments(self, order: int) -> Array:
-        """Moments of order below df: E[t^m] = df^(m/2) G((m+1)/2) G((df-m)/2)/(G(1/2) G(df/2)).
+        """The moments E[t^m] for m from 0 to `order`; NaN where m >= df.
 
-        G is the gamma function; odd moments are zero.
+        E[t^m] = df^(m/2) G((m+1)/2) G((df-m)/2)/(G(1/2) G(df/2)) for even m, with the gamma
+        function G; odd moments are zero.
         """
         df, m = self._df, np.arange(order + 1)
         with np.errstate(all="ignore"):
@@ -420,7 +443,7 @@ class StudentError:
 
 
 def _log_density(df: float, square: Array) -> Array:
-    """Log-density of Student's standard law by u^2."""
+    """Log-density of Student's standard law, as a function of `square` = u^2."""
     log_c = special.gammaln(0.5 * (df + 1.0)) - special.gammaln(0.5 * df) - 0.5 * np.log(df * np.pi)
     return np.asarray(log_c - 0.5 * (df + 1.0) * np.log1p(square / df))
 
@@ -431,13 +454,13 @@ def _twice_by_df(df: float, square: Array) -> Array:
 
 
 def _log_between(df: float, a: Array, b: Array) -> Array:
-    """log P(a < t < b)."""
+    """log P(a < t < b) for Student's standard law."""
     a, b, _ = outward(a, b)
     beyond, rest = special.stdtr(df, -a), special.stdtr(df, -b)
     value = np.log(np.where(a >= 0.0, beyond - rest, special.stdtr(df, b) - special.stdtr(df, a)))
     middle = 0.5 * (a + b)
     flat = np.log(b - a) + _log_density(df, middle * middle)
-    # Where the tail underflows, which needs many degrees of freedom: f(a) over its fall there.
+    # The tail can underflow with many degrees of freedom. Then it is f(a) over its rate of decay.
     far = _log_density(df, a * a) - np.log((df + 1.0) * a / (df + a * a))
     value = np.where(np.isneginf(value), far, value)
     return np.where(b - a < NUMERICS.narrow, flat, value)

@@ -1,4 +1,4 @@
-"""Measured values out of the columns of a table, exact or censored."""
+"""Reads measured values, exact or censored, from the columns of a table."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from aleator.observations.responses import Observations, Response, require_respo
 from aleator.observations.tables import UNMEASURED, Table
 
 Words = str | int | Sequence[str | int]
-"""A word of a column, or several; a whole number is the word that it is written as."""
+"""One word of a column, or several; a whole number stands for the word that is its text."""
 
 
 class ColumnValues(NamedTuple):
-    """Values of one column in the original unit: the row (m,) of each, and its two ends (m,)."""
+    """Values of one response in the original unit: rows (m,), and lower and upper bounds (m,)."""
 
     row: Indices
     lower: Array
@@ -27,21 +27,22 @@ class ColumnValues(NamedTuple):
 
 @dataclass(frozen=True)
 class Censoring:
-    """How a table marks the values of which only bounds are known.
+    """How a table marks values of which only bounds are known (censored values).
 
-    The `column` holds words. If the word is one of `right`, the value is above the outcome (no
-    failure up to so many cycles); if it is one of `left`, the value is below (under the limit of
-    detection). Every other word says that the outcome was measured. Two or more such words must be
-    listed in `measured`, so that a misspelt word does not turn a bound into a measurement. A blank
-    cell says that the outcome was measured, too.
+    There are three ways. The first is a `column` of words. If its word is one of `right`, the true
+    value is above the number in the outcome column (as no failure up to so many cycles). If it is
+    one of `left`, the true value is below it (as under a limit of detection). Any other word, or a
+    blank cell, says that the outcome was measured exactly. Two or more such other words must be
+    listed in `measured`, so that a misspelt word does not turn a bound into a measurement.
 
-    The column `upper` makes intervals, of which the outcome is the lower end. Where it is blank, or
-    equal to the outcome, the outcome was measured.
+    The second way is a column `upper`, which makes intervals whose lower end is the outcome. Where
+    it is blank, or equal to the outcome, the outcome was measured exactly.
 
-    With `signs` the cells of the outcome have the bounds: "> 20" is above 20, "<0.5" below 0.5, and
-    a number was measured.
+    The third way is `signs` in the cells of the outcome: "> 20" is above 20, "<0.5" is below 0.5,
+    and a plain number was measured exactly.
 
-    Raises ExperimentsError for words without a column, a word in two lists, and signs beside words.
+    Raises ExperimentsError for words without a column, a word in two lists, or signs together with
+    another way.
 
     >>> table = Table("a.csv", {"y": ["1", "2"], "s": ["", "out"]}, ("row 2", "row 3"))
     >>> Censoring("s", right="out").read(table, "y", np.arange(2)).upper.tolist()
@@ -80,7 +81,7 @@ class Censoring:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns that mark what is censored."""
+        """The names of the columns that mark censored values."""
         return tuple(name for name in (self.column, self.upper) if name is not None)
 
     @property
@@ -88,10 +89,10 @@ class Censoring:
         return [*_words(self.right), *_words(self.left), *_words(self.measured)]
 
     def read(self, table: Table, outcome: str, rows: Indices) -> ColumnValues:
-        """The ends of the outcomes in these rows, without those that have none at all.
+        """The bounds of the outcomes in these rows; rows without any value are left out.
 
-        Raises ExperimentsError with the row for a censored value without a bound, an interval
-        without its lower end or with the ends swapped, and a word that is not listed.
+        Raises ExperimentsError, which names the row, for a censored value without a bound, an
+        interval without its lower end or with its ends swapped, and a word that is not listed.
         """
         for name in self.columns:
             table.require(name, "censored:")
@@ -108,7 +109,7 @@ class Censoring:
         return ColumnValues(rows[present], lower[present], upper[present])
 
     def _sides(self, table: Table, rows: Indices) -> tuple[Flags, Flags]:
-        """Which of the rows are left-censored, and which right-censored, by the words."""
+        """Which rows are left-censored, and which are right-censored, by the words of `column`."""
         if self.column is None:
             return np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
         texts = table.texts(self.column)
@@ -136,7 +137,7 @@ class Censoring:
     def _checked(
         self, table: Table, outcome: str, rows: Indices, lower: Array, upper: Array, bound: Flags
     ) -> Flags:
-        """Which rows have a value. Raises ExperimentsError for ends that cannot be."""
+        """Which rows have a value. Raises ExperimentsError for missing or contradictory bounds."""
         lacking, half = np.isnan(lower), np.isnan(lower) != np.isnan(upper)
         for fault, problem, remedy in (
             (
@@ -166,7 +167,7 @@ def _words(words: Words) -> list[str]:
 
 
 def _word(text: str) -> str:
-    """A word; whole numbers are one word however pandas writes them, 1 or 1.0."""
+    """The word of a cell, in which the whole number 1.0, as pandas may write it, becomes 1."""
     return text[:-2] if text.endswith(".0") and text[:-2].lstrip("+-").isdigit() else text
 
 
@@ -175,18 +176,18 @@ def _quoted(words: Sequence[str]) -> str:
 
 
 Censored = Censoring | Mapping[str, Censoring] | None
-"""The censoring of all values, or that of each response, or none."""
+"""The censoring of all values, a mapping from each censored response to its own, or None."""
 
 
 @dataclass(frozen=True)
 class OutcomeColumns:
-    """Which columns of a table hold what was measured.
+    """The columns of a table that hold the measured values.
 
-    Wide: each of the `columns` is a response of its name. Long: there is one column of values, and
-    the column `response` says which response each is. `transform` and `censored` are one for all
-    responses, or one for each that has one.
+    In a wide table each of the `columns` is a response with its name. In a long table there is one
+    column of values, and the column `response` names the response of each value. `transform` and
+    `censored` hold for all responses, or are mappings from responses to their own.
 
-    Raises ExperimentsError for columns that cannot be read so.
+    Raises ExperimentsError if these choices contradict each other.
 
     >>> table = Table("a.csv", {"time": ["1", "2"], "torque": ["", "5"]}, ("row 2", "row 3"))
     >>> seen = OutcomeColumns(("time", "torque")).read(table, np.array([0, 0]))
@@ -218,13 +219,13 @@ class OutcomeColumns:
 
     @property
     def taken(self) -> tuple[str, ...]:
-        """All columns with measured values or their marks, which are no conditions."""
+        """All columns with measured values or marks of them; these are never conditions."""
         censored = self.censored if isinstance(self.censored, Mapping) else {"": self.censored}
         said = [name for one in censored.values() if one is not None for name in one.columns]
         return (*self.columns, *([] if self.response is None else [self.response]), *said)
 
     def require(self, table: Table, conditions: Sequence[str] | None) -> None:
-        """Raise ExperimentsError for a column that is not there, or that is a condition too."""
+        """Raise ExperimentsError for a column that is missing, or that is a condition too."""
         for name in self.columns:
             table.require(name, "the outcome")
         if self.response is not None:
@@ -237,7 +238,7 @@ class OutcomeColumns:
             )
 
     def read(self, table: Table, experiment: Indices) -> Observations:
-        """The observations of a table whose rows are of the experiments (R,)."""
+        """The observations in a table; `experiment` (R,) is the experiment of each of its rows."""
         rows = self._rows(table)
         responses = responses_of([*rows], self.transform)
         if isinstance(self.censored, Mapping):
@@ -258,7 +259,7 @@ class OutcomeColumns:
         return Observations(experiment[row], row, which, lower[order], upper[order], responses)
 
     def _rows(self, table: Table) -> dict[str, Indices]:
-        """The rows of each response, in order of appearance in a long table."""
+        """The rows of each response by its name; a long table gives them in order of appearance."""
         if self.response is None:
             return dict.fromkeys(self.columns, np.arange(len(table)))
         words = table.texts(self.response)
@@ -271,7 +272,10 @@ class OutcomeColumns:
         return {name: np.flatnonzero(of == name) for name in dict.fromkeys(words)}
 
     def _values(self, table: Table, response: Response, rows: Indices) -> ColumnValues:
-        """The transformed values of a response; raises ExperimentsError if one has no logarithm."""
+        """The transformed values of a response in the given rows.
+
+        Raises ExperimentsError if a value has no logarithm where one is asked for.
+        """
         column = response.name if self.response is None else self.columns[0]
         censored = self.censored
         censoring = censored.get(response.name) if isinstance(censored, Mapping) else censored

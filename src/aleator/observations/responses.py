@@ -1,4 +1,4 @@
-"""What was measured: responses, the observations of them, and the limits of the test."""
+"""Responses (measured quantities), their observations, and the limits of a test."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from aleator.errors import ExperimentsError, nearest
 class Transform(StrEnum):
     """The scale on which the law of the outcome is identified: its own, or the logarithmic one.
 
-    Measured and simulated outcomes are both in the original unit, and both are transformed; means,
-    densities and log-likelihoods are those of the transformed outcome.
+    Measured and simulated outcomes are given in the original unit, and both are transformed. Means,
+    densities and log-likelihoods refer to the transformed outcome.
 
     >>> Transform.LOG([1.0, 10.0]), Transform.LOG.fault(-2.0)
     (array([0.        , 2.30258509]), 'the logarithm of -2 does not exist')
@@ -35,7 +35,7 @@ class Transform(StrEnum):
         return cls(text)
 
     def __call__(self, outcome: ArrayLike) -> Array:
-        """Transformed outcomes from those in the original unit; not finite without a logarithm."""
+        """Transform outcomes from the original unit; not finite where there is no logarithm."""
         values = np.asarray(outcome, dtype=np.float64)
         if self is Transform.NONE:
             return values
@@ -43,7 +43,7 @@ class Transform(StrEnum):
             return np.log(values)
 
     def inverse(self, transformed: Array) -> Array:
-        """Outcomes in the original unit."""
+        """Outcomes in the original unit, from transformed ones."""
         return transformed if self is Transform.NONE else np.exp(transformed)
 
     def fault(self, outcome: float) -> str:
@@ -55,7 +55,7 @@ class Transform(StrEnum):
 
 @dataclass(frozen=True)
 class Response:
-    """A quantity that is measured, and the scale on which the likelihood sees it.
+    """A quantity that is measured, and the transform under which it enters the likelihood.
 
     >>> Response("life", "log").transform
     <Transform.LOG: 'log'>
@@ -71,9 +71,10 @@ class Response:
 def responses_of(
     names: Sequence[str], transform: str | Mapping[str, str] = Transform.NONE
 ) -> tuple[Response, ...]:
-    """The responses of these names; `transform` is one for all, or one for each that has one.
+    """The responses with these names.
 
-    Raises ExperimentsError for a transform of an unknown response.
+    `transform` is one transform for all of them, or a mapping from names to transforms. Raises
+    ExperimentsError for a transform of an unknown response.
 
     >>> [str(r.transform) for r in responses_of(["time", "torque"], {"torque": "log"})]
     ['none', 'log']
@@ -106,11 +107,12 @@ def require_responses(keys: Mapping[str, object], names: Sequence[str], what: st
 class Observations:
     """M measured values of N experiments, all values of one experiment together.
 
-    `experiment` (M,) rises; `row` (M,) is the row of the table; `response` (M,) the position in
-    `responses`. `lower` and `upper` (M,) are on the scale of the likelihood, after the transform of
-    the response. Where they are equal the value was measured exactly. A lower of minus infinity is
-    left-censored at the upper, an upper of infinity is right-censored at the lower, and else the
-    value lies between them. NaN in both is a value that was not measured.
+    For each value, `experiment` (M,) is the number of its experiment, in ascending order; `row`
+    (M,) is its row of the table; `response` (M,) is the position of its response in `responses`.
+    `lower` and `upper` (M,) are its bounds, after the transform of the response. They are equal if
+    the value was measured exactly. The value is left-censored if `lower` is minus infinity,
+    right-censored if `upper` is infinity, and otherwise lies between the two. NaN in both means
+    that the value was not measured.
 
     Raises ExperimentsError for sizes that differ, for experiments in disorder, and for a lower
     above its upper.
@@ -159,7 +161,7 @@ class Observations:
     def exact(
         cls, values: Array, name: str = "outcome", transform: Transform = Transform.NONE
     ) -> Observations:
-        """One value (N,) an experiment, each experiment a row; the values are transformed already.
+        """Exactly measured values (N,), one for each experiment and row, already transformed.
 
         >>> Observations.exact([1.0, 2.0]).measured.tolist()
         [True, True]
@@ -175,7 +177,7 @@ class Observations:
         return tuple(response.name for response in self.responses)
 
     def only(self, which: Flags) -> Observations:
-        """Some of the values (M,).
+        """The observations with only those of the M values that are marked in `which` (M,).
 
         >>> Observations.exact([1.0, 2.0]).only(np.array([False, True])).lower.tolist()
         [2.0]
@@ -197,11 +199,12 @@ class Observations:
 
 
 def limits_of_test(seen: Observations) -> list[tuple[float, float]] | None:
-    """Lower and upper limit of the test for each response, infinite without one.
+    """The lower and upper limit of the test for each response, beyond which values are censored.
 
-    If all right-censored values of a response have the same bound, it is the upper limit; values
-    beyond it are censored. The result is None if bounds differ, or if values lie between two
-    bounds: these are no limits of a test.
+    If all right-censored values of a response have the same bound, this is the upper limit of the
+    test; likewise for left-censored values and the lower limit. A limit is infinite where no value
+    is censored. Returns None if such bounds differ, or if a value lies between two bounds, because
+    then there are no limits of a test.
 
     >>> seen = Observations.exact([1.0, 2.0, 2.0])
     >>> limits_of_test(replace(seen, upper=[1.0, np.inf, np.inf]))
@@ -220,9 +223,10 @@ def limits_of_test(seen: Observations) -> list[tuple[float, float]] | None:
 
 
 def with_limits_of_test(new: Observations, seen: Observations) -> Observations:
-    """New observations (M,) without values, with the limits of the test of those that were seen.
+    """New observations (M,) without values, marked as censored at the limits of an earlier test.
 
-    A new value counts as one beyond a limit until it is measured.
+    The limits are those of the earlier observations `seen` (`limits_of_test`). Each new value
+    counts as lying beyond the limit until it is measured.
     """
     lower, upper = new.lower.copy(), new.upper.copy()
     for k, (low, high) in enumerate(limits_of_test(seen) or []):
@@ -235,6 +239,6 @@ def with_limits_of_test(new: Observations, seen: Observations) -> Observations:
 
 
 def ends_of(seen: Observations, limits: list[tuple[float, float]]) -> tuple[Array, Array]:
-    """The limits of each observation, (M,)."""
+    """The lower and upper limit of the test for each of M observations, both (M,)."""
     each = np.array(limits).reshape(-1, 2)[seen.response]
     return each[:, 0], each[:, 1]

@@ -1,4 +1,4 @@
-"""A table as cells that know their row and column, and the files that hold one."""
+"""Tables whose cells know their row and column, and the reading of files and data frames."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 _MISSING_TYPES = ("NoneType", "NAType", "NaTType")
-"""The types of None, and of what pandas puts where there is nothing."""
+"""Names of the types of a missing value: None, and those that pandas uses."""
 
 
 def real_numbers(values: Any) -> Array:
-    """The same numbers as float64, of the same shape; NaN where one is masked or missing.
+    """Numbers of any type as float64, in the same shape; NaN where one is masked or missing.
 
     Objects that are numbers (Decimal, Fraction, columns of a data frame) are accepted. Raises
     TypeError for texts, truth values, complex numbers and dates: none of them is an outcome.
@@ -71,11 +71,11 @@ UNMEASURED = (
     "write a finite number there; where only a bound is known, write that and say so by the key "
     "censored; delete the row only if nothing was measured"
 )
-"""What to do with a cell of the outcome that holds no number."""
+"""The advice, in error messages, for a cell of the outcome that holds no number."""
 
 
 def _number(cell: object, decimal: str) -> tuple[float, str]:
-    """The number in a cell and "", or NaN and what is wrong with the cell."""
+    """The number in a cell and an empty text, or NaN and a text that says what is wrong."""
     if isinstance(cell, Real) and not isinstance(cell, (bool, np.bool_)):
         number = float(cell)
     else:
@@ -83,7 +83,7 @@ def _number(cell: object, decimal: str) -> tuple[float, str]:
         if not text:
             return math.nan, "the cell is blank, a number is needed"
         try:
-            # float() also takes 1_000, which is a slip of the pen in a table.
+            # float() would also accept 1_000, which is a typing error in a table.
             number = float(text.replace("_", "?").replace(decimal, "."))
         except ValueError:
             return math.nan, f"'{_short(text)}' is not a number"
@@ -93,12 +93,12 @@ def _number(cell: object, decimal: str) -> tuple[float, str]:
 
 
 def _text(cell: object) -> str:
-    """A cell as stripped text; whatever pandas calls missing is blank."""
+    """A cell as text without surrounding spaces; empty for a missing value."""
     return "" if type(cell).__name__ in _MISSING_TYPES else str(cell).strip()
 
 
 def _blank(cell: object) -> bool:
-    """Whether a cell holds nothing; pandas writes a NaN there."""
+    """Whether a cell holds nothing: a blank, a missing value, or a NaN."""
     return (isinstance(cell, Real) and cell != cell) or not _text(cell)
 
 
@@ -111,14 +111,17 @@ def _has_decimal_comma(cell: object) -> bool:
 
 
 def _remedy(cell: object) -> str:
-    """What to write in place of a cell of a condition that is no number."""
+    """The advice, in error messages, for a cell of a condition that is no number."""
     if _has_decimal_comma(cell):
         return 'write a decimal point, or say so with the key decimal = ","'
     return "write a finite number there, or delete the row of an experiment that has none"
 
 
 def _outcome_remedy(cell: object) -> str:
-    """What to write in place of a measured value; deleting a bound would bias the law."""
+    """The advice, in error messages, for a cell of the outcome that is no number.
+
+    It warns against deleting a row with a bound, which would bias the law.
+    """
     if _BOUND.fullmatch(_text(cell)):
         return (
             "say that cells with such a sign are bounds: censored = {signs = true}; without the "
@@ -129,12 +132,12 @@ def _outcome_remedy(cell: object) -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of cells, each cell a text or a Python value, with the place of each row.
+    """A table of N rows, whose cells are texts or Python values.
 
-    `source` names the file or the frame, `columns` has one list of N cells by name, `places` (N,)
-    says where each row stands, `decimal` is the decimal sign of numbers in texts. `ids` (N,) are
-    those of the rows' experiments, or empty before they are read. `units` are those that the heads
-    of columns state.
+    `source` names the file or data frame. `columns` has a list of N cells for each column name.
+    `places` (N,) says in words where each row stands. `decimal` is the decimal sign of numbers in
+    texts. `ids` (N,) are the ids of the rows' experiments, or empty before they are read. `units`
+    has the units that the headings of columns state, by column name.
 
     >>> table = Table("a.csv", {"ratio": ["0.95", "0.9"]}, ("row 2", "row 3"))
     >>> table.numbers("ratio").tolist()
@@ -163,17 +166,17 @@ class Table:
             )
 
     def where(self, row: int, column: str) -> str:
-        """The place of a cell in words: file, row, column, experiment."""
+        """The place of a cell in words, for messages: file, row, column, and experiment."""
         of = f" of experiment '{self.ids[row]}'" if self.ids else ""
         return f"{self.source}: {self.places[row]}, column '{column}'{of}"
 
     @property
     def rows(self) -> Sequence[str]:
-        """The place of each row in words: file, row."""
+        """The place of each row in words, for messages: file and row."""
         return _Worded(len(self.places), lambda row: f"{self.source}: {self.places[row]}")
 
     def is_number(self, column: str) -> Flags:
-        """Which cells (N,) of a column are, or look like, finite numbers."""
+        """Whether each cell (N,) of a column is a finite number, or one with a decimal comma."""
         cells = self.columns[column]
         if _at_once(cells, self.decimal) is not None:
             return np.ones(len(self), dtype=bool)
@@ -195,14 +198,14 @@ class Table:
     def numbers_or_blank(self, column: str) -> Array:
         """The N numbers of a column, NaN where the cell holds nothing.
 
-        Raises ExperimentsError as `numbers` does for every other cell.
+        Raises ExperimentsError for any other cell that is not a finite number.
         """
         return self._read(column, _outcome_remedy)[0]
 
     def bounds(self, column: str) -> tuple[Array, NDArray[np.int_]]:
         """The N numbers of a column and their signs: 1 for "> 20", -1 for "<= 0.5", else 0.
 
-        NaN where the cell holds nothing. Raises ExperimentsError for every other cell.
+        The number is NaN where the cell holds nothing. Raises ExperimentsError for any other cell.
 
         >>> Table("a", {"y": ["> 20", "<=0,5", "3"]}, ["1", "2", "3"], ",").bounds("y")
         (array([20. ,  0.5,  3. ]), array([ 1, -1,  0]))
@@ -229,7 +232,7 @@ class Table:
 
 
 class _Worded(Sequence[str]):
-    """Places of rows, put into words when they are read: a table may have millions."""
+    """The places of rows in words, made only when they are asked for, as there may be millions."""
 
     def __init__(self, count: int, word: Callable[[int], str]) -> None:
         self._count, self._word = count, word
@@ -245,7 +248,7 @@ class _Worded(Sequence[str]):
 
 
 def _at_once(cells: Sequence[object] | NDArray[Any], decimal: str) -> Array | None:
-    """The numbers of a column that has nothing but finite numbers, else None: columns are long."""
+    """The numbers of a column with only finite numbers, read in one fast step; otherwise None."""
     if not isinstance(cells, np.ndarray):
         plain = decimal == "." and all(type(cell) is str and "_" not in cell for cell in cells)
         if not plain:
@@ -258,7 +261,7 @@ def _at_once(cells: Sequence[object] | NDArray[Any], decimal: str) -> Array | No
 
 
 def from_frame(frame: pd.DataFrame) -> Table:
-    """The table of a data frame; a row's place is its position from 1, and its label.
+    """The table of a data frame; the place of a row is its number from 1 and its index label.
 
     Raises ExperimentsError for no rows, no columns or a column name that appears twice.
 
@@ -279,7 +282,7 @@ def from_frame(frame: pd.DataFrame) -> Table:
 
 
 def _cells(column: pd.Series) -> list[object] | NDArray[Any]:
-    """The cells of a column; of numbers as an array, which is fast."""
+    """The cells of a column: an array if all are plain numbers, which is fast, else a list."""
     plain = isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiu"
     return column.to_numpy() if plain else column.tolist()
 
@@ -309,8 +312,8 @@ _UNIT = re.compile(r"^(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]+)\]$")
 def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
     """Read a delimited text file (UTF-8 or UTF-16, with or without a byte order mark).
 
-    `delimiter` is one character, `decimal` is "." or ",". Rows without any text are skipped but
-    counted, and so are columns at the end that have neither a name nor a text.
+    `delimiter` is one character, and `decimal` is "." or ",". Rows without any text are skipped,
+    but counted in row numbers. Columns at the end with neither a name nor a text are skipped.
 
     Raises ExperimentsError for a file that is absent, empty, in another encoding or a workbook, for
     a delimiter that is not the file's, rows of unequal length and a column name that appears twice.
@@ -353,14 +356,16 @@ def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
 
 
 def stated_units(path: str | Path, delimiter: str = ",") -> dict[str, str]:
-    """The units in the heads of a file's columns, by the names without them."""
+    """The units that the headings of a file's columns state, by the column names without units."""
     rows = csv.reader(io.StringIO(_decoded(Path(path)), newline=""), delimiter=delimiter)
     header = next((row for row in rows if any(cell.strip() for cell in row)), [])
     return _without_units([name.strip() for name in header])[1]
 
 
 def _without_units(header: Sequence[str]) -> tuple[list[str], dict[str, str]]:
-    """Heads without their units, and the units; heads that differ in the unit only keep it.
+    """Column headings without their units, and the units by name.
+
+    Headings that differ only in the unit keep it.
 
     >>> _without_units(["travel [mm]", "force [N]", "force [kN]", "id"])
     (['travel', 'force [N]', 'force [kN]', 'id'], {'travel': 'mm'})
@@ -376,7 +381,7 @@ def _without_units(header: Sequence[str]) -> tuple[list[str], dict[str, str]]:
 
 
 def _decoded(path: Path) -> str:
-    """The text of a file. Raises ExperimentsError for what is no text file."""
+    """The text of a file. Raises ExperimentsError if it is absent, unreadable or no text file."""
     try:
         raw = path.read_bytes()
     except FileNotFoundError:
@@ -413,7 +418,7 @@ def _decoded(path: Path) -> str:
 
 
 def _rows(text: str, delimiter: str, source: str) -> list[tuple[int, list[str]]]:
-    """The rows that hold any text as stripped cells, each with its number in a spreadsheet."""
+    """The rows that hold any text, each with its row number in a spreadsheet and its cells."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     try:
         rows = [(number, [cell.strip() for cell in row]) for number, row in enumerate(reader, 1)]
@@ -425,7 +430,7 @@ def _rows(text: str, delimiter: str, source: str) -> list[tuple[int, list[str]]]
 
 
 def _check_delimiter(header: Sequence[str], delimiter: str, source: str) -> None:
-    """Raise ExperimentsError where a single column has another delimiter in its head."""
+    """Raise ExperimentsError if there is one column whose heading contains another delimiter."""
     for other, words in _DELIMITERS.items() if len(header) == 1 else ():
         if other != delimiter and other in header[0]:
             written = other.replace("\t", r"\t")

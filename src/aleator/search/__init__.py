@@ -1,12 +1,12 @@
-"""Searches for the alpha of largest log-likelihood within limits.
+"""Searches for the hyperparameters alpha with the largest log-likelihood within limits.
 
-Three nouns: an `Objective` is the log-likelihood at one alpha with its score, or at many without; a
-`Search` maximizes it over the free hyperparameters; a `SearchResult` has the best alpha, what each
-start came to (`Ascent`), and the distinct optima (`Optimum`).
+An `Objective` is the log-likelihood at one alpha with its score, or at many alphas without scores.
+A `Search` maximizes it over the free hyperparameters. A `SearchResult` has the best alpha, the end
+of the ascent from each start (`Ascent`), and the distinct optima (`Optimum`).
 
-`multistart` climbs by quasi-Newton steps and is the default, `populations` are CMA-ES, a genetic
-algorithm and differential evolution, `custom` is a function of the user's; `newton` climbs from
-near a maximum, with an information matrix.
+The modules are: `multistart`, the default, local ascents by quasi-Newton steps from several starts;
+`populations`, CMA-ES, a genetic algorithm and differential evolution; `custom`, a function given by
+the user; `newton`, an ascent from near a maximum with a known information matrix.
 """
 
 from aleator.search.custom import CustomSearch

@@ -1,4 +1,4 @@
-"""A search by a function of the user's."""
+"""A search by an optimizer that the user gives as a function."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ TAKES = (
 
 @dataclass(frozen=True)
 class CustomSearch(TaskSearch):
-    """Any optimizer, as a function `(value, lower, upper, start, rng) -> alpha`.
+    """A search by any optimizer, given as a function `(value, lower, upper, start, rng) -> alpha`.
 
-    All are of the F free hyperparameters, in their own units: `value(alpha)` is the log-likelihood
-    at alpha (F,), to be maximized, and never anything but a finite number; `lower`, `upper` and
-    `start` are (F,), the start being the best of the hyperparameters' own and the guesses; `rng` is
-    seeded. The result is the best alpha that was evaluated, after a gradient ascent from there if
-    `polish`. What the function raises is not caught.
+    alpha (F,) holds only the free hyperparameters, in their own units. `value(alpha)` is the
+    log-likelihood, to be maximized; it is always a finite number. `lower` and `upper` (F,) are the
+    limits. `start` (F,) is the best of the start values and the guesses. `rng` is a seeded NumPy
+    generator. The result is the best alpha that was evaluated, followed by a gradient ascent from
+    there if `polish`. Errors that the function raises are not caught.
 
-    Raises InputsError for a function that cannot be called with these five, and where it returns
-    anything but F numbers within the limits.
+    Raises InputsError for a function that cannot be called with these five arguments, and where it
+    returns anything but F numbers within the limits.
 
     >>> from scipy import optimize
     >>> from aleator.laws import Hyperparameter
@@ -65,7 +65,7 @@ class CustomSearch(TaskSearch):
         try:
             signature = inspect.signature(self.function)
         except ValueError:
-            # some functions written in C have no signature
+            # Some functions written in C have no signature.
             return
         try:
             signature.bind(*ARGUMENTS)
@@ -77,7 +77,7 @@ class CustomSearch(TaskSearch):
             ) from error
 
     def _search(self, task: Task) -> SearchResult:
-        """Let the function search, and polish the best that it met."""
+        """Call the user's function, then improve the best alpha by a gradient ascent if asked."""
         coordinates, counted = task.coordinates, task.counted
 
         def value(free: ArrayLike) -> float:
@@ -97,7 +97,10 @@ class CustomSearch(TaskSearch):
 
 
 def _within(end: ArrayLike, coordinates: Coordinates, share: float = 1e-9) -> Array:
-    """The end as alpha; it may lie beyond a limit by a share of their distance, by rounding."""
+    """The returned alpha as an array; InputsError unless it is F numbers within the limits.
+
+    It may lie beyond a limit by this `share` of the distance of the limits, because of rounding.
+    """
     try:
         alpha = np.asarray(end, dtype=np.float64)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""What every search takes and returns: values with scores, objectives, limits, results."""
+"""The interface of every search: log-likelihoods with scores, objectives, limits, and results."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from aleator.laws.hyperparameter import Hyperparameter, has_prior, log_prior, pr
 
 @dataclass(frozen=True)
 class LogLikelihood:
-    """Value at one alpha: `each` (N,) log-densities, `scores` (N, K) or None, `status` (N,).
+    """The log-likelihood at one alpha, with its terms and its derivatives.
 
-    Where hyperparameters have priors, `prior` is the sum of the logarithms of their densities and
-    `prior_score` (K,) its derivative. The `total` and its `score` are of both, which is what is
-    maximized; the prior is no experiment, and belongs to none of the N.
+    `each` (N,) are the log-densities of the experiments, `scores` (N, K) their derivatives by alpha
+    or None, and `status` (N,) `Status` codes. Where hyperparameters have priors, `prior` is the sum
+    of the logarithms of their densities and `prior_score` (K,) its derivative. A search maximizes
+    the `total` of log-likelihood and log prior, whose derivative is `score`.
     """
 
     each: Array
@@ -33,23 +34,23 @@ class LogLikelihood:
 
     @property
     def total(self) -> float:
-        """The log-likelihood, summed over experiments, and the log prior."""
+        """The sum of the log-likelihood over the experiments and the log prior."""
         return self.likelihood + self.prior
 
     @property
     def likelihood(self) -> float:
-        """The log-likelihood alone."""
+        """The sum of the log-likelihood over the experiments, without the prior."""
         return float(self.each.sum())
 
     @property
     def score(self) -> Array:
-        """The derivative of the total by alpha, (K,)."""
+        """The derivative of the `total` by alpha, (K,)."""
         assert self.scores is not None
         score = np.asarray(self.scores.sum(axis=0))
         return score if self.prior_score is None else score + self.prior_score
 
     def believed(self, hyperparameters: Sequence[Hyperparameter], alpha: Array) -> LogLikelihood:
-        """The same with the priors of the hyperparameters at this alpha (K,)."""
+        """This log-likelihood plus the log prior of the hyperparameters at alpha (K,)."""
         if not has_prior(hyperparameters):
             return self
         slope = None if self.scores is None else prior_score(hyperparameters, alpha)
@@ -57,48 +58,54 @@ class LogLikelihood:
 
 
 Scored = Callable[[Array], LogLikelihood]
-"""The log-likelihood at one alpha (K,), with its score: all that a search needs to work."""
+"""A function of alpha (K,) that returns the log-likelihood with its score.
+
+It is the least that a search needs.
+"""
 
 
 @runtime_checkable
 class Objective(Protocol):
-    """What searches maximize: one alpha with its score, or the values of many alphas at once."""
+    """A function that searches maximize, at one alpha with its score or at many alphas at once."""
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood at alpha (K,) with its score."""
 
     def values(self, alphas: Array) -> Array:
-        """The totals (A,) of the same log-likelihood at alphas (A, K), without scores."""
+        """The `total` (A,) of the log-likelihood at each of the alphas (A, K), without scores."""
 
 
 @runtime_checkable
 class Continuable(Protocol):
-    """A log-likelihood that is minus infinity in places, and knows a smooth continuation."""
+    """A log-likelihood that can be minus infinity, and provides a smooth continuation there."""
 
     @property
     def continued(self) -> Objective:
-        """What a search climbs in its place."""
+        """The continued log-likelihood, which a search maximizes instead."""
 
 
 @runtime_checkable
 class Guiding(Protocol):
-    """A log-likelihood that knows where it may be larger, as by expectation and maximization."""
+    """A log-likelihood that proposes better alphas itself, as by expectation and maximization."""
 
     def expectation_step(self, alpha: Array) -> tuple[float, Array] | None:
-        """The total at alpha (K,) and the next alpha, which need not keep limits; None for none."""
+        """The total at alpha (K,), and a proposed next alpha, which may lie outside the limits.
+
+        None where the log-likelihood proposes nothing.
+        """
 
 
 @runtime_checkable
 class Reaching(Protocol):
-    """A log-likelihood that knows how far a step may go, beyond which it costs much."""
+    """A log-likelihood that limits the steps of a search, since longer steps would cost much."""
 
     def reach(self, alpha: Array, ahead: Array) -> float:
-        """The share of the way from alpha (K,) to another alpha, up to one."""
+        """The share, up to one, of the way from alpha (K,) to `ahead` (K,) that a step may go."""
 
 
 @dataclass(frozen=True)
 class _Looped:
-    """A plain function as an Objective."""
+    """An `Objective` made of a plain function, which is called once for each alpha."""
 
     function: Scored
 
@@ -110,7 +117,10 @@ class _Looped:
 
 
 def objective_of(function: Continuable | Objective | Scored) -> Objective:
-    """What a search climbs: a continuation, an Objective itself, else a loop over calls.
+    """The `Objective` that a search maximizes, made from the log-likelihood that it was given.
+
+    It is the continuation of the log-likelihood if it has one, the log-likelihood itself if it is
+    an `Objective`, and otherwise a loop that calls it.
 
     >>> def log_likelihood(alpha):
     ...     return LogLikelihood(-(alpha**2), -2.0 * alpha[None, :], np.zeros(1, dtype=int))
@@ -123,33 +133,37 @@ def objective_of(function: Continuable | Objective | Scored) -> Objective:
 
 
 def reach_of(objective: Objective, alpha: Array, ahead: Array) -> float:
-    """The share of the way from alpha (K,) to another that a step may go; all, if not known."""
+    """The share of the way from alpha (K,) to `ahead` that a step may go; 1 without a limit."""
     return objective.reach(alpha, ahead) if isinstance(objective, Reaching) else 1.0
 
 
 @dataclass(frozen=True)
 class OptimaSettings:
-    """When two ends are one optimum, and which optima the result names; by judgement."""
+    """Settings that tell distinct optima apart. The values are chosen by judgement."""
 
     ruled_out: float = 1.92
-    """A log-likelihood so far below the largest belongs to no interval of 95 %: chi2_1(0.95)/2."""
+    """An optimum whose log-likelihood is this far below the largest lies in no 95 % confidence
+    interval: chi2_1(0.95)/2."""
     rivals: int = 3
-    """The most other optima that a result names."""
+    """The largest number of other optima that a result names."""
     same_value: float = 0.01
-    """Two ends within this log-likelihood of each other may be the same optimum."""
+    """Two ends of ascents may be the same optimum if their log-likelihoods differ by less than
+    this."""
     same_place: float = 0.3
-    """Two ends within `same_value` are one optimum, if they are also within this many standard
-    errors (outer product of scores)."""
+    """Two ends of ascents with almost the same log-likelihood (`same_value`) are the same optimum
+    if they also lie within this many standard errors of each other (from outer products of scores).
+    """
 
 
 OPTIMA = OptimaSettings()
 
 
 def one_hill(step: Array, scores: Array, free: Indices) -> bool:
-    """Whether two ends a step (K,) apart are on one hill, by the scores (N, K) at the higher one.
+    """Whether two ends of ascents, a step (K,) apart, belong to the same maximum.
 
-    They are within a standard error for each of the F `free` hyperparameters (outer product of
-    scores), as the root of the mean of squares.
+    The step is measured in standard errors, from the outer product of the scores (N, K) at the
+    higher end. The ends belong together if its root mean square over the F `free` hyperparameters
+    is below one.
 
     >>> one_hill(np.array([1.0, 0.0]), np.array([[1.2, 0.0], [0.0, 9.0]]), np.arange(2))
     True
@@ -160,7 +174,11 @@ def one_hill(step: Array, scores: Array, free: Indices) -> bool:
 
 @dataclass(frozen=True)
 class Ascent:
-    """One start: where it began, where it ended, and at what cost."""
+    """The ascent from one start.
+
+    It went from `start` (K,) to `alpha` (K,), where the log-likelihood is `log_likelihood`, and
+    took so many `evaluations`; `converged` says whether it met its convergence test.
+    """
 
     start: Array
     alpha: Array
@@ -171,7 +189,7 @@ class Ascent:
 
 @dataclass(frozen=True)
 class Optimum:
-    """A distinct local optimum and the number of starts that ended there."""
+    """A local optimum at `alpha` (K,), and the number of starts that ended there."""
 
     alpha: Array
     log_likelihood: float
@@ -180,10 +198,10 @@ class Optimum:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The best alpha (K,), all starts, and the distinct optima, best first.
+    """The best alpha (K,), the ascents from all starts, and the distinct optima, best first.
 
-    `method` is the name of the search. `once` says that several starts were made, and the best
-    log-likelihood was reached by one of them or by none.
+    `method` is the name of the search. `once` says that there were several starts, and that at most
+    one of them reached the best log-likelihood.
     """
 
     alpha: Array
@@ -195,12 +213,15 @@ class SearchResult:
 
     @property
     def evaluations(self) -> int:
-        """Evaluations of the log-likelihood, with its score or without, all starts together."""
+        """The number of evaluations of the log-likelihood in all ascents, with score or without."""
         return sum(ascent.evaluations for ascent in self.ascents)
 
     @property
     def rivals(self) -> list[Array]:
-        """The next optima (K,) that a drop of 1.92, that of a 95 % interval, does not rule out."""
+        """Other optima (K,) with a log-likelihood less than 1.92 below the best, at most three.
+
+        1.92 is the drop that limits a 95 % confidence interval.
+        """
         near = [
             o for o in self.optima[1:] if self.log_likelihood - o.log_likelihood < OPTIMA.ruled_out
         ]
@@ -215,9 +236,10 @@ class SearchResult:
         )
 
     def improved(self, alpha: Array, at: LogLikelihood, free: Indices) -> SearchResult:
-        """The result with a better optimum in front, met after the starts had ended.
+        """This result with a better optimum at `alpha` (K,), found after the search had ended.
 
-        `at` has the scores there, and the `free` (F,) hyperparameters are those that were sought.
+        `at` is the log-likelihood there with its scores; `free` (F,) are the places of the free
+        hyperparameters.
         """
         assert at.scores is not None
         optimum = Optimum(alpha, at.total, starts=0)
@@ -228,7 +250,11 @@ class SearchResult:
         )  # fmt: skip
 
     def moved(self, alpha: Array, log_likelihood: float) -> SearchResult:
-        """The result where the best optimum has moved, as the objective has since the search."""
+        """This result with its best optimum moved to `alpha` (K,).
+
+        It is used when the log-likelihood has changed since the search, and its best optimum was
+        found again.
+        """
         best, *others = self.optima
         led = [self.log_likelihood - a.log_likelihood < OPTIMA.same_value for a in self.ascents]
         ascents = tuple(
@@ -242,11 +268,11 @@ class SearchResult:
 
 
 class Search(Protocol):
-    """A way to maximize the log-likelihood over the free hyperparameters within their limits."""
+    """A method that maximizes the log-likelihood over the free hyperparameters within limits."""
 
     @property
     def name(self) -> str:
-        """How reports and comparisons name this choice."""
+        """The name of this method in reports and comparisons."""
 
     def maximize(
         self,
@@ -257,20 +283,24 @@ class Search(Protocol):
         guesses: Sequence[Array] = (),
         progress: Progress | None = None,
     ) -> SearchResult:
-        """Search from the hyperparameters' start, the guesses (K,), and points of its own.
+        """Search from the hyperparameters' start values, the guesses (K,), and points of its own.
 
-        A plain function of alpha does for an objective; a population is then a loop over it.
+        `objective` may be a plain function of alpha, which is then called for one alpha at a time.
         """
 
 
 @dataclass(frozen=True)
 class SpanSettings:
-    """When limits are wide for a value; by judgement."""
+    """Settings that tell when the limits of a hyperparameter are very wide.
+
+    The values are chosen by judgement.
+    """
 
     wide: float = 1e6
-    """Limits farther apart than this many times what is known of the value's size are wide."""
+    """Limits are very wide if their distance exceeds this many times the size of the value."""
     nothing: float = 1e-30
-    """A value below this share of the distance between its limits says nothing of its size."""
+    """A value below this share of the distance of its limits counts as zero, so that its size is
+    unknown."""
 
 
 SPANS = SpanSettings()
@@ -281,9 +311,9 @@ def wide_limits(
 ) -> tuple[str, ...]:
     """Names of the free hyperparameters whose limits span six orders of magnitude or more.
 
-    Measured against the smallest of limits and start that is not zero; where these are all of one
-    size, as for -1e9 to 1e9, against 1. A scale is never one: it is seen by its logarithm, and by
-    its square near zero.
+    The distance of the limits is compared with the smallest of limits and start that is not zero,
+    or with 1 if these are all of the same size and zero lies between them, as for -1e9 to 1e9. A
+    scale hyperparameter is never named, because it is searched on a logarithmic scale.
 
     >>> far = Hyperparameter("b.value", -1e9, 1e9, 0.0, free=True)
     >>> near = Hyperparameter("v.mean", 1e9, 3e11, 2e11, free=True)
@@ -296,7 +326,7 @@ def wide_limits(
 
 
 def outsized(width: Array, size: Array, settings: SpanSettings = SPANS) -> NDArray[np.bool_]:
-    """Where limits this far apart (F,) are wide for values of this size (F,).
+    """Whether limits with distances `width` (F,) are very wide for values of this `size` (F,).
 
     >>> outsized(np.array([1e9, 1e9, 1e9]), np.array([1.0, 1e8, 0.0])).tolist()
     [True, False, False]
@@ -307,13 +337,13 @@ def outsized(width: Array, size: Array, settings: SpanSettings = SPANS) -> NDArr
 def _spans(h: Hyperparameter) -> float:
     sizes = [abs(v) for v in (h.lower, h.upper, h.start) if v != 0.0]
     smallest, largest = min(sizes), max(sizes)
-    # one size all round says nothing of the value's own size
+    # If limits and start have the same size, the size of the value is unknown.
     unknown = h.lower <= 0.0 <= h.upper and largest <= 2.0 * smallest
     return (h.upper - h.lower) / (min(1.0, smallest) if unknown else smallest)
 
 
 def nowhere_finite(hyperparameters: Sequence[Hyperparameter], evaluations: int) -> InputsError:
-    """The refusal of a search that met no alpha where the log-likelihood is a number."""
+    """The error of a search that found no alpha with a finite log-likelihood."""
     wide = wide_limits(hyperparameters)
     because = f": the limits of {', '.join(wide)} span many orders of magnitude" if wide else ""
     which = ", ".join(wide or [h.name for h in hyperparameters if h.free])
@@ -325,12 +355,12 @@ def nowhere_finite(hyperparameters: Sequence[Hyperparameter], evaluations: int) 
 
 
 def written(result: SearchResult) -> str:
-    """A result as JSON: numbers to the last bit."""
+    """A search result as JSON text, with all digits of its numbers."""
     return json.dumps(asdict(result), default=np.ndarray.tolist)
 
 
 def read(text: str) -> SearchResult:
-    """The result that was written.
+    """The search result from a JSON text of `written`.
 
     >>> one = SearchResult(np.array([0.1, 1 / 3]), -1.5, (), (), "climb")
     >>> again = read(written(one))

@@ -1,4 +1,4 @@
-"""Climbs by quasi-Newton steps from several starts; the default search."""
+"""The default search: local quasi-Newton ascents from several starts."""
 
 from __future__ import annotations
 
@@ -34,12 +34,13 @@ from aleator.search.objective import (
 
 @dataclass(frozen=True)
 class StartSettings:
-    """Where starts lie; by judgement."""
+    """Settings of the starts of ascents. The values are chosen by judgement."""
 
     margin: float = 0.05
-    """Share of the distance between limits that a start stays away from either."""
+    """The least distance of a start from a limit, as a share of the distance of the limits."""
     nearest: float = 0.01
-    """Least distance from a guess, over its size in wide limits, else over their distance."""
+    """The least distance of a start from a guess, as a share of the distance of the limits; where
+    these are very wide, as a share of the size of the guess."""
 
 
 STARTS = StartSettings()
@@ -47,35 +48,44 @@ STARTS = StartSettings()
 
 @dataclass(frozen=True)
 class ClimbSettings:
-    """Legs of a climb, their end, and when a climb joins another; by judgement."""
+    """Settings of an ascent. The values are chosen by judgement.
+
+    An ascent is a sequence of legs. A leg is one run of L-BFGS-B with variables in units of the
+    standard errors at its start.
+    """
 
     near: float = 0.5
-    """Standard errors (outer product of scores) within which two optima may be one."""
+    """Two points may belong to the same optimum if they lie within this many standard errors of
+    each other (from outer products of scores)."""
     agrees: float = 0.05
-    """Optima within `near` are one, if the log-likelihood between them rises as the slopes at both
-    ends say, to this error."""
+    """Two points near each other (`near`) belong to the same optimum if the difference of their
+    log-likelihoods agrees with the mean of their slopes up to this error."""
     guided_gain: float = 1.0
-    """Log-likelihood that a step of the objective itself (see `Guiding`) must gain for another one;
-    near a maximum quasi-Newton steps are faster."""
+    """Steps that the objective itself proposes (see `Guiding`) are repeated as long as they gain
+    more than this in log-likelihood; near a maximum quasi-Newton steps are faster."""
     guided_steps: int = 10
-    """The most steps of the objective itself."""
+    """The largest number of steps in a row that the objective itself proposes."""
     flat: float = 1e-4
-    """Slope, in log-likelihood a standard error of the leg's own start, at which a leg ends."""
+    """A run of L-BFGS-B ends when the slope of the log-likelihood, per standard error at the start
+    of the run, is below this."""
     settled: float = 1e-3
-    """Slope, in log-likelihood a standard error of the leg's end, above which another leg
-    follows."""
+    """Another run of L-BFGS-B follows if the slope of the log-likelihood, per standard error at the
+    end of the last run, is above this."""
     noise: float = 5.0
-    """Roots of the objective's resolution below which a slope is none."""
+    """A slope below this many times the square root of the objective's resolution counts as zero.
+    """
     leg: int = 10
-    """Evaluations of a leg, where steps of the objective itself may be tried again after it."""
+    """The largest number of evaluations of a run of L-BFGS-B, if the objective itself proposes
+    steps between such runs."""
     little: float = 1e-6
-    """A leg that gains less than this in log-likelihood is the last."""
+    """An ascent ends after a run of L-BFGS-B that gains less than this in log-likelihood."""
     digits: float = 1e-11
-    """Relative gain of the log-likelihood at which a leg ends."""
+    """A run of L-BFGS-B ends when a step gains less than this share of the log-likelihood."""
     memory: int = 20
-    """Steps from which L-BFGS-B learns the curvature."""
+    """The number of past steps from which L-BFGS-B estimates the curvature."""
     finest: float = 1e6
-    """Values are scaled to no less than their own size over this, where their limits are wide."""
+    """A standard error is not taken smaller than the distance of the limits divided by this; where
+    they are very wide, not smaller than the size of the value divided by this."""
 
 
 CLIMBS = ClimbSettings()
@@ -83,7 +93,10 @@ CLIMBS = ClimbSettings()
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """An optimum alpha (K,) that an ascent over the `free` (F,) came to, and what is there."""
+    """An optimum at alpha (K,) that an ascent over the `free` (F,) hyperparameters has reached.
+
+    `at` is the log-likelihood there with its scores.
+    """
 
     alpha: Array
     at: LogLikelihood
@@ -91,7 +104,7 @@ class Reached:
     settings: ClimbSettings = CLIMBS
 
     def joins(self, alpha: Array, at: LogLikelihood) -> bool:
-        """Whether a climb from alpha, with this log-likelihood, would only end here again."""
+        """Whether an ascent from alpha, with log-likelihood `at`, would only end here again."""
         if not self._tells:
             return False
         step = self.alpha - alpha
@@ -108,7 +121,10 @@ class Reached:
 
     @cached_property
     def _tells(self) -> bool:
-        """Whether the scores give a distance: of more experiments than F, in every direction."""
+        """Whether the scores determine a standard error in every direction.
+
+        That takes more than F experiments, whose scores are linearly independent.
+        """
         size = np.sqrt(np.sum(self._scores**2, axis=0))
         if len(self._scores) <= self.free.size or not np.all(size > 0.0):
             return False
@@ -116,7 +132,7 @@ class Reached:
 
 
 def joined(reached: Sequence[Reached], alpha: Array, at: LogLikelihood) -> Reached | None:
-    """The optimum that a climb from alpha joins, if any."""
+    """The optimum among `reached` at which an ascent from alpha would end, or None."""
     return next((one for one in reached if one.joins(alpha, at)), None)
 
 
@@ -127,9 +143,9 @@ def approached(
     most: int,
     settings: ClimbSettings = CLIMBS,
 ) -> tuple[Array, int]:
-    """The best alpha (K,) by steps of the objective itself from `start`, and how many evaluations.
+    """The best alpha (K,) after steps that the objective itself proposes, and the evaluations made.
 
-    It is the start itself where no step gains, or the objective has none (see `Guiding`).
+    It is `start` where no step gains, or where the objective proposes none (see `Guiding`).
     """
     best, alpha, value = start, start, -np.inf
     for count in range(min(settings.guided_steps, most)):
@@ -152,12 +168,13 @@ def starting_points(
     seed: int,
     settings: StartSettings = STARTS,
 ) -> Array:
-    """The hyperparameters' own start, the guesses, and scrambled Sobol' points: alphas (count, K).
+    """The starts of a search, alphas (count, K): start values, guesses, scrambled Sobol' points.
 
-    Of more starts the first are the same. A guess that is given twice is one start.
+    A larger number of starts begins with the same ones. A guess that is given twice is one start.
 
-    Points of a box that is a million times wider than every guess is large would all be far from
-    anything: there they lie at distances of every size from the guesses.
+    Where limits are a million times wider than the size of every guess, points spread evenly
+    between them would all be far from any plausible value. There the points lie at distances of all
+    orders of magnitude from the guesses.
     """
     given = coordinates.filled(
         np.array([a[coordinates.free] for a in (coordinates.start, *guesses)])
@@ -166,7 +183,7 @@ def starting_points(
     missing = count - len(known)
     if missing <= 0:
         return known[:count]
-    # a start on a limit gives the search little
+    # Starts keep away from the limits, where a search gains little.
     spread = settings.margin + (1.0 - 2.0 * settings.margin) * evenly(
         coordinates.free.size, missing, seed
     )
@@ -179,7 +196,7 @@ def starting_points(
 
 
 def evenly(dimensions: int, count: int, seed: int) -> Array:
-    """Scrambled Sobol' points (count, dimensions) of the unit cube.
+    """Scrambled Sobol' points (count, dimensions) in the unit cube.
 
     >>> evenly(2, 4, seed=0).round(0).sum(axis=0).tolist()  # two in either half
     [2.0, 2.0]
@@ -196,7 +213,7 @@ def _around(
     spread: Array,
     settings: StartSettings = STARTS,
 ) -> Array:
-    """The points' free entries; those of wide linear limits at any distance from a center."""
+    """The free entries of starting points, moved near the guesses where limits are very wide."""
     free, middle = points[:, coordinates.free], centers[:, coordinates.free]
     width = coordinates.upper - coordinates.lower
     size = np.max(np.abs(guesses[:, coordinates.free]), axis=0)
@@ -215,13 +232,13 @@ def climb(
     reached: list[Reached],
     settings: ClimbSettings = CLIMBS,
 ) -> Ascent:
-    """Climb from the alpha `start` (K,) with at most so many evaluations.
+    """A local ascent from the alpha `start` (K,) with at most so many evaluations.
 
-    The variables are steps in units of the standard errors, as the outer product of the scores
-    estimates them. Far from the maximum that estimate is poor: where it no longer holds at the end,
-    another leg begins there in new units. Where the objective has steps of its own (see `Guiding`),
-    these are tried before every leg. A climb that joins one of those that `reached` an optimum ends
-    with it; the end of any other is added to them.
+    The variables are in units of standard errors, which the outer product of the scores estimates.
+    Far from the maximum this estimate is poor. Where it no longer holds at the end of a run of
+    L-BFGS-B (a leg), another leg begins there with new units. Steps that the objective itself
+    proposes (see `Guiding`) are tried before every leg. An ascent that comes close to an optimum in
+    `reached` ends with that optimum; otherwise its end is added to `reached`.
     """
     alpha, spent = approached(objective, coordinates, start, evaluations - 1, settings)
     at, count, settled = objective(alpha), spent + 1, False
@@ -252,7 +269,7 @@ def climb(
 
 
 class _Leg:
-    """A run of L-BFGS-B in the units of its start, which remembers its highest point."""
+    """A run of L-BFGS-B in units of the standard errors at its start; it keeps its best point."""
 
     def __init__(
         self,
@@ -271,7 +288,7 @@ class _Leg:
         self.highest, self.best, self.count = start, at, 0
 
     def run(self) -> bool:
-        """Whether the method ended by itself within the evaluations."""
+        """Run L-BFGS-B; return whether it converged in its evaluations, or joined an optimum."""
         if self.joined is not None:
             return True
         unit, resolution = self._coordinates.to_unit(self._start), self._objective.resolution
@@ -297,7 +314,8 @@ class _Leg:
         alpha = moved if np.any(v) else self._start
         result = self._at if np.array_equal(alpha, self._start) else self._asked(alpha)
         if result.total <= self._objective.floor:
-            # no number: the line search sees less than all it has met, and comes back
+            # Without a finite value the line search gets a value worse than all before, so that it
+            # turns back.
             return 1.0 + self.best.total - 2.0 * self._least, np.zeros_like(v)
         self._least = min(self._least, result.total)
         if result.total > self.best.total:
@@ -309,7 +327,7 @@ class _Leg:
 
     def _asked(self, alpha: Array) -> LogLikelihood:
         if self.count >= self._most:
-            # the method's own limit is not looked at within a line search
+            # L-BFGS-B does not check its own limit within a line search.
             raise _EndedError
         self.count += 1
         return self._objective(alpha)
@@ -322,7 +340,10 @@ def _settled(
     resolution: float,
     settings: ClimbSettings = CLIMBS,
 ) -> bool:
-    """Whether no direction within the limits has a slope worth another leg."""
+    """Whether the slope in every direction is too small for another run of L-BFGS-B.
+
+    Directions that lead beyond the limits do not count.
+    """
     slope = coordinates.gradient(alpha, at.score) * _scale(coordinates, at, alpha, settings)
     unit = coordinates.to_unit(alpha)
     outward = ((unit <= 0.0) & (slope < 0.0)) | ((unit >= 1.0) & (slope > 0.0))
@@ -333,12 +354,12 @@ def _settled(
 def _scale(
     coordinates: Coordinates, at: LogLikelihood, alpha: Array, settings: ClimbSettings = CLIMBS
 ) -> Array:
-    """Standard errors (F,) in u, by the outer product of the scores at alpha."""
+    """Standard errors (F,) in coordinates u, from the outer product of the scores at alpha."""
     assert at.scores is not None
     with np.errstate(over="ignore"):
         each = coordinates.gradient(alpha, at.scores)
         information = np.sum(each**2, axis=0)
-    # no variable is scaled to more than its whole range, nor to nothing beside its own value
+    # A standard error is at most the range of a variable, and not negligible beside its value.
     size = np.abs(alpha[coordinates.free])
     width = coordinates.upper - coordinates.lower
     wide = ~coordinates.log & outsized(width, size)
@@ -347,19 +368,19 @@ def _scale(
 
 
 class _EndedError(Exception):
-    """All evaluations of a start are used up, or the rest of its way is known."""
+    """Ends a run of L-BFGS-B whose evaluations are used up, or that joins a known optimum."""
 
 
 @dataclass(frozen=True)
 class GradientMultistart(TaskSearch):
-    """Bounded quasi-Newton (L-BFGS-B) on the exact score from `starts` points or more.
+    """Bounded quasi-Newton ascents (L-BFGS-B) with the exact score, from `starts` points or more.
 
-    The starts are the hyperparameters' own start, the guesses of the baselines, and scrambled
-    Sobol' points of the limits. Of several starts, more follow until a second one comes to the best
-    log-likelihood, `most` in all (three times `starts` where left out): a maximum that one start
-    found need not be the highest. Variables are scaled by the outer product of the scores at the
-    start, which is the information matrix's estimate there. At most `evaluations` of the
-    log-likelihood a start; a start that needs more ends as not converged. Raises InputsError for
+    The starts are the start values of the hyperparameters, the guesses, and scrambled Sobol' points
+    between the limits. A maximum that only one ascent found need not be the highest. Therefore, if
+    `starts` is above one, further ascents follow until a second one reaches the best
+    log-likelihood, up to `most` in all (default: three times `starts`). Variables are scaled by the
+    outer product of the scores, which estimates the information matrix. Each ascent has at most
+    `evaluations` evaluations; if it needs more, it ends as not converged. Raises InputsError for
     values below one, for `most` below `starts`, and where the log-likelihood is not finite at any
     start.
 
@@ -385,11 +406,11 @@ class GradientMultistart(TaskSearch):
 
     @property
     def name(self) -> str:
-        """How the result names this choice."""
+        """The name of this search in a result."""
         return f"gradient_multistart({self.starts})"
 
     def _search(self, task: Task) -> SearchResult:
-        """Climb from every start and gather the distinct optima, best first."""
+        """Make an ascent from every start, and gather the distinct optima, best first."""
         ascents: list[Ascent] = []
         reached: list[Reached] = []
         most = self.most or (3 * self.starts if self.starts > 1 else 1)
@@ -407,11 +428,11 @@ class GradientMultistart(TaskSearch):
 
 @dataclass(frozen=True)
 class WarmStart:
-    """Climb from `alpha` (K,), the hyperparameters' start and a guess: `GradientMultistart(3)`.
+    """Ascents from a known optimum `alpha` (K,), the start values and a guess, three in all.
 
-    For a likelihood that costs much, after a search of a cheaper one that is nearly the same. It
-    finds no optimum that the other search did not lead to; whether only one start of that search
-    reached it is `once`.
+    It is used for a costly likelihood, after a search of a cheaper one that is almost the same.
+    It finds only optima near those starts. `once` says whether only one ascent of the earlier
+    search reached `alpha`, and is passed on to the result.
 
     >>> import numpy as np
     >>> WarmStart(np.array([1.0])).name
@@ -423,7 +444,7 @@ class WarmStart:
 
     @property
     def name(self) -> str:
-        """How the result names this choice."""
+        """The name of this search in a result."""
         return self._multistart.name
 
     def maximize(
@@ -435,7 +456,7 @@ class WarmStart:
         guesses: Sequence[Array] = (),
         progress: Progress | None = None,
     ) -> SearchResult:
-        """The best of the three ends; errors as `GradientMultistart`."""
+        """The result of the three ascents; raises the errors of `GradientMultistart`."""
         known = [self.alpha, *guesses]
         found = self._multistart.maximize(
             objective, hyperparameters, seed=seed, guesses=known, progress=progress

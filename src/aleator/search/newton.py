@@ -1,4 +1,4 @@
-"""Quasi-Newton ascent that starts from a known information matrix, near a maximum."""
+"""A quasi-Newton ascent from near a maximum, which starts with a known information matrix."""
 
 from __future__ import annotations
 
@@ -15,31 +15,35 @@ from aleator.search.objective import CountedObjective
 
 @dataclass(frozen=True)
 class AscentSettings:
-    """Steps of a quasi-Newton ascent, their lengths and their end; by judgement."""
+    """Settings of the quasi-Newton ascent. The values are chosen by judgement."""
 
     arrived: float = 1e-5
-    """It ends when this close to the maximum, in log-likelihood (0.5 g' H^-1 g)."""
+    """The ascent ends when the predicted gain in log-likelihood that is left, 0.5 g' H^-1 g, is
+    below this."""
     steps: int = 40
-    """The most steps."""
+    """The largest number of steps."""
     believed: float = 1.0
-    """A step with a larger predicted gain goes no farther than the objective's reach."""
+    """A step with a larger predicted gain than this is shortened to the length that the objective
+    allows (see `Reaching`)."""
     tries: int = 12
-    """The most lengths of a step that are tried."""
+    """The largest number of lengths of one step that are tried."""
     doubted: int = 4
-    """The same of a step by a matrix that outer products of scores can replace."""
+    """The largest number of lengths of one step that are tried if the matrix that gave the step can
+    still be replaced by outer products of scores."""
     experiments: int = 5
-    """Experiments for each hyperparameter from which on outer products of scores give a
-    curvature."""
+    """Outer products of scores can replace the information matrix if there are more than this many
+    experiments for each hyperparameter."""
     rise: float = 1e-4
-    """Share of the gain by the slope that a step must bring (Armijo)."""
+    """The share of the gain predicted by the slope that a step must at least bring (Armijo)."""
     shorter: float = 0.4
-    """Length of the next step that is tried, over that of the last."""
+    """Ratio of the next length of a step that is tried to the last."""
     damped: float = 0.2
-    """Share of the curvature of the matrix below which a step's own is raised (Powell)."""
+    """If the curvature along a step is below this share of the matrix's curvature, it is raised
+    (Powell's damping)."""
     curvature: float = 1e-6
-    """The least eigenvalue of an information matrix, in units of its diagonal."""
+    """The least eigenvalue of an information matrix that is scaled to a unit diagonal."""
     smallest: float = 1e-300
-    """The least entry of the diagonal, which a hyperparameter without effect has."""
+    """The least diagonal entry of an information matrix, for a hyperparameter without effect."""
 
 
 ASCENT = AscentSettings()
@@ -47,10 +51,11 @@ ASCENT = AscentSettings()
 
 @dataclass(frozen=True)
 class Summit:
-    """Where an ascent ended: `alpha` (K,), its `value` and `scores` (N, K).
+    """The end of an ascent: `alpha` (K,), its log-likelihood `value`, and `scores` (N, K).
 
-    `information` (F, F) of the hyperparameters that moved is what the steps have taught, and `gain`
-    is what is left to climb by it.
+    `information` (F, F) is the estimate of the information matrix of the hyperparameters that
+    moved, updated by the steps. `gain` is the increase of the log-likelihood that it predicts for
+    the next step.
     """
 
     alpha: Array
@@ -61,11 +66,11 @@ class Summit:
 
     @property
     def score(self) -> Array:
-        """The sum of the scores, (K,)."""
+        """The sum of the scores over the experiments, (K,)."""
         return np.asarray(self.scores.sum(axis=0))
 
     def outer(self, rows: Indices) -> Array:
-        """The information (F, F) about these hyperparameters by outer products of scores."""
+        """The information (F, F) about the hyperparameters `rows` by outer products of scores."""
         return outer(self.scores[:, rows])
 
 
@@ -76,7 +81,10 @@ def ascend(
     moving: Indices,
     information: Array,
 ) -> tuple[Array, float]:
-    """Climb over the `moving` (F,) hyperparameters within their limits; return alpha and value."""
+    """Maximize over the `moving` (F,) hyperparameters within limits; return alpha and its value.
+
+    See `ascended`.
+    """
     end = ascended(objective, alpha, hyperparameters, moving, information)
     return end.alpha, end.value
 
@@ -92,15 +100,16 @@ def ascended(
     bent: bool = False,
     settings: AscentSettings = ASCENT,
 ) -> Summit:
-    """Climb over the `moving` (F,) hyperparameters until `arrived` is all that is left to gain.
+    """Maximize over the `moving` (F,) hyperparameters, from alpha (K,), by quasi-Newton steps.
 
-    BFGS whose first matrix is the given information (F, F), with an active set for the limits
-    and a backtracking line search. Where a ridge may be `bent` and a step gains nothing, the outer
-    products of the scores of the experiments take the matrix's place (Berndt et al. 1974): what
-    was learned behind the bend leads away from the ridge; and no step is tried that is too short
-    to gain `arrived`. From near a maximum it needs two to
-    six evaluations, where a method that has to learn the curvature needs twenty. It never returns
-    a smaller value than that of the alpha given; it ends, without an error, when no step gains.
+    The method is BFGS with the given information (F, F) as its first matrix, an active set for the
+    limits, and a backtracking line search. It ends when the predicted gain that is left is below
+    `arrived`. `bent` says that the likelihood may have a curved ridge. Then, if a step gains
+    nothing, the outer products of the scores of the experiments replace the matrix (Berndt et al.
+    1974), because curvature from before a bend of the ridge leads away from it; and no step is
+    tried that is too short to gain `arrived`. From near a maximum the ascent needs two to six
+    evaluations; a method that must first estimate the curvature needs twenty. It never returns a
+    smaller value than that of the given alpha, and ends without an error when no step gains.
     """
     lower, upper = limits_of(hyperparameters, moving)
     matrix, point = information.copy(), alpha[moving]
@@ -115,7 +124,8 @@ def ascended(
         return counted(whole(x))
 
     here, gain = at(point), 0.0
-    # the outer products of a small number of experiments say little: then there is no other matrix
+    # Outer products of few experiments are a poor estimate; they replace the matrix only if there
+    # are enough experiments.
     another = bent and len(here.each) > settings.experiments * moving.size
     least = arrived if bent else 0.0
     doubted = another
@@ -124,7 +134,7 @@ def ascended(
         free = ~on_limits(point, score, lower, upper)
         step = _newton_step(matrix, score, free)
         if score @ step < 0.0:
-            # a matrix that is not positive definite leads downhill
+            # A matrix that is not positive definite can lead downhill.
             assert here.scores is not None
             matrix = outer(here.scores[:, moving])
             step = _newton_step(matrix, score, free)
@@ -151,7 +161,10 @@ def ascended(
 
 
 def positive(matrix: Array, settings: AscentSettings = ASCENT) -> Array:
-    """The matrix with its eigenvalues, in units of its diagonal, raised to a least one."""
+    """The symmetric matrix made positive definite: small eigenvalues are raised to a least value.
+
+    The eigenvalues are those of the matrix scaled to a unit diagonal.
+    """
     scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), settings.smallest))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     raised = (vectors * np.maximum(values, settings.curvature)) @ vectors.T
@@ -159,7 +172,7 @@ def positive(matrix: Array, settings: AscentSettings = ASCENT) -> Array:
 
 
 def outer(scores: Array) -> Array:
-    """The information (F, F) by outer products of the scores (N, F) of the experiments.
+    """The information matrix (F, F) estimated by outer products of the scores (N, F).
 
     >>> outer(np.array([[2.0, 0.0], [0.0, 3.0]])).tolist()
     [[4.0, 0.0], [0.0, 9.0]]
@@ -169,7 +182,7 @@ def outer(scores: Array) -> Array:
 
 
 def on_limits(point: Array, score: Array, lower: Array, upper: Array) -> Flags:
-    """Which of the values (F,) stay on a limit, as their score (F,) leads beyond it.
+    """Which values (F,) lie on a limit and stay there, because their score (F,) points beyond it.
 
     >>> on_limits(np.array([0.0, 0.0]), np.array([-1.0, 1.0]), np.zeros(2), np.ones(2)).tolist()
     [True, False]
@@ -180,7 +193,7 @@ def on_limits(point: Array, score: Array, lower: Array, upper: Array) -> Flags:
 def _newton_step(matrix: Array, score: Array, free: Flags) -> Array:
     step = np.zeros_like(score)
     if np.any(free):
-        # least squares: a hyperparameter without effect makes the matrix singular
+        # Least squares is used because a hyperparameter without effect makes the matrix singular.
         step[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], score[free])[0]
     return step
 
@@ -197,9 +210,11 @@ def _line_search(
     least: float,
     settings: AscentSettings = ASCENT,
 ) -> tuple[Array, LogLikelihood] | None:
-    """The first of ever shorter steps that gains, but for those that cannot gain `least`.
+    """Try ever shorter parts of a step; return the first point that gains enough, or None.
 
-    `gain` is the slope along the step: where the likelihood bends down, none gains more than that.
+    `value` is the log-likelihood at `point`, and `gain` the slope along the whole step. A part that
+    cannot gain `least` is not tried: where the log-likelihood is concave, a part of a step gains at
+    most its length times `gain`.
     """
     length, before = 1.0, point
     for _ in range(tries):
@@ -216,13 +231,13 @@ def _line_search(
 
 
 def _updated(matrix: Array, s: Array, y: Array, settings: AscentSettings = ASCENT) -> Array:
-    """BFGS update of the information with step s and change y = -(change of the score)."""
+    """BFGS update of the information matrix with step s and y = -(change of the score)."""
     sy, ms = float(s @ y), matrix @ s
     sms = float(s @ ms)
     if sms <= 0.0:
         return matrix
     if sy < settings.damped * sms:
-        # Powell's damping keeps the matrix positive definite
+        # Powell's damping keeps the matrix positive definite.
         theta = (1.0 - settings.damped) * sms / (sms - sy)
         y = theta * y + (1.0 - theta) * ms
         sy = float(s @ y)

@@ -1,4 +1,4 @@
-"""An objective as a search sees it: in scaled coordinates, counted, its ends sorted into optima."""
+"""Tools of every search: scaled coordinates, counted evaluations, and a list of distinct optima."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ from aleator.search.interface import (
 
 @dataclass(frozen=True)
 class SightSettings:
-    """How a search sees values and log-likelihoods; by judgement."""
+    """Settings of the scaled values and log-likelihoods in a search, chosen by judgement."""
 
     knee: float = 1e-3
-    """Share of its upper limit below which a scale that may be zero is seen as its square."""
+    """A scale that may be zero is searched by its logarithm, but by its square if it is below this
+    share of its upper limit."""
     floor: float = -1e100
-    """What a search sees where the log-likelihood is not a finite number."""
+    """The value that replaces a log-likelihood that is not finite."""
 
 
 SIGHT = SightSettings()
@@ -44,10 +45,11 @@ SIGHT = SightSettings()
 class Coordinates:
     """Map between alpha (..., K) and u (..., F) in [0, 1]^F for the F free hyperparameters.
 
-    u = (alpha - lower)/(upper - lower), or the same of logarithms where `log` is set. A scale s
-    that may be zero is seen as log sqrt(s^2 + d^2), d a thousandth of its upper limit: at zero the
-    log-likelihood is flat in s and not in s^2, and zero is not infinitely far. A hyperparameter
-    with others `beside` it is seen as the sum.
+    u = (alpha - lower)/(upper - lower); where `log` is set the three are replaced by their
+    logarithms. A scale s that may be zero is replaced by log sqrt(s^2 + d^2), where d is a
+    thousandth of its upper limit. Then zero is not infinitely far, and the log-likelihood, which is
+    flat in s at zero, still has a slope there. A hyperparameter whose limits hold for a sum with
+    others (`beside`) is replaced by that sum.
 
     >>> h = [Hyperparameter("x.sd", 0.01, 1.0, 0.1, free=True, log=True)]
     >>> c = Coordinates(h)
@@ -72,32 +74,32 @@ class Coordinates:
 
     @property
     def start(self) -> Array:
-        """The hyperparameters' start, as alpha (K,)."""
+        """The start values of the hyperparameters, as alpha (K,)."""
         return self._base.copy()
 
     def to_unit(self, alpha: Array) -> Array:
-        """The free entries of alpha, clipped to their limits, as u."""
+        """The coordinates u (..., F) of the free entries of alpha, clipped to their limits."""
         free = np.clip(alpha[..., self.free], self.lower, self.upper)
         u = (self._shape(free) - self._from) / self._width
-        # a sum may lie beyond its limits where what it is made of does not
+        # A sum may lie beyond its limits although its terms do not.
         return np.asarray(u if self._beside is None else np.clip(u, 0.0, 1.0))
 
     def to_alpha(self, u: Array) -> Array:
-        """Alpha (..., K) with fixed entries at their value."""
+        """Alpha (..., K) at coordinates u (..., F), with the fixed entries at their values."""
         return self.filled(self._unshape(self._from + u * self._width))
 
     def filled(self, free: Array) -> Array:
-        """Alpha (..., K) whose free entries are these (..., F), clipped to their limits."""
+        """Alpha (..., K) with these free entries (..., F), clipped to their limits."""
         alpha = np.tile(self._base, (*free.shape[:-1], 1))
         alpha[..., self.free] = np.clip(free, self.lower, self.upper)
         return alpha
 
     def moved(self, alpha: Array, step: Array) -> Array:
-        """Alpha (K,) after a step (F,) in u; a small step keeps its digits in a wide box."""
+        """Alpha (K,) after a step (F,) in u; a small step keeps its digits between wide limits."""
         return self.filled(self._unshape(self._shape(alpha[self.free]) + step * self._width))
 
     def gradient(self, alpha: Array, score: Array) -> Array:
-        """The derivative by u, given the derivative by alpha (..., K)."""
+        """The derivative by u (..., F), from the derivative by alpha, `score` (..., K)."""
         free = alpha[self.free]
         slope = np.where(self.log, free, 1.0)
         at_knee = self._knee > 0.0
@@ -119,7 +121,7 @@ class Coordinates:
         flat = np.where(self._knee > 0.0, np.sqrt(np.maximum(squared, 0.0)), grown)
         free = np.where(self.log, flat, inner)
         if self._beside is not None:
-            # what stands beside a sum is no sum itself
+            # The other terms of a sum are no sums themselves.
             free = free - (free @ self._beside.T + self._known)
         return np.asarray(free)
 
@@ -129,7 +131,10 @@ class Coordinates:
 
 
 def _sums(hyperparameters: Sequence[Hyperparameter], free: Indices) -> tuple[Array | None, Array]:
-    """Factors (F, F) of the free ones that stand beside another, and what known ones add (F,)."""
+    """The sums that replace free hyperparameters: factors (F, F) of free terms, known terms (F,).
+
+    The factors are None if no hyperparameter is replaced by a sum.
+    """
     factors, known = np.zeros((len(free), len(free))), np.zeros(len(free))
     place = {hyperparameters[k].name: i for i, k in enumerate(free)}
     values = {h.name: h.start for h in hyperparameters}
@@ -144,11 +149,11 @@ def _sums(hyperparameters: Sequence[Hyperparameter], free: Indices) -> tuple[Arr
 
 
 class CountedObjective:
-    """The objective of one search, the `method`: it counts evaluations and keeps the best alpha
-    met.
+    """The objective of one search, which counts evaluations and keeps the best alpha evaluated.
 
-    Floating-point warnings of the objective are contained, because a search tries absurd alpha on
-    purpose; a value, or a score, that is not finite counts as the floor with a score of zero.
+    `method` is the name of the search. Floating-point warnings of the objective are suppressed,
+    because a search also tries extreme values. Where the value or a score is not finite, the value
+    is replaced by `floor` and the score by zero.
     """
 
     def __init__(
@@ -161,7 +166,7 @@ class CountedObjective:
 
     @property
     def standing(self) -> str:
-        """The best log-likelihood so far, in words for the progress."""
+        """The best log-likelihood so far, in words for the report of progress."""
         if self.best is None:
             return "no finite log-likelihood yet"
         return f"best log-likelihood {self.best[1]:.3f}"
@@ -171,7 +176,7 @@ class CountedObjective:
         with np.errstate(all="ignore"):
             result = self._objective(alpha)
             assert result.scores is not None
-            # squares of scores are the information that scales the variables
+            # The squares must be finite too: their sum is the information that scales variables.
             finite = np.isfinite(result.total) and np.isfinite(np.sum(result.scores**2))
         self.evaluations += 1
         if not finite or result.total <= self.floor:
@@ -182,7 +187,7 @@ class CountedObjective:
         return result
 
     def values(self, alphas: Array) -> Array:
-        """The log-likelihoods (A,) at alphas (A, K)."""
+        """The log-likelihood at each of the alphas (A, K), as (A,)."""
         with np.errstate(all="ignore"):
             values = np.asarray(self._objective.values(alphas), dtype=np.float64)
         self.evaluations += len(alphas)
@@ -194,15 +199,18 @@ class CountedObjective:
 
     @property
     def resolution(self) -> float:
-        """A difference of the log-likelihood that means nothing; 0 where none is known."""
+        """A difference of the log-likelihood too small to mean anything; 0 if none is known."""
         return float(getattr(self._objective, "resolution", 0.0))
 
     def reach(self, alpha: Array, ahead: Array) -> float:
-        """See `reach_of`."""
+        """The share of the way from alpha (K,) to `ahead` (K,) that a step may go, up to one."""
         return reach_of(self._objective, alpha, ahead)
 
     def expectation_step(self, alpha: Array) -> tuple[float, Array] | None:
-        """The log-likelihood at alpha (K,) and the next alpha; None where none is known."""
+        """The log-likelihood at alpha (K,) and the next alpha that the objective proposes, or None.
+
+        See `Guiding`.
+        """
         if not isinstance(self._objective, Guiding):
             return None
         with np.errstate(all="ignore"):
@@ -217,7 +225,7 @@ class CountedObjective:
         return value, ahead
 
     def note(self, alpha: Array, value: float) -> None:
-        """Keep this alpha (K,) where it is the best so far."""
+        """Keep alpha (K,) with its log-likelihood `value` if it is the best so far."""
         if self.best is None or value > self.best[1]:
             self.best = (alpha.copy(), value)
 
@@ -228,10 +236,11 @@ def gathered(
     hyperparameters: Sequence[Hyperparameter],
     settings: OptimaSettings = OPTIMA,
 ) -> SearchResult:
-    """Distinct optima, best first: ends that differ in value, or in place by standard errors.
+    """The result of a search: the ends of all ascents, gathered into distinct optima, best first.
 
-    Cost: one evaluation for each optimum. Raises InputsError where no start met a finite
-    log-likelihood.
+    Two ends are distinct optima if their log-likelihoods differ, or if they lie apart in standard
+    errors (see `OptimaSettings`). Cost: one evaluation for each optimum. Raises InputsError where
+    no ascent found a finite log-likelihood.
     """
     arrived = sorted(
         (a for a in ascents if np.isfinite(a.log_likelihood)), key=lambda a: -a.log_likelihood
@@ -259,9 +268,11 @@ def reached_once(
     free: Indices,
     settings: OptimaSettings = OPTIMA,
 ) -> bool:
-    """Whether no two starts came to the best log-likelihood, or to the hill that it is on.
+    """Whether only one ascent ended at the best log-likelihood.
 
-    Where the objective is rough, or a climb is cut off, ends on one hill differ in value.
+    Another ascent counts as having ended there if its value is the same, or if its end belongs to
+    the same maximum by `one_hill`. The values of such ends can differ where the objective is rough,
+    or where an ascent was stopped early.
     """
     best, *others = sorted(ascents, key=lambda a: -a.log_likelihood)
     if not np.isfinite(best.log_likelihood):
@@ -276,7 +287,7 @@ def reached_once(
 def only_point(
     objective: CountedObjective, coordinates: Coordinates, hyperparameters: Sequence[Hyperparameter]
 ) -> SearchResult:
-    """The result where no hyperparameter is free: one evaluation, nothing to search."""
+    """The result where no hyperparameter is free: the one evaluation at the known values."""
     alpha = coordinates.start
     value = float(objective.values(alpha[None, :])[0])
     if value <= objective.floor:
@@ -295,9 +306,10 @@ def _information(ascent: Ascent, objective: CountedObjective) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The task of a search: the counted objective over F > 0 free hyperparameters.
+    """The task of a search: to maximize an objective over F > 0 free hyperparameters.
 
-    `guesses` are alphas (K,) worth a start; `seed` is that of everything random.
+    `counted` is the objective, `coordinates` the map of alpha to the unit cube. `guesses` are
+    alphas (K,) from which to start as well, and `seed` determines all random numbers.
     """
 
     counted: CountedObjective
@@ -308,18 +320,20 @@ class Task:
     progress: Progress
 
     def cost(self, u: Array) -> Array:
-        """Minus the log-likelihoods (A,) at points u (A, F) of the unit cube."""
+        """Minus the log-likelihood (A,) at each of the points u (A, F) of the unit cube."""
         return -self.counted.values(self.coordinates.to_alpha(u))
 
 
 class TaskSearch(ABC):
-    """Base of searches: a subclass gives `name`, and `_search` for at least one free
-    hyperparameter."""
+    """Base class of searches.
+
+    A subclass gives `name`, and `_search`, which is called with at least one free hyperparameter.
+    """
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """How the result names this choice."""
+        """The name of this search in a result."""
 
     def maximize(
         self,
@@ -330,7 +344,7 @@ class TaskSearch(ABC):
         guesses: Sequence[Array] = (),
         progress: Progress | None = None,
     ) -> SearchResult:
-        """Search within the limits; where nothing is free, one evaluation is the result.
+        """Search within the limits; without a free hyperparameter the result is one evaluation.
 
         Raises InputsError where the log-likelihood is nowhere a finite number.
         """
@@ -342,4 +356,4 @@ class TaskSearch(ABC):
 
     @abstractmethod
     def _search(self, task: Task) -> SearchResult:
-        """The result over the free hyperparameters."""
+        """The result of maximizing the task's objective over the free hyperparameters."""

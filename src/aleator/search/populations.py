@@ -1,4 +1,4 @@
-"""Searches by a population: CMA-ES, a genetic algorithm, differential evolution."""
+"""Searches with a population of alphas: CMA-ES, a genetic algorithm, differential evolution."""
 
 from __future__ import annotations
 
@@ -20,13 +20,12 @@ from aleator.search.objective import Coordinates, Task, TaskSearch, gathered
 
 @dataclass(frozen=True)
 class EvolutionSettings:
-    """The ends of searches by a population, which have arrived where all is one optimum; by
-    judgement."""
+    """Settings of the end of a search with a population. The values are chosen by judgement."""
 
     polish: int = 100
-    """Evaluations with score that the final ascent may take."""
+    """The largest number of evaluations with score in the final gradient ascent."""
     flat: float = 1e-3
-    """A run of CMA-ES ends when its log-likelihoods have stayed within this."""
+    """A run of CMA-ES ends when its last log-likelihoods differ by less than this."""
 
 
 EVOLUTION = EvolutionSettings()
@@ -35,7 +34,7 @@ EVOLUTION = EvolutionSettings()
 def first_population(
     coordinates: Coordinates, guesses: Sequence[Array], size: int, seed: int
 ) -> Array:
-    """Points u (size, F): the hyperparameters' own start, the guesses, then Sobol' points."""
+    """The first population u (size, F): the start values, the guesses, then Sobol' points."""
     known = coordinates.to_unit(np.stack([coordinates.start, *guesses]))
     missing = size - len(known)
     if missing <= 0:
@@ -46,9 +45,9 @@ def first_population(
 def finished(
     task: Task, *, converged: bool, polish: bool, settings: EvolutionSettings = EVOLUTION
 ) -> SearchResult:
-    """The best alpha met, after a gradient ascent from there if `polish`, as one start.
+    """The result of a search: the best alpha evaluated, after a gradient ascent if `polish`.
 
-    Raises InputsError where no finite log-likelihood was met.
+    The search counts as one start. Raises InputsError where no log-likelihood was finite.
     """
     counted, coordinates = task.counted, task.coordinates
     if counted.best is None:
@@ -64,7 +63,7 @@ def finished(
 
 
 def at_least(search: str, **least: tuple[int, int]) -> None:
-    """Raise InputsError for the first of `key=(value, least)` that is too small.
+    """Raise InputsError for the first argument `key=(value, least)` with value below least.
 
     >>> at_least("genetic", population=(50, 4))
     """
@@ -74,7 +73,7 @@ def at_least(search: str, **least: tuple[int, int]) -> None:
 
 
 def needs(package: str, search: str) -> None:
-    """Raise AleatorError, with what to install, where an optional package is missing."""
+    """Raise AleatorError, which says what to install, if an optional package is missing."""
     if importlib.util.find_spec(package) is None:
         raise AleatorError(
             f"{search} needs the package {package}, which is not installed",
@@ -83,20 +82,21 @@ def needs(package: str, search: str) -> None:
 
 
 ARRIVED_BY = frozenset({"tolfun", "tolfunhist", "tolx"})
-"""The reasons to stop, in the words of cma, that mean a maximum."""
+"""The names that the package cma gives to reasons for stopping that mean convergence."""
 
 
 @dataclass(frozen=True)
 class CMAES(TaskSearch):
-    """CMA-ES (Hansen): a normal distribution over alpha learns the likelihood's own covariance.
+    """CMA-ES (Hansen): samples from a normal law whose covariance adapts to the likelihood.
 
-    `runs` of them, the first from the hyperparameters' start, then from the guesses, then from
-    Sobol' points, each of at most `evaluations` evaluations; `step` is the first standard
-    deviation in the unit cube, `population` cma's own 4 + 3 log F if None. With `polish` a gradient
-    ascent starts from the end of each run. Needs the extra `evolution`.
+    There are `runs` independent runs: the first starts from the start values, the next from the
+    guesses, the others from Sobol' points. Each takes at most `evaluations` evaluations. `step` is
+    the first standard deviation in the unit cube; `population` is the number of alphas sampled at a
+    time, by default 4 + 3 log F. With `polish` a gradient ascent starts from the end of each run.
+    Needs the extra `evolution`.
 
-    Cost: some hundred evaluations without score a run, in batches of one population. A run finds
-    one optimum: it fails where that is not the best and `runs` is small.
+    Cost: some hundred evaluations without score per run, in batches of one population. A run finds
+    one local optimum; the search fails if none of the runs finds the best.
     Raises InputsError for values out of range, AleatorError without cma.
 
     >>> CMAES(runs=2).name
@@ -120,11 +120,11 @@ class CMAES(TaskSearch):
 
     @property
     def name(self) -> str:
-        """How the result names this choice."""
+        """The name of this search in a result."""
         return f"cmaes({self.runs})"
 
     def _search(self, task: Task) -> SearchResult:
-        """Run from every start, polish each end, and gather the distinct optima."""
+        """Run CMA-ES from every start, improve each end if asked, and gather the optima."""
         rng = np.random.default_rng(task.seed)
         ascents: list[Ascent] = []
         for start in starting_points(task.coordinates, task.guesses, self.runs, task.seed):
@@ -157,7 +157,10 @@ class CMAES(TaskSearch):
     def _strategy(
         self, u: Array, rng: np.random.Generator, settings: EvolutionSettings = EVOLUTION
     ) -> Any:
-        """cma's strategy with a generator of its own, so that no global state is touched."""
+        """The CMA-ES of the package cma, with a random generator of its own.
+
+        The global random state of NumPy is not changed.
+        """
         import cma
 
         options = {
@@ -171,13 +174,13 @@ class CMAES(TaskSearch):
         }
         if self.population is not None:
             options["popsize"] = self.population
-        # it does not work in one dimension: a second one is added that changes nothing
+        # cma does not work in one dimension; a second coordinate without effect is added.
         first = u if u.size > 1 else np.append(u, 0.5)
         return _quietly(cma.CMAEvolutionStrategy, first, self.step, options)
 
 
 def _quietly(call: Any, *arguments: Any) -> Any:
-    """What the call returns; its warnings concern cma's own steps, which are not the result."""
+    """The result of a call without its warnings, which concern only internal steps of cma."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         return call(*arguments)
@@ -185,19 +188,19 @@ def _quietly(call: Any, *arguments: Any) -> Any:
 
 @dataclass(frozen=True)
 class GeneticAlgorithm(TaskSearch):
-    """A genetic algorithm (pymoo's): tournaments, simulated binary crossover, polynomial mutation.
+    """The genetic algorithm of pymoo: tournaments, simulated binary crossover, polynomial mutation.
 
-    The paper's search is `GeneticAlgorithm(population=50, polish=False)`. Each of at most
-    `generations` generations is valued in one batch; it ends earlier once `patience` generations
-    gained less than 0.01 in log-likelihood, and only then counts as converged. The first
-    population holds the hyperparameters' start, the guesses and Sobol' points. With `polish` a
-    gradient ascent starts from the best. Needs the extra `evolution`.
+    The search of the paper is `GeneticAlgorithm(population=50, polish=False)`. Each of at most
+    `generations` generations is evaluated in one batch. The search ends earlier, and counts as
+    converged, once `patience` generations gained less than 0.01 in log-likelihood. The first
+    population holds the start values, the guesses and Sobol' points. With `polish` a gradient
+    ascent starts from the best alpha. Needs the extra `evolution`.
 
-    Cost: population x generations evaluations without score. It fails where the maximum is a
+    Cost: population x generations evaluations without score. It fails where the maximum lies on a
     narrow ridge: without polish and guesses, 2,500 evaluations ended 0.03 and 0.11 (two seeds)
-    below the best known log-likelihood of the wet clutch, and 2.4 below that of a random fatigue
-    limit. Raises InputsError for a population below 4 or no generations, AleatorError without
-    pymoo.
+    below the best known log-likelihood in the example of the wet clutch, and 2.4 below it in that
+    of a random fatigue limit. Raises InputsError for a population below 4 or no generations,
+    AleatorError without pymoo.
 
     >>> GeneticAlgorithm().name
     'genetic(50)'
@@ -217,11 +220,11 @@ class GeneticAlgorithm(TaskSearch):
 
     @property
     def name(self) -> str:
-        """How the result names this choice."""
+        """The name of this search in a result."""
         return f"genetic({self.population})"
 
     def _search(self, task: Task) -> SearchResult:
-        """Let the population evolve, and polish its best."""
+        """Let the population evolve, then improve its best alpha by a gradient ascent if asked."""
         first = first_population(task.coordinates, task.guesses, self.population, task.seed)
         evolution = _evolution(first, task.seed)
         best: list[float] = []
@@ -229,7 +232,7 @@ class GeneticAlgorithm(TaskSearch):
         while len(best) < self.generations and not converged:
             children = evolution.ask()
             if children is None or len(children) == 0:
-                # every child is a copy of its parents
+                # No child differs from its parents any more.
                 converged = True
                 break
             children.set("F", task.cost(children.get("X"))[:, None])
@@ -243,27 +246,27 @@ class GeneticAlgorithm(TaskSearch):
 
 
 def _evolution(first: Array, seed: int) -> Any:
-    """pymoo's algorithm, asked for each generation; its generator is its own, seeded."""
+    """The genetic algorithm of pymoo, seeded, which is asked for one generation at a time."""
     from pymoo.algorithms.soo.nonconvex.ga import GA
     from pymoo.core.problem import Problem
 
     algorithm = GA(pop_size=len(first), sampling=first)
     cube = Problem(n_var=first.shape[1], n_obj=1, xl=0.0, xu=1.0)
-    # the generations are counted here
+    # The caller counts the generations, so that pymoo gets no limit.
     return algorithm.setup(cube, seed=seed, termination=("n_gen", np.inf), verbose=False)
 
 
 @dataclass(frozen=True)
 class DifferentialEvolution(TaskSearch):
-    """Differential evolution (Storn and Price; SciPy's best1bin), a generation in one batch.
+    """Differential evolution (Storn and Price; SciPy's best1bin), one batch for each generation.
 
-    At most `generations` generations of `population` alphas; it has converged once the
-    log-likelihoods of the population scatter by less than 0.01. The first population holds the
-    hyperparameters' start, the guesses and Sobol' points. With `polish` a gradient ascent starts
-    from the best.
+    There are at most `generations` generations of `population` alphas. The search has converged
+    once the log-likelihoods of a population scatter by less than 0.01. The first population holds
+    the start values, the guesses and Sobol' points. With `polish` a gradient ascent starts from the
+    best alpha.
 
-    Cost: population x generations evaluations without score. It fails, slowly rather than wrongly,
-    where hyperparameters are strongly correlated.
+    Cost: population x generations evaluations without score. Where hyperparameters are strongly
+    correlated it is so slow that it may not converge.
     Raises InputsError for a population below 5 or no generations.
 
     >>> DifferentialEvolution().name
@@ -282,11 +285,11 @@ class DifferentialEvolution(TaskSearch):
 
     @property
     def name(self) -> str:
-        """How the result names this choice."""
+        """The name of this search in a result."""
         return f"differential_evolution({self.population})"
 
     def _search(self, task: Task) -> SearchResult:
-        """Let the population evolve, and polish its best."""
+        """Let the population evolve, then improve its best alpha by a gradient ascent if asked."""
         done = 0
 
         def tell(intermediate_result: optimize.OptimizeResult) -> None:  # noqa: ARG001
@@ -299,7 +302,7 @@ class DifferentialEvolution(TaskSearch):
             lambda u: task.cost(u.T),
             [(0.0, 1.0)] * task.coordinates.free.size,
             init=first_population(task.coordinates, task.guesses, self.population, task.seed),
-            # the first population is a generation too
+            # The first population counts as a generation too.
             maxiter=self.generations - 1,
             tol=0.0,
             atol=OPTIMA.same_value,

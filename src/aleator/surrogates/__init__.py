@@ -1,11 +1,12 @@
-"""Response surfaces: polynomials that stand for the simulator, made exact in rounds of runs.
+"""Response surfaces: polynomials that replace the simulator, refined by rounds of simulator runs.
 
-Three nouns: a `ResponseSurface` is the user's choice of how exact surfaces are, and at what price;
-a `Surface` has the polynomials of all experiments over a region, with their estimated errors;
-`AdaptiveSurfaces` are surfaces with the runs that they go through, which rounds of runs improve.
+A `ResponseSurface` is the user's choice of how exact the surfaces are and how many runs they may
+take. A `Surface` holds the polynomials of all experiments over a region of the parameters, with
+their estimated errors. `AdaptiveSurfaces` are surfaces with the runs that they are fitted to; each
+round of runs improves them.
 
-Each experiment has a polynomial of its own (`emulator`, `fit`), or all share one Gaussian process
-over conditions and parameters (`shared`), of which polynomials are taken.
+Each experiment has a polynomial of its own (`emulator`, `fit`). Or all experiments share one
+Gaussian process over conditions and parameters (`shared`), to which polynomials are then fitted.
 """
 
 from aleator.surrogates.adaptive import AdaptiveSurfaces, build_surface, surfaces_of

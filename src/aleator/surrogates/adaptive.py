@@ -1,8 +1,8 @@
-"""The one loop that makes surfaces exact: judge them, run the experiments that are too rough.
+"""The loop that makes surfaces exact: estimate their errors, run experiments with large errors.
 
-Two rules place the runs. With a tolerance they are spread evenly over the region, and errors are
-judged all over it. Without one they are placed where a law has its mass, and errors are judged at
-draws of that law.
+With a tolerance the runs are spread evenly over the region of the parameters, and errors are
+estimated all over it. Without one the runs are placed where a law of the parameters has its mass,
+and errors are estimated at draws of that law.
 """
 
 from __future__ import annotations
@@ -27,63 +27,76 @@ from aleator.surrogates.shared import SharedSurface
 from aleator.surrogates.surface import Axes, Surface
 
 Afforded = Callable[[Flags, Array, Array], Flags]
-"""From members (N,), their relative errors (N,) and the runs (N,) of a round: those who may have
-it."""
+"""A function that selects experiments for a round of runs, where the budget limits their number.
+
+It takes which experiments ask for the round (N,), their relative errors (N,) and the runs that it
+costs each (N,), and returns which of them may have it (N,).
+"""
 
 
 @dataclass(frozen=True)
 class RoundSettings:
-    """Rounds of runs that make surfaces exact; by judgement."""
+    """Settings of the rounds of runs that make surfaces exact.
+
+    The values are chosen by judgement.
+    """
 
     reserved: int = 2
-    """Runs of each unit that a budget keeps for the check of the answer."""
+    """The number of runs that a budget keeps for the check of the result, for each group of
+    surfaces that share their runs."""
     exact: float = 0.005
-    """The tolerance of surfaces without a law to follow, where none is chosen."""
+    """The default tolerance of surfaces that are exact all over their region."""
     rough: float = 0.05
-    """Estimated error of a surface under the law, over the outcome's scatter, that calls for runs.
-    """
+    """A surface gets further runs if its estimated error under the law exceeds this share of the
+    outcome's standard deviation."""
     shared: float = 2.0
-    """Level `rough` of a shared surface over that of others: its estimate is more cautious."""
+    """Factor of `rough` for a shared surface, whose error estimate is more cautious."""
     growth: float = 0.3
-    """Share by which a round increases the runs of the experiments that need more."""
+    """The share by which a round increases the runs of an experiment that needs more."""
     patience: int = 6
-    """Rounds of its own after which an experiment is given up whose error falls by less than a
-    fifth: its runs have then grown fivefold, so that what is left is the simulator's own noise, or
-    a jump."""
+    """After this number of rounds an experiment gets no further runs if they have reduced its error
+    by less than a fifth. Its runs have then grown fivefold, so that the rest of the error comes
+    from noise of the simulator or from a jump of the outcome."""
     stall: float = 0.8
-    """Error after these rounds, over that before, above which an experiment is given up."""
+    """An experiment gets no further runs if its last `patience` rounds have left more than this
+    share of its error."""
     alike: float = 0.01
-    """The error of the first runs of linear surfaces, over the scatter, that no experiment may be
-    above if these are to be enough: one feature that they miss is met by those of another."""
+    """The few first runs of linear surfaces are enough if no experiment has a larger error than
+    this share of its standard deviation. A feature that the runs of one experiment miss would show
+    in those of another."""
     confirmed: int = 5
-    """Experiments that confirm each other's linear surfaces, at least."""
+    """The least number of experiments for which few first runs may be enough: their linear surfaces
+    confirm each other."""
     lost: int = 2
-    """Rounds for experiments of which too many runs failed for a surface."""
+    """The number of extra rounds for experiments that have too few successful runs for a surface.
+    """
     first_exact: tuple[int, int] = (5, 10)
-    """First runs for each parameter, and beside these, where surfaces are to be exact all over the
-    box."""
+    """The number of first runs where surfaces are to be exact all over the box: the first number
+    for each parameter, plus the second."""
     first_law: tuple[int, int] = (3, 6)
-    """First runs for each parameter, and beside these, of surfaces that will follow a law."""
+    """The number of first runs where surfaces are to be exact under a law: the first number for
+    each parameter, plus the second."""
     beyond_linear: int = 2
-    """Runs more than the terms of a linear surface, that are enough for one."""
+    """A linear surface takes this number of runs more than it has terms."""
     slowest: float = 0.5
-    """The least power of the number of runs by which errors are taken to fall."""
+    """The least p of the law that errors fall like R^-p with the number of runs R."""
     fastest: float = 6.0
-    """The largest power of the number of runs by which errors are taken to fall."""
+    """The largest p of the law that errors fall like R^-p with the number of runs R."""
 
 
 ROUNDS = RoundSettings()
 
 
 def everyone(members: Flags, _relative: Array, _runs: Array) -> Flags:
-    """All members: there is no budget."""
+    """Select all experiments that ask for a round of runs, because there is no budget."""
     return members
 
 
 def within(account: Account, unit: Indices, settings: RoundSettings = ROUNDS) -> Afforded:
-    """The roughest, as many as the account has runs for; `unit` (N,) are those that run together.
+    """A function that selects the experiments with the largest errors, as the budget allows.
 
-    One run of a unit serves all its surfaces: its price is that of the dearest.
+    `unit` (N,) says which surfaces share their runs: one run of the simulator gives values of all
+    surfaces of a unit, so that a unit needs as many runs as its surface with most runs.
     """
     units, of = np.unique(unit, return_inverse=True)
 
@@ -105,22 +118,29 @@ def within(account: Account, unit: Indices, settings: RoundSettings = ROUNDS) ->
 
 @dataclass(frozen=True)
 class JumpSettings:
-    """When two runs show that an outcome jumps; by judgement."""
+    """Settings of the search for jumps of an outcome between two runs.
+
+    The values are chosen by judgement.
+    """
 
     near: float = 0.1
-    """Distance of two runs, over the widths of the region, to which an outcome is looked at."""
+    """The largest distance of two runs that are compared, in coordinates of the region from -1 to
+    1."""
     large: float = 0.05
-    """Difference of two outcomes, over the range of all of that experiment, that may be a step."""
+    """A difference of two outcomes can be a jump if it exceeds this share of the range of all
+    outcomes of the experiment."""
     close: float = 0.4
-    """Share of `near` within which two runs are close."""
+    """Two runs are close if their distance is below this share of `near`."""
     wide: float = 0.8
-    """Share of `near` beyond which two runs are wide apart."""
+    """Two runs are wide apart if their distance is above this share of `near`."""
     ratio: float = 1.5
-    """How many times as much a smooth outcome differs over the wider distance, at least."""
+    """The outcome is smooth if it differs at least this many times as much between runs wide apart
+    as between close runs."""
     bulk: tuple[float, float] = (0.005, 0.995)
-    """Probabilities between which a law is looked at for steps."""
+    """Jumps are sought between the quantiles of the law at these probabilities."""
     runs: int = 150
-    """Runs of its own after which an experiment is given up whose outcome has a step (`steps`)."""
+    """The number of runs from which on an experiment gets no further runs if its outcome jumps
+    (`steps`)."""
 
 
 JUMPS = JumpSettings()
@@ -128,7 +148,11 @@ JUMPS = JumpSettings()
 
 @dataclass(frozen=True)
 class Jump:
-    """The largest difference `size` of two outcomes of `surface` at points (n,) near each other."""
+    """A jump of one experiment's outcome between two runs near each other.
+
+    `surface` is the number of the experiment, `size` the difference of the outcomes, and `here` and
+    `there` (n,) are the points of the runs.
+    """
 
     surface: int
     size: float
@@ -139,11 +163,11 @@ class Jump:
 def steps(
     samples: Samples, box: Array, members: Indices, settings: JumpSettings = JUMPS
 ) -> tuple[Jump, ...]:
-    """The step of each surface among `members` (A,) that has one, by its runs in the box (n, 2).
+    """The jump of each experiment in `members` (A,) whose outcome has one in the box (n, 2).
 
-    Between runs that are close a smooth outcome differs by less than between those wide apart. One
-    that jumps differs as much; so does a front as steep as that. Cost: all pairs of near points,
-    for each member.
+    A smooth outcome differs less between runs that are close than between runs wide apart. An
+    outcome that jumps differs by as much, and so does one with a very steep front. Cost: all pairs
+    of near points, for each member.
 
     >>> x = np.linspace(0.0, 1.0, 201)[:, None]
     >>> made = Samples(x, np.stack([x[:, 0] > 0.5, x[:, 0]]).astype(float), np.ones((2, 201), bool))
@@ -168,7 +192,10 @@ def steps(
 def _step(
     member: int, samples: Samples, close: Indices, wide: Indices, settings: JumpSettings = JUMPS
 ) -> Jump | None:
-    """The step of one surface between close points, pairs (P, 2) with the closest first."""
+    """The jump of one experiment between its closest runs that show one, or None.
+
+    `close` and `wide` (P, 2) are pairs of runs, sorted by their distance.
+    """
     y = samples.outcome[member]
     known = np.isfinite(y)
     if not known.any():
@@ -191,17 +218,18 @@ Progress = Callable[[int, int, int], None]
 
 
 class AdaptiveSurfaces:
-    """The surfaces of N experiments, their runs, and how well each round of runs did.
+    """The surfaces of N experiments with their runs, which rounds of runs improve.
 
-    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed; `box` (n, 2) is the region
-    that the surfaces cover; `conditions` (N, d) are what experiments may share a surface by, or
-    None. `where` (J, n) are the points at which the errors were judged last, or None for all of the
-    box. `scale` (N,) takes the place of the scatter where there is one. `past` (P, N) are the
-    relative errors before the last P rounds of each experiment: one that no longer falls is given
-    up. `afforded` chooses who has a round of runs where a budget does not suffice for all.
+    `run(index (R,), x (R, n)) -> (R,)` runs the simulator and gives NaN where a run failed. `box`
+    (n, 2) is the region of the parameters that the surfaces cover. `conditions` (N, d) are the
+    inputs of a shared surface, or None. `where` (J, n) are the points at which errors were last
+    estimated, or None for the whole box. `scale` (N,), if given, replaces the standard deviation to
+    which errors are compared. `past` (P, N) are the relative errors before each of the last P
+    rounds; an experiment whose error no longer falls gets no further runs. `afforded` selects the
+    experiments of a round where the budget does not suffice for all.
 
-    Raises InputsError where `max_runs` is less than the first round, or the user asks for a shared
-    surface and there is nothing to share by.
+    Raises InputsError where `max_runs` is less than the first round, or where the user asks for a
+    shared surface and no usable condition varies.
     """
 
     def __init__(
@@ -225,68 +253,77 @@ class AdaptiveSurfaces:
 
     @property
     def box(self) -> Array:
-        """The region that the surfaces cover, (n, 2)."""
+        """The region of the parameters that the surfaces cover, lower and upper limits (n, 2)."""
         return self.emulator.box
 
     @property
     def total_runs(self) -> int:
-        """Runs of all experiments together."""
+        """The number of runs of all experiments together."""
         return int(self.emulator.runs.sum())
 
     @property
     def level(self) -> float:
-        """Estimated error over the scatter that makes a surface one that is exact enough."""
+        """The relative error up to which a surface is exact enough; see `relative`."""
         if self.choice.tolerance:
             return self.choice.tolerance
         return self.settings.rough * self.caution
 
     @property
     def caution(self) -> float:
-        """By how much estimated errors of a shared surface are larger than those of a surface for
-        each."""
+        """Factor by which error estimates of this kind of surface are more cautious than others.
+
+        It is 1 for surfaces of their own, and larger for a shared surface.
+        """
         return self.settings.shared if isinstance(self.emulator, SharedSurface) else 1.0
 
     @property
     def good(self) -> Flags:
-        """Whose surface is exact enough, (N,)."""
+        """Which experiments have a surface that is exact enough, (N,)."""
         return ~self.emulator.rough(self.level, self.choice.accuracy)
 
     @property
     def relative(self) -> Array:
-        """Estimated errors over the scatter, (N,)."""
+        """Estimated error of each surface over the standard deviation of its outcome, (N,)."""
         scatter = self.emulator.scatter
         return np.asarray(self.emulator.error / np.where(scatter > 0.0, scatter, 1.0))
 
     def everywhere(self) -> Array | None:
-        """Points of the whole box for `judge` and `sharpen`; None where a tolerance holds there."""
+        """Points (J, n) spread over the box for `judge` and `sharpen`; None with a tolerance.
+
+        With a tolerance these methods cover the whole box anyway.
+        """
         return None if self.choice.tolerance else _points_of(self.box)
 
     def move(self, box: Array) -> None:
-        """Take the surfaces to another box; the runs inside serve there too."""
+        """Change the region to another box; runs inside it are used again."""
         self.emulator.move(box)
         self.past[:] = np.inf
         self._complete()
 
     def add(self, x: Array) -> None:
-        """Runs of all experiments at points x (Q, n) of the box, which the surfaces go through."""
+        """Run all experiments at further points x (Q, n) of the box, and fit the surfaces again."""
         self.emulator.run_at(x, *pairs(np.arange(self.good.size), len(x)))
         self.move(self.box)
 
     def judge(self, where: Array | None) -> None:
-        """Estimate the errors at points (J, n) of a law, or over the box."""
+        """Estimate the errors of all surfaces at points (J, n) of a law, or (None) over the box."""
         self.where = where
         self._judge_again()
 
     def against(self, scale: Array) -> None:
-        """Compare errors with a scale (N,) from now on, and not with the outcome's scatter."""
+        """Divide errors by `scale` (N,) from now on, not by the outcome's standard deviation."""
         self.scale = scale
 
     def unfinished(self, level: float) -> Flags:
-        """Whose error is above `level` of its scatter, where more runs may help and may be made."""
+        """Which experiments have a relative error above `level` and may have further runs, (N,)."""
         return self.granted(self._rough(level))
 
     def granted(self, members: Flags) -> Flags:
-        """Of the members (N,) those that may have a round of runs, and where it may help."""
+        """Which of the members (N,) may have a round of runs.
+
+        Left out are experiments without runs left, those with a jump that many runs have not
+        resolved, and those that the budget does not allow.
+        """
         members = members & ~self._spent
         for step in self._lasting(members):
             members[step.surface] = False
@@ -296,12 +333,15 @@ class AdaptiveSurfaces:
         return self.afforded(members, self.relative, runs)
 
     def sharpen(self, members: Flags, draws: Array | None) -> None:
-        """A round of runs for the members (N,): where draws (D, n) lie, or all over the box."""
+        """Make a round of runs of the members (N,), placed where draws (D, n) of a law are dense.
+
+        Without draws the runs are spread over the box.
+        """
         self._remember(members)
         self._run(members, draws)
 
     def sharpen_each(self, draws: Mapping[int, Array]) -> None:
-        """A round of runs for some surfaces, each where its own draws (D, n) lie."""
+        """Make a round of runs of some experiments, each placed by its own draws (D, n)."""
         members = np.isin(np.arange(self.good.size), [*draws])
         self._remember(members)
         for surface, own in draws.items():
@@ -311,7 +351,10 @@ class AdaptiveSurfaces:
         self._judge_again()
 
     def refine(self, draws: Array | None, level: float, progress: Progress | None = None) -> None:
-        """Rounds of runs until no experiment needs more, judged where they were judged last."""
+        """Make rounds of runs until no experiment has an error above `level` and may have more.
+
+        Errors are estimated at the points of the last call of `judge`.
+        """
         while True:
             if progress:
                 progress(self.total_runs, int(self.good.sum()), self.good.size)
@@ -321,11 +364,11 @@ class AdaptiveSurfaces:
             self.sharpen(members, draws)
 
     def surface(self) -> Surface:
-        """The surfaces as they are, with the errors that were judged last."""
+        """The present surfaces, with the errors of the last call of `judge`."""
         return self.emulator.surface(self.good)
 
     def _rough(self, level: float) -> Flags:
-        """Whose error is above `level` of its scatter, where more runs may help."""
+        """Which experiments have a relative error above `level` that still falls with more runs."""
         lost = np.isinf(self.emulator.error)
         stalled = self.relative > self.settings.stall * self.past[0]
         rough = self.emulator.rough(level, self.choice.accuracy)
@@ -333,7 +376,7 @@ class AdaptiveSurfaces:
 
     @property
     def stepped(self) -> Flags:
-        """Experiments (N,) that are given up because their outcome has a step."""
+        """Which experiments get no further runs because their outcome jumps, (N,)."""
         found = np.zeros(self.good.size, dtype=np.bool_)
         for step in self._lasting(~self.good):
             found[step.surface] = True
@@ -341,17 +384,18 @@ class AdaptiveSurfaces:
 
     @property
     def broken(self) -> bool:
-        """Whether there are such experiments."""
+        """Whether any experiment gets no further runs because its outcome jumps."""
         return bool(self.stepped.any())
 
     def _lasting(self, members: Flags) -> tuple[Jump, ...]:
-        """Steps that many runs have left in the surfaces of members (N,)."""
+        """The jumps of those members (N,) that already have many runs."""
         return self.steps(np.flatnonzero(members & (self.emulator.runs >= self.jumps.runs)))
 
     def steps(self, members: Indices) -> tuple[Jump, ...]:
-        """Where the outcomes of the experiments `members` (A,) have a step, if they do.
+        """The jumps of the outcomes of the experiments `members` (A,).
 
-        Only the bulk of the law is looked at, by whose points the errors were judged last.
+        If errors were last estimated at points of a law, only the central part of that law is
+        searched.
         """
         if not members.size:
             return ()
@@ -364,8 +408,7 @@ class AdaptiveSurfaces:
         return np.asarray(self.emulator.runs >= self.choice.max_runs)
 
     def _begin(self) -> None:
-        """The rest of the first runs, unless those of linear surfaces were enough for all
-        experiments."""
+        """Make the rest of the first runs, unless linear surfaces are exact for all experiments."""
         surfaces = self.emulator
         if isinstance(surfaces, OwnSurfaces) and surfaces.begun < surfaces.first:
             self._judge_again()
@@ -373,7 +416,7 @@ class AdaptiveSurfaces:
                 surfaces.begin(surfaces.first)
 
     def _complete(self) -> None:
-        """Enough runs for a surface of every experiment, where two rounds suffice for that."""
+        """Make up to two more rounds of runs of experiments that have too few for a surface."""
         self._judge_again()
         for _ in range(self.settings.lost):
             lost = np.isinf(self.emulator.error) & ~self._spent
@@ -397,7 +440,7 @@ class AdaptiveSurfaces:
 
 
 def surfaces_of(runner: Runner, region: Array, choice: ResponseSurface) -> AdaptiveSurfaces:
-    """First surfaces of a runner's distinct conditions on a region (n, 2)."""
+    """The surfaces of a runner's distinct conditions on a region (n, 2), after the first runs."""
     box, cases = region[moving_parameters(region)], runner.cases
     afforded = within(runner.account, np.arange(len(cases)))
     return AdaptiveSurfaces(
@@ -415,19 +458,21 @@ def build_surface(
 ) -> Surface:
     """Return surfaces of all experiments that are exact all over a box (n, 2), n from 1 to 10.
 
-    `run(index (R,), x (R, n)) -> (R,)` is called once a round, with all experiments that still need
-    runs. `progress(done runs, converged experiments, experiments)` is called before each round.
-    Without a tolerance in the choice it is 0.005.
+    `run(index (R,), x (R, n)) -> (R,)` is called once per round, with all experiments that still
+    need runs. `progress(done runs, converged experiments, experiments)` is called before each
+    round. If `choice` gives no tolerance, it is 0.005.
 
-    All experiments share one nested sequence of points; a round adds three tenths. Each surface is
-    fitted with the prior of least leave-one-out error (module `fit`). Its error is taken as the
-    largest of: what that prior expects; the leave-one-out residuals, weighted by each run's part of
-    the box; the misfit of the surface of the round before to the runs of this one; and half the
-    estimate of that round. The first round's is taken three times.
+    All experiments share one nested sequence of points; a round increases the points by three
+    tenths. Each surface is fitted with the prior of least leave-one-out error (module `fit`). Its
+    error estimate is the largest of four: the error that the prior expects; the leave-one-out
+    residuals, weighted by the part of the box nearest to each run; the misfit of the previous
+    round's surface to the runs of this round; and half the estimate of the previous round. The
+    estimate of the first round is multiplied by three.
 
-    A run that failed has the outcome NaN; a surface is fitted through the runs that worked. In a
-    large hole it is an extrapolation, wrong by up to thrice the estimate. With fewer than 2 n + 2
-    runs that worked an experiment has no surface: it is a constant with an infinite error.
+    A run that failed has the outcome NaN; a surface is fitted to the successful runs. In a large
+    hole between them it is an extrapolation, wrong by up to three times the estimate. With fewer
+    than 2 n + 2 successful runs an experiment has no surface, but a constant with an infinite
+    error.
 
     Raises InputsError for an inadmissible box or too few runs, SimulatorError for outcomes of the
     wrong shape or infinite. An experiment that does not converge within `max_runs`, or stalls at
@@ -450,10 +495,11 @@ def build_surface(
 
 
 def first_runs(n: int, choice: ResponseSurface, settings: RoundSettings = ROUNDS) -> int:
-    """Runs of an experiment in n parameters before its error is judged, unless few are enough.
+    """The number of first runs of an experiment in n parameters, before its error is estimated.
 
-    Twice the terms of total degree two up to four parameters where the surfaces are to be exact
-    all over the box: quadratics then are so at once. Fewer where they will follow a law.
+    Where surfaces are to be exact all over the box it is, in up to four parameters, at least twice
+    the number of terms of a quadratic polynomial, so that quadratic outcomes need no further round.
+    Where they are to be exact under a law it is smaller.
 
     >>> first_runs(2, ResponseSurface()), first_runs(2, ResponseSurface(tolerance=0.01))
     (12, 20)
@@ -465,9 +511,10 @@ def first_runs(n: int, choice: ResponseSurface, settings: RoundSettings = ROUNDS
 def linear_runs(
     n: int, choice: ResponseSurface, experiments: int, settings: RoundSettings = ROUNDS
 ) -> int:
-    """Runs that are enough where every outcome is linear: two more than such a surface has terms.
+    """The number of runs that are enough if every outcome is linear in n parameters.
 
-    With few experiments nothing confirms that.
+    It is two more than a linear surface has terms. With a tolerance, or with too few experiments to
+    confirm that outcomes are linear, it is that of `first_runs`.
 
     >>> linear_runs(2, ResponseSurface(), 20), linear_runs(2, ResponseSurface(tolerance=0.01), 20)
     (5, 20)
@@ -486,7 +533,7 @@ def _first_emulator(
     conditions: Array | None,
     settings: RoundSettings,
 ) -> Emulator:
-    """A shared surface if the user asks for it, else a surface for each."""
+    """The surfaces after the first runs: shared if the user asks for it, else one for each."""
     n = len(box)
     if choice.surfaces == "shared":
         if conditions is None or not SharedSurface.fits(experiments, n):
@@ -517,7 +564,7 @@ def _nothing_to_share(conditions: Array | None, experiments: int) -> InputsError
 
 
 def _points_of(box: Array, settings: PlacementSettings = PLACES) -> Array:
-    """Evenly spread points (J, n) of a box (n, 2), at which errors are judged without a law."""
+    """Evenly spread points (J, n) of a box (n, 2), at which errors are estimated without a law."""
     u = qmc.Sobol(len(box), rng=0).random_base2(int(np.log2(settings.everywhere)))
     return np.asarray(box[:, 0] + u * (box[:, 1] - box[:, 0]))
 
@@ -537,10 +584,12 @@ def _checked_box(box: Array) -> Array:
 
 @dataclass(frozen=True)
 class Outlook:
-    """Of `surfaces`, `rough` are not exact enough: their largest error is `worst` of the scatter.
+    """A forecast of the runs that surfaces need to become exact.
 
-    `needed` runs would bring all of them to `level`, and `more` runs the largest error to `then`;
-    both are None where no surface has had a round of runs after its first.
+    `rough` of the `surfaces` are not exact enough, and `worst` is their largest relative error.
+    `needed` further runs would bring all relative errors to `level`. `more` further runs would
+    bring the largest one to `then`. `needed` and `then` are None where no surface has had a round
+    of runs after its first.
     """
 
     rough: int
@@ -553,9 +602,11 @@ class Outlook:
 
 
 def outlook(surfaces: AdaptiveSurfaces, more: int = 1000) -> Outlook:
-    """Extrapolate e ~ R^-p, with the median p of the last rounds of the rough surfaces.
+    """Forecast the runs that the surfaces still need, from how errors fell in the last round.
 
-    A rough guide: errors fall fast, or hardly, as soon as a surface sees what it has to follow.
+    Relative errors e are assumed to fall like R^-p with the number of runs R, with the median p of
+    the surfaces that are not exact enough. It is only a rough guide: once the runs resolve a
+    feature of the outcome, errors can fall much faster.
     """
     relative, runs = surfaces.relative, surfaces.emulator.runs.astype(np.float64)
     rough = ~surfaces.good & np.isfinite(relative)
@@ -575,7 +626,7 @@ def outlook(surfaces: AdaptiveSurfaces, more: int = 1000) -> Outlook:
 
 
 def _power(before: Array, now: Array, settings: RoundSettings = ROUNDS) -> float | None:
-    """By which power of the number of runs the errors fell in the last round; None if unknown."""
+    """The power p with which errors fell like R^-p in the last round; None if unknown."""
     known = np.isfinite(before) & (before > 0.0) & (now > 0.0)
     if not known.any():
         return None

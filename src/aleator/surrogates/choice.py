@@ -1,4 +1,4 @@
-"""What a user chooses of the response surfaces: how exact they are, and at what price."""
+"""The user's choice of response surfaces: how exact they are, and how many runs they may take."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ Surfaces = Literal["none", "own", "shared"]
 
 @dataclass(frozen=True)
 class ResponseSurface:
-    """The choice of response surfaces: how exact, and at what price.
+    """The choice of response surfaces: how exact they are, and how many runs they may take.
 
-    tolerance: estimated root-mean-square error over the scatter of the outcome, both over the
-    region, in (0, 1). None: the surfaces are made exact where the law has its mass, and no more
-    exact than the answer needs.
-    max_runs: the most runs for one experiment, from 4 to 4096.
+    tolerance: the estimated root-mean-square error that is allowed, divided by the standard
+    deviation of the outcome, both over the region of the parameters; in (0, 1). None: the surfaces
+    are made exact where the law has its mass, and only as exact as the result needs.
+    max_runs: the largest number of runs for one experiment, from 4 to 4096.
     accuracy: relative accuracy of the simulator, in [0, 1); an error below accuracy times the size
     of the outcome counts as converged.
-    nodes: Gauss nodes a parameter, or a cubature, when the surfaces are propagated; None leaves it
-    open.
+    nodes: the number of Gauss nodes per parameter, or a cubature, by which moments are computed
+    from the surfaces; None lets the program choose.
     surfaces: "own": each experiment has a surface of its own. "shared": one surface, over
     conditions and parameters, serves all experiments. "none": the simulator itself is run at every
-    node. None: no surfaces of a vectorized simulator, own ones of any other. A tolerance
-    and nodes go with surfaces of their own.
+    node. None: a vectorized simulator gets no surfaces, any other gets "own". A tolerance is
+    admitted only with surfaces of their own.
 
     Raises InputsError for a value outside these ranges.
 
@@ -43,7 +43,7 @@ class ResponseSurface:
 
     @property
     def name(self) -> str:
-        """How the result names this choice."""
+        """The name of this choice in a result."""
         return "response_surface"
 
     def __post_init__(self) -> None:

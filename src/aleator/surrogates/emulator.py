@@ -1,7 +1,7 @@
-"""Surfaces of all experiments, each with runs of its own.
+"""Emulators: the response surfaces of all experiments together with the runs they are fitted to.
 
-Two kinds: a polynomial for each experiment (module `own`), and one Gaussian process over conditions
-and parameters for all of them (module `shared`).
+There are two kinds: a polynomial for each experiment (`OwnSurfaces`), and one Gaussian process over
+conditions and parameters for all experiments (module `shared`).
 """
 
 from __future__ import annotations
@@ -38,30 +38,33 @@ from aleator.surrogates.surface import Axes, Surface, outcomes, products, widene
 
 @dataclass(frozen=True)
 class SurfaceErrorSettings:
-    """How errors of surfaces are estimated and compared; by judgement."""
+    """Settings of the estimates of surface errors. The values are chosen by judgement."""
 
     rounding: float = 1e-12
-    """Outcomes that differ by less than this part of their size do not depend on the parameters."""
+    """Outcomes of an experiment that differ by less than this share of their size count as
+    constant."""
     least: float = 1e-10
-    """Mean square error that is compared with another, at least."""
+    """A constant that is added to a mean square error before its logarithm is taken."""
     searched: int = 6
-    """Sets of runs that worked, for which priors are searched; experiments with any other set (runs
-    that fail here and there, differently in each) choose among the priors of these."""
+    """The number of patterns of successful runs for which priors are searched. Where runs fail,
+    each experiment has its own pattern; those with any other pattern choose among the priors that
+    were found for these."""
     gain: float = 0.25
-    """Share of the mean square error that other axes have to leave: what is about as good is left
-    alone."""
+    """Other coordinates are chosen only if they reduce the mean square error to this share."""
     caution: float = 3.0
-    """Of a first round all over the box the estimate can be three times too small."""
+    """Factor of the error estimated after the first round of runs all over the box, since that
+    estimate can be three times too small."""
     doubt: float = 0.5
-    """Later an error that falls by more than half in one round, or seems to, is believed by half
-    only."""
+    """In a later round the error estimate may fall at most to this share of the one before."""
     hole: float = 0.7
-    """Error over the leave-one-out residual, as a run that is left out leaves a hole."""
+    """Factor from a leave-one-out residual to an error: a run that is left out leaves a larger hole
+    than there is between the runs."""
     chance: float = 8.0
-    """Runs by which the estimate is larger: the least of some forty errors is too small by
-    chance."""
+    """The estimate from M runs is enlarged by 1 + this/M, because the smallest of some forty
+    leave-one-out errors is too small by chance."""
     beyond: float = 3.0
-    """Errors by which an outcome may lie beyond the range of its surface."""
+    """An outcome counts as impossible only if it lies beyond the range of its surface by more than
+    this many errors."""
 
 
 ERRORS = SurfaceErrorSettings()
@@ -70,15 +73,16 @@ ERRORS = SurfaceErrorSettings()
 class Emulator(ABC):
     """Response surfaces of N experiments, refined in rounds of runs; every run is kept.
 
-    `run(index (R,), x (R, n)) -> (R,)` gives NaN where a run failed. `box` (n, 2) is the
-    region that the surfaces cover: `move` changes it. `sharpen` makes runs of some experiments,
-    `judge` estimates how exact the surfaces are, and `surface` gives them as they are. All points
-    are determined by these calls: no run that somebody else has made changes where the next one is.
+    `run(index (R,), x (R, n)) -> (R,)` runs the simulator and gives NaN where a run failed. `box`
+    (n, 2) is the region of the parameters that the surfaces cover; `move` changes it. `sharpen`
+    makes further runs of some experiments, `judge` estimates the errors of the surfaces, and
+    `surface` returns the present surfaces. The points of the runs depend on these calls alone.
 
-    `error` (N,) is the estimated root-mean-square error, infinite where runs are lacking, and
-    `scatter` (N,) the standard deviation of the outcome, both at the points that were judged last;
-    `level` (N,) is the outcome's size; `rate` (N,) is how much the outcome changes there for a
-    change of the polynomial, and `reach` (N,) the error of that over all the box.
+    `error` (N,) is the estimated root-mean-square error (infinite where there are too few runs) and
+    `scatter` (N,) the standard deviation of the outcome, both at the points of the last call of
+    `judge`. `level` (N,) is the size of the outcome. `rate` (N,) is the derivative of the outcome
+    by its polynomial at these points, which is not one if the polynomial is that of the logarithm.
+    `reach` (N,) is the error of the polynomial over the whole box.
     """
 
     def __init__(self, run: Run, box: Array, samples: Samples) -> None:
@@ -90,47 +94,51 @@ class Emulator(ABC):
 
     @property
     def runs(self) -> Indices:
-        """Runs made of each experiment, (N,), wherever they lie."""
+        """The number of runs of each experiment, (N,), inside the box or not."""
         return self.samples.runs
 
     @property
     def box(self) -> Array:
-        """The region that the surfaces cover, (n, 2)."""
+        """The region of the parameters that the surfaces cover, lower and upper limits (n, 2)."""
         return self.axes.box
 
     @abstractmethod
     def move(self, box: Array) -> None:
-        """Take the surfaces to another box."""
+        """Change the region that the surfaces cover to another box (n, 2)."""
 
     @abstractmethod
     def round(self, members: Indices, growth: float) -> int:
-        """Runs that each of the experiments `members` (A,) has in `sharpen`, at most.
-
-        Some of them have no more.
-        """
+        """The largest number of runs that `sharpen` makes for one of the experiments `members`."""
 
     @abstractmethod
     def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
-        """Run experiments `members` (A,) at more points among draws (D, n) of a law.
+        """Run the experiments `members` (A,) at more points, spread as draws (D, n) of a law are.
 
-        Without draws the points are spread evenly over the box. The runs of an experiment grow by
-        about `growth`, to `most` at the most.
+        Without draws the points are spread evenly over the box. The number of runs of an experiment
+        grows by about the share `growth`, but not beyond `most`.
         """
 
     @abstractmethod
     def judge(self, where: Array | None) -> None:
-        """Estimate the errors at points (J, n) of a law, or over the box."""
+        """Estimate the errors of all surfaces at points (J, n) of a law, or (None) over the box."""
 
     @abstractmethod
     def surface(self, converged: Flags) -> Surface:
-        """The surfaces as they are, with the errors that were judged last."""
+        """The present surfaces, with the errors of the last call of `judge`."""
 
     def rough(self, tolerance: float, accuracy: float) -> Flags:
-        """Whose error is above `tolerance` of its scatter and `accuracy` of its size."""
+        """Which experiments are not exact enough, (N,).
+
+        Their error is above `tolerance` times the scatter and above `accuracy` times the size of
+        the outcome.
+        """
         return self.error > np.maximum(tolerance * self.scatter, accuracy * self.level)
 
     def run_at(self, x: Array, index: Indices, place: Indices) -> None:
-        """Run experiments `index` (R,) at the points x[place], for x (Q, n)."""
+        """Run experiment index[r] at the point x[place[r]] for r = 0..R-1, and keep the outcomes.
+
+        Raises SimulatorError for outcomes of a wrong shape, or infinite ones.
+        """
         outcome = np.asarray(self.run(index, x[place]), dtype=np.float64)
         if outcome.shape != index.shape or np.isinf(outcome).any():
             raise SimulatorError(
@@ -147,7 +155,10 @@ class Emulator(ABC):
         outcomes: Array,
         logarithmic: Flags,
     ) -> Surface:
-        """The polynomials of `pieces`, of the errors (N,); `outcomes` (N, M) widen their range."""
+        """The surface of the polynomials in `pieces`, with estimated errors (N,).
+
+        Its range of outcomes includes the `outcomes` (N, M) of the runs.
+        """
         known = np.where(np.isfinite(error), error / self.rate, 0.0)
         indices, groups = merged(pieces, known)
         surface = Surface(
@@ -162,7 +173,8 @@ class Emulator(ABC):
             logarithmic=logarithmic,
         )
         lower, upper = outcome_range(surface, outcomes)
-        # an outcome is out of reach only if it is so beyond the surface's error over all the box
+        # The range is widened by the surface's error over the whole box: an outcome counts as
+        # impossible only if it lies beyond that.
         return replace(
             surface,
             lower=widened(lower, -ERRORS.beyond * self.reach, logarithmic),
@@ -171,12 +183,14 @@ class Emulator(ABC):
 
 
 def pairs(members: Indices, count: int) -> tuple[Indices, Indices]:
-    """Each of A experiments with each of `count` points: experiments (A count,), points alike."""
+    """All pairs of A experiments and `count` points: experiment and point of each (A count,)."""
     return np.repeat(members, count), np.tile(np.arange(count), len(members))
 
 
 def patterns(worked: Flags) -> list[tuple[Indices, Indices]]:
-    """Rows (A,) and columns (M,) of each different row of `worked`, the most frequent first.
+    """The different rows of `worked`, the most frequent first.
+
+    Each is given by the experiments (A,) that have it and the columns (M,) in which it is true.
 
     >>> patterns(np.array([[True, False], [True, True], [True, True]]))
     [(array([1, 2]), array([0, 1])), (array([0]), array([0]))]
@@ -194,11 +208,11 @@ def chosen_axes(
     where: Array | None,
     settings: SurfaceErrorSettings = ERRORS,
 ) -> Axes:
-    """Axes, linear or logarithmic, in which runs that are left out are missed by far less, by the
-    median over the `members` (A,).
+    """The linear or logarithmic coordinates in which surfaces have the least leave-one-out error.
 
-    Only members with the most frequent set of runs are compared. Scales are compared at points
-    `where` (J, n), or all over the box.
+    The present `axes` are kept unless others have a far smaller error, by the median over the
+    experiments `members` (A,). Only members with the most frequent pattern of successful runs are
+    compared. The residuals are weighted for errors at points `where` (J, n), or all over the box.
     """
     rows, runs = patterns(samples.worked[members])[0]
     y, x = samples.outcome[np.ix_(members[rows], runs)].T, samples.x[runs]
@@ -227,10 +241,11 @@ def chosen_priors(
     at: Array | None,
     settings: SurfaceErrorSettings = ERRORS,
 ) -> tuple[list[tuple[SmoothnessPrior, Indices, Indices]], list[SmoothnessPrior]]:
-    """Return (prior, experiments, runs) that go together, and the pool of priors to go on with.
+    """Choose the prior of each experiment in `members`; return groups, and priors to try next.
 
-    `values` (N, M) of all experiments at z (M, n), NaN where there is none; only for `members`.
-    Scales are compared at points `at` (J, n), or all over the box.
+    A group is a prior with the experiments that use it and the runs that they have. `values`
+    (N, M) are the outcomes of all experiments at z (M, n), NaN where there is none. The residuals
+    are weighted for errors at points `at` (J, n), or all over the box.
     """
     found: dict[SmoothnessPrior, None] = {}
     out = []
@@ -246,12 +261,12 @@ def chosen_priors(
 
 
 class OwnSurfaces(Emulator):
-    """A polynomial for each experiment, made exact where it is judged (see `Emulator`).
+    """A polynomial for each experiment; the methods are those of `Emulator`.
 
-    `first` points are run to begin with, or at first only `few` of them: `begin` runs the others.
-    `samples` are runs that were made before, each at a point of its own. Over the box an error is
-    no less than the misfit of the surface of the round before to the runs that it had not seen
-    (`floor`), nor than half of its `estimate`.
+    The first round runs every experiment at `first` points, or only at the first `few` of them, and
+    `begin` runs the others. `samples` are runs that were made before, each at a point of its own.
+    An error over the box is at least as large as `floor`: the misfit of the previous round's
+    surface to the runs made after it, or half of that round's `estimate` if this is larger.
     """
 
     def __init__(
@@ -271,11 +286,14 @@ class OwnSurfaces(Emulator):
 
     @property
     def least(self) -> int:
-        """Runs that must work before there is a surface: twice a linear one's, or all of few."""
+        """The number of successful runs that a surface needs.
+
+        It is twice the number of terms of a linear surface, or all first runs if these are fewer.
+        """
         return min(2 * len(self.box) + 2, self.begun)
 
     def begin(self, count: int) -> None:
-        """Run everyone at the points up to `count` of those that are to begin with."""
+        """Run every experiment at those of the first `count` starting points not yet run."""
         fresh = self.start[self.begun : count]
         everyone, place = pairs(np.arange(len(self.prior)), len(fresh))
         self.run_at(fresh, everyone, place)
@@ -283,17 +301,17 @@ class OwnSurfaces(Emulator):
         self.stale[:] = True
 
     def move(self, box: Array) -> None:
-        """Take the surfaces to another box, with the runs that lie inside."""
+        """Change the region to another box; runs that lie inside it are used again."""
         self.axes = self.axes.moved(box)
         self.prior = [self.pool[0]] * len(self.error)
         self.stale[:] = True
         self.floor[:] = np.inf
 
     def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
-        """Run experiments `members` (A,) at more points, the same for all of them.
+        """Run the experiments `members` (A,) at more points, the same for all of them.
 
-        As many more as make the points that these have in the box grow by `growth`, and at least
-        as many as a first round has.
+        The number of their points in the box grows by the share `growth`, and at least to that of a
+        first round.
         """
         inside = self.samples.inside(self.box)
         known = self._common(members, inside)
@@ -312,19 +330,22 @@ class OwnSurfaces(Emulator):
         self.stale[members] = True
 
     def round(self, members: Indices, growth: float) -> int:
-        """Runs that each of the experiments `members` (A,) has in `sharpen`, at most."""
+        """The largest number of runs that `sharpen` makes for one of the experiments `members`."""
         return self._more(len(self._common(members, self.samples.inside(self.box))), growth)
 
     def _more(self, known: int, growth: float) -> int:
         return max(int(np.ceil(growth * known)), self.first - known, 1)
 
     def _common(self, members: Indices, inside: Samples) -> Array:
-        """The points that one of the members at least has, but for those of earlier boxes."""
+        """The points z at which at least one of the members was run, without the given samples."""
         common = ~np.isin(inside.x[:, 0], self.earlier[:, 0])
         return self.axes.inward(inside.x[inside.attempted[members].any(axis=0) & common])
 
     def judge(self, where: Array | None) -> None:
-        """Estimate the errors by what the priors expect, and by leave-one-out residuals."""
+        """Estimate each error as the larger of the prior's expectation and the leave-one-out error.
+
+        The errors are those at points `where` (J, n), or (None) over the box.
+        """
         samples = self.samples.inside(self.box)
         enough = samples.worked.sum(axis=1) >= self.least
         self._choose(enough, samples, where)
@@ -336,7 +357,7 @@ class OwnSurfaces(Emulator):
             fit = judged(prior, z[runs], y, at)
             self.level[members] = np.abs(y).max(axis=0)
             constant = np.ptp(y, axis=0) <= ERRORS.rounding * self.level[members]
-            # where runs fail a surface is an extrapolation: no scatter is above half of the range
+            # Where runs fail the surface extrapolates. No scatter exceeds half of the range.
             scatter = np.minimum(_scatter(prior, fit, at), 0.5 * np.ptp(y, axis=0))
             self.scatter[members] = np.where(constant, 0.0, scatter)
             error = np.maximum(fit.there, left_out(fit, shares(z[runs], at)))
@@ -349,7 +370,7 @@ class OwnSurfaces(Emulator):
             self.rate[members] = fit.rate
 
     def surface(self, converged: Flags) -> Surface:
-        """The surfaces as they are, with the errors that were judged last."""
+        """The present polynomials, with the errors of the last call of `judge`."""
         samples = self.samples.inside(self.box)
         z = self.axes.inward(samples.x)
         pieces = fitted_pieces(z, samples.outcome, self.prior, self.least)
@@ -357,11 +378,11 @@ class OwnSurfaces(Emulator):
 
     @property
     def _logarithmic(self) -> Flags:
-        """Whose polynomial is one of the logarithm, (N,)."""
+        """Which experiments have a polynomial for the logarithm of the outcome, (N,)."""
         return np.array([prior.logarithm for prior in self.prior])
 
     def _guess(self, members: Indices, samples: Samples, z: Array) -> Array:
-        """Outcomes (A, Q) at points z (Q, n) by the surfaces of members (A,) through `samples`."""
+        """Predicted outcomes (A, Q) of the members (A,) at points z (Q, n), fitted to `samples`."""
         known, out = self.axes.inward(samples.x), np.empty((len(members), len(z)))
         priors = [self.prior[row] for row in members]
         pieces = fitted_pieces(known, samples.outcome[members], priors, self.least)
@@ -370,7 +391,7 @@ class OwnSurfaces(Emulator):
         return outcomes(out, self._logarithmic[members])
 
     def _choose(self, enough: Flags, samples: Samples, where: Array | None) -> None:
-        """Choose axes for all, and priors of the experiments whose runs are new."""
+        """Choose the coordinates of all surfaces, and priors of experiments with new runs."""
         members = np.flatnonzero(self.stale & enough)
         if members.size:
             axes = chosen_axes(self.axes, samples, members, self.pool, where)
@@ -387,7 +408,7 @@ class OwnSurfaces(Emulator):
     def _groups(
         self, members: Indices, worked: Flags
     ) -> list[tuple[SmoothnessPrior, Indices, Indices]]:
-        """Experiments of one prior and one set of runs."""
+        """Groups of experiments with the same prior and the same successful runs."""
         alike: dict[tuple[SmoothnessPrior, bytes], list[int]] = {}
         for row in members.tolist():
             alike.setdefault((self.prior[row], worked[row].tobytes()), []).append(row)
@@ -398,9 +419,9 @@ class OwnSurfaces(Emulator):
 
 
 def fitted_pieces(z: Array, values: Array, prior: list[SmoothnessPrior], least: int) -> list[Piece]:
-    """Return the surfaces of all experiments, each with its prior, through the runs it has.
+    """Return the polynomials of all experiments, each with its prior, fitted to its runs.
 
-    Where these are fewer than `least` it is a constant.
+    An experiment with fewer than `least` runs gets a constant.
     """
     n = z.shape[1]
     pieces: list[Piece] = []
@@ -418,17 +439,19 @@ def fitted_pieces(z: Array, values: Array, prior: list[SmoothnessPrior], least: 
 
 
 def _constants(members: Indices, outcomes: Array, n: int) -> Piece:
-    """Surfaces of experiments with hardly a run: the mean of what there is."""
+    """Constant surfaces of experiments with too few runs: the mean of their outcomes."""
     mean = outcomes.sum(axis=1) / max(outcomes.shape[1], 1)
     return members, np.zeros((1, n), dtype=np.intp), mean[None, :]
 
 
 def left_out(fit: Judged, share: Array, settings: SurfaceErrorSettings = ERRORS) -> Array:
-    """Return the error (A,) by the leave-one-out residuals, weighted by each run's share.
+    """Return the error (A,) that the leave-one-out residuals suggest.
 
-    A run left out of well-spread ones leaves a hole twice as wide as any other, so its residual is
-    larger than the error elsewhere: hence `hole`. The least of some forty leave-one-out errors is
-    too small by chance when the runs are few: hence 1 + `chance`/M.
+    It is the root of the mean of squares, weighted by the share (M,) of the box that is nearest to
+    each run, times two factors. `hole` makes it smaller: a run that is left out leaves a hole twice
+    as wide as the others, so that its residual is larger than the error elsewhere. 1 + `chance`/M
+    makes it larger: the prior was chosen for the least of some forty leave-one-out errors, which is
+    too small by chance if the runs are few.
     """
     return np.asarray(
         np.sqrt(share @ fit.residual**2) * settings.hole * (1.0 + settings.chance / len(share))

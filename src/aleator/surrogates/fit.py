@@ -1,11 +1,13 @@
-"""From runs to a surface: where runs are placed, the prior of least leave-one-out error.
+"""From runs to a surface: the placement of runs, and the fit of a polynomial to them.
 
-A surface y = sum_nu c_nu phi_nu has more coefficients than there are runs. Of all that pass through
-the runs, the one with the least sum (c_nu / w_nu)^2 is taken: the mean of a Gaussian process whose
-coefficients are independent Normal(0, w_nu^2) (Rasmussen and Williams 2006, section 2.7). Plain
-interpolation in a fixed set of polynomials amplifies what the set leaves out; this does not. With
-B = (w phi; g I), (P + M) x M, = Q R, the covariance of the runs is K = R'R and everything is closed
-form; g > 0 lets the surface pass beside noisy runs.
+A surface y = sum_nu c_nu phi_nu has more coefficients than there are runs. Of all surfaces through
+the runs, the one with the least sum of (c_nu / w_nu)^2 is taken. It is the mean of a Gaussian
+process with independent coefficients Normal(0, w_nu^2) (Rasmussen and Williams 2006, section 2.7).
+Plain interpolation in a fixed set of polynomials amplifies the terms that the set leaves out; this
+method does not. The prior, that is the weights w, is chosen for the least leave-one-out error. Let
+B = Q R be the QR decomposition of the (P + M) x M matrix that stacks w phi at the M runs on g I.
+Then the covariance of the runs is K = R'R, and all results are in closed form. g is the standard
+deviation of noise: with g > 0 the surface need not pass through the runs.
 """
 
 from __future__ import annotations
@@ -28,27 +30,28 @@ from aleator.surrogates.surface import SURFACES, Group, Surface, ball, outcomes,
 
 @dataclass(frozen=True)
 class PlacementSettings:
-    """Where runs are placed; by judgement."""
+    """Settings of the placement of runs. The values are chosen by judgement."""
 
     cluster: float = 0.4
-    """Points gather at the faces of the box, as sin(c t) / sin(c) of evenly spread t does, with c
-    this times pi: between even spacing (0), where polynomials oscillate at the faces, and
-    Chebyshev's (1/2), which wastes runs there on outcomes with kinks."""
+    """How densely points lie near the faces of the box: evenly spread t become sin(c t) / sin(c)
+    with c this times pi. 0 gives even spacing, with which polynomials oscillate at the faces; 1/2
+    gives Chebyshev's spacing, which wastes runs there if outcomes have kinks."""
     candidates: int = 4096
-    """The sequence is chosen from so many points, hence no longer. Fixed, or it would not be
-    nested."""
+    """The number of points from which the sequence of runs is chosen, and thus its greatest length.
+    It is fixed, because otherwise a shorter sequence would not be the beginning of a longer one."""
     beside_draws: int = 2048
-    """Candidates all over the box, beside the draws of a law."""
+    """The number of candidates spread over the whole box, in addition to the draws of a law."""
     everywhere: int = 512
-    """Points that stand for all the box."""
+    """The number of points that represent the whole box in averages."""
     shares: int = 8192
-    """Points by which parts of the box are measured."""
+    """The number of points by which the volumes of parts of the box are measured."""
     length: float = 6.0
-    """The length of the covariance is the root of n over this, in coordinates of the box."""
+    """The correlation length is the square root of (number of parameters / this), in coordinates of
+    the box from -1 to 1."""
     least: float = 1e-10
-    """The least variance, of one, that a point is taken to have before it is run."""
+    """The least relative variance that a point is assumed to have before it is run."""
     same: float = 1e-9
-    """Points that differ by less are the same: rounding between the box and [-1, 1]^n."""
+    """Points that differ by less than this, which rounding can cause, count as the same."""
     narrowest: float = 1e-6
     """The least standard deviation of draws, in coordinates of the box."""
 
@@ -68,22 +71,25 @@ def low_discrepancy(count: int, n: int, shift: Array) -> Array:
 
 
 def fixed_shift(n: int) -> Array:
-    """Return one shift (n,) without symmetry, so that no two candidates are equally good."""
+    """Return a fixed shift (n,) of a sequence of points, so that the points have no symmetry.
+
+    With symmetric points two candidates could be equally good.
+    """
     return np.asarray(np.sqrt(np.arange(2.0, 2.0 + n)) % 1.0)
 
 
 def everywhere(n: int, settings: PlacementSettings = PLACES) -> Array:
-    """Return points (J, n) that stand for all of [-1, 1]^n."""
+    """Return evenly spread points (J, n) that represent all of [-1, 1]^n in averages."""
     return low_discrepancy(settings.everywhere, n, fixed_shift(n))
 
 
 def spread(count: int, n: int, settings: PlacementSettings = PLACES) -> Array:
     """Return the first `count` points (count, n) in [-1, 1]^n of a nested, well separated sequence.
 
-    Greedy choice of the point at which a Gaussian process with a Matern-3/2 covariance knows least
-    (P-greedy; De Marchi, Schaback and Wendland 2005), in coordinates that gather at the faces.
-    Every prefix covers the box; at most as many points as there are candidates. Cost: 4096 count^2
-    operations, once.
+    Each point is the candidate with the largest posterior variance of a Gaussian process with a
+    Matern-3/2 covariance (P-greedy; De Marchi, Schaback and Wendland 2005). The coordinates are
+    then clustered at the faces of the box. Any first part of the sequence covers the box. `count`
+    is at most 4096, the number of candidates. Cost: 4096 count^2 operations, once.
 
     >>> spread(3, 1).round(1).ravel() ** 2
     array([0., 1., 1.])
@@ -94,16 +100,17 @@ def spread(count: int, n: int, settings: PlacementSettings = PLACES) -> Array:
 @lru_cache
 def _greedy(count: int, n: int, settings: PlacementSettings = PLACES) -> Array:
     t = low_discrepancy(settings.candidates, n, fixed_shift(n))
-    # every candidate is equally unknown at first: begin in the middle
+    # At first all candidates have the same variance; the sequence begins in the middle.
     middle = int(np.argmin((t**2).sum(axis=1)))
     chosen = _least_known(t, np.ones(len(t)), [middle], count, settings)
     return clustered(t[chosen], settings)
 
 
 def asymmetric(z: Array, count: int) -> Array:
-    """Return points z (M, n) in another order: the last of `count` is neither mid nor at a face.
+    """Return points z (M, n) reordered, so that point number `count` lies off middle and faces.
 
-    The first ones of `spread` are nearly all: at these a cube is as good as a line.
+    The first points of `spread` are nearly all in the middle or at a face. There z^3 equals z, so
+    that a linear surface through them would hide a cubic term.
 
     >>> asymmetric(np.array([[0.0], [1.0], [-1.0], [0.6]]), 3).ravel().tolist()
     [0.0, 1.0, 0.6, -1.0]
@@ -116,9 +123,10 @@ def asymmetric(z: Array, count: int) -> Array:
 
 
 def evenly(z: Array, count: int, settings: PlacementSettings = PLACES) -> Array:
-    """Return `count` more points (count, n) in [-1, 1]^n than z (M, n), evenly spread.
+    """Return `count` further, evenly spread points (count, n) in [-1, 1]^n beside runs z (M, n).
 
-    Those of `spread` where z are its first; else its greedy choice goes on from z.
+    If z are the first points of the sequence of `spread`, its next points are returned; otherwise
+    its greedy choice continues from z.
 
     >>> bool((evenly(spread(5, 2), 3) == spread(8, 2)[5:]).all())
     True
@@ -134,11 +142,11 @@ def evenly(z: Array, count: int, settings: PlacementSettings = PLACES) -> Array:
 
 
 def continued(z: Array, draws: Array, count: int, settings: PlacementSettings = PLACES) -> Array:
-    """Return `count` more points (count, n) in [-1, 1]^n than z (M, n), where draws (D, n) lie.
+    """Return `count` further points (count, n) in [-1, 1]^n, placed where draws (D, n) are dense.
 
-    The greedy choice of `spread` goes on from the points that there are, and weighs what is not
-    known at a point by the density of the draws there (a kernel estimate, Scott 1992). Candidates
-    are the draws and low-discrepancy points. Cost: some 2500 (M + count)^2 operations.
+    The greedy choice of `spread` continues from the runs z (M, n). It multiplies the posterior
+    variance at a point by the density of the draws there (a kernel estimate, Scott 1992). The
+    candidates are the draws and evenly spread points. Cost: some 2500 (M + count)^2 operations.
 
     >>> continued(np.array([[0.0]]), np.array([[0.5], [0.6], [0.7]]), 1).round(1).tolist()
     [[0.7]]
@@ -159,7 +167,10 @@ def continued(z: Array, draws: Array, count: int, settings: PlacementSettings = 
 def _least_known(
     t: Array, weight: Array, first: list[int], count: int, settings: PlacementSettings = PLACES
 ) -> Indices:
-    """Return `count` rows of t (T, n), the `first` and then greedily those of most variance."""
+    """Return `count` row numbers of t (T, n): the `first`, then greedily those of most variance.
+
+    The variance of a row is multiplied by its `weight` (T,).
+    """
     length = np.sqrt(t.shape[1] / settings.length)
     factors = np.zeros((count, len(t)))
     variance = np.ones(len(t))
@@ -173,14 +184,14 @@ def _least_known(
         free[new] = False
         r = np.sqrt(((t - t[new]) ** 2).sum(axis=1)) / length
         known = factors[:k].T @ factors[:k, new]
-        # points that a region's move brings together can be all but equal
+        # After a change of the region two points can be almost equal.
         factors[k] = ((1.0 + r) * np.exp(-r) - known) / np.sqrt(max(variance[new], settings.least))
         variance = np.maximum(variance - factors[k] ** 2, 0.0)
     return chosen
 
 
 def _kernel_density(draws: Array, points: Array, settings: PlacementSettings = PLACES) -> Array:
-    """Return the density (P,) of draws (D, n) at points (P, n), up to a factor."""
+    """Return a kernel estimate of the density of draws (D, n) at points (P, n), up to a factor."""
     count, n = draws.shape
     scale = np.maximum(draws.std(axis=0), settings.narrowest)
     width = scale * count ** (-1.0 / (n + 4))
@@ -189,7 +200,7 @@ def _kernel_density(draws: Array, points: Array, settings: PlacementSettings = P
 
 
 def clustered(t: Array, settings: PlacementSettings = PLACES) -> Array:
-    """Return evenly spread points of [-1, 1]^n gathered at the faces; `_even` turns that round."""
+    """Return evenly spread points of [-1, 1]^n, moved closer to the faces (inverse of `_even`)."""
     return np.asarray(np.sin(settings.cluster * np.pi * t) / np.sin(settings.cluster * np.pi))
 
 
@@ -201,7 +212,10 @@ def _even(z: Array, settings: PlacementSettings = PLACES) -> Array:
 
 
 def shares(z: Array, where: Array | None = None, settings: PlacementSettings = PLACES) -> Array:
-    """Return the part (M,) of the box [-1, 1]^n, or of points `where`, nearest to each z (M, n)."""
+    """Return the share (M,) of the box [-1, 1]^n that is nearest to each point z (M, n).
+
+    If points `where` (J, n) are given, it is the share of these points.
+    """
     n = z.shape[1]
     reference = low_discrepancy(settings.shares, n, fixed_shift(n)) if where is None else where
     nearest = cKDTree(z).query(reference)[1]
@@ -210,81 +224,90 @@ def shares(z: Array, where: Array | None = None, settings: PlacementSettings = P
 
 @dataclass(frozen=True)
 class SurfaceFitSettings:
-    """How a polynomial is fitted to runs, thinned and searched for its range; by judgement."""
+    """Settings of the fit of a polynomial to runs, the removal of small terms, and the search for
+    the range of the outcome. The values are chosen by judgement."""
 
     smoothnesses: tuple[float, ...] = (1.5, 2.5, 4.0, 6.0, 9.0)
     """Values of the smoothness of a prior that are tried (see `SmoothnessPrior`)."""
     trends: tuple[float, ...] = (0.0, 0.25, 0.5)
-    """Values of the trend that are tried."""
+    """Values of the trend of a prior that are tried (see `SmoothnessPrior`)."""
     norms: tuple[float, ...] = (2.0, 1.0, 0.5)
-    """Values of the norm that are tried."""
+    """Values of the norm of a prior that are tried (see `SmoothnessPrior`)."""
     noises: tuple[float, ...] = (0.0, 0.03, 0.3)
-    """Values of the noise that are tried (see `SmoothnessPrior`)."""
+    """Values of the noise of a prior that are tried (see `SmoothnessPrior`)."""
     first: tuple[tuple[float, float, float], ...] = (
         (2.0, 2.5, 0.0), (2.0, 2.5, 0.5), (2.0, 4.0, 0.0), (2.0, 4.0, 0.5),
         (1.0, 2.5, 0.0), (1.0, 4.0, 0.5), (0.5, 4.0, 0.5), (0.5, 2.5, 0.0),
     )  # fmt: skip
-    """Norm, smoothness and trend of the priors to begin with."""
+    """Norm, smoothness and trend of the priors that are tried first."""
     stretch: float = 1.6
-    """Factor by which one parameter is stretched."""
+    """Factor by which the scale of one parameter is changed in a step of the search for a prior."""
     scales: tuple[float, float] = (0.1, 12.0)
-    """Limits of the stretch of a parameter."""
+    """Limits of the scale of a parameter in a prior."""
     terms: int = 2
-    """Terms of a polynomial for each run."""
+    """The number of terms of a polynomial is this times the number of runs, plus `more_terms`."""
     more_terms: int = 10
-    """Terms of a polynomial beside those for each run."""
+    """The number of terms of a polynomial that does not depend on the number of runs."""
     free: float = 1e6
-    """The weight that makes a term of the trend as good as free."""
+    """Factor of the prior standard deviation of a term of the trend, which makes it almost free."""
     keep: tuple[int, int] = (5, 2)
-    """Winners whose neighbors are tried, with at most `keep_runs` runs, and with more runs, where
-    priors change little."""
+    """How many of the priors that most experiments choose have their neighbors tried: first number
+    with at most `keep_runs` runs, second number with more runs, where priors change little."""
     keep_runs: int = 200
-    """Runs up to which the larger number of winners is kept."""
+    """The number of runs up to which the first number of `keep` applies."""
     sweeps: int = 2
-    """Rounds of the search for a prior."""
+    """The number of rounds of the search for a prior."""
     fall: float = 0.01
-    """Share of the mean square error that is left where logarithms are taken: with runs that
-    change from one scale to the other, round by round, surfaces hardly become exact."""
+    """A polynomial of the logarithm is chosen only if it reduces the mean square error to this
+    share. Otherwise surfaces could change between outcome and logarithm in every round, and would
+    hardly become exact."""
     nearly: float = 1e-3
-    """Share of the variance of a coefficient below which one minus what is known loses digits."""
+    """Below this share of a coefficient's prior variance, its posterior variance is not computed as
+    a difference from one, which would lose digits."""
     nothing: float = 1e-24
-    """Share of the variance of a coefficient below which it is rounding."""
+    """Below this share of the prior variance, a posterior variance counts as rounding."""
     negligible: float = 0.1
-    """A term is left out where all that is left out stays under this part of the error: it then
-    adds half a percent to it (root of 1 + 0.1^2)."""
+    """The smallest terms of a polynomial are left out as long as the root of the sum of their
+    squares is below this share of the error. The error grows by half a percent, as the root of
+    1 + 0.1^2."""
     rounding: float = 1e-14
-    """The same, over the largest term."""
+    """The smallest terms of a polynomial are left out in any case if the root of the sum of their
+    squares is below this share of the largest term."""
     group: float = 16.0
-    """Terms of the smallest group of experiments."""
+    """The number of terms in the smallest group of experiments that are evaluated together."""
     group_growth: float = 1.4
-    """Terms of a group over those of the one before."""
+    """Ratio of the number of terms in one group of experiments to that in the next smaller group.
+    """
     groups: int = 40
-    """The most groups."""
+    """The largest number of groups of experiments that are evaluated together."""
     range_points: int = 2048
-    """Points of the box at which the range of an outcome is sought."""
+    """The number of points of the box at which the range of an outcome is sought."""
     range_block: int = 256
-    """Points of the search of a range that are evaluated together."""
+    """The number of points that are evaluated together in the search for the range of an outcome.
+    """
     corners: int = 10
-    """Parameters of which all corners of the box are points of that search, at most."""
+    """The range of an outcome is also sought at all combinations of the limits of the parameters
+    (corners of the box), for at most this many parameters."""
     range_step: float = 0.04
-    """First step of the polish, over the width of the box."""
+    """First step of the local search for the extremes of an outcome, as a share of the width of the
+    box."""
     halvings: int = 10
-    """How often that step is halved."""
+    """How many times the local search for the extremes of an outcome halves its step."""
 
 
 FITS = SurfaceFitSettings()
-# The least error that is compared with another.
+# Smaller errors are raised to this number before their logarithm is taken.
 SMALLEST = np.finfo(np.float64).tiny
 
 
 class SmoothnessPrior(NamedTuple):
-    """What is assumed of the coefficients: w_nu = (1 + size(nu)^2)^(-smoothness/2).
+    """The prior of the coefficients: standard deviations w_nu = (1 + size(nu)^2)^(-smoothness/2).
 
-    `scale` and `norm` define the size of an index (see `ball`). With a `trend` its first `trend` M
-    indices and the linear ones are free, else the constant: polynomials in their span are
-    reproduced exactly. `noise` is the standard deviation g of the runs, on the scale of w at index
-    zero. With `logarithm` the coefficients are those of the logarithm of the outcome, positive in
-    all runs.
+    `scale` and `norm` define the size of a multi-index nu (see `ball`). If `trend` is positive, the
+    linear terms and the first `trend` M terms for M runs are almost free, otherwise only the
+    constant is; polynomials of these terms are reproduced exactly. `noise` is the standard
+    deviation g of a run, where w of the constant term is one. With `logarithm` the polynomial is
+    that of the logarithm of the outcome, which must be positive in all runs.
     """
 
     scale: tuple[float, ...]
@@ -295,22 +318,22 @@ class SmoothnessPrior(NamedTuple):
     logarithm: bool = False
 
     def terms(self, y: Array) -> Array:
-        """What is a polynomial, of outcomes y."""
+        """Outcomes y on the scale of the polynomial: their logarithms if `logarithm`."""
         return np.log(y) if self.logarithm else y
 
     def outcomes(self, t: Array) -> Array:
-        """The outcomes of polynomials t (A, ...)."""
+        """Outcomes (A, ...) from values t (A, ...) of the polynomials."""
         return outcomes(t, np.full(len(t), self.logarithm))
 
 
 def first_priors(n: int, settings: SurfaceFitSettings = FITS) -> list[SmoothnessPrior]:
-    """Return the priors to begin with: no preferred parameter."""
+    """Return the priors that are tried first, in which all n parameters have the same scale."""
     even = (1.0,) * n
     return [SmoothnessPrior(even, *choice) for choice in settings.first]
 
 
 def neighbors(prior: SmoothnessPrior, settings: SurfaceFitSettings = FITS) -> list[SmoothnessPrior]:
-    """Return the priors one step away: one parameter stretched, or one choice moved."""
+    """Return the priors one step away: with one scale changed, or one other number moved."""
     out = []
     for i, one in enumerate(prior.scale):
         for changed in (one * settings.stretch, one / settings.stretch):
@@ -328,13 +351,13 @@ def neighbors(prior: SmoothnessPrior, settings: SurfaceFitSettings = FITS) -> li
 
 
 def _beside(values: tuple[float, ...], one: float) -> tuple[float, ...]:
-    """Return the values next to one of them."""
+    """Return the one or two values next to `one` in a sequence that contains it."""
     k = values.index(one)
     return values[max(k - 1, 0) : k] + values[k + 1 : k + 2]
 
 
 def weights(prior: SmoothnessPrior, runs: int) -> tuple[Indices, Array]:
-    """Return indices (P, n) and weights w (P,) for a number of runs."""
+    """Return multi-indices (P, n) and prior standard deviations w (P,) for a number of runs."""
     indices, size = ball(prior.scale, prior.norm, FITS.terms * runs + FITS.more_terms)
     weight = (1.0 + size**2) ** (-0.5 * prior.smoothness)
     free = indices.sum(axis=1) <= (prior.trend > 0.0)
@@ -343,7 +366,10 @@ def weights(prior: SmoothnessPrior, runs: int) -> tuple[Indices, Array]:
 
 
 def _scaled(prior: SmoothnessPrior, z: Array) -> tuple[Indices, Array, Array]:
-    """Return indices (P, n), weights (P,) and the matrix B ((P, M) or, with noise, (P + M, M))."""
+    """Return multi-indices (P, n), prior standard deviations (P,) and the matrix B of the module.
+
+    B is (P, M) without noise, and (P + M, M) with noise.
+    """
     indices, weight = weights(prior, len(z))
     matrix = weight[:, None] * products(indices, z)
     if prior.noise > 0.0:
@@ -352,9 +378,11 @@ def _scaled(prior: SmoothnessPrior, z: Array) -> tuple[Indices, Array, Array]:
 
 
 def leave_one_out(prior: SmoothnessPrior, z: Array, t: Array) -> Array:
-    """Return t_i minus the polynomial fitted without run i (M, A), for t (M, A) at z (M, n).
+    """Return the leave-one-out residuals (M, A) of values t (M, A) at points z (M, n).
 
-    r_i = [K^-1 y]_i / [K^-1]_ii (Dubrule 1983): one factorization for all runs and experiments.
+    The residual of run i is t_i minus the polynomial that is fitted without run i. It is
+    r_i = [K^-1 t]_i / [K^-1]_ii (Dubrule 1983), which needs one factorization for all runs and
+    experiments.
     """
     triangle = np.linalg.qr(_scaled(prior, z)[2], mode="r")
     inverse = solve_triangular(triangle, np.eye(len(z)))
@@ -363,7 +391,7 @@ def leave_one_out(prior: SmoothnessPrior, z: Array, t: Array) -> Array:
 
 @single_threaded
 def fitted(prior: SmoothnessPrior, z: Array, y: Array) -> tuple[Indices, Array]:
-    """Return indices (P, n) and coefficients (P, A) of the surfaces through runs y (M, A)."""
+    """Return multi-indices (P, n) and coefficients (P, A) of polynomials through y (M, A) at z."""
     indices, weight, matrix = _scaled(prior, z)
     q, r = np.linalg.qr(matrix)
     q = q[: len(weight)]
@@ -371,27 +399,29 @@ def fitted(prior: SmoothnessPrior, z: Array, y: Array) -> tuple[Indices, Array]:
 
 
 class Judged(NamedTuple):
-    """Surfaces of some experiments through the same runs, and what the runs say of their error.
+    """Surfaces of A experiments that have runs at the same points, with estimates of their errors.
 
-    `expected` is in units of the polynomials, and all else in those of the outcome.
+    `coefficients` and `expected` are on the scale of the polynomials, which is that of the
+    logarithm if the prior says so; all other numbers are in units of the outcome.
     """
 
     indices: Indices
-    coefficients: Array  # (P, A)
-    expected: Array  # (A,) root-mean-square error over the box that the prior expects
-    there: Array  # (A,) the same at the points that were asked for, or over the box
-    residual: Array  # (M, A) leave-one-out
-    rate: Array  # (A,) root-mean-square derivative there of outcomes by polynomials
+    coefficients: Array  # The coefficients of the polynomials (P, A).
+    expected: Array  # The rms error over the box that the prior expects (A,).
+    there: Array  # The rms error that the prior expects at the given points, or over the box (A,).
+    residual: Array  # The leave-one-out residuals (M, A).
+    rate: Array  # The rms derivative of outcomes by polynomials at the given points (A,).
 
 
 @single_threaded
 def judged(prior: SmoothnessPrior, z: Array, y: Array, where: Array | None = None) -> Judged:
-    """Return the surfaces with the error that the prior expects over the box, or at some points.
+    """Return the surfaces with the errors that the prior expects over the box, or at some points.
 
-    The posterior covariance of the coefficients is s^2 W (I - Q Q') W; its trace is the mean
-    square error over the box, because the basis is orthonormal there. s^2 is the mean square of
-    the leave-one-out residuals over their variances 1 / [K^-1]_ii. At points `where` (J, n) it is
-    the mean of s^2 (W phi)' (I - Q Q') W phi, for a logarithm times the square of the outcome.
+    The posterior covariance of the coefficients is s^2 W (I - Q Q') W with W = diag(w). Its trace
+    is the mean square error over the box, because the basis is orthonormal there. s^2 is the mean
+    of the squared leave-one-out residuals divided by their variances 1 / [K^-1]_ii. At points
+    `where` (J, n) the mean square error is the mean of s^2 (W phi)' (I - Q Q') W phi. For a
+    polynomial of the logarithm it is multiplied by the square of the outcome.
     """
     indices, weight, matrix = _scaled(prior, z)
     q, r = np.linalg.qr(matrix)
@@ -417,15 +447,15 @@ def judged(prior: SmoothnessPrior, z: Array, y: Array, where: Array | None = Non
 
 
 def missed(y: Array, residual: Array) -> Array:
-    """Outcomes (M, A) minus those of polynomials of logarithms that are off by `residual`."""
+    """Errors of outcomes y (M, A) whose logarithms are predicted with errors `residual` (M, A)."""
     return np.asarray(-y * np.expm1(np.clip(-residual, -SURFACES.largest, SURFACES.largest)))
 
 
 def _over_box(q: Array, weight: Array, settings: SurfaceFitSettings = FITS) -> float:
-    """Return the mean posterior variance over the box, in units of s^2."""
+    """Return the posterior variance of a surface, averaged over the box, in units of s^2."""
     unknown = 1.0 - (q[: len(weight)] ** 2).sum(axis=1)
-    # 1 - |q|^2 loses all digits where a coefficient is all but known: square the small vector
-    # itself there, and take what is left at the level of rounding for nothing.
+    # 1 - |q|^2 loses all digits where a coefficient is almost known. There the small vector itself
+    # is squared, and a result as small as rounding counts as zero.
     near = np.flatnonzero(unknown < settings.nearly)
     rest = -(q @ q[near].T)
     rest[near, np.arange(len(near))] += 1.0
@@ -435,7 +465,10 @@ def _over_box(q: Array, weight: Array, settings: SurfaceFitSettings = FITS) -> f
 
 
 def _at(q: Array, weight: Array, basis: Array) -> Array:
-    """Return the posterior variance (J,) at points with basis (P, J), in units of s^2."""
+    """Return the posterior variance (J,) of a surface at J points, in units of s^2.
+
+    `basis` (P, J) are the values of the polynomials there.
+    """
     own = weight[:, None] * basis
     rest = -(q @ (q[: len(weight)].T @ own))
     rest[: len(weight)] += own
@@ -443,7 +476,12 @@ def _at(q: Array, weight: Array, basis: Array) -> Array:
 
 
 class PriorSearch(NamedTuple):
-    """Priors, the `best` of them (A,), its mean square `error` (A,), and a pool to go on with."""
+    """The result of a search for priors.
+
+    `priors` are those that were tried, `best` (A,) is the place of the best for each experiment,
+    `error` (A,) its mean square leave-one-out error, and `pool` are priors to begin the next search
+    with.
+    """
 
     priors: list[SmoothnessPrior]
     best: Indices
@@ -460,13 +498,13 @@ def search(
     sweeps: int = FITS.sweeps,
     settings: SurfaceFitSettings = FITS,
 ) -> PriorSearch:
-    """Return priors, the best of them for each experiment (A,), and the pool to go on with.
+    """Search the prior with the least leave-one-out error for each of A experiments.
 
-    All experiments are judged together, one factorization a prior; each takes the prior with the
-    least leave-one-out error. Where all its outcomes are positive it takes the best prior of their
-    logarithms instead, if outcomes are missed by less (`_fall`), each with the share (M,) of its
-    run.
-    The neighbors of the most frequent winners are tried in turn; with one sweep only the pool is.
+    `y` (M, A) are outcomes at points z (M, n). The priors in `pool` are tried first; each further
+    sweep tries the neighbors of those that most experiments chose. A prior takes one factorization
+    for all experiments. An experiment with only positive outcomes takes the best prior for their
+    logarithms instead, if that makes the error of the outcomes much smaller (`_fall`). In that
+    comparison `share` (M,) is the weight of each run.
     """
     score: dict[SmoothnessPrior, Array] = {}
     error: dict[SmoothnessPrior, Array] = {}
@@ -500,10 +538,11 @@ def search(
 
 
 def _fall(before: Array, after: Array, settings: SurfaceFitSettings = FITS) -> Flags:
-    """Whether mean square errors (A,) fall enough, by the mean of the experiment and the median.
+    """Whether the mean square errors (A,) of experiments fall enough from `before` to `after`.
 
-    The experiments are alike, and the few runs of one tell little: where neither is good, as with a
-    kink, chance would choose.
+    The fall of an experiment is averaged, in logarithms, with the median over all experiments. The
+    experiments are similar, and a few runs of one experiment would leave the choice to chance,
+    above all where neither fit is good, as with a kink.
     """
     change = np.log(np.maximum(after, SMALLEST)) - np.log(np.maximum(before, SMALLEST))
     return np.asarray(
@@ -517,10 +556,12 @@ Piece = tuple[Indices, Indices, Array]
 def merged(
     pieces: Iterable[Piece], error: Array, settings: SurfaceFitSettings = FITS
 ) -> tuple[Indices, tuple[Group, ...]]:
-    """Return common indices (P, n), and groups over its prefixes with their coefficients.
+    """Merge polynomials into one common list of multi-indices (P, n), and groups of experiments.
 
-    A piece holds experiments (A,), indices (Q, n) and coefficients (Q, A). Terms used by most
-    experiments come first, so that the few large surfaces do not make everyone pay.
+    A piece holds experiments (A,), multi-indices (Q, n) and coefficients (Q, A). A group uses a
+    first part of the common list. Terms that most experiments use come first, so that a few large
+    polynomials do not slow down the evaluation of the others. Terms that are negligible beside the
+    `error` (N,) are left out.
     """
     pieces = list(pieces)
     place: dict[tuple[int, ...], int] = {}
@@ -541,7 +582,7 @@ def merged(
 
 
 def _thinned(coefficients: Array, error: Array, settings: SurfaceFitSettings = FITS) -> Array:
-    """Return coefficients (A, Q) with the smallest of each row set to zero."""
+    """Return coefficients (A, Q) with those set to zero that are negligible beside `error` (A,)."""
     level = np.abs(coefficients).max(axis=1)
     budget = np.maximum(settings.negligible * error, settings.rounding * level)
     order = np.argsort(np.abs(coefficients), axis=1)
@@ -554,7 +595,7 @@ def _thinned(coefficients: Array, error: Array, settings: SurfaceFitSettings = F
 
 
 def _groups(terms: Array, settings: SurfaceFitSettings = FITS) -> tuple[Group, ...]:
-    """Return groups of experiments (rows) that need about the same number of leading terms."""
+    """Return groups of experiments, the rows of `terms`, that need similar numbers of terms."""
     count = terms.shape[1]
     needed = count - np.argmax((terms != 0.0)[:, ::-1], axis=1)
     needed[~terms.any(axis=1)] = 1
@@ -574,8 +615,9 @@ def outcome_range(
 ) -> tuple[Array, Array]:
     """Return the least and the largest outcome (N,) of each experiment over the box.
 
-    From the runs (N, M), NaN where there is none, a search over points and corners of the box, and
-    a polish of the best of them that halves its step.
+    They are the extremes of the outcomes of the runs (N, M), NaN where there is none, and of the
+    surface at many points and corners of the box. The extremes of the surface are refined by a
+    local search that halves its step.
     """
     n = len(surface.box)
     low, high = surface.box.T
@@ -601,7 +643,10 @@ def outcome_range(
 def _polished(
     surface: Surface, x: Array, value: Array, sign: float, settings: SurfaceFitSettings = FITS
 ) -> Array:
-    """Return the least sign * outcome (N,) that a compass search from x (N, n) finds."""
+    """Return the least sign * outcome (N,) that a compass search from points x (N, n) finds.
+
+    A compass search tries a step along each parameter and takes the best.
+    """
     count, n = x.shape
     low, high = surface.box.T
     moves = np.vstack([np.eye(n), -np.eye(n)]) * (high - low)

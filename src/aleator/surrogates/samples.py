@@ -1,4 +1,4 @@
-"""What surfaces are made of: runs of experiments at points, and conditions as numbers."""
+"""The data of response surfaces: outcomes of runs at points, and conditions turned into numbers."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from aleator.simulators.response_functions import Run, completed
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Runs of N experiments at M points `x` (M, n): `outcome` (N, M), NaN where there is none.
+    """Runs of N experiments at M points `x` (M, n) of the parameters.
 
-    A run that was `attempted` (N, M) and is NaN has failed; any other NaN was never run.
+    `outcome` (N, M) is NaN where there is no outcome: the run failed if it was `attempted` (N, M),
+    otherwise it was never made.
 
     >>> none = Samples.none(2, 1)
     >>> one = none.joined(np.array([[0.5]]), np.array([1]), np.array([0]), np.array([7.0]))
@@ -32,7 +33,7 @@ class Samples:
 
     @classmethod
     def none(cls, experiments: int, parameters: int) -> Samples:
-        """No run."""
+        """Samples of so many experiments and parameters, without any run."""
         return cls(
             np.empty((0, parameters)),
             np.empty((experiments, 0)),
@@ -41,27 +42,31 @@ class Samples:
 
     @property
     def worked(self) -> Flags:
-        """Which runs have an outcome, (N, M)."""
+        """Whether each experiment has an outcome at each point, (N, M)."""
         return np.isfinite(self.outcome)
 
     @property
     def runs(self) -> Indices:
-        """Runs of each experiment, (N,)."""
+        """The number of attempted runs of each experiment, (N,)."""
         return np.asarray(self.attempted.sum(axis=1), dtype=np.intp)
 
     @property
     def failed(self) -> Indices:
-        """Those of the runs without an outcome, (N,)."""
+        """The number of failed runs of each experiment, (N,)."""
         return np.asarray(self.runs - self.worked.sum(axis=1), dtype=np.intp)
 
     @property
     def listed(self) -> tuple[Indices, Array, Array]:
-        """The runs that worked as a list: experiments (R,), points (R, n), outcomes (R,)."""
+        """The successful runs as a list: experiments (R,), points (R, n), outcomes (R,)."""
         column, index = np.nonzero(self.worked.T)
         return index, self.x[column], self.outcome[index, column]
 
     def joined(self, x: Array, index: Indices, place: Indices, outcome: Array) -> Samples:
-        """With the runs of experiments `index` (R,) at the points x[place], x (Q, n)."""
+        """These samples with R further runs.
+
+        Run r is of experiment index[r] at the point x[place[r]] of the new points x (Q, n), and has
+        the outcome outcome[r].
+        """
         values = np.full((len(self.outcome), len(x)), np.nan)
         attempted = np.zeros(values.shape, dtype=np.bool_)
         values[index, place], attempted[index, place] = outcome, True
@@ -72,19 +77,21 @@ class Samples:
         )
 
     def inside(self, box: Array) -> Samples:
-        """Those at points in the box (n, 2)."""
+        """The samples at the points that lie inside a box of the parameters (n, 2)."""
         kept = np.all((self.x >= box[:, 0]) & (self.x <= box[:, 1]), axis=1)
         return Samples(self.x[kept], self.outcome[:, kept], self.attempted[:, kept])
 
 
 @dataclass(frozen=True)
 class FeatureSettings:
-    """Conditions as inputs of a shared surface; by judgement."""
+    """Settings for conditions as inputs of a shared surface. The values are chosen by judgement."""
 
     decade: float = 10.0
-    """Largest over least value, from which a positive condition is taken as its logarithm."""
+    """A positive condition enters by its logarithm if its largest value exceeds this many times its
+    smallest value."""
     texts: int = 6
-    """Different texts of one condition; with more there is nothing to learn from."""
+    """The largest number of different texts of one condition; with more, too few experiments have
+    the same text."""
 
 
 FEATURES = FeatureSettings()
@@ -93,12 +100,13 @@ FEATURES = FeatureSettings()
 def features(
     columns: Mapping[str, NDArray[Any]], settings: FeatureSettings = FEATURES
 ) -> Array | None:
-    """Return conditions (N,) by name as inputs (N, d) in [-1, 1], or None where they cannot be.
+    """Return conditions, given as columns (N,), as inputs (N, d) of a shared surface in [-1, 1].
 
-    Numbers are scaled to their range, or their logarithms are. A text is one input for each of its
-    values, 1 where it has it and -1 elsewhere: how far apart texts are is for the data to say.
-    Columns that do not vary are left out. None where a column is neither numbers nor text of at
-    most 6 values, a number is not finite, or none varies.
+    A column of numbers, or of their logarithms, is scaled to its range. A column of texts becomes
+    one input for each different text, 1 for the experiments that have it and -1 for the others, so
+    that the data determine how similar texts are. Columns that do not vary are left out. Returns
+    None if a column has more than 6 different texts, if a number is not finite, or if no column
+    varies.
 
     >>> features({"speed": np.array([1.0, 2.0, 3.0]), "oil": np.array(["a", "b", "a"], object)})
     array([[-1.,  1., -1.], [ 0., -1.,  1.], [ 1.,  1., -1.]])
@@ -128,9 +136,12 @@ def _scaled(numbers: Array, settings: FeatureSettings = FEATURES) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Sites:
-    """The distinct values that surfaces are made of: `case` and `column` (U,) of each.
+    """The U different simulated values that the M observations need, each with its own surface.
 
-    `unit` (U,) is a unit of each case, and `of` (M,) the site of each observation.
+    A simulated value is one column of the simulator's output under one distinct condition. A unit
+    is what one run computes: a row of the table, or a whole experiment. `unit` (U,) is a unit with
+    the condition of each value, `column` (U,) its column, and `of` (M,) the number of the value
+    that each observation needs.
     """
 
     unit: Indices
@@ -139,7 +150,10 @@ class Sites:
 
     @classmethod
     def seen(cls, runner: Runner, unit: Indices, column: Indices) -> Sites:
-        """Those of observations that are values of these units (M,), in these columns (M,)."""
+        """The different values that M observations need, each in a column of a unit's output.
+
+        `unit` (M,) and `column` (M,) are the unit and the column of each observation.
+        """
         case = runner.cases.condition[unit]
         pairs = np.stack([case, column], axis=1)
         distinct, of = np.unique(pairs, axis=0, return_inverse=True)
@@ -149,7 +163,11 @@ class Sites:
         return self.unit.size
 
     def run(self, runner: Runner, region: Array) -> Run:
-        """`run(index (R,), x (R, moving)) -> (R,)` of the sites, NaN where a run fails."""
+        """A function that runs the simulator for values number index (R,) at points x (R, n).
+
+        The points hold the parameters that vary in the `region`. It returns outcomes (R,), NaN
+        where a run fails.
+        """
 
         def run(index: Indices, x: Array) -> Array:
             values = runner.values(self.unit[index], completed(region, x))
@@ -158,5 +176,5 @@ class Sites:
         return run
 
     def together(self, members: Flags) -> Flags:
-        """With all sites of the units of some: the same runs give them their values."""
+        """The values marked in `members`, and all others of their units, which share their runs."""
         return np.isin(self.unit, self.unit[members])

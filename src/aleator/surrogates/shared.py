@@ -1,19 +1,20 @@
 """One Gaussian process over conditions and parameters for all experiments.
 
-Each experiment is run at points of its own; a Gaussian process over conditions and parameters
-(module `kriging`) goes through the runs of all of them. For each experiment it is then a
-function of the parameters alone, of which the polynomial is taken: a `Surface` like any other.
+Each experiment is run at points of its own, and one Gaussian process over conditions and parameters
+is fitted to the runs of all experiments. For the conditions of one experiment the process is a
+function of the parameters alone, to which a polynomial is fitted. The result is a `Surface`.
 
 An outcome is y = f(u) + g_l(z) with u = (c_l, z), the conditions of experiment l and the
 parameters, each scaled to [-1, 1]. The covariance is
 
     k(|A'(u - u')|) + a^2 [l = l'] k(|s (z - z')|) + 30 + 10 u . u' + noise^2 [same run]
 
-times one variance, with k Matern's of smoothness 5/2. The square matrix A turns and stretches the
-inputs, so that a front that moves with the conditions is one front (Vivarelli and Williams 1999,
-"Discovering hidden features with Gaussian process regression"). The second term is what an
-experiment has for itself. A, s, a and noise have the greatest likelihood of the runs under a weak
-normal prior on A (Rasmussen and Williams 2006, section 5.4).
+times one variance, where k is Matern's correlation of smoothness 5/2 as a function of distance.
+The matrix A rotates and stretches the inputs, so that a steep front whose place changes with the
+conditions is the same function for all experiments (Vivarelli and Williams 1999, "Discovering
+hidden features with Gaussian process regression"). The second term is the individual part g_l of an
+experiment. A, s, a and the noise maximize the likelihood of the runs under a weak normal prior on A
+(Rasmussen and Williams 2006, section 5.4).
 """
 
 from __future__ import annotations
@@ -36,32 +37,38 @@ from aleator.surrogates.surface import Axes, Surface, ball, products
 
 @dataclass(frozen=True)
 class ProcessSettings:
-    """The covariance of the Gaussian process and the limits of its numbers; by judgement."""
+    """Settings of the covariance of the Gaussian process of a shared surface.
+
+    The covariance is given in the module's description. The values are chosen by judgement.
+    """
 
     constant: float = 30.0
-    """Variance of the constant, over that of the rest: it is all but free."""
+    """Variance of the constant term, relative to the common part; so large that it is almost free.
+    """
     linear: float = 10.0
-    """Variance of the linear terms, over that of the rest: they are all but free."""
+    """Variance of the linear terms, relative to the common part; so large that they are almost
+    free."""
     ridge: float = 0.01
-    """Precision of the normal prior on the entries of A."""
+    """Precision (inverse variance) of the normal prior on the entries of the matrix A."""
     rank: int = 8
-    """More directions than this are not distinguished."""
+    """The largest number of columns of A, the directions in which the outcome may vary."""
     individual: tuple[float, float] = (1e-4, 3.0)
-    """Limits of the individual part a."""
+    """Limits of the standard deviation a of the part that each experiment has of its own."""
     scale: tuple[float, float] = (0.05, 10.0)
-    """Limits of the scale s."""
+    """Limits of the scales s of the parameters in the part that each experiment has of its own."""
     noise: tuple[float, float] = (3e-4, 0.3)
-    """Limits of the noise."""
+    """Limits of the standard deviation of the noise of a run."""
     largest_mix: float = 20.0
-    """The largest entry of A."""
+    """The largest size of an entry of A."""
     first_mix: float = 0.5
-    """Entry of A for each input, before anything is learned."""
+    """The entry of A for each input from which the fit starts."""
     first_noise: float = 0.01
-    """The noise before anything is learned."""
+    """The standard deviation of the noise from which the fit starts."""
     none: float = 1e-200
-    """The part of an experiment that is alone, and has nothing for itself: its square is zero."""
+    """A standard deviation a that means no individual part, for a single experiment; its square is
+    zero."""
     failed: float = 1e10
-    """Minus the log-posterior of a covariance that is not positive definite."""
+    """Minus the log-posterior that is returned for a covariance that is not positive definite."""
 
 
 PROCESS = ProcessSettings()
@@ -69,7 +76,11 @@ PROCESS = ProcessSettings()
 
 @dataclass(frozen=True)
 class Covariance:
-    """A covariance: `mix` A (D, r), `individual` a, its `scale` s (n,), `noise`; without unit."""
+    """The parameters of the covariance in the module's description, all without unit.
+
+    `mix` is the matrix A (D, r), `individual` the standard deviation a of an experiment's own part,
+    `scale` the scales s (n,) of the parameters in that part, and `noise` a standard deviation.
+    """
 
     mix: Array
     individual: float
@@ -85,32 +96,32 @@ class Covariance:
         individual: float = 0.1,
         settings: ProcessSettings = PROCESS,
     ) -> Covariance:
-        """Nothing is known: every input counts alike."""
+        """The covariance from which the fit starts, in which all inputs have the same effect."""
         mix = settings.first_mix * np.eye(inputs, min(inputs, settings.rank))
         mix[settings.rank :] = settings.first_mix / np.sqrt(settings.rank)
         return cls(mix, individual, np.ones(parameters), settings.first_noise, settings)
 
     @property
     def vector(self) -> Array:
-        """All numbers in one row, those that are positive as logarithms."""
+        """The parameters as one vector: A, then the logarithms of a, s and the noise."""
         rest = np.log([max(self.individual, self.settings.none), *self.scale, self.noise])
         return np.concatenate([self.mix.ravel(), rest])
 
     def moved(self, vector: Array) -> Covariance:
-        """The covariance with the numbers of another row."""
+        """The covariance whose parameters are given by a vector in the order of `vector`."""
         size = self.mix.size
         own, *scale, noise = np.exp(vector[size:])
         mix = vector[:size].reshape(self.mix.shape)
         return Covariance(mix, own, np.array(scale), noise, self.settings)
 
     def likeness(self, u: Array) -> Array:
-        """Squared correlations (N, N) of what is common, between inputs u (N, D)."""
+        """Squared correlations (N, N) of the common part f between the inputs u (N, D)."""
         mixed = u @ self.mix
         return _matern(_squared(mixed, mixed))[0] ** 2
 
 
 def _matern(squared: Array) -> tuple[Array, Array]:
-    """k of squared distances, and its derivative by them."""
+    """Matern's correlation of smoothness 5/2 at squared distances, and its derivative by them."""
     r = np.sqrt(5.0 * np.maximum(squared, 0.0))
     decay = np.exp(-r)
     slope = (-5.0 / 6.0) * (1.0 + r) * decay
@@ -125,7 +136,7 @@ def _squared(a: Array, b: Array) -> Array:
 def _loss(
     covariance: Covariance, index: Indices, u: Array, y: Array, settings: ProcessSettings = PROCESS
 ) -> tuple[float, Array]:
-    """The negative log posterior, without constants, and its gradient by `vector`."""
+    """Minus the log-posterior of a covariance, up to a constant, and its gradient by `vector`."""
     mix, own, scale = covariance.mix, covariance.individual, covariance.scale
     settings = covariance.settings
     z = u[:, -len(scale) :]
@@ -154,7 +165,7 @@ def _loss(
 
 
 def _moved(gap: Array, a: Array, b: Array) -> Array:
-    """Sum over pairs of gap_ij (a_i - a_j)(b_i - b_j)' / 2, for a symmetric gap."""
+    """Half the sum over all i, j of gap_ij (a_i - a_j)(b_i - b_j)', for a symmetric gap."""
     return np.asarray(a.T @ (gap.sum(axis=1)[:, None] * b) - a.T @ gap @ b)
 
 
@@ -166,7 +177,10 @@ def _inverse(factor: Array) -> Array:
 
 @single_threaded
 def learned(start: Covariance, index: Indices, u: Array, y: Array, iterations: int) -> Covariance:
-    """The covariance of greatest posterior for runs y (M,) of experiments `index` at u (M, D)."""
+    """The covariance with the largest posterior density, given runs, by at most `iterations` steps.
+
+    The runs are outcomes y (M,) of the experiments `index` (M,) at inputs u (M, D).
+    """
     n, level, unit = len(start.scale), y.mean(), y.std() or 1.0
     settings = start.settings
 
@@ -191,7 +205,12 @@ def learned(start: Covariance, index: Indices, u: Array, y: Array, iterations: i
 
 @dataclass(frozen=True)
 class ProcessPosterior:
-    """The process given runs y (M,), on a scale of mean `level` and standard deviation `unit`."""
+    """The Gaussian process conditioned on M runs.
+
+    The outcomes are standardized by their mean `level` and standard deviation `unit`. `factor` is
+    the Cholesky factor of the covariance of the runs, `dual` its inverse times the outcomes, and
+    `variance` the common variance.
+    """
 
     covariance: Covariance
     index: Indices
@@ -201,12 +220,12 @@ class ProcessPosterior:
     factor: Array
     dual: Array
     variance: float
-    surprise: Array  # (M,) leave-one-out residual over its expected standard deviation
+    surprise: Array  # Leave-one-out residuals over their expected standard deviations (M,).
 
     @classmethod
     @single_threaded
     def of(cls, covariance: Covariance, index: Indices, u: Array, y: Array) -> ProcessPosterior:
-        """Condition on runs; M^3 operations."""
+        """The process conditioned on runs y (M,) of experiments `index` at u (M, D); O(M^3)."""
         level, unit = float(y.mean()), float(y.std()) or 1.0
         matrix = _between(covariance, index, u, index, u)
         matrix[np.diag_indices(len(y))] += covariance.noise**2
@@ -219,12 +238,12 @@ class ProcessPosterior:
 
     @single_threaded
     def mean(self, index: Indices, u: Array) -> Array:
-        """Expected outcomes (R,) of experiments `index` at u (R, D)."""
+        """Expected outcomes (R,) of the experiments `index` (R,) at inputs u (R, D)."""
         return self.level + self.unit * (self._between(index, u) @ self.dual)
 
     @single_threaded
     def deviation(self, index: Indices, u: Array) -> Array:
-        """Standard deviation (R,) of the outcomes that are still possible; M^2 R operations."""
+        """Posterior standard deviations (R,) of the outcomes at inputs u (R, D); O(M^2 R)."""
         known = solve_triangular(
             self.factor, self._between(index, u).T, lower=True, check_finite=False
         )
@@ -235,12 +254,12 @@ class ProcessPosterior:
 
     @property
     def noise(self) -> float:
-        """The variance of a run about the outcome."""
+        """The variance of a run about the smooth outcome, in the outcome's unit squared."""
         return self.unit**2 * self.variance * self.covariance.noise**2
 
     @single_threaded
     def joint(self, index: Indices, u: Array) -> Array:
-        """Covariances (R, R) of the outcomes that are still possible, for few points."""
+        """Posterior covariances (R, R) of the outcomes at a small number R of inputs u (R, D)."""
         known = solve_triangular(
             self.factor, self._between(index, u).T, lower=True, check_finite=False
         )
@@ -252,7 +271,7 @@ class ProcessPosterior:
 
 
 def _between(covariance: Covariance, index: Indices, u: Array, other: Indices, v: Array) -> Array:
-    """Covariances (R, M) of runs of two lists, without noise."""
+    """Covariances (R, M) between two lists of runs, without noise, relative to the variance."""
     n = len(covariance.scale)
     out = _matern(_squared(u @ covariance.mix, v @ covariance.mix))[0]
     settings = covariance.settings
@@ -267,46 +286,50 @@ def _between(covariance: Covariance, index: Indices, u: Array, other: Indices, v
 
 @dataclass(frozen=True)
 class SharingSettings:
-    """Runs and points of a shared surface: by judgement, but for `caution`."""
+    """Settings of the runs and points of a shared surface.
+
+    The values are chosen by judgement, but for `caution`.
+    """
 
     first: int = 800
-    """Runs of all experiments together that the first round has, where there are not more of them.
-    """
+    """The number of runs of all experiments together in the first round; every experiment gets at
+    least two runs."""
     most: int = 4000
-    """Runs that one fit may have: its cost is their number cubed."""
+    """The largest number of runs of one fit, whose cost grows with the cube of this number."""
     learned: int = 500
-    """Runs from which the covariance is learned."""
+    """The number of runs to which the parameters of the covariance are fitted."""
     steps: tuple[int, int] = (60, 20)
-    """Steps of that, at first and later."""
+    """The number of steps of the fit of the covariance, in the first round and in later rounds."""
     terms: tuple[int, ...] = (40, 136, 220, 250)
-    """Polynomial terms for 1, 2, 3 and more parameters."""
+    """The number of terms of the polynomials for 1, 2, 3 and more parameters."""
     points: float = 2.5
-    """Points for each term."""
+    """The number of points for each term, to which a polynomial is fitted."""
     ridge: float = 0.01
-    """Weight of the size of the polynomials' terms beside one point."""
+    """Weight of the penalty on the size of a polynomial's terms, relative to one point of the fit.
+    """
     judged: int = 16
-    """Points an experiment at which the error is expected."""
+    """The number of points per experiment at which the expected error is computed."""
     compared: int = 64
-    """Points an experiment at which polynomials are compared."""
+    """The number of points per experiment at which polynomial and process are compared."""
     caution: float = 1.5
-    """Factor of the estimated errors. Set on the wet clutch, where the true errors then stay below
-    the estimate in the share that the tests assert."""
+    """Factor of the estimated errors. It was set on the wet clutch: with it the true errors stay
+    below the estimate as often as the tests assert."""
     elsewhere: float = 0.1
-    """Share of the runs that are spread over the box where those of a law are preferred."""
+    """The share of runs spread over the whole box when the others follow a law."""
     least_seen: float = 1e-9
-    """The least number of runs by which a surprise is divided."""
+    """The least number of runs by which the mean of squared standardized residuals is divided."""
 
 
 SHARING = SharingSettings()
 
 
 class SharedSurface(Emulator):
-    """One Gaussian process for all experiments, exact where it is judged (see `Emulator`).
+    """One Gaussian process for all experiments; the methods are those of `Emulator`.
 
-    `conditions` (N, d) in [-1, 1] are those of the experiments (see `features`).
+    `conditions` (N, d) are the conditions of the experiments as inputs in [-1, 1] (see `features`).
 
-    Cost besides the runs: M^3 operations for M runs of all experiments together, and N M times a
-    few hundred for the polynomials; 108 experiments of 20 runs some ten seconds a round.
+    Cost besides the runs: M^3 operations for M runs of all experiments together, and a few hundred
+    times N M for the polynomials. A round with 108 experiments of 20 runs takes some ten seconds.
     """
 
     def __init__(
@@ -326,26 +349,29 @@ class SharedSurface(Emulator):
 
     @staticmethod
     def fits(experiments: int, n: int, settings: SharingSettings = SHARING) -> bool:
-        """Whether one fit takes the first runs and as many again."""
+        """Whether one fit can take twice the runs of the first round of so many experiments."""
         return 2 * experiments * first_shared_runs(experiments, n, settings) <= settings.most
 
     def move(self, box: Array) -> None:
-        """Take the surfaces to another box; runs outside still inform them."""
+        """Change the region to another box; runs outside it are still used in the fit."""
         self.axes, self.stale = Axes.plain(box), True
 
     def round(self, members: Indices, growth: float) -> int:
-        """Runs that each of the experiments `members` (A,) has in `sharpen`, at most."""
+        """The largest number of runs that `sharpen` makes for one of the experiments `members`."""
         return int(np.ceil(growth * self.runs[members].max(initial=0)))
 
     def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
-        """Run experiments `members` (A,) at points of their own, spread as the draws are."""
+        """Run the experiments `members` (A,) at points of their own, spread as the draws are."""
         room = max((self.settings.most - int(self.runs.sum())) // len(members), 1)
         more = int(np.ceil(growth * self.runs[members].mean()))
         self._place(members, min(more, room), most, draws)
         self.stale = True
 
     def judge(self, where: Array | None) -> None:
-        """Estimate the errors by what the process leaves possible, times its surprise so far."""
+        """Estimate each error as the posterior standard deviation times a factor.
+
+        The factor says how much larger the leave-one-out residuals are than the process expects.
+        """
         if self.stale:
             self.posterior, self.stale = self._learned(self.settings.steps[1]), False
         factor = self.settings.caution * self._surprise()
@@ -363,7 +389,7 @@ class SharedSurface(Emulator):
         self.error[~self.samples.worked.any(axis=1)] = np.inf
 
     def surface(self, converged: Flags) -> Surface:
-        """The polynomials through the process, with the errors that were judged last."""
+        """The polynomials fitted to the process, with the errors of the last call of `judge`."""
         indices, coefficients = self._polynomials()
         basis = products(indices, self.axes.inward(self.where))
         missed = coefficients.T @ basis - self._expected()
@@ -374,7 +400,7 @@ class SharedSurface(Emulator):
         return self._surface([(everyone, indices, coefficients)], error, converged, nothing, plain)
 
     def _place(self, members: Indices, count: int, most: int, draws: Array | None) -> None:
-        """Run each of the members at `count` more points of a sequence of its own."""
+        """Run each of the members at the next `count` points of its own sequence of points."""
         index, place = pairs(members, count)
         n, before = len(self.box), self.runs
         even = 0.5 * (low_discrepancy(int(before[members].max()) + count, n, np.zeros(n)) + 1.0)
@@ -384,18 +410,18 @@ class SharedSurface(Emulator):
         self.run_at(x[allowed], index[allowed], np.arange(len(allowed)))
 
     def _over_box(self, even: Array) -> Array:
-        """Points x (R, n) that gather at the faces of the box, for even ones in [0, 1]."""
+        """Points x (R, n) in the box, denser at its faces, from evenly spread ones in [0, 1]."""
         return self.axes.outward(clustered(2.0 * even - 1.0))
 
     def _over_law(self, even: Array, draws: Array) -> Array:
-        """Points x (R, n) spread as the draws are, and some over the box."""
+        """Points x (R, n) spread as the draws (D, n) are, some over the box, from even ones."""
         low, high = self.box.T
         others = np.linspace(low, high, int(self.settings.elsewhere * len(draws)))
         pool = np.vstack([np.clip(draws, low, high), others])
         return np.column_stack([np.quantile(pool[:, i], even[:, i]) for i in range(len(low))])
 
     def _learned(self, steps: int) -> ProcessPosterior:
-        """The process given all runs; its covariance is learned on from where it was."""
+        """The process conditioned on all runs; the fit of its covariance starts from the last."""
         index, x, y = self.samples.listed
         u = np.hstack([self.conditions[index], self.axes.inward(x)])
         some = np.sort(np.random.default_rng(len(u)).permutation(len(u))[: self.settings.learned])
@@ -403,9 +429,10 @@ class SharedSurface(Emulator):
         return ProcessPosterior.of(self.covariance, index, u, y)
 
     def _surprise(self) -> Array:
-        """How much larger the leave-one-out residuals (N,) are than the process expects.
+        """How much larger the leave-one-out residuals are than the process expects, (N,).
 
-        Those of the experiment, or those of the experiments like it, whichever are worse.
+        It is the larger of two ratios: that of the experiment's own residuals, and that of the
+        residuals of experiments that correlate with it.
         """
         experiments, n = len(self.conditions), len(self.box)
         known = self.posterior
@@ -416,11 +443,11 @@ class SharedSurface(Emulator):
         return np.asarray(np.sqrt(np.maximum((1.0 + squares) / (1.0 + seen), pooled)))
 
     def _expected(self) -> Array:
-        """Expected outcomes (N, J) at the points that were judged last."""
+        """Expected outcomes (N, J) at the points of the last call of `judge`."""
         return self._mean(self.axes.inward(self.where))
 
     def _mean(self, z: Array) -> Array:
-        """Expected outcomes (N, J) at points z (J, n)."""
+        """Expected outcomes (N, J) of all experiments at points z (J, n)."""
         parts = []
         for one, condition in enumerate(self.conditions):
             u = np.hstack([np.tile(condition, (len(z), 1)), z])
@@ -428,7 +455,7 @@ class SharedSurface(Emulator):
         return np.array(parts)
 
     def _left(self, z: Array) -> Array:
-        """Root-mean-square (N,) over points z (J, n) of what the runs leave possible."""
+        """The posterior standard deviation of each outcome (N,), rms over points z (J, n)."""
         experiments = len(self.conditions)
         index = np.repeat(np.arange(experiments), len(z))
         u = np.hstack([self.conditions[index], np.tile(z, (experiments, 1))])
@@ -436,7 +463,11 @@ class SharedSurface(Emulator):
         return np.asarray(np.sqrt((left**2).mean(axis=1)))
 
     def _polynomials(self) -> tuple[Indices, Array]:
-        """Indices (P, n) and coefficients (P, N): least squares over the box, more where judged."""
+        """Multi-indices (P, n) and coefficients (P, N) of the polynomials fitted to the process.
+
+        They are fitted by least squares, at points over the box and at points of the last call of
+        `judge`.
+        """
         n = len(self.box)
         indices, size = ball(
             (1.0,) * n, 2.0, self.settings.terms[min(n, len(self.settings.terms)) - 1]
@@ -447,7 +478,8 @@ class SharedSurface(Emulator):
         x = np.vstack([self._over_box(even), self._over_law(even, self.where)])
         z = self.axes.inward(x)
         y = self._mean(z).T - self.posterior.level
-        # Keeps what the points do not determine, in the corners of many parameters, from growing.
+        # The penalty keeps coefficients small that the points hardly determine, as those that act
+        # in the corners of a box of many parameters.
         ridge = np.diag(self.settings.ridge * (1.0 + size**2))
         matrix = np.vstack([products(indices, z).T, ridge])
         fitted = np.linalg.lstsq(matrix, np.vstack([y, np.zeros((len(size), y.shape[1]))]))[0]
@@ -456,7 +488,7 @@ class SharedSurface(Emulator):
 
 
 def first_shared_runs(experiments: int, n: int, settings: SharingSettings = SHARING) -> int:
-    """Runs an experiment to begin with: fewer where many experiments inform each other.
+    """The number of first runs per experiment, fewer if many experiments share the surface.
 
     >>> first_shared_runs(108, 2), first_shared_runs(1000, 2)
     (8, 2)

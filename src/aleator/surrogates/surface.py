@@ -16,24 +16,31 @@ from aleator.errors import InputsError
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """Polynomials of outcomes as numbers: by judgement, but for the limits of the numbers."""
+    """Settings of polynomial surfaces.
+
+    The values are chosen by judgement. Only `largest` follows from the range of floating-point
+    numbers.
+    """
 
     ratio: float = 2.0
-    """Upper over lower end of a region from which a logarithm is another coordinate than x."""
+    """A logarithmic coordinate is considered for a parameter if the upper limit of its range
+    exceeds the lower limit by more than this factor."""
     largest: float = 345.0
-    """Size of a logarithm beyond which squares of outcomes are no numbers."""
+    """The largest size of a logarithm of an outcome; beyond it the square of the outcome overflows.
+    """
     block: int = 4_000_000
-    """Numbers in one block of basis functions: 32 MB."""
+    """How many numbers a block of values of the polynomials may have: 32 MB."""
     cached: int = 1024
-    """Sets of indices that are kept."""
+    """How many sets of multi-indices are kept in memory."""
     alike: float = 1e-9
-    """Relative difference of two sizes of an index that is none."""
+    """Sizes of multi-indices with less than this relative difference count as equal."""
     digits: int = 9
-    """Decimals to which sizes are compared, where indices are put in order."""
+    """The number of decimals to which sizes are compared when multi-indices are sorted."""
     rounding: float = 1e-12
-    """Share by which an index may be larger than the largest."""
+    """The relative rounding error that is allowed where a size is compared with its limit."""
     excess: int = 100
-    """A set is given up that has this many times the indices that were to be."""
+    """The construction of a set stops when it has this many times the number of multi-indices that
+    was asked for."""
 
 
 SURFACES = SurfaceSettings()
@@ -41,9 +48,9 @@ SURFACES = SurfaceSettings()
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """Coordinates z in [-1, 1]^n of points x of a region `box` (n, 2).
+    """The map of parameters x in a region `box` (n, 2) to coordinates z in [-1, 1]^n.
 
-    z is linear in x, or in log x where an axis is `logarithmic` (n,).
+    z_i is linear in x_i, or in log x_i where `logarithmic` (n,) is true.
 
     >>> axes = Axes(np.array([[1.0, 9.0], [1.0, 9.0]]), np.array([False, True]))
     >>> axes.inward(np.array([[3.0, 3.0]])).tolist(), axes.outward(np.array([[-0.5, 0.0]])).tolist()
@@ -55,32 +62,32 @@ class Axes:
 
     @classmethod
     def plain(cls, box: Array) -> Axes:
-        """Linear ones."""
+        """Linear coordinates for all parameters of a box (n, 2)."""
         return cls(box, np.zeros(len(box), dtype=np.bool_))
 
     def inward(self, x: Array) -> Array:
-        """Coordinates z (..., n) of points x (..., n)."""
+        """Coordinates z (..., n) in [-1, 1] of parameters x (..., n) in the box."""
         low, high = self._terms(self.box.T)
         return np.asarray((2.0 * self._terms(x) - low - high) / (high - low))
 
     def outward(self, z: Array) -> Array:
-        """Points x (..., n) of coordinates z (..., n)."""
+        """Parameters x (..., n) at the coordinates z (..., n)."""
         low, high = self._terms(self.box.T)
         x = 0.5 * (low + high) + 0.5 * (high - low) * z
         x[..., self.logarithmic] = np.exp(x[..., self.logarithmic])
         return np.asarray(np.clip(x, *self.box.T))
 
     def rates(self, x: Array) -> Array:
-        """Derivatives dz/dx (..., n) at points x (..., n), each coordinate by its own parameter."""
+        """Derivatives dz_i/dx_i (..., n) of the coordinates at parameters x (..., n)."""
         low, high = self._terms(self.box.T)
         return np.asarray(2.0 / (high - low) / np.where(self.logarithmic, x, 1.0))
 
     def moved(self, box: Array) -> Axes:
-        """Those of another box: logarithms where there still are any."""
+        """The same kinds of coordinates for another box; linear where a parameter can be <= 0."""
         return Axes(box, self.logarithmic & (box[:, 0] > 0.0))
 
     def others(self) -> list[Axes]:
-        """Those that may be better: none of the logarithms, all, and one more or less."""
+        """Alternatives to try: no logarithm, every possible one, and one parameter changed."""
         able = logarithms(self.box)
         flips = [self.logarithmic ^ (np.arange(able.size) == i) for i in np.flatnonzero(able)]
         sets = {tuple(flags.tolist()) for flags in (np.zeros_like(able), able, *flips)}
@@ -96,7 +103,7 @@ class Axes:
 
 
 def logarithms(box: Array) -> Flags:
-    """Which parameters of a region (n, 2) have a logarithm that bends there."""
+    """Which parameters of a region (n, 2) are positive and vary by more than a factor 2, (n,)."""
     low, high = box.T
     return np.asarray((low > 0.0) & (high > SURFACES.ratio * low))
 
@@ -104,8 +111,9 @@ def logarithms(box: Array) -> Flags:
 def legendre(z: Array, degree: int) -> tuple[Array, Array]:
     """Return orthonormal Legendre polynomials and their derivatives at z (J,), both (degree+1, J).
 
-    Orthonormal for the uniform distribution on [-1, 1]: phi_k = sqrt(2k+1) P_k. The derivative
-    comes from P_k' = P_(k-2)' + (2k-1) P_(k-1), which needs no division at the ends.
+    They are orthonormal for the uniform distribution on [-1, 1]: phi_k = sqrt(2k+1) P_k. The
+    derivative comes from P_k' = P_(k-2)' + (2k-1) P_(k-1), which has no division by zero at the
+    ends.
 
     >>> legendre(np.array([1.0]), 2)[0].ravel() ** 2
     array([1., 3., 5.])
@@ -121,7 +129,7 @@ def legendre(z: Array, degree: int) -> tuple[Array, Array]:
 
 
 def _unscaled(z: Array, degree: int) -> Array:
-    """P_0..P_degree at z (...), by the three-term recurrence: (degree+1, ...)."""
+    """Legendre polynomials P_0..P_degree at z (...), as (degree+1, ...)."""
     value = np.empty((degree + 1, *z.shape))
     value[0] = 1.0
     if degree > 0:
@@ -138,7 +146,7 @@ def _scale(degree: int) -> Array:
 
 
 def products(indices: Indices, z: Array) -> Array:
-    """Return the products phi_nu(z) as (P, J), for indices (P, n) and points z (J, n)."""
+    """Return products of Legendre polynomials (P, J), for multi-indices (P, n) at z (J, n)."""
     highest = indices.max(axis=0, initial=0)
     values = _unscaled(z.T, int(highest.max(initial=0)))
     scale = _scale(len(values) - 1)
@@ -149,7 +157,7 @@ def products(indices: Indices, z: Array) -> Array:
 
 
 def products_with_gradient(indices: Indices, z: Array) -> Array:
-    """Return the products and their n partial derivatives, stacked as (P, 1 + n, J)."""
+    """Return products of Legendre polynomials and their n partial derivatives, (P, 1 + n, J)."""
     count, n = indices.shape
     out = np.empty((count, 1 + n, len(z)))
     for i, degrees in enumerate(indices.T):
@@ -162,10 +170,10 @@ def products_with_gradient(indices: Indices, z: Array) -> Array:
 
 @lru_cache(maxsize=SURFACES.cached)
 def ball(scale: tuple[float, ...], norm: float, count: int) -> tuple[Indices, Array]:
-    """Return the `count` indices (count, n) of smallest size, with their sizes (count,), in order.
+    """Return the `count` multi-indices (count, n) of smallest size, sorted, with sizes (count,).
 
-    size(nu) = (sum_i (nu_i / scale_i)^norm)^(1/norm): norm 2 suits outcomes that vary in any
-    direction, norm 1 is the total degree, norm 1/2 leaves interactions out for long.
+    size(nu) = (sum_i (nu_i / scale_i)^norm)^(1/norm). Norm 2 suits outcomes that vary in any
+    direction, norm 1 is the total degree, and norm 1/2 includes few products of several parameters.
 
     >>> ball((1.0, 1.0), 1.0, 3)[0]
     array([[0, 0], [1, 0], [0, 1]])
@@ -177,7 +185,7 @@ def ball(scale: tuple[float, ...], norm: float, count: int) -> tuple[Indices, Ar
         low, high = high, 2.0 * high
         found = _inside(scale, norm, high, count)
     while found is None or len(found[1]) > 2 * count:
-        # many indices of the same size: all of them are needed
+        # Many multi-indices have the same size; then all of them are needed.
         if high - low < SURFACES.alike * high:
             found = _inside(scale, norm, high, sys.maxsize)
             break
@@ -196,7 +204,7 @@ def ball(scale: tuple[float, ...], norm: float, count: int) -> tuple[Indices, Ar
 def _inside(
     scale: tuple[float, ...], norm: float, radius: float, count: int
 ) -> tuple[Indices, Array] | None:
-    """Return all indices up to a size, or None where they are far more than `count`."""
+    """Return all multi-indices up to a size, or None if there are far more than `count`."""
     indices = np.zeros((1, 0), dtype=np.intp)
     total = np.zeros(1)
     for one in scale:
@@ -211,7 +219,9 @@ def _inside(
 
 
 def outcomes(t: Array, logarithmic: Flags) -> Array:
-    """Outcomes (A, ...) of polynomials t (A, ...), some of them (A,) of the logarithm.
+    """Outcomes (A, ...) from values t (A, ...) of polynomials.
+
+    Where `logarithmic` (A,) is true, the polynomial is one of the logarithm of the outcome.
 
     >>> outcomes(np.array([0.0, 0.0]), np.array([False, True]))
     array([0., 1.])
@@ -224,12 +234,12 @@ def outcomes(t: Array, logarithmic: Flags) -> Array:
 
 
 def chained(slope: Array, y: Array, logarithmic: Flags) -> None:
-    """Make slopes (A, n, J) of polynomials, in place, those of the outcomes y (A, J)."""
+    """Turn derivatives (A, n, J) of logarithms into those of the outcomes y (A, J), in place."""
     slope[logarithmic] *= y[logarithmic][:, None]
 
 
 def widened(y: Array, by: Array, logarithmic: Flags) -> Array:
-    """Ends y (A,) of ranges, moved on the scale of the polynomials."""
+    """Limits y (A,) of outcomes, moved by `by` (A,), or multiplied by exp(by) if logarithmic."""
     moved = y + by
     moved[logarithmic] = outcomes(by, logarithmic)[logarithmic] * y[logarithmic]
     return moved
@@ -237,34 +247,39 @@ def widened(y: Array, by: Array, logarithmic: Flags) -> Array:
 
 @dataclass(frozen=True)
 class Group:
-    """Experiments that share one index set: the first `size` rows of the common list."""
+    """Experiments whose polynomials have the same terms, the first of the common list.
+
+    `members` are the experiments, and `coefficients` (members, size) those of the first `size`
+    multi-indices.
+    """
 
     members: Indices
-    coefficients: Array  # (members, size)
+    coefficients: Array  # The coefficients of the polynomials (members, size).
 
     @property
     def size(self) -> int:
-        """Number of polynomial terms."""
+        """The number of terms of each polynomial of the group."""
         return int(self.coefficients.shape[1])
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Polynomial surfaces eta_l(x) of N experiments over one box.
+    """Polynomial surfaces eta_l(x) of N experiments over one box of the parameters.
 
-    eta_l(x) = sum over nu in Lambda_l of c_(l, nu) phi_nu(z), with phi_nu the tensor product of
-    orthonormal Legendre polynomials and z the point mapped to [-1, 1]^n. The sets are prefixes of
-    one common list of indices, so one basis serves all experiments. The polynomial of a
-    `logarithmic` (N,) experiment is log eta_l; values and slopes are those of eta_l all the same.
+    eta_l(x) = sum over nu in Lambda_l of c_(l, nu) phi_nu(z). phi_nu is the product of orthonormal
+    Legendre polynomials with multi-index nu, and z is x mapped to [-1, 1]^n. The sets Lambda_l are
+    first parts of one common list of multi-indices, so that all experiments share one basis. Where
+    `logarithmic` (N,) is true the polynomial is that of log eta_l; the methods return eta_l and its
+    derivatives all the same.
 
     `error` (N,) is the estimated root-mean-square error over the box in units of the outcome,
     `scatter` (N,) the standard deviation of the surface over the box, `converged` (N,) whether
-    error <= tolerance * scatter, `runs` (N,) the runs spent, `failed` (N,) those of them without an
-    outcome, `lower` and `upper` (N,) the range of the outcome over the box.
-    Where hardly a run worked there is no surface: `error` is infinite.
+    error <= tolerance * scatter, `runs` (N,) the number of runs, `failed` (N,) the number of failed
+    runs, `lower` and `upper` (N,) the range of the outcome over the box. Where almost all runs
+    failed there is no surface, and `error` is infinite.
 
-    Outside the box the polynomial is an extrapolation and grows without limit: evaluation there
-    is not refused, and not to be trusted.
+    Outside the box the polynomial is an extrapolation that grows without limit. It is evaluated
+    there without an error being raised, but its values must not be trusted.
     """
 
     axes: Axes
@@ -281,12 +296,12 @@ class Surface:
 
     @property
     def box(self) -> Array:
-        """The region of the parameters, (n, 2)."""
+        """The region of the parameters that the surfaces cover, lower and upper limits (n, 2)."""
         return self.axes.box
 
     @property
     def total_runs(self) -> int:
-        """Runs of all experiments together."""
+        """The number of runs of all experiments together."""
         return int(self.runs.sum())
 
     def take(self, rows: Indices) -> Surface:
@@ -319,7 +334,7 @@ class Surface:
     def evaluate_with_gradient(self, x: Array) -> tuple[Array, Array]:
         """Return outcomes (N, J) and their derivatives (N, J, n) with respect to x (J, n).
 
-        The derivatives are a transposed view: memory runs over J last.
+        The array of derivatives is a transposed view, in which J is contiguous in memory.
         """
         x = self._points(x)
         n = x.shape[1]
@@ -367,7 +382,7 @@ class Surface:
 
 
 def _sums(groups: tuple[Group, ...], count: int, basis: Array) -> Array:
-    """Return the polynomials (N, J) of N = `count` experiments, each in a group, for (P, J)."""
+    """Return the polynomials (N, J) of N = `count` experiments, for basis values (P, J)."""
     out = np.empty((count, basis.shape[1]))
     for group in groups:
         out[group.members] = group.coefficients @ basis[: group.size]
