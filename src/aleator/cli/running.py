@@ -386,7 +386,7 @@ class Work:
             yield runner, progress
 
     def end(self, made: Document, content: Callable[[Document], Content], **files: Any) -> None:
-        """Write a result with its `files` as `write` does, and print it as `content` shows it."""
+        """Store a result and its `files` by `write`, and print the text of `content`."""
         document, names = self.write(made, **files)
         show_answer(content(document), names, self.options.quiet)
 

@@ -67,7 +67,7 @@ def answered(question: Question, ledger: Ledger) -> Inferred:
 
 
 def _checked(found: Inferred, check: Check, ledger: Ledger) -> Answer:
-    """Check an identification with new simulator runs at parameters of each experiment's law."""
+    """Check an identification with new runs, at parameters drawn from each experiment's own law."""
     question, surfaces = found.refined.question, found.refined.surfaces
     likelihood, alpha, runner = found.maximum.likelihood, found.maximum.alpha, question.runner
     none = np.zeros(likelihood.count)

@@ -208,7 +208,7 @@ class Question:
         return np.where(np.isfinite(seen.lower), seen.lower, seen.upper)
 
     def integral(self, predictor: Predictor) -> IndividualLikelihood:
-        """The likelihood, integrated over each experiment's parameters by the rule of a search."""
+        """The likelihood, with individual parameters integrated out by few nodes."""
         variates = self.inputs.scattering
         rule = FIRST[variates] if variates < len(FIRST) else FEWEST
         errors = self.choices.errors

@@ -401,8 +401,9 @@ class Refinement:
     def _elsewhere(self, first: Refined) -> list[Array]:
         """Other optima (K,) of the first search that may be the highest on accurate surfaces.
 
-        They lie apart from each other, and no location is on a limit. Their log-likelihood is at
-        most one per observation lower than that of the best, as with a noise e times larger.
+        They lie apart from each other, and no location hyperparameter, such as a mean, is on its
+        limit. Their log-likelihood is lower than that of the best by at most one for each
+        observation: that is what a noise e times larger costs.
         """
         found, likelihood = first.search_result, first.maximum.likelihood
         inference = _infer(first.maximum)

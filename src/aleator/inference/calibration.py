@@ -23,7 +23,7 @@ from aleator.observations.responses import Observations
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """Settings of the probabilities of observations, and of their histogram.
+    """Settings of the probability of a value below each observation, and of their histogram.
 
     Each experiment has `points` values of its parameters, or fewer where all experiments together
     would need more than `values` simulated values. A probability is not reported where its

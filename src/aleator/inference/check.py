@@ -89,7 +89,7 @@ class Check:
         return self.samples != 0
 
     def runs(self, surfaces: AdaptiveSurfaces) -> int:
-        """The number of runs of each unit; smaller where surfaces have tiny estimated errors."""
+        """The number of check runs of each distinct condition or series; fewer for tiny errors."""
         if self.samples is not None:
             return self.samples
         return self.fewest if surfaces.relative.max() < self.exact else self.most

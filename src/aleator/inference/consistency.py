@@ -205,7 +205,7 @@ def _causes(
 ) -> list[Statistic]:
     """The tests that contradict the model, without those that follow from another one.
 
-    The strongest test is kept, and one of each column that differs between experiments. Left out
+    The strongest test is kept, and one test for each column along which outcomes deviate. Left out
     are: scatter within experiments, if the overall scale is wrong; unequal scatter, if groups have
     different means; far values, if the tails or the skewness are wrong; all columns together, if
     one column is enough; and the shape of all residuals, if a column explains it.

@@ -111,7 +111,7 @@ class OutcomesAt:
         return None if surface is None else relative_errors(surface)[of]
 
     def scored(self) -> LogLikelihood:
-        """Log-densities (N,) and scores (N, K) at alpha; extrapolated where there is no density."""
+        """Log-densities (N,) of the outcomes and scores (N, K) at alpha."""
         return self.problem.continued(self.alpha)
 
     def log_likelihood(self) -> float:

@@ -471,7 +471,7 @@ class Profile:
 
 
 class _Remembering:
-    """An objective that stores its last values: guesses are compared, then searched from."""
+    """An objective that stores its last values: a search begins where a guess was compared."""
 
     def __init__(self, objective: Objective, size: int = 4) -> None:
         """`size` is the number of alphas whose values are stored."""

@@ -149,8 +149,9 @@ class Law(Protocol):
     def standard(self, values: Array, theta: Array) -> Standard:
         """The law as the image of standard normal variates of any shape, with derivatives.
 
-        `values` (k,) are those of one law for every theta. `values` (k, B, 1) are those of B laws,
-        one for each experiment, at theta (B, J); any rows that broadcast against theta are allowed.
+        `values` (k,) are the hyperparameters of one law, for every theta. `values` (k, B, 1) are
+        those of B laws, one for each experiment, at variates theta (B, J); any rows that broadcast
+        against theta are allowed.
         """
 
     def mean_and_sd(self, values: Array) -> MeanSd:

@@ -115,7 +115,7 @@ class QuantileLaw(ThroughNormal, ABC):
 
     @property
     def box(self) -> tuple[float, float]:
-        """The range between the 1e-15 tail quantiles of all laws with values at their limits."""
+        """The range of 1 - 2e-15 of the probability, of every law with values on limits."""
         limits = [(h.lower, h.upper) for h in self.hyperparameters]
         corners = [np.array(corner) for corner in product(*limits)]
         tail = np.array([NUMERICS.tail])
@@ -147,7 +147,7 @@ class QuantileLaw(ThroughNormal, ABC):
         return Standard(x, slope(theta, self.log_density(values, x)), dvalues)
 
     def mean_and_sd(self, values: Array) -> MeanSd:
-        """The mean and the sd by quadrature in theta, with numerical derivatives."""
+        """The mean and sd of the law with derivatives, by quadrature over the normal score."""
         mean, sd = self._moments(values).tolist()
         return MeanSd(mean, sd, *self._slopes(self._moments, values))
 

@@ -117,7 +117,7 @@ class Problem(Forward):
         return self.continued(alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood and scores at alpha (K,), equal to those of a call."""
+        """The log-likelihood and scores at alpha (K,): the named form of calling this object."""
         return self.continued(alpha)
 
     def adapted(self, alpha: Array) -> Problem:  # noqa: ARG002  one interface

@@ -27,7 +27,7 @@ class IndexSet(Protocol):
 
     @property
     def degree(self) -> int:
-        """The largest degree of a polynomial of one parameter (before its limit)."""
+        """The largest degree in one parameter, before the limit of that parameter is applied."""
 
     def lowered(self, degree: int) -> Self:
         """This rule with another degree."""

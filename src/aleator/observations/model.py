@@ -400,11 +400,11 @@ class StudentError:
     def by_shapes(
         self, values: Sequence[float], lower: Array, upper: Array, eta: Array, scale: Array
     ) -> tuple[Array, ...]:
-        """The derivative of log p by df: in closed form for exact values, otherwise by differences.
+        """The derivative of an observation's log p by df: in closed form for a measured value.
 
         2 d log p/d df = psi((df + 1)/2) - psi(df/2) - 1/df - log(1 + u^2/df) + u w/df with
-        w = (df + 1) u/(df + u^2) and the digamma function psi. The differences, for values between
-        bounds, have some ten correct digits.
+        w = (df + 1) u/(df + u^2) the digamma function psi, and the standardized residual u. For a
+        censored value it is a finite difference with some ten correct digits.
         """
         df = float(values[0])
         with np.errstate(all="ignore"):

@@ -120,7 +120,7 @@ def _remedy(cell: object) -> str:
 def _outcome_remedy(cell: object) -> str:
     """The advice, in error messages, for a cell of the outcome that is no number.
 
-    It warns against deleting a row with a bound, which would bias the law.
+    A value known only by a bound is to be written as one: a deleted row would bias the law.
     """
     if _BOUND.fullmatch(_text(cell)):
         return (

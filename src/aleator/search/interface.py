@@ -50,7 +50,7 @@ class LogLikelihood:
         return score if self.prior_score is None else score + self.prior_score
 
     def believed(self, hyperparameters: Sequence[Hyperparameter], alpha: Array) -> LogLikelihood:
-        """This log-likelihood plus the log prior of the hyperparameters at alpha (K,)."""
+        """The log-likelihood plus the log prior density of the hyperparameters at alpha (K,)."""
         if not has_prior(hyperparameters):
             return self
         slope = None if self.scores is None else prior_score(hyperparameters, alpha)

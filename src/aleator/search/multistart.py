@@ -375,10 +375,10 @@ class _EndedError(Exception):
 class GradientMultistart(TaskSearch):
     """Bounded quasi-Newton ascents (L-BFGS-B) with the exact score, from `starts` points or more.
 
-    The starts are the start values of the hyperparameters, the guesses, and scrambled Sobol' points
-    between the limits. A maximum that only one ascent found need not be the highest. Therefore, if
-    `starts` is above one, further ascents follow until a second one reaches the best
-    log-likelihood, up to `most` in all (default: three times `starts`). Variables are scaled by the
+    The starts are the start values of the hyperparameters, guesses that the caller gives, and
+    scrambled Sobol' points between the limits. A maximum that only one ascent found need not be the
+    highest. Therefore, if `starts` is above one, further ascents follow until a second one reaches
+    the best log-likelihood, up to `most` in all (default: three times `starts`). Variables are scaled by the
     outer product of the scores, which estimates the information matrix. Each ascent has at most
     `evaluations` evaluations; if it needs more, it ends as not converged. Raises InputsError for
     values below one, for `most` below `starts`, and where the log-likelihood is not finite at any

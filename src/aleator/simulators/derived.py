@@ -52,7 +52,7 @@ class Expression:
 
     def __call__(self, values: Mapping[str, NDArray[Any]]) -> Any:
         """The value of the expression for these values of its variables."""
-        with np.errstate(all="ignore"):  # A run with an outcome that is not finite fails later.
+        with np.errstate(all="ignore"):  # An outcome that is not finite is a failed run.
             return self._value(self._tree, values)
 
     def _value(self, node: ast.expr, values: Mapping[str, NDArray[Any]]) -> Any:

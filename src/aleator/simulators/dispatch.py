@@ -422,7 +422,8 @@ class Dispatcher:
 def interruptions_noted() -> Iterator[Callable[[], bool]]:
     """Record the first Ctrl-C, so that a run that has just ended can still be stored.
 
-    A second Ctrl-C raises KeyboardInterrupt at once. The block can ask whether one came.
+    A second Ctrl-C raises KeyboardInterrupt at once. Code inside the `with` block can ask whether
+    Ctrl-C was pressed.
     """
     noted: list[int] = []
 

@@ -206,7 +206,7 @@ class Form:
         )
 
     def some(self, rows: slice | Indices) -> Form:
-        """Which values some of the runs return."""
+        """This form for the runs `rows` alone: which values they return."""
         if self.rows is None and self.observed is None:
             return self
         return replace(

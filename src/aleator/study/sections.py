@@ -355,7 +355,7 @@ def pairs(section: CorrelationSection) -> dict[tuple[str, str], Specification]:
 
 
 def automatic() -> None:
-    """No density is made of moments: the likelihood is an integral over level sets or parameters.
+    """The default: no density by moments, but integrals over level sets or over parameters.
 
     A level set has all parameters for which the simulator gives the measured outcome.
     """

@@ -319,7 +319,7 @@ class AdaptiveSurfaces:
         return self.granted(self._rough(level))
 
     def granted(self, members: Flags) -> Flags:
-        """Which of the members (N,) may have a round of runs.
+        """Which of the experiments `members` (N,) may have another round of runs.
 
         Left out are experiments without runs left, those with a jump that many runs have not
         resolved, and those that the budget does not allow.

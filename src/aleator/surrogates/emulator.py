@@ -382,7 +382,7 @@ class OwnSurfaces(Emulator):
         return np.array([prior.logarithm for prior in self.prior])
 
     def _guess(self, members: Indices, samples: Samples, z: Array) -> Array:
-        """Predicted outcomes (A, Q) of the members (A,) at points z (Q, n), fitted to `samples`."""
+        """Predicted outcomes (A, Q) of the experiments `members` (A,) at points z (Q, n)."""
         known, out = self.axes.inward(samples.x), np.empty((len(members), len(z)))
         priors = [self.prior[row] for row in members]
         pieces = fitted_pieces(known, samples.outcome[members], priors, self.least)

@@ -333,7 +333,7 @@ def first_priors(n: int, settings: SurfaceFitSettings = FITS) -> list[Smoothness
 
 
 def neighbors(prior: SmoothnessPrior, settings: SurfaceFitSettings = FITS) -> list[SmoothnessPrior]:
-    """Return the priors one step away: with one scale changed, or one other number moved."""
+    """Return the priors that differ in one number: in a length scale or another setting."""
     out = []
     for i, one in enumerate(prior.scale):
         for changed in (one * settings.stretch, one / settings.stretch):

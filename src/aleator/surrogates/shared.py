@@ -254,7 +254,7 @@ class ProcessPosterior:
 
     @property
     def noise(self) -> float:
-        """The variance of a run about the smooth outcome, in the outcome's unit squared."""
+        """The variance of outcomes of runs about the smooth function, in squared units."""
         return self.unit**2 * self.variance * self.covariance.noise**2
 
     @single_threaded

@@ -190,7 +190,7 @@ class _BoxSearch:
         self.known = _Known([], [], [])
 
     def find(self) -> tuple[Array, bool, int]:
-        """The box in the unit cube, whether it is confirmed, and how many valid points it has."""
+        """The box in the unit cube; whether fresh runs confirmed it; its valid runs."""
         n = self.moving.size
         corners = self.rng.integers(0, 2, (min(2**n, self.settings.points), n)).astype(float)
         first = np.vstack(

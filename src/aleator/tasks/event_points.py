@@ -400,7 +400,7 @@ def settling(predicted: PredictedValue, doubt: SurfaceDoubt, count: int) -> Arra
     )
     surface = predicted.surface.kriged
     joint, noise = surface.joint(x), surface.missed.noise
-    # Measurement errors may change the scale of the deviations.
+    # Measurement errors may change the scale of deviations from the event's limit.
     unit = apart / np.sqrt(np.maximum(np.diag(joint), noise))[:, None]
     chosen: list[int] = []
     for _ in range(count):

@@ -519,7 +519,7 @@ def _alike(z: Array) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class PredictedValue:
-    """The value number `place` of a context, computed by the simulator or a response surface."""
+    """One predicted value of a new experiment, number `place`, by the simulator or a surface."""
 
     context: PredictionContext
     place: int

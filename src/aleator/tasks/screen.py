@@ -265,7 +265,7 @@ def _good(expansion: Expansion) -> bool:
 
 
 def _terms(n: int, runs: int | None, settings: ScreenSettings) -> TotalDegree:
-    """The terms of an expansion: those of the highest total degree that has not too many terms."""
+    """The terms of an expansion: all up to the highest total degree that does not give too many."""
     most = max(settings.most_terms, (runs or 0) // settings.runs_per_term)
     small = [d for d in range(2, settings.highest_degree + 1) if math.comb(n + d, d) <= most]
     return TotalDegree(max(small, default=1))

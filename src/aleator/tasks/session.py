@@ -263,7 +263,7 @@ class Session:
         table = table.with_observations(with_limits_of_test(seen, fit.table.observations))
         likely = plausible_alphas(fit.alpha, fit.inference, fit.hyperparameters)
         x = draws(inputs, [alpha, *likely], len(candidates.ids))
-        # The candidates have as many quadrature nodes as the identification needed.
+        # Candidate experiments have as many quadrature nodes as the identification needed.
         likelihood = replace(
             self._integral(inputs, table, runner, x, 1), rule=fit.likelihood.integral.rule
         )

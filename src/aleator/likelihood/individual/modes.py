@@ -79,12 +79,13 @@ def modes(
     classes: int = 1,
     settings: ModeSettings = MODES,
 ) -> Modes:
-    """The modes that Gauss-Newton steps reach from the points `start` (B, P, s), all in one batch.
+    """The modes of individual laws, by Gauss-Newton steps from points `start` (B, P, s).
 
     With a `basis` (B, P, s, k), steps go only in the directions of its columns. Levenberg's damping
     is raised where a step does not gain and lowered where it does. The search ends when no point
     gains, or after the largest number of steps, without an error. Points that have converged are
-    not computed again. The P points are in the order of the `classes`.
+    not computed again. The P points are sorted by
+    mixture component (`classes`).
     """
     z = start
     value, gradient, information = log_density(z)

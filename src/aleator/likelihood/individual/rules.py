@@ -240,7 +240,7 @@ class ImportancePoints(NodeRule):
         return (replace(self, count=2 * self.count),)
 
     def refined(self, gaps: Sequence[float], enough: float, _: int, /) -> ImportancePoints | None:
-        """The rule with twice as many points if the difference is too large, else None."""
+        """The rule with twice as many points if integrals still differ too much, else None."""
         more = 2 * self.count
         needed = abs(gaps[0]) > enough and more <= self.settings.most_points
         return replace(self, count=more) if needed else None
@@ -342,7 +342,7 @@ class LawPoints(DenseRule):
         return self.count
 
     def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
-        """Points xi (B, C J, s), the same in each class, and their log weights (B, C J)."""
+        """Points xi (B, C J, s), J for each of C mixture components, and log weights (B, C J)."""
         experiments, classes, _, s = laws.modes.z.shape
         own = shifted_points(self.count, s, laws.first + np.arange(experiments))
         xi = np.tile(own, (1, classes, 1))
@@ -386,7 +386,7 @@ class RidgePoints(NodeRule):
         return (replace(self, count=2 * self.count),)
 
     def refined(self, gaps: Sequence[float], enough: float, _: int, /) -> RidgePoints | None:
-        """The rule with twice as many points if the difference is too large, else None."""
+        """The rule with twice as many points if integrals still differ too much, else None."""
         more = 2 * self.count
         needed = abs(gaps[0]) > enough and more <= self.settings.most_ridge_points
         return replace(self, count=more) if needed else None

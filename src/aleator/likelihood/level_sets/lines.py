@@ -232,7 +232,7 @@ class _LineBlock:
             middle = _between(low, high, f_low, f_high)
             value = self._eta(of, first + middle[:, None] * along) - self.y[of]
             right = (value > 0.0) == (f_high > 0.0)
-            # The value at the end that stays is halved, so that the end does not stay for ever.
+            # Illinois rule: the value at the end of the bracket that is kept is halved.
             f_low = np.where(right, 0.5 * f_low, value)
             f_high = np.where(right, value, 0.5 * f_high)
             low, high = np.where(right, low, middle), np.where(right, middle, high)

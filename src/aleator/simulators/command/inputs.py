@@ -230,9 +230,9 @@ class Feed(Protocol):
         """The name of the input in messages."""
 
     def write(self, values: Columns) -> str:
-        """The text of the input. Raises RunFailed for a value that cannot be written.
+        """The text of an input file. Raises RunFailed for a value that cannot be written.
 
-        An input with `names` gets single values; an input of all values gets lists, too.
+        A file that lists `names` gets single numbers; one that gets everything takes series, too.
         """
 
 
@@ -349,7 +349,7 @@ def within(name: str, what: str) -> None:
 
 
 def write_input(path: Path, feed: Feed, plain: Columns, values: Values) -> None:
-    """Write an input file with the `values` of its placeholders, or with all `plain` values.
+    """Write an input file: a template takes `values` for its placeholders, others take all `plain`.
 
     Raises RunFailed for a value that cannot be written.
     """
