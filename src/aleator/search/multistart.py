@@ -378,11 +378,11 @@ class GradientMultistart(TaskSearch):
     The starts are the start values of the hyperparameters, guesses that the caller gives, and
     scrambled Sobol' points between the limits. A maximum that only one ascent found need not be the
     highest. Therefore, if `starts` is above one, further ascents follow until a second one reaches
-    the best log-likelihood, up to `most` in all (default: three times `starts`). Variables are scaled by the
-    outer product of the scores, which estimates the information matrix. Each ascent has at most
-    `evaluations` evaluations; if it needs more, it ends as not converged. Raises InputsError for
-    values below one, for `most` below `starts`, and where the log-likelihood is not finite at any
-    start.
+    the best log-likelihood, up to `most` in all (default: three times `starts`). Variables are
+    scaled by the outer product of the scores, which estimates the information matrix. Each ascent
+    has at most `evaluations` evaluations; if it needs more, it ends as not converged. Raises
+    InputsError for values below one, for `most` below `starts`, and where the log-likelihood is not
+    finite at any start.
 
     >>> GradientMultistart(starts=5).name
     'gradient_multistart(5)'
