@@ -34,7 +34,9 @@ class LineSettings:
     smallest width of a top, in variates. `edges`: inner edges of the first panels, in variates.
     `top_edges`: edges of panels about each top, in widths of the top. `deepest`: a top whose height
     relative to the highest one has a logarithm below this is ignored. `rounds`: the largest number
-    of halvings of panels; at a jump they give thirteen digits.
+    of halvings of panels; at a jump they give thirteen digits. `panels`: a line with this number of
+    panels is not divided further, so that a simulator with rounding or solver noise takes bounded
+    memory. The largest number in `pytest tests/likelihood/individual` is 52.
     """
 
     farthest: float = 8.5
@@ -49,6 +51,7 @@ class LineSettings:
     top_edges: tuple[float, ...] = (-12.0, -5.0, -2.0, 2.0, 5.0, 12.0)
     deepest: float = -30.0
     rounds: int = 45
+    panels: int = 256
 
 
 LINES = LineSettings()
@@ -174,7 +177,8 @@ def integrated(
     for _ in range(settings.rounds):
         top = np.full(groups, -np.inf)
         np.maximum.at(top, group, totals)
-        open_ = pieces.error(top[group]) > enough
+        divisible = np.bincount(pieces.line, minlength=lines) < settings.panels
+        open_ = (pieces.error(top[group]) > enough) & divisible[pieces.line]
         if np.any(open_):
             # Finished lines are checked again when all lines are finished.
             going = np.zeros(lines, dtype=np.bool_)
