@@ -9,8 +9,9 @@ from aleator.core.types import Array, Indices
 from aleator.errors import SimulatorError
 from aleator.simulators.response_functions import Run
 from aleator.surrogates import Surface
+from aleator.surrogates.kriging import PROCESS, Covariance, Data, ProcessPosterior, _loss
 from aleator.surrogates.samples import features
-from aleator.surrogates.shared import Covariance, ProcessPosterior, SharedSurface, _loss
+from aleator.surrogates.shared import SharedSurface
 
 RNG = np.random.default_rng(3)
 CONDITIONS = RNG.uniform(-1.0, 1.0, (30, 2))
@@ -53,45 +54,65 @@ def anywhere(points: int = 300) -> Array:
     return BOX[:, 0] + np.random.default_rng(7).random((points, 2)) * np.diff(BOX, axis=1).T
 
 
-def some_runs(count: int) -> tuple[Indices, Array, Array]:
+def some_runs(count: int) -> Data:
     rng = np.random.default_rng(5)
     index = rng.integers(0, 6, count)
     u = np.hstack([CONDITIONS[index], rng.uniform(-1.0, 1.0, (count, 2))])
-    return index, u, np.sin(u @ [1.0, -0.5, 2.0, 1.0]) + 0.1 * index
+    return Data(index, u, np.sin(u @ [1.0, -0.5, 2.0, 1.0]) + 0.1 * index, 2)
 
 
 # ------------------------------------------------------------------------ the process
 
 
-def test_the_gradient_of_the_loss_is_that_of_finite_differences() -> None:
-    index, u, y = some_runs(30)
-    start = Covariance.first(4, 2)
-    start = start.moved(start.vector + 0.2 * np.random.default_rng(1).normal(size=20))
+@pytest.mark.parametrize("gaussian", [False, True])
+def test_the_gradient_of_the_loss_is_that_of_finite_differences(gaussian: bool) -> None:
+    data, start = some_runs(30), Covariance.first(4, 2, gaussian)
+    start = start.moved(start.vector + 0.2 * np.random.default_rng(1).normal(size=21))
     expected = approx_fprime(
-        start.vector, lambda vector: _loss(start.moved(vector), index, u, y)[0], 1e-6
+        start.vector, lambda vector: _loss(start.moved(vector), data, PROCESS)[0], 1e-6
     )
-    assert _loss(start, index, u, y)[1] == pytest.approx(expected, abs=2e-3)
+    assert _loss(start, data, PROCESS)[1] == pytest.approx(expected, abs=2e-3)
 
 
-def test_leave_one_out_is_that_of_the_process_without_the_run() -> None:
-    index, u, y = some_runs(25)
-    covariance = Covariance.first(4, 2)
-    whole = ProcessPosterior.of(covariance, index, u, y)
-    rest = np.arange(25) != 11
-    without = ProcessPosterior.of(
-        covariance, index[rest], u[rest], (y[rest] - whole.level) / whole.unit
+@pytest.mark.parametrize("gaussian", [False, True])
+def test_leave_one_out_is_that_of_the_process_without_the_run(gaussian: bool) -> None:
+    data, covariance = some_runs(25), Covariance.first(4, 2, gaussian)
+    whole, out = ProcessPosterior.of(covariance, data), np.array([11])
+    without = ProcessPosterior.of(covariance, data.take(np.flatnonzero(np.arange(25) != 11)))
+    at = data.experiment[out], data.u[out]
+    spread = np.sqrt(
+        whole.variance * (without.deviation(*at) ** 2 / without.variance + covariance.noise**2)
     )
-    shift = without.level + (without.mean(index[11:12], u[11:12]) - without.level)
-    spread = (
-        whole.unit
-        * np.sqrt(whole.variance)
-        * np.hypot(
-            without.deviation(index[11:12], u[11:12]) / without.unit / np.sqrt(without.variance),
-            covariance.noise,
-        )
+    assert whole.surprise[11] == pytest.approx(
+        ((data.y[out] - without.mean(*at)) / spread)[0], rel=1e-6
     )
-    residual = y[11] - whole.level - whole.unit * shift
-    assert whole.surprise[11] == pytest.approx((residual / spread)[0], rel=0.02)
+
+
+def test_the_process_is_the_limit_of_a_trend_with_a_wide_normal_prior() -> None:
+    data, covariance = some_runs(40), Covariance.first(4, 2, gaussian=False)
+    found, wide = ProcessPosterior.of(covariance, data), 1e4
+    at = np.arange(3), np.hstack([CONDITIONS[:3], [[0.2, -0.4], [0.9, 0.9], [-1.5, 0.1]]])
+
+    def prior(index: Indices, u: Array, other: Indices, v: Array) -> Array:
+        return covariance.between(index, u, other, v) + wide * (1.0 + u @ v.T)
+
+    runs = data.experiment, data.u
+    matrix = prior(*runs, *runs) + covariance.noise**2 * np.eye(40)
+    weights = np.linalg.solve(matrix, prior(*runs, *at))
+    assert found.mean(*at) == pytest.approx(weights.T @ data.y, abs=1e-5)
+    left = prior(*at, *at) - prior(*at, *runs) @ weights
+    assert found.joint(*at) == pytest.approx(found.variance * left, abs=1e-5)
+    assert found.deviation(*at) ** 2 == pytest.approx(found.variance * np.diag(left), abs=1e-5)
+
+
+def test_a_linear_outcome_is_exact_after_one_run_more_than_it_has_terms() -> None:
+    rng = np.random.default_rng(4)
+    u = rng.uniform(-1.0, 1.0, (6, 4))
+    data = Data(np.arange(6), u, 3.0 + u @ [1.0, -2.0, 0.5, 4.0], 2)
+    found = ProcessPosterior.of(Covariance.first(4, 2, gaussian=False), data)
+    at = rng.uniform(-3.0, 3.0, (20, 4))
+    assert found.mean(np.arange(20), at) == pytest.approx(3.0 + at @ [1.0, -2.0, 0.5, 4.0])
+    assert found.deviation(np.arange(20), at).max() < 1e-6
 
 
 # ------------------------------------------------------------------------ the surfaces

@@ -39,8 +39,8 @@ from aleator.observations.responses import Observations
 from aleator.simulators import Runner
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, ResponseSurface
+from aleator.surrogates.kriging import PROCESS, Covariance, Data, ProcessPosterior, learned
 from aleator.surrogates.samples import Samples, Sites
-from aleator.surrogates.shared import PROCESS, SHARING, Covariance, ProcessPosterior, learned
 
 
 def simulator_itself(runner: Runner, box: Array, region: Array) -> Predictor:
@@ -399,7 +399,7 @@ class Kriged:
     def values(self, block: Block, x: Array) -> Array:
         """The values (1, J) of the surface at points x (1, J, n); at a run it is exact."""
         found, z = self.trend.values(block, x), self.trend.inward(x[0])
-        for part in blocks(len(z), len(self.missed.u), CONTEXT.largest):
+        for part in blocks(len(z), len(self.missed.data.u), CONTEXT.largest):
             found[0, part] += self.missed.mean(_alike(z[part]), z[part])
         return found
 
@@ -410,7 +410,7 @@ class Kriged:
         One covariance serves the whole region, and would underestimate the error at a local hill.
         """
         z = self.trend.inward(x)
-        _, nearest = cKDTree(self.missed.u).query(z, 1 + z.shape[1])
+        _, nearest = cKDTree(self.missed.data.u).query(z, 1 + z.shape[1])
         surprise = np.abs(self.missed.surprise)[nearest].max(axis=1)
         return np.asarray(self.missed.deviation(_alike(z), z) * np.maximum(surprise, 1.0))
 
@@ -444,7 +444,7 @@ class OneSurface:
         self.run = self.sites.run(runner, self.region)
         self.surfaces = AdaptiveSurfaces(self.run, self.region[moving], 1, choice)
         self.further = Samples.none(1, moving.size)
-        self.covariance = Covariance.first(moving.size, moving.size, PROCESS.none)
+        self.covariance = Covariance.first(moving.size, moving.size, gaussian=False)
         self._sharpened(x)
 
     def predictor(self) -> OnSurfaces | Kriged:
@@ -482,7 +482,7 @@ class OneSurface:
     def kriged(self) -> Kriged:
         """The surface corrected by kriging, as `predictor` returns it until the next refit."""
         if self._kriged is None:
-            self._kriged = self._through_runs(SHARING.steps[0])
+            self._kriged = self._through_runs(PROCESS.steps[0])
         return self._kriged
 
     def correct(self, x: Array) -> None:
@@ -491,7 +491,7 @@ class OneSurface:
         self.further = self.further.joined(
             where, _alike(where), np.arange(len(x)), self.run(_alike(where), where)
         )
-        self._kriged = self._through_runs(SHARING.steps[1])
+        self._kriged = self._through_runs(PROCESS.steps[1])
 
     def _through_runs(self, steps: int) -> Kriged:
         """The surface with kriging of the polynomial's errors at all runs.
@@ -503,8 +503,9 @@ class OneSurface:
         x, y = (np.concatenate(part) for part in zip(*(s.listed[1:] for s in both), strict=True))
         z = trend.surface.axes.inward(x)
         missed = y - trend.surface.evaluate(x)[0]
-        self.covariance = learned(self.covariance, _alike(z), z, missed, steps)
-        return Kriged(trend, ProcessPosterior.of(self.covariance, _alike(z), z, missed))
+        data = Data(_alike(z), z, missed, z.shape[1])
+        self.covariance = learned((self.covariance,), data, steps)[0]
+        return Kriged(trend, ProcessPosterior.of(self.covariance, data))
 
     def _sharpened(self, x: Array) -> None:
         self._trend = self._kriged = None

@@ -1,0 +1,333 @@
+"""Gaussian processes over conditions and parameters, conditioned on the runs of all experiments.
+
+The outcome of experiment l is a function of u = (c_l, z), its conditions and the parameters, each
+scaled to [-1, 1]. Its prior is
+
+    y = beta' (1, u) + f(u) + g_l(z),   with Cov f = v k(|A'(u - u')|)
+    and Cov g_l = v (a^2 k(|s (z - z')|) + b^2 (1 + z . z')).
+
+beta is a trend without prior (universal kriging). k is a correlation as a function of distance:
+Matern's of smoothness 5/2, or the Gaussian one for smooth simulators. A rotates and stretches the
+inputs, so that a steep front whose place changes with the conditions is the same function for all
+experiments (Vivarelli and Williams 1999). g is the part that each experiment has of its own. A, s,
+a, b and the noise of a run maximize the restricted likelihood of the runs under a weak normal prior
+on A (Rasmussen and Williams 2006, sections 2.7 and 5.4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import LinAlgError, cholesky, qr, solve_triangular
+from scipy.linalg.lapack import dpotri
+from scipy.optimize import minimize
+
+from aleator.core.threads import single_threaded
+from aleator.core.types import Array, Indices
+
+
+@dataclass(frozen=True)
+class ProcessSettings:
+    """Settings of the covariance in the module's description; chosen by judgement."""
+
+    ridge: float = 0.01
+    """Precision (inverse variance) of the normal prior on the entries of the matrix A."""
+    rank: int = 8
+    """The largest number of columns of A, the directions in which the outcome may vary."""
+    individual: tuple[float, float] = (1e-4, 10.0)
+    """Limits of the standard deviations a and b of the part that each experiment has of its own."""
+    scale: tuple[float, float] = (0.02, 10.0)
+    """Limits of the scales s of the parameters in the part that each experiment has of its own."""
+    noise: tuple[float, float] = (1e-5, 0.3)
+    """Limits of the standard deviation of the noise of a run."""
+    largest: float = 20.0
+    """The largest size of an entry of A."""
+    first: tuple[float, float, float] = (0.5, 0.1, 0.01)
+    """The entries of A, the standard deviations a and b, and the noise from which a fit starts."""
+    learned: int = 400
+    """The number of runs to which the parameters of the covariance are fitted."""
+    steps: tuple[int, int] = (60, 20)
+    """The number of steps of the fit of the covariance, in the first round and in later rounds."""
+    failed: float = 1e10
+    """Minus the log-posterior that is returned for a covariance that is not positive definite."""
+
+
+PROCESS = ProcessSettings()
+
+
+@dataclass(frozen=True)
+class Data:
+    """Runs: the experiment (M,), the input u (M, D) and the outcome y (M,) of each run.
+
+    The last `parameters` columns of u are the parameters.
+    """
+
+    experiment: Indices
+    u: Array
+    y: Array
+    parameters: int
+
+    @property
+    def z(self) -> Array:
+        """The parameters z (M, n) of the runs."""
+        return self.u[:, self.u.shape[1] - self.parameters :]
+
+    def take(self, rows: Indices) -> Data:
+        """The runs `rows` alone."""
+        return replace(self, experiment=self.experiment[rows], u=self.u[rows], y=self.y[rows])
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """The parameters of the covariance in the module's description, all without unit.
+
+    `mix` is the matrix A (D, r), `individual` and `line` are the standard deviations a and b,
+    `scale` are the scales s (n,), and `noise` is the standard deviation of the noise of a run.
+    `gaussian` says which correlation is used.
+    """
+
+    mix: Array
+    individual: float
+    line: float
+    scale: Array
+    noise: float
+    gaussian: bool
+
+    @classmethod
+    def first(
+        cls, inputs: int, parameters: int, gaussian: bool, settings: ProcessSettings = PROCESS
+    ) -> Covariance:
+        """The covariance from which the fit starts, in which all inputs have the same effect."""
+        entry, own, noise = settings.first
+        mix = entry * np.eye(inputs, min(inputs, settings.rank))
+        mix[settings.rank :] = entry / np.sqrt(settings.rank)
+        return cls(mix, own, own, 0.5 * np.ones(parameters), noise, gaussian)
+
+    @property
+    def vector(self) -> Array:
+        """The parameters as one vector: A, then the logarithms of a, b, s and the noise."""
+        rest = np.log([self.individual, self.line, *self.scale, self.noise])
+        return np.concatenate([self.mix.ravel(), rest])
+
+    def moved(self, vector: Array) -> Covariance:
+        """The covariance whose parameters are given by a vector in the order of `vector`."""
+        own, line, *scale, noise = np.exp(vector[self.mix.size :])
+        mix = vector[: self.mix.size].reshape(self.mix.shape)
+        return replace(self, mix=mix, individual=own, line=line, scale=np.array(scale), noise=noise)
+
+    def limits(self, settings: ProcessSettings = PROCESS) -> list[tuple[float, float]]:
+        """Lower and upper limits of the entries of `vector`."""
+        positive = [settings.individual] * 2 + [settings.scale] * len(self.scale) + [settings.noise]
+        return [(-settings.largest, settings.largest)] * self.mix.size + [
+            (float(np.log(low)), float(np.log(high))) for low, high in positive
+        ]
+
+    def correlation(self, squared: Array) -> tuple[Array, Array]:
+        """The correlation k at squared distances, and its derivative by them."""
+        if self.gaussian:
+            value = np.exp(-0.5 * np.maximum(squared, 0.0))
+            return value, -0.5 * value
+        r = np.sqrt(5.0 * np.maximum(squared, 0.0))
+        decay = np.exp(-r)
+        return (1.0 + r + r * r / 3.0) * decay, (-5.0 / 6.0) * (1.0 + r) * decay
+
+    def between(self, experiment: Indices, u: Array, other: Indices, v: Array) -> Array:
+        """Covariances (R, M) between two lists of inputs, without noise, over v."""
+        n = len(self.scale)
+        out = self.correlation(_squared(u @ self.mix, v @ self.mix))[0]
+        row, column = np.nonzero(experiment[:, None] == other)
+        z, t = u[row, -n:], v[column, -n:]
+        out[row, column] += self.individual**2 * self.correlation(
+            (((z - t) * self.scale) ** 2).sum(axis=1)
+        )[0] + self.line**2 * (1.0 + (z * t).sum(axis=1))
+        return np.asarray(out)
+
+    def likeness(self, u: Array) -> Array:
+        """Squared correlations (N, N) of the common part f between the inputs u (N, D)."""
+        mixed = u @ self.mix
+        return np.asarray(self.correlation(_squared(mixed, mixed))[0] ** 2)
+
+    def prior(self, u: Array) -> Array:
+        """Prior variances (R,) of f + g at inputs u (R, D), over v."""
+        z = u[:, -len(self.scale) :]
+        return np.asarray(1.0 + self.individual**2 + self.line**2 * (1.0 + (z**2).sum(axis=1)))
+
+
+def _squared(a: Array, b: Array) -> Array:
+    """Squared distances (A, B) between the rows of two arrays."""
+    return np.asarray((a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * (a @ b.T))
+
+
+def _trend(u: Array) -> Array:
+    """The terms 1, u of the trend, (M, 1 + D)."""
+    return np.hstack([np.ones((len(u), 1)), u])
+
+
+@dataclass(frozen=True)
+class _Factor:
+    """A covariance matrix K = L L' of runs, and the trend's part A = L^-1 H = Q R of it."""
+
+    lower: Array
+    q: Array
+    r: Array
+
+    @classmethod
+    def of(cls, matrix: Array, trend: Array) -> _Factor:
+        lower = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+        return cls(lower, *qr(_solved(lower, trend), mode="economic", check_finite=False))
+
+    def whitened(self, columns: Array) -> tuple[Array, Array]:
+        """L^-1 columns without their part along the trend, and that part's coordinates Q'."""
+        white = _solved(self.lower, columns)
+        along = self.q.T @ white
+        return white - self.q @ along, along
+
+    def back(self, white: Array) -> Array:
+        """L^-T white."""
+        return np.asarray(
+            solve_triangular(self.lower, white, lower=True, trans="T", check_finite=False)
+        )
+
+    @property
+    def precision(self) -> Array:
+        """P = K^-1 - K^-1 H (H' K^-1 H)^-1 H' K^-1, (M, M)."""
+        inverse = np.tril(dpotri(self.lower, lower=1)[0])
+        along = self.back(self.q)
+        return np.asarray(inverse + np.tril(inverse, -1).T - along @ along.T)
+
+
+def _solved(lower: Array, columns: Array) -> Array:
+    return np.asarray(solve_triangular(lower, columns, lower=True, check_finite=False))
+
+
+def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tuple[float, Array]:
+    """Minus the log-posterior of a covariance, up to a constant, and its gradient by `vector`."""
+    c, u, z, y = covariance, data.u, data.z, data.y
+    mixed, stretched = u @ c.mix, z * c.scale
+    value, slope = c.correlation(_squared(mixed, mixed))
+    alike = data.experiment[:, None] == data.experiment
+    own, own_slope = (alike * part for part in c.correlation(_squared(stretched, stretched)))
+    line = alike * (1.0 + z @ z.T)
+    matrix = value + c.individual**2 * own + c.line**2 * line
+    matrix[np.diag_indices(len(y))] += c.noise**2
+    trend = _trend(u)
+    try:
+        factor = _Factor.of(matrix, trend)
+    except LinAlgError:
+        return settings.failed, np.zeros(c.vector.size)
+    white, _ = factor.whitened(y)
+    free = max(len(y) - trend.shape[1], 1)
+    variance = max(float(white @ white) / free, np.finfo(float).tiny)
+    dual = factor.back(white)
+    loss = 0.5 * free * np.log(variance) + np.log(np.diag(factor.lower)).sum()
+    loss += np.log(np.abs(np.diag(factor.r))).sum()
+    gap = 0.5 * (factor.precision - np.outer(dual, dual) / variance)
+    by_mix = 4.0 * _moved(gap * slope, u, u) @ c.mix
+    by_own = 2.0 * c.individual**2 * float((gap * own).sum())
+    by_line = 2.0 * c.line**2 * float((gap * line).sum())
+    by_scale = 4.0 * c.individual**2 * c.scale**2 * np.diag(_moved(gap * own_slope, z, z))
+    by_noise = 2.0 * c.noise**2 * np.trace(gap)
+    gradient = np.concatenate(
+        [(by_mix + settings.ridge * c.mix).ravel(), [by_own, by_line, *by_scale, by_noise]]
+    )
+    return float(loss + 0.5 * settings.ridge * (c.mix**2).sum()), gradient
+
+
+def _moved(gap: Array, a: Array, b: Array) -> Array:
+    """Half the sum over all i, j of gap_ij (a_i - a_j)(b_i - b_j)', for a symmetric gap."""
+    return np.asarray(a.T @ (gap.sum(axis=1)[:, None] * b) - a.T @ gap @ b)
+
+
+@single_threaded
+def learned(
+    starts: tuple[Covariance, ...], data: Data, steps: int, settings: ProcessSettings = PROCESS
+) -> tuple[Covariance, ...]:
+    """The covariances fitted from each of the starts, that of the largest posterior density first.
+
+    Each takes at most `steps` iterations of L-BFGS-B, on the runs of as many whole experiments as
+    have about `settings.learned` runs.
+    """
+    rng = np.random.default_rng(len(data.y))
+    experiments, sizes = np.unique(data.experiment, return_counts=True)
+    order = rng.permutation(len(experiments))
+    count = max(1, int((np.cumsum(sizes[order]) <= settings.learned).sum()))
+    some = data.take(np.flatnonzero(np.isin(data.experiment, experiments[order[:count]])))
+    found = []
+    for start in starts:
+
+        def loss(vector: Array, start: Covariance = start) -> tuple[float, Array]:
+            return _loss(start.moved(vector), some, settings)
+
+        end = minimize(
+            loss, start.vector, jac=True, method="L-BFGS-B", bounds=start.limits(settings),
+            options={"maxiter": steps},
+        )  # fmt: skip
+        found.append((float(end.fun), start.moved(end.x)))
+    return tuple(one for _, one in sorted(found, key=lambda pair: pair[0]))
+
+
+@dataclass(frozen=True)
+class ProcessPosterior:
+    """The Gaussian process conditioned on M runs.
+
+    `dual` (M,) is P y, `beta` (1 + D,) the trend, and `variance` the common variance v. `surprise`
+    (M,) are leave-one-out residuals over their expected standard deviations.
+    """
+
+    covariance: Covariance
+    data: Data
+    factor: _Factor
+    dual: Array
+    beta: Array
+    variance: float
+    surprise: Array
+
+    @classmethod
+    @single_threaded
+    def of(cls, covariance: Covariance, data: Data) -> ProcessPosterior:
+        """The process conditioned on the runs; O(M^3)."""
+        matrix = covariance.between(data.experiment, data.u, data.experiment, data.u)
+        matrix[np.diag_indices(len(data.y))] += covariance.noise**2
+        factor = _Factor.of(matrix, _trend(data.u))
+        white, along = factor.whitened(data.y)
+        dual = factor.back(white)
+        free = max(len(data.y) - data.u.shape[1] - 1, 1)
+        variance = max(float(white @ white) / free, np.finfo(float).tiny)
+        surprise = dual / np.sqrt(np.diag(factor.precision) * variance)
+        beta = solve_triangular(factor.r, along)
+        return cls(covariance, data, factor, dual, beta, variance, surprise)
+
+    @property
+    def noise(self) -> float:
+        """The variance of outcomes of runs about the smooth function, in squared units."""
+        return self.variance * self.covariance.noise**2
+
+    @single_threaded
+    def mean(self, experiment: Indices, u: Array) -> Array:
+        """Expected outcomes (R,) of the experiments (R,) at inputs u (R, D)."""
+        return np.asarray(_trend(u) @ self.beta + self._between(experiment, u) @ self.dual)
+
+    @single_threaded
+    def deviation(self, experiment: Indices, u: Array) -> Array:
+        """Posterior standard deviations (R,) of the outcomes at inputs u (R, D); O(M^2 R)."""
+        known, rest = self._known(experiment, u)
+        left = self.covariance.prior(u) - (known**2).sum(axis=0) + (rest**2).sum(axis=0)
+        return np.asarray(np.sqrt(self.variance * np.maximum(left, 0.0)))
+
+    @single_threaded
+    def joint(self, experiment: Indices, u: Array) -> Array:
+        """Posterior covariances (R, R) of the outcomes at a small number R of inputs u (R, D)."""
+        known, rest = self._known(experiment, u)
+        prior = self.covariance.between(experiment, u, experiment, u)
+        return np.asarray(self.variance * (prior - known.T @ known + rest.T @ rest))
+
+    def _between(self, experiment: Indices, u: Array) -> Array:
+        return self.covariance.between(experiment, u, self.data.experiment, self.data.u)
+
+    def _known(self, experiment: Indices, u: Array) -> tuple[Array, Array]:
+        """What the runs tell (M, R), and what the trend's uncertainty adds (1 + D, R)."""
+        known = _solved(self.factor.lower, self._between(experiment, u).T)
+        short = _trend(u).T - self.factor.r.T @ (self.factor.q.T @ known)
+        rest = solve_triangular(self.factor.r, short, trans="T", check_finite=False)
+        return known, np.asarray(rest)
