@@ -245,21 +245,35 @@ class OnSurfaces:
     def _evaluated(self, block: Block, x: Array, slopes: bool) -> tuple[Array, Array]:
         inside, z = self._inside(x), self.inward(x)
         experiments, nodes, n = z.shape
+        first, degrees, rest, coefficients = self._factors
+        evaluated = products_with_gradient if slopes else products
         flat = z.reshape(-1, n)
-        indices = self.surface.indices
-        basis = products_with_gradient(indices, flat) if slopes else products(indices, flat)
-        basis = basis.reshape(len(indices), -1, experiments, nodes)
-        terms = self._terms[self.of[block.rows]]
-        found = np.empty((basis.shape[1], len(terms), nodes))
-        for rows in blocks(len(terms), len(basis) * nodes, self.settings.basis):
-            own = basis[:, :, block.owner[rows]]
-            found[:, rows] = np.einsum("mp,pdmj->dmj", terms[rows], own, optimize=False)
-        logarithmic = self.surface.logarithmic[self.of[block.rows]]
+        of_first = evaluated(degrees, flat[:, first : first + 1])
+        of_others = np.ones((1, 1, len(flat)))
+        if n > 1:
+            of_others = evaluated(rest, np.delete(flat, first, axis=1))
+        along, beside = (
+            basis.reshape(len(basis), -1, experiments, nodes).transpose(2, 0, 1, 3)
+            for basis in (of_first, of_others)
+        )
+        where = self.of[block.rows]
+        found = np.empty((1 + n if slopes else 1, len(where), nodes))
+        for rows in blocks(len(where), rest.shape[0] * nodes, self.settings.basis):
+            own = block.owner[rows]
+            line = along[own].reshape(len(own), len(degrees), -1)
+            sums = (coefficients[where[rows]] @ line).reshape(len(own), len(rest), -1, nodes)
+            others = beside[own]
+            apart = [part for part in range(len(found)) if part != 1 + first]
+            for place, part in enumerate(apart):
+                found[part, rows] = np.einsum("mrj,mrj->mj", sums[:, :, 0], others[:, :, place])
+            if slopes:
+                found[1 + first, rows] = np.einsum("mrj,mrj->mj", sums[:, :, 1], others[:, :, 0])
+        logarithmic = self.surface.logarithmic[where]
         value = outcomes(found[0], logarithmic)
         if not slopes:
             return value, found[:0]
         chained(found[1:].swapaxes(0, 1), value, logarithmic)
-        slope = np.zeros((x.shape[2], len(terms), nodes))
+        slope = np.zeros((x.shape[2], len(where), nodes))
         rates = self.surface.axes.rates(inside[..., self._moving])
         for k, i in enumerate(self._moving):
             known = (inside[..., i] == x[..., i])[block.owner]
@@ -272,9 +286,19 @@ class OnSurfaces:
         return moving_parameters(self.region)
 
     @cached_property
-    def _terms(self) -> Array:
-        """The coefficients (U, P) of all surfaces, for all basis functions of any of them."""
-        whole = np.zeros((len(self.surface.error), len(self.surface.indices)))
+    def _factors(self) -> tuple[int, Indices, Indices, Array]:
+        """The polynomials of all surfaces as sum_r phi_r(others) sum_k c_rk phi_k(first).
+
+        The coordinate `first` is that of the highest degree. Its degrees are (d, 1), the r-th
+        multi-index of the other coordinates is a row of (R, n - 1), and c is (U, R, d). Summing
+        over k first is a product of matrices, and leaves R terms of P.
+        """
+        indices = self.surface.indices
+        first = int(np.argmax(indices.max(axis=0)))
+        degrees = np.arange(indices[:, first].max() + 1)[:, None]
+        rest, row = np.unique(np.delete(indices, first, axis=1), axis=0, return_inverse=True)
+        whole = np.zeros((len(self.surface.error), len(rest), len(degrees)))
         for group in self.surface.groups:
-            whole[group.members, : group.size] = group.coefficients
-        return whole
+            at = row.ravel()[: group.size], indices[: group.size, first]
+            whole[group.members[:, None], *at] = group.coefficients
+        return first, degrees, rest, whole
