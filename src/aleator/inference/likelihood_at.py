@@ -58,7 +58,7 @@ class FitSettings:
     tabulated: int = 81
     points: int = 256
     marginal: int = 2048
-    values: int = 120_000
+    values: int = 40_000
     law_points: tuple[int, int] = (1000, 4000)
     tries: int = 20
 

@@ -212,7 +212,7 @@ def likelihood_shapes(
     if not inference.positive or len(fit.table.observations) > settings.observations:
         return {}
     objective = fit.likelihood.rough().objective()
-    top, profiles = objective(fit.alpha).total, {}
+    profiles = {}
     for k in _shown(fit, estimates, settings):
         h = fit.hyperparameters[k]
         report(h.name)
@@ -220,14 +220,9 @@ def likelihood_shapes(
         assert estimate.interval is not None
         assert estimate.drops is not None
         at = curve_points(estimate.interval, float(fit.alpha[k]), h)
-        ends = [*zip(estimate.interval, estimate.drops, strict=True), (float(fit.alpha[k]), 0.0)]
-        unknown = ~np.isin(at, [value for value, _ in ends])
-        curve = likelihood_curve(
-            objective, fit.alpha, fit.hyperparameters, inference, k, at[unknown]
-        )
-        below = np.empty(at.size)
-        below[unknown] = top - curve.value
-        for end, drop in ends:
+        curve = likelihood_curve(objective, fit.alpha, fit.hyperparameters, inference, k, at)
+        below = curve.value[at == fit.alpha[k]] - curve.value
+        for end, drop in zip(estimate.interval, estimate.drops, strict=True):
             below[at == end] = drop
         profiles[h.name] = {"at": drawn(at, settings.places), "below": drawn(below)}
     return {"profiles": profiles, "surface": _surface(fit, estimates, objective, report, settings)}
