@@ -277,8 +277,7 @@ class OnSurfaces:
         rates = self.surface.axes.rates(inside[..., self._moving])
         for k, i in enumerate(self._moving):
             known = (inside[..., i] == x[..., i])[block.owner]
-            own = rates[..., k][block.owner]
-            slope[i] = np.where(known, found[1 + k] * own, 0.0)
+            slope[i] = np.where(known, found[1 + k] * rates[..., k][block.owner], 0.0)
         return value, slope
 
     @cached_property
