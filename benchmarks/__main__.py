@@ -34,11 +34,13 @@ from benchmarks.row import Row, table_of
 from benchmarks.runs import print_runs
 from benchmarks.searches import print_searches
 from benchmarks.simulator import simulator_rows
+from benchmarks.small import small_rows
 
 ROWS: dict[str, Callable[[], list[Row]]] = {
     "identify": identification_rows,
     "likelihood": likelihood_rows,
     "individual": individual_rows,
+    "small": small_rows,
     "simulator": simulator_rows,
     "moments": moment_rows,
     "densities": density_rows,

@@ -150,6 +150,12 @@ def test_nothing_heavy_is_imported_before_it_is_used(command: list[str]) -> None
     assert found & HEAVY == set()
 
 
+def test_an_identification_needs_no_library_that_only_reads_files_or_draws() -> None:
+    found = imported_by("-c", "from aleator import identify; identify")
+    assert "scipy" in found
+    assert found & {"pydantic", "rich", "matplotlib", "bokeh"} == set()
+
+
 def test_what_editors_and_type_checkers_see_is_what_there_is() -> None:
     tree = ast.parse(Path(aleator.__file__).read_text(encoding="utf-8"))
     seen = {

@@ -295,7 +295,13 @@ def _anew(
     inference: Inference,
     rivals: Sequence[Array],
 ) -> Profile:
-    """The profile, with ends computed again whose drop this likelihood changes by `least`."""
+    """The profile, with ends computed again whose drop this likelihood changes by `least`.
+
+    Where it changes no drop by more than a conditional maximum may still rise, none is maximized
+    again: by the envelope theorem such a maximum changes as the log-likelihood at its place does.
+    """
+    if not np.any(_off(likelihood, alpha, found, ENDS.left)):
+        return found
     higher = _climbed_on(likelihood, found, inference)
     rows = np.flatnonzero(np.any(_off(likelihood, alpha, higher, least), axis=1))
     if not rows.size:

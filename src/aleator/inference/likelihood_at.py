@@ -49,7 +49,9 @@ class FitSettings:
     points: points of the law of each experiment, one of which is drawn.
     marginal: points of the law of each experiment by which quantiles are computed.
     values, law_points: a replicate is evaluated with about `values` simulated values in total; the
-    points of each experiment have a least and a largest number.
+    points of each experiment have a least and a largest number. The measured data get the same
+    points, so that p keeps its meaning; with three times as many the fission gas has 0.085, not
+    0.080.
     tries: largest number of draws for an experiment whose run fails.
     """
 
@@ -58,7 +60,7 @@ class FitSettings:
     tabulated: int = 81
     points: int = 256
     marginal: int = 2048
-    values: int = 120_000
+    values: int = 40_000
     law_points: tuple[int, int] = (1000, 4000)
     tries: int = 20
 

@@ -23,7 +23,6 @@ from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
-from aleator.results.schema import read_answer
 from aleator.results.values import REPORTED, in_order
 from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
@@ -321,6 +320,8 @@ def load(
     >>> again == found, again.law.marginals["x"].mean
     (True, 1.031)
     """
+    from aleator.results.schema import read_answer  # pydantic, which only a file needs
+
     found = Identification.from_document(read_answer(path))
     if inputs is None:
         return found

@@ -1,9 +1,12 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 from individual_cases import ALPHA, PAIR, likelihood_of, straight_line, table
 
-from aleator.likelihood.individual import OnSurfaces
+from aleator.likelihood.individual import Layout, OnSurfaces
 from aleator.surrogates import build_surface
+from aleator.surrogates.surface import Axes, Group, Surface, ball, products_with_gradient
 
 REGION = np.array([[-6.0, 9.0], [-4.0, 3.0]])
 
@@ -73,3 +76,31 @@ def test_the_likelihood_on_surfaces_is_that_of_the_simulator():
     wanted, found = direct.adapted(ALPHA)(ALPHA), again.adapted(ALPHA)(ALPHA)
     assert found.each == pytest.approx(wanted.each, abs=1e-6)
     assert found.scores == pytest.approx(wanted.scores, abs=1e-4)
+
+
+def test_surfaces_of_many_terms_are_summed_in_the_memory_of_few():
+    # 153 terms of two parameters are 17 sums over one of them: two times 17 basis functions.
+    rng, nodes, experiments = np.random.default_rng(4), 400, 7
+    indices = ball((1.0, 1.0), 1.0, 153)[0]
+    axes, none = Axes.plain(REGION), np.zeros(experiments)
+    coefficients = rng.standard_normal((experiments, len(indices)))
+    every = np.arange(experiments)
+    surface = Surface(
+        axes, indices, (Group(every, coefficients),), none, none, none == 0.0, 0 * every, 0 * every,
+        none > 0.0,
+    )  # fmt: skip
+    (block,) = Layout(experiments, every, every, 0 * every).blocks(nodes)
+    surfaces = OnSurfaces(surface, REGION, every)
+    x = rng.uniform(*REGION.T, (experiments, nodes, 2))
+    surfaces.values(block, x)
+    tracemalloc.start()
+    value, slopes = surfaces.with_slopes(block, x)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    for k in range(experiments):
+        legendre = products_with_gradient(indices, axes.inward(x[k]))
+        wanted = np.einsum("p,pdj->dj", coefficients[k], legendre)
+        wanted[1:] *= axes.rates(x[k]).T
+        assert value[k] == pytest.approx(wanted[0], rel=1e-9, abs=1e-9)
+        assert slopes[:, k] == pytest.approx(wanted[1:], rel=1e-9, abs=1e-8)
+    assert peak < 2.0 * len(indices) * x[..., 0].nbytes

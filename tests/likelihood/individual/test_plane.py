@@ -112,7 +112,7 @@ def test_points_of_the_law_serve_for_whatever_is_observed() -> None:
     here = likelihood_of(front, frame, TWO).by(PlanePanels(), ALPHA)
     table = Experiments.from_frame(frame, outcome="y", id="id")
     fit = Fit.of_individuals(here, ALPHA, None, table, here.rule).for_replicates()
-    assert fit.likelihood.integral.rule == LawPoints(4000)
+    assert fit.likelihood.integral.rule == LawPoints(2000)
     another = fit.seeing(Experiments.from_frame(other, outcome="y", id="id"))
     assert another.likelihood.integral.nodes is fit.likelihood.integral.nodes
     for seen, rows in ((fit, frame), (another, other)):

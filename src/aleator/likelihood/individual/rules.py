@@ -252,9 +252,12 @@ class ImportancePoints(NodeRule):
         return proposed(z, laws.modes.information, self.count, shift, self.settings.wider)
 
 
+@lru_cache
 def standard_points(count: int, dimensions: int) -> Array:
     """Points (count, s) of the standard normal law: a Sobol' sequence, or in 1-D midpoints."""
-    return _normal(_uniform(count, dimensions))
+    points = _normal(_uniform(count, dimensions))
+    points.flags.writeable = False  # All callers share it.
+    return points
 
 
 def proposed(
@@ -282,13 +285,16 @@ def proposed(
     xi = np.concatenate([law, near.reshape(experiments, classes, half, s)], axis=2)
     log_law = -0.5 * np.sum(xi**2, axis=3)
     log_det = np.log(np.einsum("ncmss->ncms", root)).sum(axis=3)
-    log_near = np.full(log_law.shape, -np.inf)
+    # The density of the mixture over that of the law, as one sum of exponentials.
+    terms = np.empty((1 + centers, *log_law.shape))
+    terms[0] = np.log(centers)
     for m in range(centers):
         away = xi - modes[:, :, None, m]
-        curved = np.einsum("ncjs,ncst,ncjt->ncj", away, information[:, :, m] / wider**2, away)
-        log_near = np.logaddexp(log_near, -0.5 * curved - log_det[:, :, m, None])
-    log_mixture = np.logaddexp(log_law, log_near - np.log(centers)) - np.log(2.0)
-    log_weight = log_law - log_mixture - np.log(2.0 * half)
+        curved = np.sum((away @ (information[:, :, m] / wider**2)) * away, axis=3)
+        terms[1 + m] = -0.5 * curved - log_det[:, :, m, None] - log_law
+    top = terms.max(axis=0)
+    log_ratio = top + np.log(np.sum(np.exp(terms - top), axis=0)) - np.log(2.0 * centers)
+    log_weight = -log_ratio - np.log(2.0 * half)
     whole = classes * 2 * half
     return xi.reshape(experiments, whole, s), log_weight.reshape(experiments, whole)
 
