@@ -44,19 +44,20 @@ class Study:
     arrays: bool = True
 
 
-STUDIES = tuple(
-    study
-    for noise in (0.0, NOISE)
-    for study in (
-        Study(100, 1, noise),
-        Study(500, 1, noise),
-        Study(2_000, 1, noise),
-        Study(20_000, 1, noise, 60.0, 1024.0),
-        Study(100_000, 1, noise, 300.0),
-        Study(2_000, 2, noise),
-        Study(5_000, 2, noise, 120.0, 1536.0),
-    )
-) + (
+STUDIES = (
+    *(
+        study
+        for noise in (0.0, NOISE)
+        for study in (
+            Study(100, 1, noise),
+            Study(500, 1, noise),
+            Study(2_000, 1, noise),
+            Study(20_000, 1, noise, 60.0, 1024.0),
+            Study(100_000, 1, noise, 300.0),
+            Study(2_000, 2, noise),
+            Study(5_000, 2, noise, 120.0, 1536.0),
+        )
+    ),
     Study(500, 2, NOISE, 60.0, 1024.0, points=100),
     Study(560, 3, NOISE, 60.0, 1024.0, points=10),
     Study(560, 3, NOISE, 60.0, 1024.0, points=10, arrays=False),
@@ -82,8 +83,8 @@ class Measured:
 def print_growth(console: Console) -> None:
     """Each study as soon as it is measured, then all as a table."""
     table = Table(
-        "experiments", "points", "parameters", "noise", "arrays", "seconds", "may take", "MiB", "may take",
-        "longest stages, seconds", title="growth",
+        "experiments", "points", "parameters", "noise", "arrays", "seconds", "may take",
+        "MiB", "may take", "longest stages, seconds", title="growth",
     )  # fmt: skip
     for study in STUDIES:
         found = _alone(study)

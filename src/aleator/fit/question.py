@@ -292,8 +292,8 @@ class WaySettings:
     tried: int = 128
     """Points of the region at which all runs must fail before an observation is left out."""
     rows: int = 1000
-    """The number of observations from which a function of single numbers is tried with arrays. Fewer
-    take seconds on response surfaces, whose runs are stored (`make bench`, growth)."""
+    """The number of observations from which a function of single numbers is tried with arrays.
+    Chosen by judgement; `python -m benchmarks growth` measures a table of 5,600."""
     grids: tuple[int, int] = (100, 5000)
     """The least and largest number of grids for level sets in the studies of `make judges`."""
 
@@ -316,11 +316,11 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
     """Whether to use the simulator itself, if it takes arrays, or else response surfaces.
 
     The user's setting `surfaces` comes first. Surfaces are used where a tolerance or a budget of
-    runs is set, and where single runs fail between others that succeed. With many
-    observations a function of single numbers is tried with arrays (see `Runner.takes_arrays`).
-    `x` (n,) is a point of the `region` (n, 2) in which the laws may lie. No time is measured, so
-    that the decision is the same on every machine. Cost: 33 runs for each simulated unit and
-    parameter, if the simulator takes arrays.
+    runs is set, and where single runs fail between others that succeed. With many observations a
+    function of single numbers is tried with arrays (see `Runner.takes_arrays`). `x` (n,) is a point
+    of the `region` (n, 2) in which the laws may lie. No time is measured, so that the decision is
+    the same on every machine. Cost: 33 runs for each simulated unit and parameter, if the simulator
+    takes arrays.
     """
     if choice.surfaces == "none":
         runner.takes_arrays(region)
