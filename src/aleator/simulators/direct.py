@@ -215,8 +215,11 @@ class DirectRuns:
 
     def _note(self, case: Indices, x: Array, values: Array, failures: Failures) -> None:
         """Remember the reasons of the runs that have no outcome."""
+        gone = np.isnan(values)
+        if not gone.any():
+            return
         form = self._form.some(case)
-        gone = np.isnan(values) if form.observed is None else np.isnan(values) & form.observed
+        gone = gone if form.observed is None else gone & form.observed
         runs = np.flatnonzero(gone.any(axis=1))
         self.lost += len(runs)
         first = runs[: self._settings.remembered - len(self.failures)]
