@@ -27,9 +27,9 @@ class DirectSettings:
     checked: int = 16
     """The largest number of test runs in which calls with single numbers are compared with one call
     with arrays. The test runs differ in their conditions and in every parameter."""
-    digits: float = 16.0
-    """The tolerated difference in units of the last place (rounding units). Powers and exponentials
-    of arrays are computed by other code, which may change the last four bits."""
+    relative: float = 1e-12
+    """The tolerated relative difference. Powers and exponentials of arrays are computed by other
+    code, which may change the last four bits; a difference of two such values loses more."""
     remembered: int = 1000
     """The largest number of failed runs whose reasons are kept for messages."""
 
@@ -70,9 +70,11 @@ class ArrayCalls:
         values = np.full((len(case), self._form.width), np.nan)
         if self._each:
             rows = self._start[case]
+            columns = x.T.copy()
             if self._each > 1:
                 rows = (rows[:, None] + np.arange(self._each)).ravel()
-            for k, part in enumerate(self._parts(rows, np.repeat(x.T, self._each, axis=1))):
+                columns = np.repeat(columns, self._each, axis=1)
+            for k, part in enumerate(self._parts(rows, columns)):
                 values[:, k::size] = part.reshape(len(case), -1) if part.ndim else part
             return values
         sizes = self._rows[case]
@@ -102,8 +104,9 @@ def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings 
     """Whether one call of a function with arrays gives the same values as a call for each run.
 
     Up to `checked` runs are compared, out of those under conditions number `case` (R,) with
-    parameters `x` (R, n); they should differ in both. Differences up to `digits` units of the last
-    place are tolerated. A function that raises an exception in either way is not elementwise. Cost:
+    parameters `x` (R, n); they should differ in both. Relative differences up to `relative` are
+    tolerated. A function that raises an exception in either way is not elementwise. The call with
+    arrays comes first, so that a slow function that takes no arrays costs one call. Cost: at most
     checked + 1 calls.
 
     >>> from aleator.simulators.units import Cases
@@ -123,8 +126,7 @@ def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings 
         raise
     except BaseException:
         return False
-    rtol = settings.digits * float(np.finfo(np.float64).eps)
-    return bool(np.allclose(together, each, rtol=rtol, atol=0.0, equal_nan=True))
+    return bool(np.allclose(together, each, rtol=settings.relative, atol=0.0, equal_nan=True))
 
 
 def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
@@ -195,11 +197,13 @@ class DirectRuns:
         """Whether the simulator takes arrays: it is vectorized, or an elementwise function.
 
         An unvectorized function is tried at some points of the parameter region (n, 2), each under
-        other conditions.
+        other conditions. A function with a time limit is not, since one call would make many runs.
         """
         simulator = self._simulator
         if not isinstance(simulator, FunctionSimulator) or simulator.vectorized:
             return getattr(simulator, "vectorized", False) is True
+        if simulator.timeout is not None:
+            return False
         count = self._settings.checked
         case = np.linspace(0, len(self._bound.cases) - 1, count).astype(np.intp)
         share = np.random.default_rng(0).random((count, len(region)))
@@ -211,8 +215,11 @@ class DirectRuns:
 
     def _note(self, case: Indices, x: Array, values: Array, failures: Failures) -> None:
         """Remember the reasons of the runs that have no outcome."""
+        gone = np.isnan(values)
+        if not gone.any():
+            return
         form = self._form.some(case)
-        gone = np.isnan(values) if form.observed is None else np.isnan(values) & form.observed
+        gone = gone if form.observed is None else gone & form.observed
         runs = np.flatnonzero(gone.any(axis=1))
         self.lost += len(runs)
         first = runs[: self._settings.remembered - len(self.failures)]
