@@ -22,8 +22,14 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from aleator import Experiments, GradientMultistart, Identification, Inputs, ResponseSurface
-from aleator import identify
+from aleator import (
+    Experiments,
+    GradientMultistart,
+    Identification,
+    Inputs,
+    ResponseSurface,
+    identify,
+)
 from aleator.core.progress import Silent
 from aleator.fit.ledger import Ledger
 from aleator.fit.quadrature import Maximum
@@ -46,7 +52,7 @@ FACTOR = 2.0
 
 
 def stated_error(found: Identification) -> float | None:
-    """The error of alpha by the emulator that the result states, in standard errors; None if not."""
+    """The error of alpha by the emulator that the result states, in standard errors, or None."""
     return getattr(found, "emulator_error", None)
 
 
@@ -91,7 +97,11 @@ def judged(exact: Mapping[Key, Entry], name: str, seed: int) -> Entry:
     began = time.process_time()
     try:
         found = identify(
-            study.slow, table, study.inputs, noise=study.noise, propagation=EMULATED,
+            study.slow,
+            table,
+            study.inputs,
+            noise=study.noise,
+            propagation=EMULATED,
             best_law=False,
         )
     except Exception as error:  # an answer that is refused is one row of the table

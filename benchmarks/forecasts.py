@@ -25,8 +25,8 @@ from benchmarks.random_studies import RANDOM_STUDIES
 from benchmarks.simulators import Errors
 
 OTHERS = (0, 3, 7, 9, 12, 19, 22, 25, 28, 34)
-"""Random studies: mild, peak, oscillation, ten decades, reciprocal, cube, line, growth, peak of two,
-saturation."""
+"""Random studies: mild, peak, oscillation, ten decades, reciprocal, cube, line, growth, peak of
+two, saturation."""
 NAMES = (*BY_NAME, *map(str, OTHERS))
 SEED, FACTOR = 3200, 2.0
 

@@ -2,9 +2,9 @@
 
 The peer is scikit-learn's Gaussian process (Matern 5/2, a length for each condition and parameter)
 on a Sobol' design, one process of all experiments. Its mean takes the place of the simulator in
-Aleator's own likelihood, and its alpha is judged like that of `benchmarks.emulators`. The peer is
-favored: it gets the box of four standard deviations about the true law where the study gives none,
-and the search starts from the law of the data. All data are synthetic.
+Aleator's own likelihood, and its alpha is judged like that of `benchmarks.emulators`. The design
+fills the box in which the means are sought, and the search starts from the law of the data. All
+data are synthetic.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,7 @@ from scipy.stats import qmc
 from aleator import identify
 from aleator.core.types import Array
 from benchmarks.emulators import BY_NAME, EMULATED, exact_answer, exact_value, exactly
-from benchmarks.kept import Entry, kept
+from benchmarks.kept import Entry, Key, kept
 from benchmarks.simulators import Studied
 
 STUDIES = ("smooth", "clutch")
@@ -34,8 +34,6 @@ SIZES = (2, 4, 6, 8, 12, 16, 24, 32)
 SETS, FIRST_SEED = 2, 4700
 ENOUGH = 0.2
 """Error of alpha in the worst direction, in standard errors, that a design is to reach."""
-WIDE = 4.0
-"""Standard deviations of the true law about its mean, where a study gives no box."""
 LEARNED = 400
 """Runs by which the lengths of the process are chosen; all runs are in the process itself."""
 TABULATED = 25
@@ -44,13 +42,9 @@ ALEATOR = "Aleator"
 
 
 def box_of(study: Studied) -> Array:
-    """The box (n, 2) of the parameters: the study's own, else four standard deviations."""
-    box = np.array(study.inputs.box, dtype=float)
-    for row, name in zip(box, study.inputs.names, strict=True):
-        mean, sd = study.truth[f"{name}.mean"], study.truth[f"{name}.sd"]
-        own = max(mean - WIDE * sd, 1e-3 * mean), mean + WIDE * sd
-        row[:] = np.where(np.isfinite(row) & (np.ptp(row) < np.inf), row, own)
-    return box
+    """The box (n, 2) of the peer's design: where the study seeks the means."""
+    known = [marginal.known["mean"] for marginal in study.laws.values()]
+    return np.array([(one.lower, one.upper) for one in known], dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +60,7 @@ class Emulated:
         """Outcomes (R,) under known conditions; beyond the box those of its edge."""
         known = self.conditions.shape[1]
         every = np.stack(np.broadcast_arrays(*(values[name] for name in self.names)), axis=1)
-        of = np.argmin(
-            np.abs(every[:, None, :known] - self.conditions[None]).sum(axis=2), axis=1
-        )
+        of = np.argmin(np.abs(every[:, None, :known] - self.conditions[None]).sum(axis=2), axis=1)
         x, found = np.clip(every[:, known:], *self.box.T), np.empty(len(every))
         for k in np.unique(of).tolist():
             rows = of == k
@@ -113,7 +105,7 @@ def emulated(study: Studied, table: pd.DataFrame, size: int) -> Emulated:
         names = (*used, *study.inputs.names)
         runs = dict(zip(names, np.hstack([own[owner], x]).T, strict=True))
         predicted = scikit(own[owner], x, np.asarray(study.simulator(**runs)), box)
-    a, b = (np.linspace(*side, TABULATED) for side in box)
+    a, b = (np.linspace(low, high, TABULATED) for low, high in box.tolist())
     grid = np.stack([g.ravel() for g in np.meshgrid(a, b, indexing="ij")], axis=1)
     different = np.unique(own, axis=0)
     splines = tuple(
@@ -125,9 +117,13 @@ def emulated(study: Studied, table: pd.DataFrame, size: int) -> Emulated:
     return Emulated(names, different, splines, box)
 
 
+exact = cache(exact_answer)
+"""The exact answers, each computed once."""
+
+
 def judged(name: str, seed: int, size: int | str) -> Entry:
     """The peer, or Aleator by default, on one data set: runs an experiment and error of alpha."""
-    study, best = BY_NAME[name], exact_answer(name, seed)
+    study, best = BY_NAME[name], exact(name, seed)
     table, began = study.table(seed), time.process_time()
     runs: float
     if isinstance(size, str):
@@ -160,10 +156,11 @@ def _named(model: Emulated) -> Callable[..., Array]:
 
 def measured(path: Path) -> Iterator[dict[str, object]]:
     """For each study: errors by size, and the runs from which on the median error is enough."""
-    sizes = [*SIZES] if importlib.util.find_spec("sklearn") else []
+    sizes: list[int] = [*SIZES] if importlib.util.find_spec("sklearn") else []
     for name in STUDIES:
         seeds = [FIRST_SEED + k for k in range(SETS)]
-        keys = [(name, seed, size) for seed in seeds for size in (ALEATOR, *sizes)]
+        keys: list[Key] = [(name, s, ALEATOR) for s in seeds]
+        keys += [(name, s, size) for s in seeds for size in sizes]
         entries = kept(path, keys, judged)
         ours = [entries[name, seed, ALEATOR] for seed in seeds]
         yield {

@@ -1,7 +1,7 @@
 """Ten unlike simulators with the laws, the experiments and the errors of a study; all synthetic.
 
-Each study is drawn from its own law by a seed. What is identified is a likelihood, so that the truth
-of a benchmark is the exact answer to a study and not the law that it was drawn from.
+Each study is drawn from its own law by a seed. The truth of a benchmark is the exact answer to a
+study, not the law that it was drawn from.
 """
 
 from __future__ import annotations
@@ -15,8 +15,19 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import RectBivariateSpline
 
-from aleator import Beta, Constant, Experiments, Free, Gamma, Inputs, LogNormal, Noise, Normal
-from aleator import TruncatedNormal, Uniform
+from aleator import (
+    Beta,
+    Constant,
+    Experiments,
+    Free,
+    Gamma,
+    Inputs,
+    LogNormal,
+    Noise,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+)
 from aleator.core.types import Array
 from aleator.simulators.function import FunctionSimulator
 from examples.wet_clutch.bench import BOX, LEVELS, design
@@ -94,11 +105,10 @@ class Studied:
             for pair, known in self.correlation.items()
         }
         if isinstance(self.noise, Mapping):
-            each = {
-                name: _noise(one, of, f"noise.{name}.sd") for name, one in self.noise.items()
-            }
+            each = {name: _noise(one, of, f"noise.{name}.sd") for name, one in self.noise.items()}
             return Inputs(laws, tied), each
-        return Inputs(laws, tied), _noise(self.noise, of, "noise.sd")
+        one = self.noise
+        return Inputs(laws, tied), None if one is None else _noise(one, of, "noise.sd")
 
     def _frame(self, seed: int) -> pd.DataFrame:
         rng = np.random.default_rng(seed)
@@ -117,12 +127,8 @@ class Studied:
         )
 
 
-def _noise(
-    noise: Noise | None, of: Callable[[str, Free], Free | float], name: str
-) -> Noise | None:
-    if noise is None or not isinstance(noise.sd, Free):
-        return noise
-    return replace(noise, sd=of(name, noise.sd))
+def _noise(noise: Noise, of: Callable[[str, Free], Free | float], name: str) -> Noise:
+    return replace(noise, sd=of(name, noise.sd)) if isinstance(noise.sd, Free) else noise
 
 
 def _evenly(low: float, high: float, count: int) -> Callable[[np.random.Generator], pd.DataFrame]:
@@ -202,7 +208,7 @@ def _units(rng: np.random.Generator) -> pd.DataFrame:
 
 def front(c: Array, a: Array, b: Array) -> Array:
     """A steep front, whose place among the parameters moves with the condition."""
-    return np.asarray(np.tanh((c - a - 0.3 * b) / 0.06) + b * c)
+    return np.asarray(np.tanh((c - a - 0.3 * b) / 0.1) + b * c)
 
 
 COEFFICIENTS = np.random.default_rng(31).standard_normal((40, 8))
@@ -283,7 +289,7 @@ def _clutch(rows: Sequence[int]) -> Callable[[np.random.Generator], pd.DataFrame
 
 
 FIVE = (89, 80, 41, 98, 90)
-"""Conditions of the clutch from those that feel the second parameter least to those that do most."""
+"""Rows of the clutch's design, from the least to the largest effect of its second parameter."""
 
 
 def _means_and_sds(**values: tuple[float, float]) -> dict[str, float]:
@@ -340,6 +346,7 @@ SIMULATORS = (
                     "b": _law(Gamma, (0.5, 6.0), (0.02, 2.0))}),
             {**_means_and_sds(a=(0.9, 0.2), b=(2.5, 0.5)), "noise.sd": 0.08,
              **{f"noise.{name}.sd": 0.08 for name in ("level", "rate", "peak")}},
-            _evenly(0.3, 3.0, 24), dict.fromkeys(("level", "rate", "peak"), Noise(Free(0.01, 0.5)))),
+            _evenly(0.3, 3.0, 24),
+            dict.fromkeys(("level", "rate", "peak"), Noise(Free(0.01, 0.5)))),
 )  # fmt: skip
 """Ten simulators: 12 to 120 experiments, one to four parameters that scatter, seven laws."""
