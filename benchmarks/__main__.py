@@ -28,6 +28,7 @@ from benchmarks.limit_states import print_limit_states
 from benchmarks.linear import print_linear, print_linear_verdicts
 from benchmarks.moments import moment_rows
 from benchmarks.next_experiment import print_next
+from benchmarks.peers import print_peers
 from benchmarks.power import print_power
 from benchmarks.right import print_resampled, print_right, print_verdicts
 from benchmarks.row import Row, table_of
@@ -54,6 +55,7 @@ TABLES: dict[str, Callable[[Console], None]] = {
     "runs": lambda _: print_runs(),
     "next": print_next,
     "growth": print_growth,
+    "peers": print_peers,
 }
 COVERAGE = "coverage"
 PARTS = (*ROWS, *TABLES, COVERAGE)
