@@ -175,7 +175,7 @@ class PointPredictor:
         conditions = int(self.condition.max()) + 1
         count = min(self.points, max(own.values // conditions, own.fewest))
         if not 1 <= s <= 2:
-            xi = standard_points(count, s)
+            xi = standard_points(count, s).copy()
             xi[count // 2 :] *= own.wide
             square = 0.5 * np.sum(xi**2, axis=1)
             wider = np.exp(square * (1.0 - own.wide**-2)) / own.wide**s
