@@ -116,6 +116,12 @@ class Covariance:
         mix = vector[: self.mix.size].reshape(self.mix.shape)
         return replace(self, mix=mix, individual=own, line=line, scale=np.array(scale), noise=noise)
 
+    def stretched(self, ratio: Array) -> Covariance:
+        """The same covariance where the parameters are scaled to a region `ratio` (n,) as wide."""
+        mix = self.mix.copy()
+        mix[len(mix) - len(ratio) :] *= ratio[:, None]
+        return replace(self, mix=mix, scale=self.scale * ratio)
+
     def limits(self, settings: ProcessSettings = PROCESS) -> list[tuple[float, float]]:
         """Lower and upper limits of the entries of `vector`."""
         positive = [settings.individual] * 2 + [settings.scale] * len(self.scale) + [settings.noise]
@@ -320,6 +326,15 @@ class ProcessPosterior:
         """Posterior covariances (R, R) of the outcomes at a small number R of inputs u (R, D)."""
         known, rest = self._known(experiment, u)
         prior = self.covariance.between(experiment, u, experiment, u)
+        return np.asarray(self.variance * (prior - known.T @ known + rest.T @ rest))
+
+    @single_threaded
+    def of_sums(self, experiment: Indices, u: Array, weights: Array) -> Array:
+        """Posterior covariance (K, K) of sums of the outcomes at u (R, D) times weights (R, K)."""
+        prior = weights.T @ (self.covariance.between(experiment, u, experiment, u) @ weights)
+        known = _solved(self.factor.lower, self._between(experiment, u).T @ weights)
+        short = _trend(u).T @ weights - self.factor.r.T @ (self.factor.q.T @ known)
+        rest = solve_triangular(self.factor.r, short, trans="T", check_finite=False)
         return np.asarray(self.variance * (prior - known.T @ known + rest.T @ rest))
 
     def _between(self, experiment: Indices, u: Array) -> Array:

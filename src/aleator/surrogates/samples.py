@@ -98,33 +98,43 @@ FEATURES = FeatureSettings()
 
 
 def features(
-    columns: Mapping[str, NDArray[Any]], settings: FeatureSettings = FEATURES
-) -> Array | None:
-    """Return conditions, given as columns (N,), as inputs (N, d) of a shared surface in [-1, 1].
+    columns: Mapping[str, NDArray[Any]], cases: int, settings: FeatureSettings = FEATURES
+) -> Array:
+    """Return conditions, given as columns (N,), as inputs (N, d) of a process in [-1, 1].
 
     A column of numbers, or of their logarithms, is scaled to its range. A column of texts becomes
     one input for each different text, 1 for the experiments that have it and -1 for the others, so
-    that the data determine how similar texts are. Columns that do not vary are left out. Returns
-    None if a column has more than 6 different texts, if a number is not finite, or if no column
-    varies.
+    that the data determine how similar texts are. A column of series of equal length becomes one
+    input for each row. Left out are columns that do not vary, inputs that equal others, texts with
+    more than 6 different values, numbers that are not finite and series of unequal length.
 
-    >>> features({"speed": np.array([1.0, 2.0, 3.0]), "oil": np.array(["a", "b", "a"], object)})
+    >>> features({"speed": np.array([1.0, 2.0, 3.0]), "oil": np.array(["a", "b", "a"], object)}, 3)
     array([[-1.,  1., -1.], [ 0., -1.,  1.], [ 1.,  1., -1.]])
     """
     parts: list[Array] = []
     for column in columns.values():
-        if column.dtype == object:
-            kinds = sorted({str(cell) for cell in column})
-            if len(kinds) > settings.texts:
-                return None
-            texts = column.astype(str)
-            parts += [np.where(texts == kind, 1.0, -1.0) for kind in kinds if len(kinds) > 1]
-        else:
-            numbers = column.astype(np.float64)
-            if not np.isfinite(numbers).all():
-                return None
-            parts += [_scaled(numbers, settings)] if np.ptp(numbers) > 0.0 else []
-    return np.column_stack(parts) if parts else None
+        for one in _numbers(column, settings):
+            if not any(np.array_equal(one, other) for other in parts):
+                parts.append(one)
+    return np.column_stack(parts) if parts else np.empty((cases, 0))
+
+
+def _numbers(column: NDArray[Any], settings: FeatureSettings) -> list[Array]:
+    """The inputs (N,) of one column of conditions."""
+    if column.dtype != object:
+        numbers = column.astype(np.float64)
+        usable = np.isfinite(numbers).all() and np.ptp(numbers) > 0.0
+        return [_scaled(numbers, settings)] if usable else []
+    if isinstance(column[0], np.ndarray):
+        if len({np.shape(cell) for cell in column}) > 1:
+            return []
+        rows = np.stack([np.asarray(cell) for cell in column], axis=1)
+        return [one for row in rows for one in _numbers(row, settings)]
+    texts = np.array([str(cell) for cell in column])
+    kinds = sorted(set(texts))
+    if not 1 < len(kinds) <= settings.texts:
+        return []
+    return [np.where(texts == kind, 1.0, -1.0) for kind in kinds]
 
 
 def _scaled(numbers: Array, settings: FeatureSettings = FEATURES) -> Array:

@@ -1,0 +1,298 @@
+"""Gaussian processes over conditions and parameters that learn from the runs of all experiments.
+
+One run of the simulator gives the values of all columns of its output. Each column has a process
+(module `kriging`) over the conditions of all experiments. With very many runs, the experiments are
+divided into groups of similar conditions; the groups of a column share its covariance, and each is
+conditioned on its own runs. For each output a polynomial of the parameters is fitted to the mean of
+the process. The polynomials are what a likelihood uses (a `Surface`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from aleator.core.types import Array, Flags, Indices
+from aleator.surrogates.fit import clustered, fixed_shift, low_discrepancy, merged, outcome_range
+from aleator.surrogates.kriging import PROCESS, Covariance, Data, ProcessPosterior, learned
+from aleator.surrogates.surface import Axes, Surface, ball, products, widened
+
+Runs = Callable[[Indices, Array], Array]
+"""A function that returns all values (R, W) of cases (R,) at points x (R, n); NaN for failures."""
+
+
+@dataclass(frozen=True)
+class ProcessesSettings:
+    """Settings of the processes of all outputs. The values are chosen by judgement."""
+
+    together: int = 1600
+    """The largest number of runs of one group of experiments, when the groups are made."""
+    expected: int = 12
+    """The number of runs of each experiment that is expected when the groups are made."""
+    near: float = 2.0
+    """Runs count within this many times the half width of the region about its middle."""
+    most: int = 600
+    """The largest number of terms of the polynomials."""
+    missed: float = 0.2
+    """The number of terms is doubled until a polynomial misses the mean of its process by less than
+    this share of the process' standard deviation."""
+    exact: float = 1e-4
+    """A misfit below this share of the scatter of the outcome does not count."""
+    points: float = 2.5
+    """The number of points for each term, to which a polynomial is fitted."""
+    ridge: float = 0.01
+    """Weight of the penalty on the size of a polynomial's terms, relative to one point of the fit.
+    """
+    judged: int = 16
+    """The number of points at which the error of each output is estimated."""
+
+
+PROCESSES = ProcessesSettings()
+
+
+@dataclass(frozen=True)
+class _Group:
+    """The outputs of one column for experiments of similar conditions, with their process."""
+
+    sites: Indices
+    column: int
+    cases: Indices
+    posterior: ProcessPosterior
+
+
+class Processes:
+    """The processes of U outputs with their runs; every run is kept.
+
+    `run` makes runs of cases (distinct conditions). `conditions` (C, d) are the conditions of the
+    cases in [-1, 1]. Output u is the value of column[u] under the conditions of case[u]. `box`
+    (n, 2) is the region of the parameters.
+    """
+
+    def __init__(
+        self,
+        run: Runs,
+        box: Array,
+        conditions: Array,
+        case: Indices,
+        column: Indices,
+        settings: ProcessesSettings = PROCESSES,
+    ) -> None:
+        self.run, self.axes, self.conditions = run, Axes.plain(box), conditions
+        self.case, self.column, self.settings = case, column, settings
+        self.of_run, self.x = np.empty(0, dtype=np.intp), np.empty((0, len(box)))
+        self.y = np.empty((0, 0))
+        self.clusters = _clusters(conditions, settings.together // settings.expected)
+        n, inputs = len(box), conditions.shape[1] + len(box)
+        first = tuple(Covariance.first(inputs, n, kind) for kind in (False, True))
+        self.covariances = {int(c): first for c in np.unique(column)}
+        self.steps = PROCESS.steps[0]
+        self.groups: list[_Group] = []
+
+    @property
+    def box(self) -> Array:
+        """The region of the parameters, lower and upper limits (n, 2)."""
+        return self.axes.box
+
+    @property
+    def runs(self) -> Indices:
+        """The number of runs of each output, (U,)."""
+        return np.bincount(self.of_run, minlength=len(self.conditions))[self.case]
+
+    @property
+    def failed(self) -> Indices:
+        """The number of failed runs of each output, (U,)."""
+        out = np.zeros(len(self.case), dtype=np.intp)
+        for column in self.covariances:
+            lost = np.isnan(self.y[:, column])
+            here = self.column == column
+            count = np.bincount(self.of_run[lost], minlength=len(self.conditions))
+            out[here] = count[self.case[here]]
+        return out
+
+    def begin(self, each: int) -> None:
+        """Make `each` first runs of every case: pieces of one Sobol' sequence over the region."""
+        cases, n = len(self.conditions), len(self.box)
+        even = low_discrepancy(cases * each, n, fixed_shift(n))
+        order = np.random.default_rng(0).permutation(cases)
+        self.make(np.repeat(order, each), self.axes.outward(clustered(even)))
+
+    def make(self, case: Indices, x: Array) -> None:
+        """Make runs of cases (R,) at points x (R, n)."""
+        y = self.run(case, x)
+        self.y = np.vstack([self.y.reshape(-1, y.shape[1]), y])
+        self.of_run, self.x = np.append(self.of_run, case), np.vstack([self.x, x])
+
+    def move(self, box: Array) -> None:
+        """Change the region of the parameters to another box."""
+        before, after = self.box, box
+        ratio = np.diff(after, axis=1)[:, 0] / np.diff(before, axis=1)[:, 0]
+        self.axes = Axes.plain(box)
+        self.covariances = {
+            column: tuple(one.stretched(ratio) for one in both)
+            for column, both in self.covariances.items()
+        }
+
+    def learn(self) -> None:
+        """Fit the covariance of each column, and condition its processes on the runs."""
+        z = self.axes.inward(self.x)
+        near = np.all(np.abs(z) <= self.settings.near, axis=1)
+        self.groups = []
+        for column in self.covariances:
+            rows = np.flatnonzero(near & np.isfinite(self.y[:, column]))
+            u = np.hstack([self.conditions[self.of_run[rows]], z[rows]])
+            data = Data(self.of_run[rows], u, self.y[rows, column], len(self.box))
+            both = learned(self.covariances[column], data, self.steps)
+            self.covariances[column] = both
+            for cases in self.clusters:
+                some = np.flatnonzero(np.isin(data.experiment, cases))
+                sites = np.flatnonzero((self.column == column) & np.isin(self.case, cases))
+                if sites.size:
+                    posterior = ProcessPosterior.of(both[0], data.take(some))
+                    self.groups.append(_Group(sites, column, cases, posterior))
+        self.steps = PROCESS.steps[1]
+
+    def mean(self, x: Array) -> Array:
+        """Expected values (U, J) of all outputs at common points x (J, n)."""
+        z, out = self.axes.inward(x), np.empty((len(self.case), len(x)))
+        for group in self.groups:
+            for site in group.sites:
+                out[site] = group.posterior.mean(*self._inputs(np.full(len(z), site), z))
+        return out
+
+    def at(self, site: Indices, x: Array) -> tuple[Array, Array]:
+        """Expected values and their standard deviations, both (R,), of outputs at x (R, n)."""
+        z, mean, sd = self.axes.inward(x), np.empty(len(x)), np.empty(len(x))
+        for group, rows in self._in_groups(site):
+            mean[rows] = group.posterior.mean(*self._inputs(site[rows], z[rows]))
+            sd[rows] = group.posterior.deviation(*self._inputs(site[rows], z[rows]))
+        return mean, sd
+
+    def covariance(self, site: Indices, x: Array, weights: Array) -> Array:
+        """The posterior covariance (K, K) of the sums of values times weights (R, K)."""
+        z, k = self.axes.inward(x), weights.shape[1]
+        total = np.zeros((k, k))
+        for group, rows in self._in_groups(site):
+            inputs = self._inputs(site[rows], z[rows])
+            total += group.posterior.of_sums(*inputs, weights[rows])
+        return total
+
+    def shares(self, site: Indices, x: Array, weights: Array, of: Indices, count: int) -> Array:
+        """The variance of the sums of values times weights (R, K) of each part `of` (R,) alone."""
+        z, out = self.axes.inward(x), np.zeros(count)
+        for group, rows in self._in_groups(site):
+            for part in np.unique(of[rows]):
+                some = rows[of[rows] == part]
+                inputs = self._inputs(site[some], z[some])
+                out[part] += np.trace(group.posterior.of_sums(*inputs, weights[some]))
+        return out
+
+    def surprises(self, case: Indices, x: Array, y: Array) -> Array:
+        """How far new values y (R, W) are from those expected, in standard deviations (S,)."""
+        found = []
+        z = self.axes.inward(x)
+        for group in self.groups:
+            rows = np.flatnonzero(np.isin(case, group.cases) & np.isfinite(y[:, group.column]))
+            u = np.hstack([self.conditions[case[rows]], z[rows]])
+            off = y[rows, group.column] - group.posterior.mean(case[rows], u)
+            sd = group.posterior.deviation(case[rows], u)
+            found.append(off / np.hypot(sd, np.sqrt(group.posterior.noise)))
+        return np.concatenate(found)
+
+    def placed(self, case: int, x: Array, count: int) -> Array:
+        """The `count` of the points x (J, n) that tell most of the values of one case at all."""
+        z = self.axes.inward(x)
+        left = np.zeros((len(x), len(x)))
+        for group in self.groups:
+            if case in group.cases:
+                u = np.hstack([np.tile(self.conditions[case], (len(z), 1)), z])
+                both = group.posterior.joint(np.full(len(z), case), u)
+                left += both / max(np.diag(both).mean(), np.finfo(float).tiny)
+        chosen: list[int] = []
+        for _ in range(count):
+            told = (left**2).sum(axis=0) / np.maximum(np.diag(left), np.finfo(float).tiny)
+            told[chosen] = -np.inf
+            best = int(np.argmax(told))
+            chosen.append(best)
+            column = left[:, best].copy()
+            left -= np.outer(column, column) / max(column[best], np.finfo(float).tiny)
+        return x[chosen]
+
+    def surface(self, where: Array) -> Surface:
+        """The polynomials fitted to the processes, with their errors at points where (J, n)."""
+        n, settings = len(self.box), self.settings
+        some = where[:: max(1, len(where) // settings.judged)][: settings.judged]
+        site = np.repeat(np.arange(len(self.case)), len(some))
+        sd = self.at(site, np.tile(some, (len(self.case), 1)))[1].reshape(len(self.case), -1)
+        left = np.sqrt((sd**2).mean(axis=1))
+        count = (n + 1) * (n + 2) // 2
+        while True:
+            indices, coefficients, missed, scatter = self._fitted(count, where)
+            worst = np.sqrt(np.mean((missed / np.maximum(left, settings.exact * scatter)) ** 2))
+            if worst < settings.missed or 2 * count > settings.most:
+                break
+            count *= 2
+        error = np.hypot(left, missed)
+        sites = np.arange(len(self.case))
+        plain = np.zeros(len(sites), dtype=np.bool_)
+        listed, groups = merged([(sites, indices, coefficients)], error)
+        made = Surface(
+            self.axes, listed, groups, error, scatter, plain, self.runs,
+            self.failed, plain,
+        )  # fmt: skip
+        lower, upper = outcome_range(made, np.full((len(sites), 1), np.nan))
+        return replace(
+            made, lower=widened(lower, -3.0 * error, plain), upper=widened(upper, 3.0 * error, plain)
+        )
+
+    def _fitted(self, count: int, where: Array) -> tuple[Indices, Array, Array, Array]:
+        """Polynomials of `count` terms: multi-indices, coefficients, misfit and scatter (U,).
+
+        They are fitted to points over the region and, as many, to the first points `where` (J, n).
+        """
+        n, settings = len(self.box), self.settings
+        indices, size = ball((1.0,) * n, 2.0, count)
+        even = low_discrepancy(int(settings.points * len(indices)), n, fixed_shift(n))
+        over = self.axes.outward(clustered(even))
+        x = np.vstack([over, where[: len(over)]])
+        basis, y = products(indices, self.axes.inward(x)).T, self.mean(x).T
+        level = y.mean(axis=0)
+        # The penalty keeps coefficients small that the points hardly determine, as those that act
+        # in the corners of a box of many parameters.
+        ridge = np.diag(settings.ridge * (1.0 + size**2))
+        target = np.vstack([y - level, np.zeros((len(size), y.shape[1]))])
+        coefficients = np.linalg.lstsq(np.vstack([basis, ridge]), target)[0]
+        coefficients[0] += level
+        law = slice(len(over), None)
+        missed = np.sqrt(((basis[law] @ coefficients - y[law]) ** 2).mean(axis=0))
+        return indices, coefficients, missed, y[law].std(axis=0)
+
+    def _inputs(self, site: Indices, z: Array) -> tuple[Indices, Array]:
+        case = self.case[site]
+        return case, np.hstack([self.conditions[case], z])
+
+    def _in_groups(self, site: Indices) -> Iterator[tuple[_Group, Indices]]:
+        of = np.full(len(self.case), -1)
+        for number, group in enumerate(self.groups):
+            of[group.sites] = number
+        for number, group in enumerate(self.groups):
+            rows = np.flatnonzero(of[site] == number)
+            if rows.size:
+                yield group, rows
+
+
+def _clusters(conditions: Array, most: int) -> list[Indices]:
+    """The cases in groups of at most `most` with similar conditions (C, d): halves of halves."""
+    waiting, done = [np.arange(len(conditions))], []
+    while waiting:
+        cases = waiting.pop()
+        if len(cases) <= most:
+            done.append(cases)
+            continue
+        spread = conditions[cases].std(axis=0)
+        widest = conditions[cases, int(np.argmax(spread))] if spread.size else cases
+        order = cases[np.argsort(widest, kind="stable")]
+        waiting += [order[: len(order) // 2], order[len(order) // 2 :]]
+    return done
