@@ -14,13 +14,13 @@ import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
-from aleator.fit.quadrature import AnyLikelihood, Maximum, nearest_maximum
+from aleator.fit.quadrature import AnyLikelihood, Maximum, nearest_maximum, several_modes
 from aleator.fit.question import Question
 from aleator.fit.regions import REGIONS, draws, hull, padded, plausible_alphas, reaching_out, region_of
 from aleator.fit.search import searched
 from aleator.inference.check import smoothed
 from aleator.inference.information import Inference, infer
-from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, OnSurfaces
+from aleator.likelihood.individual import ImportancePoints, RidgePoints, GaussHermite, IndividualLikelihood, Layout, OnSurfaces
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.problem import Problem, prepare
 from aleator.simulators.response_functions import completed, moving_parameters
@@ -46,14 +46,17 @@ class EmulationSettings:
     """The factor by which these draws scatter more than the law."""
     near: int = 96
     """The number of draws that agree best with an experiment, at which errors count."""
-    sites: int = 16
+    sites: int = 24
+    aside: float = 0.25
     """The number of points for each observation at which the error of its value is taken."""
-    step: float = 0.01
+    step: float = 1e-4
     """The step of differences of the score by the values, over the scatter of the outcome."""
     share: float = 0.8
     """A round makes runs for the fewest experiments that cause this share of the error."""
     part: float = 0.5
     """A round makes runs for at least this share of the experiments."""
+    density: float = 0.3
+    several: int = 400
     nodes: int = 5
     smooth: float = 0.1
     most: int = 40
@@ -113,6 +116,8 @@ def quadratic(n: int) -> Indices:
     return np.vstack([np.zeros((1, n), dtype=np.intp), eye, *pairs])
 
 
+import os
+LEAST=float(os.environ.get('LEAST','0.05'))
 def _powers(t: Array, indices: Indices) -> tuple[Array, Array]:
     """Monomials (..., Q) of points t (..., n), and their derivatives (..., n, Q)."""
     value = np.stack([np.prod(t**nu, axis=-1) for nu in indices], axis=-1)
@@ -139,7 +144,7 @@ class _Local:
     known: Flags
 
     @classmethod
-    def over(cls, x: Array, share: Array, least: float = 0.02) -> _Local:
+    def over(cls, x: Array, share: Array, least: float = LEAST) -> _Local:
         indices = quadratic(x.shape[2])
         middle = np.einsum("bs,bsn->bn", share, x)[:, None]
         off = (x - middle) * np.sqrt(share)[..., None]
@@ -152,6 +157,12 @@ class _Local:
         inverse = v.transpose(0, 2, 1) * np.where(known, 1.0 / np.where(known, s, 1.0), 0.0)[:, None]
         slope = np.einsum("bij,bsjq,bqk->bsik", into, slope, inverse, optimize=True)
         return cls(value @ inverse, slope, share, known)
+
+
+def _thinned(share: Array, count: int) -> Array:
+    """Shares (B, J) of the points that remain of `count` systematic draws; most become zero."""
+    ends = np.round(np.cumsum(share, axis=1) * count)
+    return np.diff(ends, axis=1, prepend=0.0) / count
 
 
 def functional(
@@ -184,7 +195,8 @@ def functional(
         middle = np.einsum("bj,bjn->bn", share, x)
         aside = [middle + by * spread[k] * np.eye(moving.size)[k] for k in steady for by in (1.0, -1.0)]
         points = np.concatenate([x, *(one[:, None] for one in aside)], axis=1)
-        weight = np.hstack([share, np.full((len(share), len(aside)), 0.25)])
+        rest = np.full((len(share), len(aside)), settings.aside)
+        weight = np.hstack([_thinned(share, settings.sites), rest])
         local = _Local.over(points, weight / weight.sum(axis=1, keepdims=True))
         rank = np.arange(len(block.owner)) - block.starts[block.owner]
         rows_of = np.arange(part.start, part.stop)
@@ -203,7 +215,7 @@ def functional(
                 slopes[here, q] = change[own] / step[here, None]
         weights = np.einsum("msq,mqk->msk", (local.value * local.share[..., None])[block.owner], slopes)
         weights[..., :-1] = weights[..., :-1] @ inference.covariance
-        keep = local.share[block.owner] > 1e-4
+        keep = local.share[block.owner] > 0.0
         site = np.broadcast_to(of[block.rows][:, None], keep.shape)[keep]
         parts.append((site, points[block.owner][keep], weights[keep]))
     site, x, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
@@ -273,7 +285,7 @@ class Emulation:
                     x.std(axis=0), self.sites.of, np.where(self.surface.scatter>0,self.surface.scatter,1.0))
                 told, each = self._told(functional_, inference)
             if DEBUG: DEBUG(self, end, told, number)
-            if number >= 2 and told.error <= settings.enough:
+            if number >= 2 and told.error <= settings.enough and told.log_error <= settings.density:
                 break
             with ledger.stage(SURFACE):
                 self._round(each, x, chosen)
@@ -285,8 +297,12 @@ class Emulation:
         return end, told, found
 
     def _climbed(self, likelihood, alpha):
-        if isinstance(likelihood, IndividualLikelihood) and likelihood.inputs.scattering <= 4:
-            likelihood = likelihood.ruled(GaussHermite(self.settings.nodes if likelihood.inputs.scattering<4 else 3))
+        if isinstance(likelihood, IndividualLikelihood):
+            s = likelihood.inputs.scattering
+            rule = GaussHermite(5 if s < 3 else 3) if s <= 4 else RidgePoints()
+            likelihood = likelihood.ruled(rule)
+            if 2 <= s and several_modes(likelihood, alpha):
+                likelihood = likelihood.ruled(ImportancePoints(self.settings.several))
         held, alpha = nearest_maximum(likelihood, alpha)
         return Maximum(held, alpha, 0.0, None)
 
@@ -312,18 +328,20 @@ class Emulation:
     def _told(self, f, inference):
         processes, k = self.processes, inference.free.size
         site, x, w = f.site, f.x, f.weights
-        # misfit of the polynomial, known
-        mean, _ = processes.at(site, x)
-        off = (self.surface.at(site, x) - mean) @ w
         total = processes.covariance(site, x, w) * self.surprise**2
+        # Polynomials miss the processes differently for each output.
+        missed = (self.surface.at(site, x) - processes.at(site, x)[0])[:, None] * w
+        each_of = np.zeros((len(processes.case), k + 1))
+        np.add.at(each_of, site, missed)
+        total += each_of.T @ each_of
         information = np.linalg.inv(inference.covariance)
-        error = np.sqrt(max(np.trace(information @ total[:k, :k]), 0.0) + off[:k] @ information @ off[:k])
+        error = np.sqrt(max(np.trace(information @ total[:k, :k]), 0.0))
         root = np.linalg.cholesky(information)
         white = np.hstack([w[:, :k] @ root, w[:, k:]])
         n_case = len(processes.conditions)
         case = processes.case[site]
         each = processes.shares(site, x, white[:, :k], case, n_case)
-        return Emulated(float(error), float(np.hypot(np.sqrt(total[k, k]), off[k])), self.surprise, 0), each
+        return Emulated(float(error), float(np.sqrt(max(total[k, k], 0.0))), self.surprise, 0), each
 
     def _round(self, each, x, chosen):
         processes, settings = self.processes, self.settings

@@ -34,18 +34,20 @@ class ProcessesSettings:
     """The number of runs of each experiment that is expected when the groups are made."""
     near: float = 2.0
     """Runs count within this many times the half width of the region about its middle."""
-    most: int = 600
+    most: int = 500
     """The largest number of terms of the polynomials."""
     missed: float = 0.2
     """The number of terms is doubled until a polynomial misses the mean of its process by less than
     this share of the process' standard deviation."""
-    exact: float = 1e-4
+    exact: float = 1e-3
     """A misfit below this share of the scatter of the outcome does not count."""
     points: float = 2.5
     """The number of points for each term, to which a polynomial is fitted."""
     ridge: float = 0.01
     """Weight of the penalty on the size of a polynomial's terms, relative to one point of the fit.
     """
+    again: float = 1.2
+    """Covariances are fitted again when the number of runs has grown by this factor."""
     judged: int = 16
     """The number of points at which the error of each output is estimated."""
 
@@ -89,6 +91,7 @@ class Processes:
         first = tuple(Covariance.first(inputs, n, kind) for kind in (False, True))
         self.covariances = {int(c): first for c in np.unique(column)}
         self.steps = PROCESS.steps[0]
+        self.terms, self.fitted = 0, 0
         self.groups: list[_Group] = []
 
     @property
@@ -137,15 +140,19 @@ class Processes:
 
     def learn(self) -> None:
         """Fit the covariance of each column, and condition its processes on the runs."""
-        z = self.axes.inward(self.x)
-        near = np.all(np.abs(z) <= self.settings.near, axis=1)
+        z, settings = self.axes.inward(self.x), self.settings
+        near = np.all(np.abs(z) <= settings.near, axis=1)
         self.groups = []
+        again = len(near) >= settings.again * self.fitted
+        if again:
+            self.fitted = len(near)
         for column in self.covariances:
             rows = np.flatnonzero(near & np.isfinite(self.y[:, column]))
             u = np.hstack([self.conditions[self.of_run[rows]], z[rows]])
             data = Data(self.of_run[rows], u, self.y[rows, column], len(self.box))
-            both = learned(self.covariances[column], data, self.steps)
-            self.covariances[column] = both
+            if again:
+                self.covariances[column] = learned(self.covariances[column], data, self.steps)
+            both = self.covariances[column]
             for cases in self.clusters:
                 some = np.flatnonzero(np.isin(data.experiment, cases))
                 sites = np.flatnonzero((self.column == column) & np.isin(self.case, cases))
@@ -227,14 +234,14 @@ class Processes:
         site = np.repeat(np.arange(len(self.case)), len(some))
         sd = self.at(site, np.tile(some, (len(self.case), 1)))[1].reshape(len(self.case), -1)
         left = np.sqrt((sd**2).mean(axis=1))
-        count = (n + 1) * (n + 2) // 2
+        count = max((n + 1) * (n + 2) // 2, self.terms // 2)
         while True:
             indices, coefficients, missed, scatter = self._fitted(count, where)
             worst = np.sqrt(np.mean((missed / np.maximum(left, settings.exact * scatter)) ** 2))
             if worst < settings.missed or 2 * count > settings.most:
                 break
             count *= 2
-        error = np.hypot(left, missed)
+        self.terms, error = count, np.hypot(left, missed)
         sites = np.arange(len(self.case))
         plain = np.zeros(len(sites), dtype=np.bool_)
         listed, groups = merged([(sites, indices, coefficients)], error)
