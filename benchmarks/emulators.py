@@ -41,7 +41,7 @@ from benchmarks.kept import Entry, Key, kept
 from benchmarks.simulators import SIMULATORS, Errors, Studied
 
 BY_NAME = {study.name: study for study in SIMULATORS}
-EMULATED = ResponseSurface(surfaces="own")
+EMULATED = ResponseSurface(surfaces="process")
 """What a simulator that is not vectorized gets by default; for a fast one it must be said."""
 DIRECT = ResponseSurface(surfaces="none")
 SEARCH = GradientMultistart(starts=3, most=6)

@@ -1,30 +1,59 @@
-"""Maximize the likelihood on Gaussian processes, with runs until their error does not move alpha.
+"""Maximize the likelihood on Gaussian processes, with runs until their error hardly moves alpha.
 
-The processes of all outputs (`surrogates.processes`) begin with a few runs of each experiment. Each
-round makes runs where the parameters agree with the measured values, and maximizes again. The error
-of alpha that the processes cause is computed to first order: the score is a function of the errors
-of all values, so that its covariance follows from theirs. The rounds end when it is small.
+The processes of all outputs (`surrogates.processes`) begin with a few runs of each distinct
+condition. Each round makes runs where the parameters agree with the measured values, and maximizes
+again. The error of alpha that the processes cause is computed to first order
+(`inference.emulator_error`). It is multiplied by how much farther the new values lay from what was
+expected than the processes say. The rounds end when it is small, or when the budget is spent.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.core.types import Array, Flags, Indices
+from aleator.core.progress import Progress
+from aleator.core.types import Array, Indices
+from aleator.fit import outcome_range
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
-from aleator.fit.quadrature import AnyLikelihood, Maximum, nearest_maximum, several_modes
+from aleator.fit.quadrature import (
+    AnyLikelihood,
+    Maximum,
+    highest_maximum,
+    nearest_maximum,
+    several_modes,
+    with_enough_nodes,
+)
 from aleator.fit.question import Question
-from aleator.fit.regions import REGIONS, draws, hull, padded, plausible_alphas, reaching_out, region_of
+from aleator.fit.refined import Refined, next_region
+from aleator.fit.regions import (
+    REGIONS,
+    draws,
+    hull,
+    interval_alphas,
+    padded,
+    plausible_alphas,
+    reaching_out,
+    region_of,
+)
 from aleator.fit.search import searched
-from aleator.inference.check import smoothed
+from aleator.inference import surface_diagnostics
+from aleator.inference.emulator_error import functional, near_outcomes
 from aleator.inference.information import Inference, infer
-from aleator.likelihood.individual import ImportancePoints, RidgePoints, GaussHermite, IndividualLikelihood, Layout, OnSurfaces
-from aleator.likelihood.individual.likelihood import mean_of
+from aleator.laws.hyperparameter import limits_of
+from aleator.likelihood.individual import (
+    GaussHermite,
+    ImportancePoints,
+    IndividualLikelihood,
+    OnSurfaces,
+    RidgePoints,
+)
 from aleator.likelihood.problem import Problem, prepare
+from aleator.search import SearchResult
+from aleator.search.interface import OPTIMA
 from aleator.simulators.response_functions import completed, moving_parameters
-from aleator.surrogates.fit import fixed_shift, low_discrepancy
 from aleator.surrogates.processes import Processes
 from aleator.surrogates.samples import Sites, features
 from aleator.surrogates.surface import Surface
@@ -32,71 +61,356 @@ from aleator.surrogates.surface import Surface
 
 @dataclass(frozen=True)
 class EmulationSettings:
-    """Settings of the rounds of runs of Gaussian processes; measured by `benchmarks emulators`."""
+    """Settings of the rounds of runs of Gaussian processes.
+
+    Measured by `python -m benchmarks.emulators`, where no other reason is given.
+    """
 
     enough: float = 0.2
-    """The error of alpha in standard errors, caused by the processes, at which the rounds end."""
+    """The error of alpha caused by the processes, in standard errors and in the worst direction, at
+    which the rounds end. It widens an interval by 2 %."""
+    change: float = 0.3
+    """The error of the log-likelihood caused by the processes at which the rounds end; with many
+    experiments it is `each` for each of them."""
+    each: float = 1e-3
+    """The error of the log-likelihood that is admitted for each experiment."""
     first: int = 3
-    """The number of first runs of each case."""
+    """The number of first runs of each distinct condition."""
     least: int = 6
-    """The first runs of all cases together are at least this many for each input of a process."""
+    """The first runs of all conditions together are at least this many for each input of a
+    process, and for its mean."""
+    part: float = 0.5
+    """A round makes one run of each of this share of the conditions: those that cause most of the
+    error."""
+    rounds: int = 2
+    """The rounds end when the errors are so small after this number of rounds in succession."""
+    seen: int = 30
+    """The least number of new values whose distances from those expected are compared with the
+    standard deviations of the processes."""
+    search: float = 0.01
+    """The error of alpha and of the log-likelihood that is left to the search."""
+    most: int = 60
+    """The largest number of rounds."""
     draws: int = 2048
-    """The number of draws of the law among which those are sought that agree with the values."""
+    """The number of draws of the law among which those are sought that agree with the measured
+    values."""
     wide: float = 1.3
     """The factor by which these draws scatter more than the law."""
     near: int = 96
-    """The number of draws that agree best with an experiment, at which errors count."""
-    sites: int = 24
-    aside: float = 0.25
-    """The number of points for each observation at which the error of its value is taken."""
-    step: float = 1e-4
-    """The step of differences of the score by the values, over the scatter of the outcome."""
-    share: float = 0.8
-    """A round makes runs for the fewest experiments that cause this share of the error."""
-    part: float = 0.5
-    """A round makes runs for at least this share of the experiments."""
-    density: float = 0.3
-    several: int = 400
-    nodes: int = 5
-    smooth: float = 0.1
-    most: int = 40
-    """The largest number of rounds."""
+    """The number of these draws about each experiment."""
+    candidates: int = 32
+    """The number of them at which a run of a condition is considered."""
+    shrink: float = 0.6
+    """A region is narrowed only to less than this share of its volume."""
+    nodes: tuple[int, ...] = (1, 5, 5, 3, 3)
+    """The number of Gauss-Hermite nodes of the rounds, for 0, 1, 2, 3 and 4 parameters that
+    scatter; with more there are points along a ridge."""
+    points: int = 400
+    """The number of importance points of the rounds, where an experiment has several modes."""
+    lost: int = 2
+    """The number of extra rounds for outputs all of whose runs failed."""
 
 
 EMULATION = EmulationSettings()
 
 
 @dataclass(frozen=True)
-class Functional:
-    """How alpha and the log-likelihood depend on errors of the values, to first order.
+class EmulatorError:
+    """What the processes leave unknown.
 
-    The change of (alpha, log L) is the sum of e(u_r, x_r) times weights[r] (K + 1,) over points r,
-    where e is the error of output site[r] at x[r].
+    `alpha` is the error of alpha in standard errors: the root mean square of sqrt(d' H d), where d
+    is the change of alpha and H the information. `log_likelihood` is the error of the
+    log-likelihood. `surprise` is the root mean square of the last new values' distances from those
+    expected, in standard deviations, or one if that is less; both errors are multiplied by it.
+    `shares` (C,) are the parts of the conditions in the squared error of alpha.
     """
 
-    site: Indices
-    x: Array
-    weights: Array
+    alpha: float
+    log_likelihood: float
+    surprise: float
+    shares: Array
+
+    def enough(self, experiments: int, settings: EmulationSettings = EMULATION) -> bool:
+        """Whether both errors are so small that the rounds may end."""
+        change = max(settings.change, settings.each * experiments)
+        return self.alpha <= settings.enough and self.log_likelihood <= change
 
 
-def next_region(inputs, region, alpha, likely, count, shrink):
-    certain = region_of(inputs, [alpha], count, REGIONS.far)
-    possible = region_of(inputs, [*likely], count, REGIONS.plausible)
-    wanted = padded(hull(certain, possible), inputs.box)
-    if reaching_out(region, inputs.box, certain).any():
-        way = np.diff(region, axis=1) * np.array([-1.0, 1.0])
-        return np.clip(wanted, region[:, :1] + way[:, :1], region[:, 1:] + way[:, 1:])
-    moving = moving_parameters(region)
-    share = np.prod(np.diff(wanted, axis=1)[moving, 0] / np.diff(region, axis=1)[moving, 0])
-    return wanted if share < shrink else region
+class Emulation:
+    """The rounds of runs of Gaussian processes for one question, with the processes.
+
+    `error` is the last error that the processes cause, and `surface` the polynomials in use.
+    """
+
+    def __init__(
+        self,
+        question: Question,
+        ledger: Ledger,
+        region: Array,
+        reason: str,
+        settings: EmulationSettings = EMULATION,
+    ) -> None:
+        self.question, self.ledger, self.region = question, ledger, region
+        self.reason, self.settings = reason, settings
+        runner = question.runner
+        first, sites = runner.cases.first, Sites.seen(runner, question.unit, question.column)
+        self.of = sites.of
+        self.processes = Processes(
+            lambda case, x: runner.values(first[case], completed(region, x)),
+            region[moving_parameters(region)],
+            features(runner.cases.columns, len(runner.cases)),
+            runner.cases.condition[sites.unit],
+            sites.column,
+        )
+        self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
+        self.distances, self.calm = np.empty(0), 0
+        self.surface: Surface
+
+    def answer(self) -> Refined:
+        """The maximum, after as many rounds as it needs."""
+        with self.ledger.stage(SURFACE):
+            self._begin()
+            likelihood = self._likelihood(self.processes.spread())
+        found = searched(self.question, likelihood, [], self.ledger)
+        end, rounds = self._climbed(likelihood, found.alpha), 0
+        while True:
+            end, rounds = self._rounds(end, rounds)
+            end, moved = self._in_reach(end)
+            if moved and rounds < self.settings.most:
+                continue
+            found, end, better = self._highest(found, end)
+            if not better or rounds >= self.settings.most:
+                return self._refined(found, end)
+
+    def spread(self, answer: Refined, inference: Inference, intervals: Array) -> Refined | None:
+        """The maximum on surfaces that reach to the laws at the ends of the intervals (K, 2).
+
+        None where they do already.
+        """
+        likelihood, inputs = answer.likelihood, answer.likelihood.inputs
+        ends = interval_alphas(answer.alpha, inference, intervals, likelihood.hyperparameters)
+        if not ends:
+            return None
+        wanted = region_of(inputs, ends, likelihood.count, REGIONS.plausible)
+        if not reaching_out(self.region, inputs.box, wanted).any():
+            return None
+        with self.ledger.stage(SURFACE):
+            self._move(hull(self.region, padded(wanted, inputs.box)))
+            self.processes.learn()
+            made = self._likelihood(self._draws(answer.maximum, [answer.alpha, *ends]))
+        end = self._climbed(made, answer.alpha)
+        return self._refined(answer.search_result, end)
+
+    def _begin(self) -> None:
+        """The first runs; observations all of whose runs fail are left out."""
+        processes, settings = self.processes, self.settings
+        cases, inputs = processes.conditions.shape
+        each = -(-settings.least * (inputs + processes.box.shape[0] + 1) // cases)
+        processes.begin(max(settings.first, each))
+        for _ in range(settings.lost):
+            if lost := np.unique(processes.case[processes.lost]).tolist():
+                processes.begin(settings.first, lost)
+        lost = processes.lost[self.of]
+        if not self.question.exact and lost.any() and not lost.all():
+            self.question, self.of = self.question.without(lost), self.of[~lost]
+        processes.learn()
+
+    def _rounds(self, end: Maximum, rounds: int) -> tuple[Maximum, int]:
+        """Rounds of runs, each with a new maximum, until the error of alpha is small enough."""
+        question, settings, progress = self.question, self.settings, self.ledger.progress
+        while True:
+            inference = infer(
+                end.likelihood.followed, end.alpha, end.likelihood.hyperparameters
+            )
+            likely = plausible_alphas(end.alpha, inference, end.likelihood.hyperparameters)
+            x = self._draws(end, [end.alpha, *likely], settings.wide, settings.draws)
+            self.error = self._error(end, inference, x)
+            _tell(progress, self)
+            small = self.error.enough(len(question.ids), settings)
+            self.calm = self.calm + 1 if small and rounds else 0
+            if self.calm >= settings.rounds or rounds >= settings.most:
+                return end, rounds
+            with self.ledger.stage(SURFACE):
+                if not self._made_runs(end, x):
+                    return end, rounds
+                region = next_region(
+                    end.likelihood.inputs, self.region, end.alpha, likely, end.likelihood.count,
+                    settings.shrink,
+                )  # fmt: skip
+                if region is not self.region:
+                    self._move(region)
+                self.processes.learn()
+                likelihood = self._likelihood(self._draws(end, [end.alpha, *likely]))
+            with self.ledger.stage(SEARCH):
+                end, rounds = self._climbed(likelihood, end.alpha), rounds + 1
+
+    def _made_runs(self, end: Maximum, x: Array) -> bool:
+        """Make a round of runs; False if the budget allows none.
+
+        The runs are of the conditions that cause most of the error, where draws x (D, n) agree with
+        the measured values.
+        """
+        question, processes, settings = self.question, self.processes, self.settings
+        near = agreeing(
+            end.likelihood, end.alpha, self.of, x, self.surface.evaluate(x), settings.near
+        )
+        shares = self.error.shares
+        most = question.choices.surfaces.max_runs if question.choices.surfaces else np.inf
+        able = np.flatnonzero(processes.made < most)
+        order = able[np.argsort(-shares[able], kind="stable")]
+        wanted = max(1, int(settings.part * len(shares)))
+        count = question.runner.account.granted(min(wanted, order.size))
+        if not count:
+            return False
+        case, experiment = processes.case[self.of], question.table.observations.experiment
+        cases, points = np.sort(order[:count]), []
+        for one in cases:
+            some = x[np.unique(near[np.unique(experiment[case == one])])]
+            points.append(processes.best(int(one), some[:: -(-len(some) // settings.candidates)]))
+        z = processes.make(cases, np.array(points))
+        self.distances = np.append(self.distances, z)
+        last = self.distances[-max(z.size, settings.seen) :]
+        surprise = max(1.0, float(np.sqrt(np.mean(last**2)))) if last.size else 1.0
+        self.error = replace(self.error, surprise=surprise)
+        return True
+
+    def _error(self, end: Maximum, inference: Inference, x: Array) -> EmulatorError:
+        """The error that the processes cause; x (D, n) are draws of plausible laws."""
+        likelihood, processes, before = end.likelihood, self.processes, self.error
+        held = (
+            near_outcomes(likelihood, end.alpha, self.of)
+            if isinstance(likelihood, Problem)
+            else likelihood
+        )
+        if isinstance(likelihood, Problem):
+            held = held.by(self._rule(held), end.alpha)
+        covariance = _covariance(inference, likelihood)
+        unknown = replace(before, alpha=np.inf, log_likelihood=np.inf,
+                          shares=np.ones(len(processes.conditions)))  # fmt: skip
+        if covariance is None:
+            return unknown
+        scatter = np.where(self.surface.scatter > 0.0, self.surface.scatter, 1.0)
+        found = functional(
+            held, end.alpha, inference.free, covariance, moving_parameters(self.region),
+            x.std(axis=0), self.of, scatter,
+        )  # fmt: skip
+        if not np.isfinite(found.weights).all():
+            return unknown
+        last, site = len(covariance), found.site
+        total = processes.covariance(site, found.x, found.weights) * before.surprise**2
+        # The polynomials miss the processes differently for each output.
+        missed = self.surface.at(site, found.x) - processes.at(site, found.x)[0]
+        each = np.zeros((len(processes.case), last + 1))
+        np.add.at(each, site, missed[:, None] * found.weights)
+        total += each.T @ each
+        root = np.linalg.cholesky(np.linalg.inv(covariance)) if last else np.zeros((0, 0))
+        of_alpha = float(np.trace(root.T @ total[:last, :last] @ root))
+        white = found.weights[:, :last] @ root if last else found.weights
+        shares = processes.shares(site, found.x, white)
+        least = self.settings.search**2
+        return replace(
+            before, alpha=max(of_alpha, least) ** 0.5,
+            log_likelihood=max(total[-1, -1], least) ** 0.5, shares=shares,
+        )  # fmt: skip
+
+    def _highest(self, found: SearchResult, end: Maximum) -> tuple[SearchResult, Maximum, bool]:
+        """A search from the maximum and the first optima: the highest maximum, and if it is new."""
+        likelihood = self._plain(end)
+        again = searched(self.question, likelihood, [end.alpha], self.ledger)
+        again = replace(again, once=found.once)
+        with self.ledger.stage(SEARCH):
+            best = self._climbed(likelihood, again.alpha)
+            top = highest_maximum(best, replace(found, alpha=best.alpha))
+        if top.maximum.value > end.value + OPTIMA.same_value:
+            return found, self._climbed(likelihood, top.maximum.alpha), True
+        return again, end, False
+
+    def _refined(self, found: SearchResult, end: Maximum) -> Refined:
+        """The maximum with as many quadrature nodes as it needs, on the present surfaces."""
+        with self.ledger.stage(SEARCH):
+            fine = with_enough_nodes(self._plain(end), end.alpha)
+            top = highest_maximum(fine, found)
+        return Refined(
+            self.question, top.maximum, top.search_result, self.region, self.reason,
+            possible=top.others, emulation=self,
+        )  # fmt: skip
+
+    def _in_reach(self, end: Maximum) -> tuple[Maximum, bool]:
+        """The maximum where surfaces reach all exact outcomes, and whether runs were made for it.
+
+        Raises ExperimentsError for an outcome that the simulator does not give anywhere.
+        """
+        likelihood, moved = end.likelihood, False
+        for _ in range(outcome_range.OUTCOME_SEARCH.rounds):
+            if not isinstance(likelihood, Problem):
+                break
+            lost = surface_diagnostics.shortfalls(likelihood)
+            if not lost.any():
+                break
+            with self.ledger.stage(SURFACE):
+                reached = outcome_range.reached(self.question, likelihood, self.region)
+                if reached is None:
+                    break
+                case, x, region = reached
+                self._move(region)
+                self.processes.make(np.array([case]), x[None])
+                self.processes.learn()
+                likelihood = self._likelihood(self._draws(end, [end.alpha]))
+            end, moved = self._climbed(likelihood, end.alpha), True
+        return end, moved
+
+    def _likelihood(self, where: Array) -> AnyLikelihood:
+        """The likelihood on polynomials that are accurate at points `where` (J, n)."""
+        question = self.question
+        self.surface = self.processes.surface(where)
+        if question.exact:
+            model, y = question.choices.model, question.measured
+            return prepare(question.runner, y, model, self.region, None, self.surface)
+        return question.integral(OnSurfaces(self.surface, self.region, self.of))
+
+    def _plain(self, end: Maximum) -> AnyLikelihood:
+        """The likelihood with few quadrature nodes, on the surfaces of a maximum."""
+        likelihood = end.likelihood
+        if isinstance(likelihood, IndividualLikelihood):
+            return self.question.integral(likelihood.predictor)
+        return likelihood
+
+    def _climbed(self, likelihood: AnyLikelihood, alpha: Array) -> Maximum:
+        """The maximum reached from alpha (K,), with the quadrature nodes of the rounds."""
+        if isinstance(likelihood, IndividualLikelihood):
+            likelihood = likelihood.ruled(self._rule(likelihood))
+            if likelihood.inputs.scattering > 1 and several_modes(likelihood, alpha):
+                likelihood = likelihood.ruled(ImportancePoints(self.settings.points))
+        held, alpha = nearest_maximum(likelihood, alpha)
+        coarse = held if isinstance(held, IndividualLikelihood) else None
+        return Maximum(held, alpha, 0.0, coarse)
+
+    def _rule(self, likelihood: IndividualLikelihood) -> GaussHermite | RidgePoints:
+        nodes, variates = self.settings.nodes, likelihood.inputs.scattering
+        return GaussHermite(nodes[variates]) if variates < len(nodes) else RidgePoints()
+
+    def _draws(
+        self,
+        end: Maximum,
+        alphas: Sequence[Array],
+        wide: float = 1.0,
+        count: int = REGIONS.draws,
+    ) -> Array:
+        likelihood = end.likelihood
+        x = draws(likelihood.inputs, alphas, likelihood.count, wide, count)
+        return np.clip(x, *self.region.T)[:, moving_parameters(self.region)]
+
+    def _move(self, region: Array) -> None:
+        self.region = region
+        self.processes.move(region[moving_parameters(region)])
 
 
 def agreeing(
     likelihood: AnyLikelihood, alpha: Array, of: Indices, x: Array, values: Array, near: int
 ) -> Indices:
-    """The numbers (N, near) of the draws x that agree best with the observations of experiments.
+    """The numbers (N, near) of the draws x (D, n) that agree best with each experiment.
 
-    `values` (U, D) are the values of all outputs at the draws, `of` (M,) the output of each
+    `values` (U, D) are the values of all outputs at the draws, and `of` (M,) is the output of each
     observation.
     """
     if isinstance(likelihood, Problem):
@@ -104,275 +418,26 @@ def agreeing(
         return np.argsort(off, axis=1, kind="stable")[:, :near]
     out = np.empty((likelihood.count, min(near, len(x))), dtype=np.intp)
     for block in likelihood.layout.blocks(len(x)):
-        each = np.nan_to_num(likelihood.sums_of(alpha, block, values[of[block.rows]]), nan=-np.inf)
-        out[block.experiments] = np.argsort(-each, axis=1, kind="stable")[:, :near]
+        sums = likelihood.sums_of(alpha, block, values[of[block.rows]])
+        order = np.argsort(-np.nan_to_num(sums, nan=-np.inf), axis=1, kind="stable")
+        out[block.experiments] = order[:, :near]
     return out
 
 
-def quadratic(n: int) -> Indices:
-    """The multi-indices (Q, n) of all terms up to degree two."""
-    eye = np.eye(n, dtype=np.intp)
-    pairs = [eye[i] + eye[j] for i in range(n) for j in range(i, n)]
-    return np.vstack([np.zeros((1, n), dtype=np.intp), eye, *pairs])
+def _covariance(inference: Inference, likelihood: AnyLikelihood) -> Array | None:
+    """The covariance (F, F) of the free hyperparameters; none exceeds what the limits admit."""
+    inside = np.isin(inference.identified, inference.free)
+    information = inference.information[np.ix_(inside, inside)]
+    lower, upper = limits_of(likelihood.hyperparameters, inference.free)
+    scaled = information * np.outer(upper - lower, upper - lower)
+    if not np.isfinite(scaled).all():
+        return None
+    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    root = (upper - lower)[:, None] * vectors / np.sqrt(np.maximum(values, 4.0))
+    return np.asarray(root @ root.T)
 
 
-import os
-LEAST=float(os.environ.get('LEAST','0.05'))
-def _powers(t: Array, indices: Indices) -> tuple[Array, Array]:
-    """Monomials (..., Q) of points t (..., n), and their derivatives (..., n, Q)."""
-    value = np.stack([np.prod(t**nu, axis=-1) for nu in indices], axis=-1)
-    slope = np.zeros((*t.shape, len(indices)))
-    for q, nu in enumerate(indices):
-        for i in np.flatnonzero(nu):
-            less = nu - (np.arange(len(nu)) == i)
-            slope[..., i, q] = nu[i] * np.prod(t**less, axis=-1)
-    return value, slope
-
-
-@dataclass(frozen=True)
-class _Local:
-    """Polynomials of degree two for each of B experiments, orthonormal over weighted points.
-
-    `value` (B, S, Q) and `slope` (B, S, n, Q) are those at the points, and `known` (B, Q) says
-    which of them the points determine. A function with values e (B, S) has the coefficients
-    sum_s e_s share_s value_sq.
-    """
-
-    value: Array
-    slope: Array
-    share: Array
-    known: Flags
-
-    @classmethod
-    def over(cls, x: Array, share: Array, least: float = LEAST) -> _Local:
-        indices = quadratic(x.shape[2])
-        middle = np.einsum("bs,bsn->bn", share, x)[:, None]
-        off = (x - middle) * np.sqrt(share)[..., None]
-        turn, size, _ = np.linalg.svd(off.transpose(0, 2, 1), full_matrices=False)
-        size = np.maximum(size, 1e-9 * size[:, :1] + 1e-300)
-        into = turn / size[:, None, :]
-        value, slope = _powers(np.einsum("bsi,bij->bsj", x - middle, into), indices)
-        _, s, v = np.linalg.svd(value * np.sqrt(share)[..., None], full_matrices=False)
-        known = s > least * s[:, :1]
-        inverse = v.transpose(0, 2, 1) * np.where(known, 1.0 / np.where(known, s, 1.0), 0.0)[:, None]
-        slope = np.einsum("bij,bsjq,bqk->bsik", into, slope, inverse, optimize=True)
-        return cls(value @ inverse, slope, share, known)
-
-
-def _thinned(share: Array, count: int) -> Array:
-    """Shares (B, J) of the points that remain of `count` systematic draws; most become zero."""
-    ends = np.round(np.cumsum(share, axis=1) * count)
-    return np.diff(ends, axis=1, prepend=0.0) / count
-
-
-def functional(
-    likelihood: IndividualLikelihood,
-    alpha: Array,
-    inference: Inference,
-    moving: Indices,
-    spread: Array,
-    of: Indices,
-    scatter: Array,
-    settings: EmulationSettings = EMULATION,
-) -> Functional:
-    """The dependence of alpha and log L on errors of the values at the nodes of the likelihood.
-
-    About the nodes of an experiment, the error of each value is a polynomial of degree two. Scores
-    are differentiated by its coefficients. Constants have the same value at all nodes; further
-    points lie `spread` (n,) above and below it.
-    """
-    free, inputs = inference.free, likelihood.inputs
-    steady = [k for k, i in enumerate(moving) if i not in inputs.scattered]
-    parts = []
-    for block in likelihood.blocks:
-        part = block.experiments
-        found = likelihood.at(alpha, block, likelihood.nodes.xi[part])
-        log_weight = likelihood.nodes.log_weight[part]
-        each, share = mean_of(found.sums + log_weight)
-        base = np.column_stack([found.scores(share)[:, free], each])
-        x = found.individual.x[..., moving]
-        nodes = x.shape[1]
-        middle = np.einsum("bj,bjn->bn", share, x)
-        aside = [middle + by * spread[k] * np.eye(moving.size)[k] for k in steady for by in (1.0, -1.0)]
-        points = np.concatenate([x, *(one[:, None] for one in aside)], axis=1)
-        rest = np.full((len(share), len(aside)), settings.aside)
-        weight = np.hstack([_thinned(share, settings.sites), rest])
-        local = _Local.over(points, weight / weight.sum(axis=1, keepdims=True))
-        rank = np.arange(len(block.owner)) - block.starts[block.owner]
-        rows_of = np.arange(part.start, part.stop)
-        slopes = np.zeros((len(block.owner), local.value.shape[2], free.size + 1))
-        step = settings.step * scatter[of[block.rows]]
-        for r in range(int(rank.max()) + 1):
-            here = np.flatnonzero(rank == r)
-            own = block.owner[here]
-            for q in range(local.value.shape[2]):
-                eta, slope = found.eta.copy(), found.slopes.copy()
-                eta[here] += step[here, None] * local.value[own, :nodes, q]
-                slope[np.ix_(moving, here)] += step[here, None] * local.slope[own, :nodes, :, q].transpose(2, 0, 1)
-                moved = replace(found, eta=eta, slopes=slope, terms=likelihood._terms(alpha, block, eta))
-                there, shared = mean_of(moved.sums + log_weight)
-                change = np.column_stack([moved.scores(shared)[:, free], there]) - base
-                slopes[here, q] = change[own] / step[here, None]
-        weights = np.einsum("msq,mqk->msk", (local.value * local.share[..., None])[block.owner], slopes)
-        weights[..., :-1] = weights[..., :-1] @ inference.covariance
-        keep = local.share[block.owner] > 0.0
-        site = np.broadcast_to(of[block.rows][:, None], keep.shape)[keep]
-        parts.append((site, points[block.owner][keep], weights[keep]))
-    site, x, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return Functional(site, x, weights)
-
-
-def near_outcomes(problem: Problem, alpha: Array, of: Indices, share: float, nodes: int) -> IndividualLikelihood:
-    """The likelihood of exact outcomes with a small auxiliary error, on the same surfaces."""
-    y, rows = problem.outcomes, np.arange(problem.count)
-    assert problem.surface is not None
-    predictor = OnSurfaces(problem.surface, problem.region, of)
-    layout = Layout(y.size, rows, rows, np.zeros(y.size, dtype=np.intp))
-    return smoothed(problem.inputs, alpha, predictor, layout, y, share).ruled(GaussHermite(nodes))
-
-
-@dataclass(frozen=True)
-class Emulated:
-    """The end of the rounds: the processes, and what they leave unknown.
-
-    `error` is the error of alpha in standard errors, in the worst direction, and `log_error` that
-    of the log-likelihood.
-    """
-
-    error: float
-    log_error: float
-    surprise: float
-    rounds: int
-
-
-class Emulation:
-    """The rounds of runs of Gaussian processes for one question."""
-
-    def __init__(self, question: Question, ledger: Ledger, region: Array,
-                 settings: EmulationSettings = EMULATION) -> None:
-        self.question, self.ledger, self.region, self.settings = question, ledger, region, settings
-        runner = question.runner
-        self.sites = Sites.seen(runner, question.unit, question.column)
-        first, case = runner.cases.first, runner.cases.condition[self.sites.unit]
-        moving = moving_parameters(region)
-        self.processes = Processes(
-            lambda index, x: runner.values(first[index], completed(region, x)),
-            region[moving], features(runner.cases.columns, len(runner.cases)), case,
-            self.sites.column,
-        )  # fmt: skip
-        self.surprise = 1.0
-
-    def answer(self, reason: str) -> tuple[Refined, Emulated]:
-        question, ledger, processes, settings = self.question, self.ledger, self.processes, self.settings
-        cases, inputs = len(question.runner.cases), processes.conditions.shape[1] + len(processes.box)
-        import time
-        with ledger.stage(SURFACE):
-            processes.begin(max(settings.first, -(-settings.least * (inputs + 1) // cases)))
-            processes.learn()
-            u = low_discrepancy(512, len(processes.box), fixed_shift(len(processes.box)))
-            likelihood = self._likelihood(processes.axes.outward(u))
-        found = searched(question, likelihood, [], ledger)
-        end = self._climbed(likelihood, found.alpha)
-        for number in range(settings.most):
-            inference = infer(end.likelihood.followed, end.alpha, end.likelihood.hyperparameters)
-            with ledger.stage("emulator"):
-                x, chosen = self._near(end, inference)
-                held = end.likelihood
-                if isinstance(held, Problem):
-                    held = near_outcomes(held, end.alpha, self.sites.of, settings.smooth, settings.nodes)
-                held = held.adapted(end.alpha)
-                functional_ = functional(held, end.alpha, inference, moving_parameters(self.region),
-                    x.std(axis=0), self.sites.of, np.where(self.surface.scatter>0,self.surface.scatter,1.0))
-                told, each = self._told(functional_, inference)
-            if DEBUG: DEBUG(self, end, told, number)
-            if number >= 2 and told.error <= settings.enough and told.log_error <= settings.density:
-                break
-            with ledger.stage(SURFACE):
-                self._round(each, x, chosen)
-                self._moved(end, inference)
-                processes.learn()
-                likelihood = self._likelihood(self._draws(end, inference, 1.0, 512))
-            with ledger.stage(SEARCH):
-                end = self._climbed(likelihood, end.alpha)
-        return end, told, found
-
-    def _climbed(self, likelihood, alpha):
-        if isinstance(likelihood, IndividualLikelihood):
-            s = likelihood.inputs.scattering
-            rule = GaussHermite(5 if s < 3 else 3) if s <= 4 else RidgePoints()
-            likelihood = likelihood.ruled(rule)
-            if 2 <= s and several_modes(likelihood, alpha):
-                likelihood = likelihood.ruled(ImportancePoints(self.settings.several))
-        held, alpha = nearest_maximum(likelihood, alpha)
-        return Maximum(held, alpha, 0.0, None)
-
-    def _likelihood(self, where):
-        question = self.question
-        self.surface = self.processes.surface(where)
-        if question.exact:
-            return prepare(question.runner, question.measured, question.choices.model, self.region,
-                           None, self.surface)
-        return question.integral(OnSurfaces(self.surface, self.region, self.sites.of))
-
-    def _draws(self, end, inference, wide, count):
-        likely = plausible_alphas(end.alpha, inference, end.likelihood.hyperparameters)
-        x = draws(end.likelihood.inputs, [end.alpha, *likely[:31]], end.likelihood.count, wide, count)
-        return np.clip(x, *self.region.T)[:, moving_parameters(self.region)]
-
-    def _near(self, end, inference):
-        x = self._draws(end, inference, self.settings.wide, self.settings.draws)
-        values = self.surface.evaluate(x)
-        chosen = agreeing(end.likelihood, end.alpha, self.sites.of, x, values, self.settings.near)
-        return x, chosen
-
-    def _told(self, f, inference):
-        processes, k = self.processes, inference.free.size
-        site, x, w = f.site, f.x, f.weights
-        total = processes.covariance(site, x, w) * self.surprise**2
-        # Polynomials miss the processes differently for each output.
-        missed = (self.surface.at(site, x) - processes.at(site, x)[0])[:, None] * w
-        each_of = np.zeros((len(processes.case), k + 1))
-        np.add.at(each_of, site, missed)
-        total += each_of.T @ each_of
-        information = np.linalg.inv(inference.covariance)
-        error = np.sqrt(max(np.trace(information @ total[:k, :k]), 0.0))
-        root = np.linalg.cholesky(information)
-        white = np.hstack([w[:, :k] @ root, w[:, k:]])
-        n_case = len(processes.conditions)
-        case = processes.case[site]
-        each = processes.shares(site, x, white[:, :k], case, n_case)
-        return Emulated(float(error), float(np.sqrt(max(total[k, k], 0.0))), self.surprise, 0), each
-
-    def _round(self, each, x, chosen):
-        processes, settings = self.processes, self.settings
-        order = np.argsort(-each, kind="stable")
-        share = np.cumsum(each[order]) / each.sum()
-        count = max(int(np.searchsorted(share, settings.share)) + 1, int(settings.part * len(each)))
-        cases = np.sort(order[:count])
-        experiment = self.question.table.observations.experiment
-        of_case = processes.case[self.sites.of]
-        made_case, made_x = [], []
-        for case in cases:
-            owners = np.unique(experiment[of_case == case])
-            points = x[np.unique(chosen[owners][:, ::3])]
-            if len(points) > 256:
-                points = points[:: len(points) // 256 + 1]
-            made_x.append(processes.placed(case, points, 1))
-            made_case.append(np.full(1, case))
-        made_case, made_x = np.concatenate(made_case), np.vstack(made_x)
-        before = len(processes.x)
-        processes.make(made_case, made_x)
-        z = processes.surprises(made_case, made_x, processes.y[before:])
-        self.surprise = max(1.0, float(np.sqrt(np.mean(z**2))))
-
-    def _moved(self, end, inference):
-        likelihood = end.likelihood
-        inputs = likelihood.inputs
-        likely = plausible_alphas(end.alpha, inference, likelihood.hyperparameters)
-        region = next_region(inputs, self.region, end.alpha, likely, likelihood.count, 0.6)
-        if region is not self.region:
-            self.region = region
-            self.processes.move(region[moving_parameters(region)])
-
-
-DEBUG = None
+def _tell(progress: Progress | None, emulation: Emulation) -> None:
+    if progress is not None:
+        runs, error = len(emulation.processes.x), emulation.error.alpha
+        progress.update(f"{runs:,} runs, error of the estimates {error:.2g} standard errors")

@@ -95,6 +95,34 @@ def on_surfaces(
     return prepare(runner, outcomes, model, region, progress, surfaces.surface())
 
 
+def reached(
+    question: Question, problem: Problem, region: Array
+) -> tuple[int, Array, Array] | None:
+    """Parameters at which the simulator gives the outcome that surfaces miss most.
+
+    Returns the number of its condition, the parameters (moving,), and the region (n, 2) widened to
+    contain them. None if the budget does not allow the search. Raises ExperimentsError for an
+    outcome that the simulator itself does not give anywhere.
+    """
+    runner, inputs, y = question.runner, question.inputs, question.measured
+    short, moving = surface_diagnostics.shortfalls(problem), moving_parameters(region)
+    most = OUTCOME_SEARCH.most(moving.size)
+    if runner.account.granted(most) < most:
+        return None
+    farthest = int(np.argmax(np.abs(short)))
+    condition, side = int(problem.condition[farthest]), float(np.sign(short[farthest]))
+    assert problem.surface is not None
+    points = _spread(region[moving])
+    values = problem.surface.take(np.array([condition])).evaluate(points)[0]
+    x = _reached(
+        attempts(runner, region), points[np.argmax(side * values)], condition, float(y[farthest]),
+        side, _support(inputs)[moving],
+    )  # fmt: skip
+    if x is None:
+        raise surface_diagnostics.unreachable(problem, question.ids)
+    return condition, x, _holding(region, x, inputs.box)
+
+
 def on_simulator(question: Question, progress: Progress) -> Problem:
     """The likelihood without noise on the simulator itself, if it can give every outcome.
 

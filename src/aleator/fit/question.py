@@ -258,14 +258,12 @@ def surfaces_alone(
     """The settings of response surfaces, for a likelihood with measurement noise.
 
     Raises InputsError for settings that only a likelihood without noise has: a density method,
-    collocation, one shared surface of all experiments, and nodes of the law.
+    collocation, and nodes of the law.
     """
     if density is not None:
         raise _of_exact_outcomes(f"the density ({density.name})", "[density]")
     if not isinstance(propagation, ResponseSurface):
         raise _of_exact_outcomes('method = "collocation"', "[propagation] method")
-    if propagation.surfaces == "shared":
-        raise _of_exact_outcomes('surfaces = "shared"', "[propagation] surfaces")
     if propagation.nodes is not None:
         raise _of_exact_outcomes("`nodes` of the law", "[propagation] nodes")
     return propagation

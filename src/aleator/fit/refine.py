@@ -17,6 +17,7 @@ import numpy as np
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags
 from aleator.fit import outcome_range
+from aleator.fit.emulate import Emulation
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
 from aleator.fit.quadrature import (
     NODE_ACCURACY,
@@ -33,6 +34,7 @@ from aleator.fit.question import (
     way_of,
     way_of_outcomes,
 )
+from aleator.fit.refined import Refined, next_region
 from aleator.fit.regions import (
     REGIONS,
     draws,
@@ -55,7 +57,7 @@ from aleator.simulators import Runner
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
 from aleator.surrogates.adaptive import within
-from aleator.surrogates.samples import Sites, features
+from aleator.surrogates.samples import Sites
 
 
 @dataclass(frozen=True)
@@ -102,40 +104,6 @@ WITH_NOISE = Rounds(
 EXACT = Rounds(begin=np.inf, first=0.05, last=0.025, together=1, change=0.2, each=1e-3)
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """A maximum, the search that led to it, and the response surfaces that it rests on.
-
-    `question` leaves out observations whose runs all fail. `surfaces` is None where the simulator
-    itself was integrated over. `sites` are the distinct outputs that have a surface each, on the
-    `region` (n, 2) of the parameters. `others` are lower maxima with surfaces refined for them.
-    `possible` are optima (K,) of the search whose log-likelihood is less than 1.92 below the
-    maximum. If `spread` is true, the region contains the laws at the ends of the profile intervals
-    and is not narrowed. `reason` says why there are surfaces, or none.
-    """
-
-    question: Question
-    maximum: Maximum
-    search_result: SearchResult
-    region: Array
-    reason: str
-    surfaces: AdaptiveSurfaces | None = None
-    sites: Sites | None = None
-    others: tuple[Maximum, ...] = ()
-    possible: tuple[Array, ...] = ()
-    spread: bool = False
-
-    @property
-    def likelihood(self) -> AnyLikelihood:
-        """The likelihood, with quadrature nodes adapted to the maximum."""
-        return self.maximum.likelihood
-
-    @property
-    def alpha(self) -> Array:
-        """The values alpha (K,) of the hyperparameters at the maximum."""
-        return self.maximum.alpha
-
-
 def refined(question: Question, ledger: Ledger) -> Refined:
     """The maximum of the likelihood that more nodes and more runs of the simulator do not move."""
     choices, runner, inputs = question.choices, question.runner, question.inputs
@@ -149,6 +117,9 @@ def refined(question: Question, ledger: Ledger) -> Refined:
         direct = way.direct
     if direct:
         return _on_simulator(question, region, way.reason, ledger)
+    choice = question.choices.surfaces
+    if choice is not None and choice.surfaces != "own" and choice.tolerance is None:
+        return Emulation(question, ledger, region, way.reason).answer()
     return Refinement(question, ledger).answer(region, way.reason)
 
 
@@ -225,9 +196,9 @@ class Refinement:
             before = surfaces.total_runs
             for _ in range(self.rounds.at_ends):
                 surfaces.judge(points)
-                rough = surfaces.unfinished(self.rounds.ends * surfaces.caution)
+                rough = surfaces.unfinished(self.rounds.ends)
                 surfaces.judge(self._draws(likelihood, [alpha], region))
-                here = surfaces.unfinished(self.rounds.first * surfaces.caution)
+                here = surfaces.unfinished(self.rounds.first)
                 members = self._together(answer, rough | here)
                 if not members.any():
                     break
@@ -259,10 +230,8 @@ class Refinement:
         assert choice is not None
         with self.ledger.stage(SURFACE):
             sites = Sites.seen(runner, question.unit, question.column)
-            shared = choice.surfaces == "shared"
             surfaces = AdaptiveSurfaces(
                 sites.run(runner, region), region[moving_parameters(region)], len(sites), choice,
-                features(runner.cases.columns) if shared else None,
                 within(runner.account, sites.unit),
             )  # fmt: skip
             if choice.tolerance is None and np.isfinite(self.rounds.begin):
@@ -339,7 +308,7 @@ class Refinement:
         """
         rounds, surfaces = self.rounds, answer.surfaces
         assert surfaces is not None
-        level, calm = rounds.first * surfaces.caution, False
+        level, calm = rounds.first, False
         for _ in range(rounds.most):
             inference = _infer(answer.maximum)
             if inference.among(answer.alpha, known, rounds.apart):
@@ -352,7 +321,7 @@ class Refinement:
                 )
             calm = self._calm(answer.maximum, after, inference)
             answer = replace(moved, maximum=after)
-            if calm and level <= rounds.last * surfaces.caution:
+            if calm and level <= rounds.last:
                 break
             if calm or done:
                 level = max(0.5 * level, rounds.finest)
@@ -372,7 +341,10 @@ class Refinement:
         surfaces.judge(self._draws(likelihood, [alpha], region))
         if not (answer.spread or self.question.runner.account.refused):
             narrower = bool(np.any(surfaces.relative > level))
-            region = _next_region(answer, likely, self.rounds.shrink if narrower else 0.0)
+            region = next_region(
+                likelihood.inputs, region, alpha, likely, likelihood.count,
+                self.rounds.shrink if narrower else 0.0,
+            )  # fmt: skip
         if region is not answer.region:
             surfaces.move(region[moving_parameters(region)])
             surfaces.judge(self._draws(likelihood, [alpha], region))
@@ -451,28 +423,8 @@ def under_law(
         moving = moving_parameters(region)
         surfaces.judge(np.clip(draws(inputs, [alpha], 1), *region.T)[:, moving])
         wide = np.clip(draws(inputs, [alpha], 1, EXACT.wide), *region.T)[:, moving]
-        surfaces.refine(wide, EXACT.fixed_law * surfaces.caution, surface_progress(progress))
+        surfaces.refine(wide, EXACT.fixed_law, surface_progress(progress))
     return forward(runner, model, region, progress, surfaces.surface())
-
-
-def _next_region(answer: Refined, likely: Array, shrink: float) -> Array:
-    """The region (n, 2) of the next surfaces: a new one for the plausible laws, or the present.
-
-    The region changes if the identified law extends beyond it, or if the new region has less than
-    the share `shrink` of its volume.
-    """
-    likelihood, alpha, region = answer.likelihood, answer.alpha, answer.region
-    inputs = likelihood.inputs
-    certain = region_of(inputs, [alpha], likelihood.count, REGIONS.far)
-    possible = region_of(inputs, [*likely], likelihood.count, REGIONS.plausible)
-    wanted = padded(hull(certain, possible), inputs.box)
-    if reaching_out(region, inputs.box, certain).any():
-        way = np.diff(region, axis=1) * np.array([-1.0, 1.0])
-        return np.clip(wanted, region[:, :1] + way[:, :1], region[:, 1:] + way[:, 1:])
-    moving = moving_parameters(region)
-    width = np.diff(region, axis=1)[moving, 0]
-    share = np.prod(np.diff(wanted, axis=1)[moving, 0] / width)
-    return wanted if share < shrink else region
 
 
 def _noise(likelihood: IndividualLikelihood, alpha: Array, sites: Sites) -> Array:

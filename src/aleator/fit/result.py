@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from aleator.core.status import Status
 from aleator.core.types import Array
+from aleator.fit.emulate import Emulation
 from aleator.fit.flow import Answer
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import varying_conditions
@@ -66,6 +67,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     end, inference, profile = certain.maximum, certain.inference, certain.profile
     likelihood, alpha, question = end.likelihood, end.alpha, certain.refined.question
     hyperparameters, surfaces = likelihood.hyperparameters, certain.refined.surfaces
+    emulation = certain.refined.emulation
     with ledger.stage("baselines"):
         fit = least_squares(likelihood, question.measured)
         baselines = _baselines(fit, likelihood.inputs)
@@ -85,7 +87,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         with ledger.stage("individual parameters"):
             own = _of_individuals(likelihood, reviewed)
     log_likelihood: LogLikelihoodReport = own.pop("log_likelihood")
-    failing = surfaces is not None or isinstance(likelihood, Problem)
+    failing = surfaces or emulation or isinstance(likelihood, Problem)
     return Result(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
         log_likelihood=replace(log_likelihood, log_prior=prior_of(reviewed.at, hyperparameters)),
@@ -119,11 +121,13 @@ def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
         "log_likelihood": _verified(
             at, reviewed.exact or at, answer.checked,
             surface_diagnostics.cells_error(problem, reviewed.by_cells), answer.doubt,
+            reviewed.emulated.log_likelihood,
         ),
         "density": problem.likelihood.name,
         "propagation": problem.name,
         "experiments": experiment_reports(problem, alpha, at, table.ids, surface_error),
-        "surface": surface_report(problem.surface, where),
+        "surface": emulator_report(answer.inferred.refined.emulation)
+        or surface_report(problem.surface, where),
         "density_distances": _distances(problem, alpha, reviewed.exact),
         "outcome": table.outcome_name,
     }  # fmt: skip
@@ -133,6 +137,7 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
     """The fields of a result that are computed differently with measurement noise."""
     certain, checked = reviewed.answer.inferred, reviewed.answer.checked
     alpha, gap, surfaces = certain.maximum.alpha, certain.maximum.gap, certain.refined.surfaces
+    emulation = certain.refined.emulation
     question, inputs, at = certain.refined.question, likelihood.inputs, reviewed.at
     table, names = question.table, likelihood.inputs.names
     found = individual_parameters(likelihood, alpha)
@@ -140,11 +145,14 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
     columns = tuple(question.runner.cases.columns)
     shrinkage = zip(names, found.shrinkage, strict=True)
     return {
-        "log_likelihood": _with_nodes(at.likelihood, gap, checked),
+        "log_likelihood": _with_nodes(
+            at.likelihood, gap, checked, reviewed.emulated.log_likelihood
+        ),
         "density": likelihood.name,
-        "propagation": DIRECT if surfaces is None else "response_surface",
+        "propagation": "response_surface" if surfaces or emulation else DIRECT,
         "experiments": _individuals(table, at.each, at.status, found, names),
-        "surface": surface_report(
+        "surface": emulator_report(emulation)
+        or surface_report(
             None if surfaces is None else surfaces.surface(), "under the law", "the noise"
         ),
         "outcome": ", ".join(response.name for response in table.observations.responses),
@@ -162,16 +170,17 @@ def _verified(
     checked: Checked | None,
     cells: float,
     doubted: surface_diagnostics.Doubt,
+    emulated: float,
 ) -> LogLikelihoodReport:
     """The log-likelihood without noise, its value verified by the check, and its error.
 
     `honest` is the reported log-likelihood, `exact` the one by level sets. The verified value is
     the exact one plus the change from the surfaces to the simulator. `cells` is the error of the
-    level sets, and `doubted` that of the surfaces.
+    level sets, `doubted` that of the surfaces, and `emulated` that of Gaussian processes.
     """
     found = honest.likelihood
     if checked is None:
-        error = math.hypot(found - exact.likelihood, cells)
+        error = math.hypot(found - exact.likelihood, cells, emulated)
         return LogLikelihoodReport(found, None, None, error=error or None)
     verified, of_check = exact.likelihood + checked.total, max(checked.standard_error, LEAST)
     error = math.hypot(found - verified, of_check, doubted.error, cells)
@@ -179,13 +188,17 @@ def _verified(
     return LogLikelihoodReport(found, verified, of_check, error=known)
 
 
-def _with_nodes(total: float, gap: float, check: Checked | None) -> LogLikelihoodReport:
+def _with_nodes(
+    total: float, gap: float, check: Checked | None, emulated: float
+) -> LogLikelihoodReport:
     """The log-likelihood with noise and its error, from the check and from the quadrature.
 
-    `gap` is the change of the log-likelihood by more quadrature nodes.
+    `gap` is the change of the log-likelihood by more quadrature nodes, and `emulated` its error by
+    Gaussian processes in place of the simulator.
     """
     if check is None:
-        return LogLikelihoodReport(total, None, None)
+        error = math.hypot(gap, emulated) if emulated else None
+        return LogLikelihoodReport(total, None, None, error=error)
     error = max(float(np.hypot(check.standard_error, gap)), LEAST)
     off = float(np.hypot(check.total, error))
     return LogLikelihoodReport(total, total + check.total, error, error=off)
@@ -205,6 +218,21 @@ def _distances(
         problem.predictor.upper,
     )  # fmt: skip
     return density_distances(problem.likelihood, alpha, exact.total, points.under(alpha))
+
+
+def emulator_report(emulation: Emulation | None) -> dict[str, Any] | None:
+    """What Gaussian processes in place of the simulator leave unknown; None without them."""
+    if emulation is None:
+        return None
+    error = emulation.error
+    return {
+        "experiments": len(emulation.processes.case),
+        "runs": len(emulation.processes.x),
+        "where": "under the law",
+        "estimates_error": error.alpha,
+        "log_likelihood_error": error.log_likelihood,
+        "surprise": error.surprise,
+    }
 
 
 def prior_of(at: LogLikelihood, hyperparameters: Sequence[Hyperparameter]) -> float | None:

@@ -8,16 +8,57 @@ from functools import cached_property
 import numpy as np
 
 from aleator.core.types import Array, Flags
+from aleator.fit.emulate import Emulation, EmulatorError
 from aleator.fit.flow import Answer
 from aleator.fit.quadrature import AnyLikelihood, Maximum
 from aleator.inference import diagnostics
 from aleator.inference import surface_diagnostics as on_surfaces
+from aleator.inference.surface_diagnostics import BUDGET
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
 from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.results.values import Diagnostic
 from aleator.search.interface import LogLikelihood
+
+
+EMULATOR = "emulator"
+NONE = EmulatorError(0.0, 0.0, 1.0, np.zeros(0))
+UNKNOWN = 0.5
+"""The error of the estimates by Gaussian processes, in standard errors, from which a result is
+refused. By judgement: it widens an interval by 12 %."""
+
+
+def emulator_refusals(error: EmulatorError) -> list[Diagnostic]:
+    """A refusal where Gaussian processes in place of the simulator leave the estimates unknown."""
+    if error.alpha <= UNKNOWN:
+        return []
+    return [
+        Diagnostic(
+            EMULATOR,
+            f"the emulator of the simulator is so inexact that the estimates may be off by "
+            f"{error.alpha:.2g} standard errors",
+            "allow more runs (max_runs), and give the same command again: the runs are kept; see "
+            "whether the outcome has a jump or a kink, and narrow the box to one side of it",
+        )
+    ]
+
+
+def emulator_warnings(emulation: Emulation) -> list[Diagnostic]:
+    """A warning where the rounds of runs ended before the error of the estimates was small."""
+    error, account = emulation.error, emulation.question.runner.account
+    if error.enough(len(emulation.question.ids)) or error.alpha > UNKNOWN:
+        return []
+    ended = f"the budget of {account.budget}" if account.refused else "the largest number of rounds"
+    return [
+        Diagnostic(
+            BUDGET if account.refused else EMULATOR,
+            f"{ended} ended the runs: the emulator of the simulator moves the estimates by about "
+            f"{error.alpha:.2g} standard errors, and the log-likelihood by "
+            f"{error.log_likelihood:.2g}",
+            "allow more runs, and give the same command again: the runs are kept",
+        )
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +126,12 @@ class Reviewed:
         """The experiments, without the observations whose simulator runs all fail."""
         return self.answer.inferred.refined.question.table
 
+    @property
+    def emulated(self) -> EmulatorError:
+        """The error that Gaussian processes cause; zero without them."""
+        emulation = self.answer.inferred.refined.emulation
+        return NONE if emulation is None else emulation.error
+
     @cached_property
     def _refusals(self) -> list[Diagnostic]:
         ids, of = self._seen.ids, self._seen.observations.experiment
@@ -98,9 +145,12 @@ class Reviewed:
         ]
         if checked is not None:
             found += on_surfaces.check_refusals(checked.total, checked.standard_error)
-        if isinstance(likelihood, Problem):
+        emulated = self.answer.inferred.refined.emulation is not None
+        if emulated:
+            found += emulator_refusals(self.emulated)
+        elif isinstance(likelihood, Problem):
             found += on_surfaces.useless(likelihood, checked, self.surface_error, ids)
-        else:
+        if not isinstance(likelihood, Problem):
             found += diagnostics.without_surfaces(self._lost, of, ids)
         if checked is not None and not any(one.about == on_surfaces.SUBJECT for one in found):
             found += on_surfaces.worse_than_estimated(
@@ -128,15 +178,19 @@ class Reviewed:
             *diagnostics.rival_warnings(inferred.rivals, hyperparameters, profile.intervals),
             *on_surfaces.level_warnings(self.by_cells),
         ]
+        emulation = inferred.refined.emulation
+        if emulation is not None:
+            notes += emulator_warnings(emulation)
         if isinstance(likelihood, Problem):
-            notes += on_surfaces.surface_warnings(likelihood, self.surface_error, ids)
+            if emulation is None:
+                notes += on_surfaces.surface_warnings(likelihood, self.surface_error, ids)
             if not self._refusals:
                 notes += on_surfaces.density_notes(self.exact, inference, likelihood)
         else:
             notes += self._of_individuals(likelihood)
             if not self._refusals:
                 notes += diagnostics.node_warnings(self._end.gap, diagnostics.EXPERIMENTS.noted_gap)
-        if made is not None or exact:
+        if made or emulation or exact:
             notes += diagnostics.failure_warnings(diagnostics.failure_report(runner))
         against = "the outcome's scatter" if exact else "the noise"
         notes += on_surfaces.budget_warnings(runner.account, made, against)
@@ -195,7 +249,8 @@ class Reviewed:
     @property
     def _lost(self) -> Flags:
         """Which observations (M,) have no surface because too few simulator runs succeeded."""
-        if self.answer.inferred.refined.surfaces is None:
+        refined = self.answer.inferred.refined
+        if refined.surfaces is None and refined.emulation is None:
             return np.zeros(len(self._seen.observations), dtype=np.bool_)
         return np.asarray(np.isinf(self._estimated))
 

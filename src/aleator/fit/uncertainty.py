@@ -21,7 +21,8 @@ from aleator.fit.quadrature import (
     nearest_maximum,
     with_enough_nodes,
 )
-from aleator.fit.refine import WITH_NOISE, Refined, Refinement
+from aleator.fit.refine import WITH_NOISE, Refinement
+from aleator.fit.refined import Refined
 from aleator.fit.search import in_order
 from aleator.inference.diagnostics import ESTIMATES, Rival
 from aleator.inference.information import Inference, infer
@@ -98,14 +99,15 @@ class Inferred:
 
 def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
     """The maximum with its uncertainty, on surfaces that are accurate at the interval ends too."""
-    refinement = Refinement(answer.question, ledger)
+    refinement = answer.emulation or Refinement(answer.question, ledger)
     for widened in range(UNCERTAINTY.wider + 1):
         with ledger.stage("inference"):
             end, found, inference, profile = inferred(
                 answer.maximum, answer.search_result, answer.possible
             )
             answer = replace(answer, maximum=end, search_result=found)
-        if answer.surfaces is None or widened == UNCERTAINTY.wider:
+        alone = answer.surfaces is None and answer.emulation is None
+        if alone or widened == UNCERTAINTY.wider:
             break
         spread = refinement.spread(answer, inference, profile.intervals)
         if spread is None:

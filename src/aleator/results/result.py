@@ -127,6 +127,14 @@ class Result(Plain):
         return self.consistency.consistent
 
     @property
+    def emulator_error(self) -> float | None:
+        """The error of the estimates that an emulator in place of the simulator causes.
+
+        It is in standard errors, in the worst direction, to first order. None without an emulator.
+        """
+        return None if self.surface is None else self.surface.get("estimates_error")
+
+    @property
     def values(self) -> pd.Series[float]:
         """The estimates (K,) by the name of the hyperparameter, including fixed ones."""
         return pd.Series({name: e.estimate for name, e in self.alpha.items()}, dtype=float)

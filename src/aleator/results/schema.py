@@ -115,6 +115,9 @@ class Surfaces(DocumentEntry):
     runs: int = 0
     median_error: Number = None
     worst_error: Number = None
+    estimates_error: Number = None
+    log_likelihood_error: Number = None
+    surprise: Number = None
     against: str = ""
     where: str = ""
 

@@ -22,8 +22,7 @@ from aleator.simulators.response_functions import Run, attempts, moving_paramete
 from aleator.surrogates.choice import ResponseSurface
 from aleator.surrogates.emulator import Emulator, OwnSurfaces, pairs
 from aleator.surrogates.fit import PLACES, PlacementSettings
-from aleator.surrogates.samples import FEATURES, Samples, features
-from aleator.surrogates.shared import SharedSurface
+from aleator.surrogates.samples import Samples
 from aleator.surrogates.surface import Axes, Surface
 
 Afforded = Callable[[Flags, Array, Array], Flags]
@@ -49,8 +48,6 @@ class RoundSettings:
     rough: float = 0.05
     """A surface gets further runs if its estimated error under the law exceeds this share of the
     outcome's standard deviation."""
-    shared: float = 2.0
-    """Factor of `rough` for a shared surface, whose error estimate is more cautious."""
     growth: float = 0.3
     """The share by which a round increases the runs of an experiment that needs more."""
     patience: int = 6
@@ -221,15 +218,13 @@ class AdaptiveSurfaces:
     """The surfaces of N experiments with their runs, which rounds of runs improve.
 
     `run(index (R,), x (R, n)) -> (R,)` runs the simulator and gives NaN where a run failed. `box`
-    (n, 2) is the region of the parameters that the surfaces cover. `conditions` (N, d) are the
-    inputs of a shared surface, or None. `where` (J, n) are the points at which errors were last
-    estimated, or None for the whole box. `scale` (N,), if given, replaces the standard deviation to
+    (n, 2) is the region of the parameters that the surfaces cover. `where` (J, n) are the points at
+    which errors were last estimated, or None for the whole box. `scale` (N,), if given, replaces the standard deviation to
     which errors are compared. `past` (P, N) are the relative errors before each of the last P
     rounds; an experiment whose error no longer falls gets no further runs. `afforded` selects the
     experiments of a round where the budget does not suffice for all.
 
-    Raises InputsError where `max_runs` is less than the first round, or where the user asks for a
-    shared surface and no usable condition varies.
+    Raises InputsError where `max_runs` is less than the first round.
     """
 
     def __init__(
@@ -238,7 +233,6 @@ class AdaptiveSurfaces:
         box: Array,
         experiments: int,
         choice: ResponseSurface,
-        conditions: Array | None = None,
         afforded: Afforded = everyone,
         settings: RoundSettings = ROUNDS,
         jumps: JumpSettings = JUMPS,
@@ -247,7 +241,7 @@ class AdaptiveSurfaces:
         self.where = None if choice.tolerance else _points_of(box)
         self.scale: Array | None = None
         self.past = np.full((self.settings.patience, experiments), np.inf)
-        self.emulator = _first_emulator(run, box, experiments, choice, conditions, settings)
+        self.emulator = _first_emulator(run, box, experiments, choice, settings)
         self._begin()
         self._complete()
 
@@ -266,15 +260,7 @@ class AdaptiveSurfaces:
         """The relative error up to which a surface is exact enough; see `relative`."""
         if self.choice.tolerance:
             return self.choice.tolerance
-        return self.settings.rough * self.caution
-
-    @property
-    def caution(self) -> float:
-        """Factor by which error estimates of this kind of surface are more cautious than others.
-
-        It is 1 for surfaces of their own, and larger for a shared surface.
-        """
-        return self.settings.shared if isinstance(self.emulator, SharedSurface) else 1.0
+        return self.settings.rough
 
     @property
     def good(self) -> Flags:
@@ -444,7 +430,7 @@ def surfaces_of(runner: Runner, region: Array, choice: ResponseSurface) -> Adapt
     box, cases = region[moving_parameters(region)], runner.cases
     afforded = within(runner.account, np.arange(len(cases)))
     return AdaptiveSurfaces(
-        attempts(runner, region), box, len(cases), choice, features(cases.columns), afforded
+        attempts(runner, region), box, len(cases), choice, afforded
     )
 
 
@@ -530,17 +516,10 @@ def _first_emulator(
     box: Array,
     experiments: int,
     choice: ResponseSurface,
-    conditions: Array | None,
     settings: RoundSettings,
 ) -> Emulator:
-    """The surfaces after the first runs: shared if the user asks for it, else one for each."""
+    """The surfaces after the first runs."""
     n = len(box)
-    if choice.surfaces == "shared":
-        if conditions is None or not SharedSurface.fits(experiments, n):
-            raise _nothing_to_share(conditions, experiments)
-        shared = SharedSurface(run, box, conditions)
-        shared.judge(_points_of(box))
-        return shared
     first = first_runs(n, choice, settings)
     if choice.max_runs < first:
         raise InputsError(
@@ -550,17 +529,6 @@ def _first_emulator(
     return OwnSurfaces(
         run, box, Samples.none(experiments, n), first, linear_runs(n, choice, experiments, settings)
     )
-
-
-def _nothing_to_share(conditions: Array | None, experiments: int) -> InputsError:
-    remedy = 'take surfaces = "own": each experiment then has its own surface'
-    if conditions is None:
-        return InputsError(
-            "experiments cannot share a surface: no condition that the simulator uses varies, or "
-            f"one is text with more than {FEATURES.texts} values",
-            remedy,
-        )
-    return InputsError(f"{experiments} experiments are too many to share a surface", remedy)
 
 
 def _points_of(box: Array, settings: PlacementSettings = PLACES) -> Array:

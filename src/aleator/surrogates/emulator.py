@@ -1,7 +1,6 @@
 """Emulators: the response surfaces of all experiments together with the runs they are fitted to.
 
-There are two kinds: a polynomial for each experiment (`OwnSurfaces`), and one Gaussian process over
-conditions and parameters for all experiments (module `shared`).
+Each experiment has a polynomial of its own (`OwnSurfaces`).
 """
 
 from __future__ import annotations

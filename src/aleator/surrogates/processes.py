@@ -9,11 +9,10 @@ the process. The polynomials are what a likelihood uses (a `Surface`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import qmc
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.surrogates.fit import clustered, fixed_shift, low_discrepancy, merged, outcome_range
@@ -39,6 +38,8 @@ class ProcessesSettings:
     missed: float = 0.2
     """The number of terms is doubled until a polynomial misses the mean of its process by less than
     this share of the process' standard deviation."""
+    slowest: float = 0.3
+    """The degree of polynomials in a parameter is at least this share of the largest degree."""
     exact: float = 1e-3
     """A misfit below this share of the scatter of the outcome does not count."""
     points: float = 2.5
@@ -105,28 +106,52 @@ class Processes:
         return np.bincount(self.of_run, minlength=len(self.conditions))[self.case]
 
     @property
+    def made(self) -> Indices:
+        """The number of runs of each case, (C,)."""
+        return np.bincount(self.of_run, minlength=len(self.conditions))
+
+    @property
     def failed(self) -> Indices:
         """The number of failed runs of each output, (U,)."""
+        return np.asarray(self.runs - self._worked, dtype=np.intp)
+
+    @property
+    def lost(self) -> Flags:
+        """Which outputs have no successful run, (U,)."""
+        return np.asarray(self._worked == 0)
+
+    @property
+    def _worked(self) -> Indices:
         out = np.zeros(len(self.case), dtype=np.intp)
         for column in self.covariances:
-            lost = np.isnan(self.y[:, column])
-            here = self.column == column
-            count = np.bincount(self.of_run[lost], minlength=len(self.conditions))
+            fine, here = np.isfinite(self.y[:, column]), self.column == column
+            count = np.bincount(self.of_run[fine], minlength=len(self.conditions))
             out[here] = count[self.case[here]]
         return out
 
-    def begin(self, each: int) -> None:
-        """Make `each` first runs of every case: pieces of one Sobol' sequence over the region."""
-        cases, n = len(self.conditions), len(self.box)
-        even = low_discrepancy(cases * each, n, fixed_shift(n))
-        order = np.random.default_rng(0).permutation(cases)
+    def spread(self, count: int = 512) -> Array:
+        """Points (J, n) that are evenly spread over the region."""
+        n = len(self.box)
+        return self.axes.outward(low_discrepancy(count, n, fixed_shift(n)))
+
+    def begin(self, each: int, cases: Sequence[int] | None = None) -> None:
+        """Make `each` first runs of the cases, by default all: pieces of one Sobol' sequence."""
+        n, before = len(self.box), len(self.x)
+        some = np.arange(len(self.conditions)) if cases is None else np.array(cases)
+        even = low_discrepancy(before + len(some) * each, n, fixed_shift(n))[before:]
+        order = np.random.default_rng(0).permutation(some)
         self.make(np.repeat(order, each), self.axes.outward(clustered(even)))
 
-    def make(self, case: Indices, x: Array) -> None:
-        """Make runs of cases (R,) at points x (R, n)."""
+    def make(self, case: Indices, x: Array) -> Array:
+        """Make runs of cases (R,) at points x (R, n).
+
+        Returns how far the new values lie from those expected, in standard deviations (S,).
+        """
         y = self.run(case, x)
+        surprises = self._surprises(case, x, y)
         self.y = np.vstack([self.y.reshape(-1, y.shape[1]), y])
         self.of_run, self.x = np.append(self.of_run, case), np.vstack([self.x, x])
+        return surprises
 
     def move(self, box: Array) -> None:
         """Change the region of the parameters to another box."""
@@ -186,20 +211,31 @@ class Processes:
             total += group.posterior.of_sums(*inputs, weights[rows])
         return total
 
-    def shares(self, site: Indices, x: Array, weights: Array, of: Indices, count: int) -> Array:
-        """The variance of the sums of values times weights (R, K) of each part `of` (R,) alone."""
-        z, out = self.axes.inward(x), np.zeros(count)
+    def shares(self, site: Indices, x: Array, weights: Array) -> Array:
+        """The variances (C,) of the sums of values times weights (R, K) of each case alone."""
+        z, out = self.axes.inward(x), np.zeros(len(self.conditions))
         for group, rows in self._in_groups(site):
-            for part in np.unique(of[rows]):
-                some = rows[of[rows] == part]
+            of = self.case[site[rows]]
+            for case in np.unique(of):
+                some = rows[of == case]
                 inputs = self._inputs(site[some], z[some])
-                out[part] += np.trace(group.posterior.of_sums(*inputs, weights[some]))
+                out[case] += np.trace(group.posterior.of_sums(*inputs, weights[some]))
         return out
 
-    def surprises(self, case: Indices, x: Array, y: Array) -> Array:
-        """How far new values y (R, W) are from those expected, in standard deviations (S,)."""
-        found = []
-        z = self.axes.inward(x)
+    def best(self, case: int, x: Array) -> Array:
+        """The point (n,) of the points x (J, n) whose run tells most of the values at all."""
+        z, told = self.axes.inward(x), np.zeros(len(x))
+        tiny = np.finfo(float).tiny
+        for group in self.groups:
+            if case in group.cases:
+                u = np.hstack([np.tile(self.conditions[case], (len(z), 1)), z])
+                left = group.posterior.joint(np.full(len(z), case), u)
+                size = max(float(np.trace(left)), tiny)
+                told += (left**2).sum(axis=0) / np.maximum(np.diag(left), tiny) / size
+        return x[int(np.argmax(told))]
+
+    def _surprises(self, case: Indices, x: Array, y: Array) -> Array:
+        z, found = self.axes.inward(x), [np.empty(0)]
         for group in self.groups:
             rows = np.flatnonzero(np.isin(case, group.cases) & np.isfinite(y[:, group.column]))
             u = np.hstack([self.conditions[case[rows]], z[rows]])
@@ -207,25 +243,6 @@ class Processes:
             sd = group.posterior.deviation(case[rows], u)
             found.append(off / np.hypot(sd, np.sqrt(group.posterior.noise)))
         return np.concatenate(found)
-
-    def placed(self, case: int, x: Array, count: int) -> Array:
-        """The `count` of the points x (J, n) that tell most of the values of one case at all."""
-        z = self.axes.inward(x)
-        left = np.zeros((len(x), len(x)))
-        for group in self.groups:
-            if case in group.cases:
-                u = np.hstack([np.tile(self.conditions[case], (len(z), 1)), z])
-                both = group.posterior.joint(np.full(len(z), case), u)
-                left += both / max(np.diag(both).mean(), np.finfo(float).tiny)
-        chosen: list[int] = []
-        for _ in range(count):
-            told = (left**2).sum(axis=0) / np.maximum(np.diag(left), np.finfo(float).tiny)
-            told[chosen] = -np.inf
-            best = int(np.argmax(told))
-            chosen.append(best)
-            column = left[:, best].copy()
-            left -= np.outer(column, column) / max(column[best], np.finfo(float).tiny)
-        return x[chosen]
 
     def surface(self, where: Array) -> Surface:
         """The polynomials fitted to the processes, with their errors at points where (J, n)."""
@@ -242,9 +259,10 @@ class Processes:
                 break
             count *= 2
         self.terms, error = count, np.hypot(left, missed)
+        error[self.lost] = np.inf
         sites = np.arange(len(self.case))
         plain = np.zeros(len(sites), dtype=np.bool_)
-        listed, groups = merged([(sites, indices, coefficients)], error)
+        listed, groups = merged([(sites, indices, coefficients)], np.zeros(len(sites)))
         made = Surface(
             self.axes, listed, groups, error, scatter, plain, self.runs,
             self.failed, plain,
@@ -260,7 +278,7 @@ class Processes:
         They are fitted to points over the region and, as many, to the first points `where` (J, n).
         """
         n, settings = len(self.box), self.settings
-        indices, size = ball((1.0,) * n, 2.0, count)
+        indices, size = ball(self._scales, 2.0, count)
         even = low_discrepancy(int(settings.points * len(indices)), n, fixed_shift(n))
         over = self.axes.outward(clustered(even))
         x = np.vstack([over, where[: len(over)]])
@@ -275,6 +293,18 @@ class Processes:
         law = slice(len(over), None)
         missed = np.sqrt(((basis[law] @ coefficients - y[law]) ** 2).mean(axis=0))
         return indices, coefficients, missed, y[law].std(axis=0)
+
+    @property
+    def _scales(self) -> tuple[float, ...]:
+        """How fast the outputs vary with each parameter, over the fastest, (n,)."""
+        n = len(self.box)
+        rates = [
+            np.linalg.norm(both[0].mix[-n:], axis=1) + both[0].individual * both[0].scale
+            for both in self.covariances.values()
+        ]
+        most = np.max(rates, axis=0)
+        scales = np.clip(most / most.max(), self.settings.slowest, 1.0)
+        return tuple(np.round(scales, 1).tolist())
 
     def _inputs(self, site: Indices, z: Array) -> tuple[Indices, Array]:
         case = self.case[site]

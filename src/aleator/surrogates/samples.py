@@ -84,7 +84,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class FeatureSettings:
-    """Settings for conditions as inputs of a shared surface. The values are chosen by judgement."""
+    """Settings for conditions as inputs of a process. The values are chosen by judgement."""
 
     decade: float = 10.0
     """A positive condition enters by its logarithm if its largest value exceeds this many times its

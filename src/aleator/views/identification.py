@@ -498,6 +498,12 @@ def _simulator(
 
 
 def _surfaces(surface: Document, experiments: int) -> str:
+    if surface.get("estimates_error") is not None:
+        return (
+            f"An emulator of {surface['runs']:,} runs moves the estimates by about "
+            f"{surface['estimates_error']:.2g} standard errors, and the log-likelihood by "
+            f"{surface['log_likelihood_error']:.2g}."
+        )
     converged, total = surface.get("converged"), surface.get("experiments", experiments)
     parts = [] if converged is None else [f"{int(converged)} of {total} surfaces converged"]
     parts += [

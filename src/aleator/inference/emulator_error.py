@@ -1,0 +1,203 @@
+"""The error of alpha and of the log-likelihood that the errors of an emulator cause, to first order.
+
+The score of alpha changes with the error e_u(x) of each simulated value, and alpha changes by
+H^-1 times the change of the score, where H is the information matrix. Both are sums over nodes x of
+weights times errors (`functional`). The covariance of the errors of a Gaussian process, which are
+not independent, then gives the covariance of alpha.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aleator.core.types import Array, Indices
+from aleator.inference.check import smoothed
+from aleator.likelihood.individual import (
+    IndividualLikelihood,
+    Layout,
+    OnSurfaces,
+)
+from aleator.likelihood.individual.likelihood import Evaluated, mean_of
+from aleator.likelihood.individual.predictors import Block
+from aleator.likelihood.problem import Problem
+
+
+@dataclass(frozen=True)
+class FunctionalSettings:
+    """Settings of the dependence of alpha on errors of values. The values are by judgement."""
+
+    smooth: float = 0.1
+    """The standard deviation of the auxiliary error of an exact outcome, over its scatter."""
+    sites: int = 24
+    """The largest number of nodes of an experiment at which the errors of its values are taken."""
+    aside: float = 0.25
+    """The weight of a point above or below a constant's value, where the nodes have weight one."""
+    step: float = 1e-4
+    """The step of differences of the score by a value, over the scatter of the value."""
+    least: float = 0.05
+    """Polynomials of an error that the nodes determine less than this share of the best are left
+    out."""
+
+
+FUNCTIONAL = FunctionalSettings()
+
+
+@dataclass(frozen=True)
+class Functional:
+    """How alpha and the log-likelihood depend on errors of simulated values, to first order.
+
+    The change of (alpha, log L) is the sum over r of e_u(x_r) weights[r] (F + 1,), where u is the
+    output site[r] and x_r (n,) are the parameters that are not fixed. Only the F hyperparameters
+    with a standard error count.
+    """
+
+    site: Indices
+    x: Array
+    weights: Array
+
+
+def functional(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    free: Indices,
+    covariance: Array,
+    moving: Indices,
+    spread: Array,
+    of: Indices,
+    scatter: Array,
+    settings: FunctionalSettings = FUNCTIONAL,
+) -> Functional:
+    """The dependence of alpha and log L on errors of the values at the nodes of the likelihood.
+
+    About the nodes of an experiment, the error of each value is a polynomial of degree two, by
+    whose coefficients the scores are differentiated. `covariance` (F, F) is that of the
+    hyperparameters `free` (F,). `moving` are the parameters that are not fixed. Those that do not
+    scatter have the same value at all nodes; further points lie `spread` (n,) above and below it.
+    `of` (M,) is the output of each observation, and `scatter` (U,) that of the outputs. Cost: an
+    evaluation of the measurement errors for each coefficient and observation of an experiment.
+    """
+    aside = [k for k, i in enumerate(moving) if i not in likelihood.inputs.scattered]
+    parts = []
+    for block in likelihood.blocks:
+        found = likelihood.at(alpha, block, likelihood.nodes.xi[block.experiments])
+        log_weight = likelihood.nodes.log_weight[block.experiments]
+        share = mean_of(found.sums + log_weight)[1]
+        x = found.individual.x[..., moving]
+        middle = np.einsum("bj,bjn->bn", share, x)
+        off = [by * spread[k] * np.eye(moving.size)[k] for k in aside for by in (1.0, -1.0)]
+        points = np.concatenate([x, *((middle + one)[:, None] for one in off)], axis=1)
+        rest = np.full((len(share), len(off)), settings.aside)
+        local = _Local.over(points, np.hstack([_thinned(share, settings.sites), rest]), settings)
+        step = settings.step * scatter[of[block.rows]]
+        slopes = _slopes(likelihood, alpha, block, found, log_weight, local, moving, step)
+        slopes = slopes[..., [*free, alpha.size]]
+        weights = np.einsum(
+            "msq,mqk->msk", (local.value * local.share[..., None])[block.owner], slopes
+        )
+        weights[..., :-1] = weights[..., :-1] @ covariance
+        kept = local.share[block.owner] > 0.0
+        site = np.broadcast_to(of[block.rows][:, None], kept.shape)[kept]
+        parts.append((site, points[block.owner][kept], weights[kept]))
+    return Functional(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+def near_outcomes(
+    problem: Problem, alpha: Array, of: Indices, settings: FunctionalSettings = FUNCTIONAL
+) -> IndividualLikelihood:
+    """The likelihood of exact outcomes with a small auxiliary error, on the same surfaces."""
+    assert problem.surface is not None
+    rows = np.arange(problem.count)
+    predictor = OnSurfaces(problem.surface, problem.region, of)
+    layout = Layout(rows.size, rows, rows, np.zeros(rows.size, dtype=np.intp))
+    law = alpha[: problem.inputs.size]
+    return smoothed(problem.inputs, law, predictor, layout, problem.outcomes, settings.smooth)
+
+
+def _slopes(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    block: Block,
+    found: Evaluated,
+    log_weight: Array,
+    local: _Local,
+    moving: Indices,
+    step: Array,
+) -> Array:
+    """Derivatives (m, Q, K + 1) of scores and log-densities by the errors' coefficients."""
+
+    def scored(one: Evaluated) -> Array:
+        each, share = mean_of(one.sums + log_weight)
+        return np.column_stack([one.scores(share), each])
+
+    base, nodes = scored(found), found.eta.shape[1]
+    rank = np.arange(len(block.owner)) - block.starts[block.owner]
+    out = np.zeros((len(block.owner), local.value.shape[2], base.shape[1]))
+    for place in range(int(rank.max(initial=-1)) + 1):
+        rows = np.flatnonzero(rank == place)
+        own = block.owner[rows]
+        for q in range(out.shape[1]):
+            eta, slopes = found.eta.copy(), found.slopes.copy()
+            eta[rows] += step[rows, None] * local.value[own, :nodes, q]
+            along = step[rows, None, None] * local.slope[own, :nodes, :, q]
+            slopes[np.ix_(moving, rows)] += along.transpose(2, 0, 1)
+            terms = likelihood.errors.terms(alpha[likelihood.inputs.size :], eta, block.rows)
+            moved = scored(replace(found, eta=eta, slopes=slopes, terms=terms))
+            out[rows, q] = (moved - base)[own] / step[rows, None]
+    return np.nan_to_num(out, posinf=0.0, neginf=0.0)
+
+
+@dataclass(frozen=True)
+class _Local:
+    """Polynomials of degree two for each of B experiments, orthonormal over weighted points.
+
+    `value` (B, S, Q) and `slope` (B, S, n, Q) are those at the points with weights `share` (B, S).
+    A function with values e (B, S) has the coefficients sum_s e_s share_s value_sq. Polynomials
+    that the points do not determine are zero.
+    """
+
+    value: Array
+    slope: Array
+    share: Array
+
+    @classmethod
+    def over(cls, x: Array, weight: Array, settings: FunctionalSettings) -> _Local:
+        indices, tiny = _quadratic(x.shape[2]), np.finfo(float).tiny
+        share = weight / np.maximum(weight.sum(axis=1, keepdims=True), tiny)
+        middle = np.einsum("bs,bsn->bn", share, x)[:, None]
+        off = (x - middle) * np.sqrt(share)[..., None]
+        turn, size, _ = np.linalg.svd(off.transpose(0, 2, 1), full_matrices=False)
+        into = turn / np.maximum(size, 1e-9 * size[:, :1] + tiny)[:, None, :]
+        # Far from the nodes that count, powers are cut off.
+        t = np.clip(np.einsum("bsi,bij->bsj", x - middle, into), -1e3, 1e3)
+        value, slope = _powers(t, indices)
+        _, s, v = np.linalg.svd(value * np.sqrt(share)[..., None], full_matrices=False)
+        known = s > settings.least * s[:, :1]
+        inverse = v.transpose(0, 2, 1) * np.where(known, 1.0 / np.where(known, s, 1.0), 0.0)[:, None]
+        slope = np.einsum("bij,bsjq,bqk->bsik", into, slope, inverse, optimize=True)
+        return cls(value @ inverse, slope, share)
+
+
+def _thinned(share: Array, count: int) -> Array:
+    """Shares (B, J) of the points that remain of `count` systematic draws; most become zero."""
+    ends = np.round(np.cumsum(share, axis=1) * count)
+    return np.diff(ends, axis=1, prepend=0.0) / count
+
+
+def _quadratic(n: int) -> Indices:
+    """The multi-indices (Q, n) of all terms up to degree two."""
+    eye = np.eye(n, dtype=np.intp)
+    pairs = [eye[i] + eye[j] for i in range(n) for j in range(i, n)]
+    return np.vstack([np.zeros((1, n), dtype=np.intp), eye, *pairs])
+
+
+def _powers(t: Array, indices: Indices) -> tuple[Array, Array]:
+    """Monomials (..., Q) of points t (..., n), and their derivatives (..., n, Q)."""
+    value = np.stack([np.prod(t**nu, axis=-1) for nu in indices], axis=-1)
+    slope = np.zeros((*t.shape, len(indices)))
+    for q, nu in enumerate(indices):
+        for i in np.flatnonzero(nu):
+            less = nu - (np.arange(len(nu)) == i)
+            slope[..., i, q] = nu[i] * np.prod(t**less, axis=-1)
+    return value, slope
