@@ -20,19 +20,21 @@ from aleator.fit import outcome_range
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
 from aleator.fit.quadrature import (
     AnyLikelihood,
+    Highest,
     Maximum,
     highest_maximum,
     nearest_maximum,
     several_modes,
     with_enough_nodes,
+    with_other_optima,
 )
 from aleator.fit.question import Question
-from aleator.fit.refined import Refined, next_region
 from aleator.fit.regions import (
     REGIONS,
     draws,
     hull,
     interval_alphas,
+    next_region,
     padded,
     plausible_alphas,
     reaching_out,
@@ -166,7 +168,7 @@ class Emulation:
         self.distances, self.calm = np.empty(0), 0
         self.surface: Surface
 
-    def answer(self) -> Refined:
+    def answer(self) -> Highest:
         """The maximum, after as many rounds as it needs."""
         with self.ledger.stage(SURFACE):
             self._begin()
@@ -180,26 +182,29 @@ class Emulation:
                 continue
             found, end, better = self._highest(found, end)
             if not better or rounds >= self.settings.most:
-                return self._refined(found, end)
+                return self._finished(found, end)
 
-    def spread(self, answer: Refined, inference: Inference, intervals: Array) -> Refined | None:
+    def spread(
+        self, end: Maximum, found: SearchResult, inference: Inference, intervals: Array
+    ) -> Highest | None:
         """The maximum on surfaces that reach to the laws at the ends of the intervals (K, 2).
 
-        None where they do already.
+        Rounds of runs follow where the processes are not exact enough there. None where the
+        surfaces reach so far already.
         """
-        likelihood, inputs = answer.likelihood, answer.likelihood.inputs
-        ends = interval_alphas(answer.alpha, inference, intervals, likelihood.hyperparameters)
-        if not ends:
-            return None
-        wanted = region_of(inputs, ends, likelihood.count, REGIONS.plausible)
+        likelihood, inputs = end.likelihood, end.likelihood.inputs
+        ends = interval_alphas(end.alpha, inference, intervals, likelihood.hyperparameters)
+        wanted = region_of(inputs, [end.alpha], likelihood.count, REGIONS.far)
+        if ends:
+            wanted = hull(wanted, region_of(inputs, ends, likelihood.count, REGIONS.plausible))
         if not reaching_out(self.region, inputs.box, wanted).any():
             return None
         with self.ledger.stage(SURFACE):
             self._move(hull(self.region, padded(wanted, inputs.box)))
             self.processes.learn()
-            made = self._likelihood(self._draws(answer.maximum, [answer.alpha, *ends]))
-        end = self._climbed(made, answer.alpha)
-        return self._refined(answer.search_result, end)
+            made = self._likelihood(self._draws(end, [end.alpha, *ends]))
+        self.calm = self.settings.rounds - 1
+        return self._finished(found, self._rounds(self._climbed(made, end.alpha), 1)[0])
 
     def _begin(self) -> None:
         """The first runs; observations all of whose runs fail are left out."""
@@ -219,9 +224,7 @@ class Emulation:
         """Rounds of runs, each with a new maximum, until the error of alpha is small enough."""
         question, settings, progress = self.question, self.settings, self.ledger.progress
         while True:
-            inference = infer(
-                end.likelihood.followed, end.alpha, end.likelihood.hyperparameters
-            )
+            inference = infer(end.likelihood.followed, end.alpha, end.likelihood.hyperparameters)
             likely = plausible_alphas(end.alpha, inference, end.likelihood.hyperparameters)
             x = self._draws(end, [end.alpha, *likely], settings.wide, settings.draws)
             self.error = self._error(end, inference, x)
@@ -277,13 +280,12 @@ class Emulation:
     def _error(self, end: Maximum, inference: Inference, x: Array) -> EmulatorError:
         """The error that the processes cause; x (D, n) are draws of plausible laws."""
         likelihood, processes, before = end.likelihood, self.processes, self.error
-        held = (
-            near_outcomes(likelihood, end.alpha, self.of)
-            if isinstance(likelihood, Problem)
-            else likelihood
-        )
         if isinstance(likelihood, Problem):
-            held = held.by(self._rule(held), end.alpha)
+            predictor = OnSurfaces(self.surface, self.region, self.of)
+            near = near_outcomes(likelihood, end.alpha, predictor)
+            held = near.by(self._rule(near), end.alpha)
+        else:
+            held = likelihood
         covariance = _covariance(inference, likelihood)
         unknown = replace(before, alpha=np.inf, log_likelihood=np.inf,
                           shares=np.ones(len(processes.conditions)))  # fmt: skip
@@ -325,15 +327,10 @@ class Emulation:
             return found, self._climbed(likelihood, top.maximum.alpha), True
         return again, end, False
 
-    def _refined(self, found: SearchResult, end: Maximum) -> Refined:
+    def _finished(self, found: SearchResult, end: Maximum) -> Highest:
         """The maximum with as many quadrature nodes as it needs, on the present surfaces."""
         with self.ledger.stage(SEARCH):
-            fine = with_enough_nodes(self._plain(end), end.alpha)
-            top = highest_maximum(fine, found)
-        return Refined(
-            self.question, top.maximum, top.search_result, self.region, self.reason,
-            possible=top.others, emulation=self,
-        )  # fmt: skip
+            return with_other_optima(with_enough_nodes(self._plain(end), end.alpha), found)
 
     def _in_reach(self, end: Maximum) -> tuple[Maximum, bool]:
         """The maximum where surfaces reach all exact outcomes, and whether runs were made for it.

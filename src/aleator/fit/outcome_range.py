@@ -95,9 +95,7 @@ def on_surfaces(
     return prepare(runner, outcomes, model, region, progress, surfaces.surface())
 
 
-def reached(
-    question: Question, problem: Problem, region: Array
-) -> tuple[int, Array, Array] | None:
+def reached(question: Question, problem: Problem, region: Array) -> tuple[int, Array, Array] | None:
     """Parameters at which the simulator gives the outcome that surfaces miss most.
 
     Returns the number of its condition, the parameters (moving,), and the region (n, 2) widened to

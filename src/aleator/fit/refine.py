@@ -22,6 +22,7 @@ from aleator.fit.ledger import SEARCH, SURFACE, Ledger
 from aleator.fit.quadrature import (
     NODE_ACCURACY,
     AnyLikelihood,
+    Highest,
     Maximum,
     highest_maximum,
     with_enough_nodes,
@@ -34,13 +35,13 @@ from aleator.fit.question import (
     way_of,
     way_of_outcomes,
 )
-from aleator.fit.refined import Refined, next_region
 from aleator.fit.regions import (
     REGIONS,
     draws,
     first_region,
     hull,
     interval_alphas,
+    next_region,
     padded,
     plausible_alphas,
     reaching_out,
@@ -104,6 +105,50 @@ WITH_NOISE = Rounds(
 EXACT = Rounds(begin=np.inf, first=0.05, last=0.025, together=1, change=0.2, each=1e-3)
 
 
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A maximum, the search that led to it, and the response surfaces that it rests on.
+
+    `question` leaves out observations whose runs all fail. `surfaces` is None where the simulator
+    itself was integrated over. `sites` are the distinct outputs that have a surface each, on the
+    `region` (n, 2) of the parameters. `others` are lower maxima with surfaces refined for them.
+    `possible` are optima (K,) of the search whose log-likelihood is less than 1.92 below the
+    maximum. If `spread` is true, the region contains the laws at the ends of the profile intervals
+    and is not narrowed. `reason` says why there are surfaces, or none.
+    `emulation` has the Gaussian processes, if the likelihood was maximized on them.
+    """
+
+    question: Question
+    maximum: Maximum
+    search_result: SearchResult
+    region: Array
+    reason: str
+    surfaces: AdaptiveSurfaces | None = None
+    sites: Sites | None = None
+    others: tuple[Maximum, ...] = ()
+    possible: tuple[Array, ...] = ()
+    spread: bool = False
+    emulation: Emulation | None = None
+
+    @property
+    def likelihood(self) -> AnyLikelihood:
+        """The likelihood, with quadrature nodes adapted to the maximum."""
+        return self.maximum.likelihood
+
+    @property
+    def alpha(self) -> Array:
+        """The values alpha (K,) of the hyperparameters at the maximum."""
+        return self.maximum.alpha
+
+    @classmethod
+    def emulated(cls, emulation: Emulation, top: Highest) -> Refined:
+        """The maximum on Gaussian processes."""
+        return cls(
+            emulation.question, top.maximum, top.search_result, emulation.region,
+            emulation.reason, possible=top.others, emulation=emulation,
+        )  # fmt: skip
+
+
 def refined(question: Question, ledger: Ledger) -> Refined:
     """The maximum of the likelihood that more nodes and more runs of the simulator do not move."""
     choices, runner, inputs = question.choices, question.runner, question.inputs
@@ -119,8 +164,24 @@ def refined(question: Question, ledger: Ledger) -> Refined:
         return _on_simulator(question, region, way.reason, ledger)
     choice = question.choices.surfaces
     if choice is not None and choice.surfaces != "own" and choice.tolerance is None:
-        return Emulation(question, ledger, region, way.reason).answer()
+        emulation = Emulation(question, ledger, region, way.reason)
+        return Refined.emulated(emulation, emulation.answer())
     return Refinement(question, ledger).answer(region, way.reason)
+
+
+def spread(
+    answer: Refined, inference: Inference, intervals: Array, ledger: Ledger
+) -> Refined | None:
+    """The maximum on surfaces that are also accurate at the ends of the intervals (K, 2).
+
+    None where the present surfaces are accurate enough there, or where there are none.
+    """
+    if answer.emulation is not None:
+        top = answer.emulation.spread(answer.maximum, answer.search_result, inference, intervals)
+        return None if top is None else Refined.emulated(answer.emulation, top)
+    if answer.surfaces is None:
+        return None
+    return Refinement(answer.question, ledger).spread(answer, inference, intervals)
 
 
 def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger) -> Refined:

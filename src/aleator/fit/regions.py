@@ -19,6 +19,7 @@ from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
+from aleator.simulators.response_functions import moving_parameters
 
 
 @dataclass(frozen=True)
@@ -184,6 +185,26 @@ def within(box: Array, region: Array) -> Array:
     return np.stack(
         [np.maximum(region[:, 0], box[:, 0]), np.minimum(region[:, 1], box[:, 1])], axis=1
     )
+
+
+def next_region(
+    inputs: Inputs, region: Array, alpha: Array, likely: Array, experiments: int, shrink: float
+) -> Array:
+    """The region (n, 2) of the next surfaces: a new one for the plausible laws, or the present.
+
+    The region changes if the law alpha (K,) extends beyond it, or if the new region has less than
+    the share `shrink` of its volume. `likely` (A, K) are plausible laws.
+    """
+    certain = region_of(inputs, [alpha], experiments, REGIONS.far)
+    possible = region_of(inputs, [*likely], experiments, REGIONS.plausible)
+    wanted = padded(hull(certain, possible), inputs.box)
+    if reaching_out(region, inputs.box, certain).any():
+        way = np.diff(region, axis=1) * np.array([-1.0, 1.0])
+        return np.clip(wanted, region[:, :1] + way[:, :1], region[:, 1:] + way[:, 1:])
+    moving = moving_parameters(region)
+    width = np.diff(region, axis=1)[moving, 0]
+    share = np.prod(np.diff(wanted, axis=1)[moving, 0] / width)
+    return wanted if share < shrink else region
 
 
 def _laws(inputs: Inputs, experiments: int) -> int:

@@ -21,7 +21,6 @@ from aleator.observations.experiments import Experiments
 from aleator.results.values import Diagnostic
 from aleator.search.interface import LogLikelihood
 
-
 EMULATOR = "emulator"
 NONE = EmulatorError(0.0, 0.0, 1.0, np.zeros(0))
 UNKNOWN = 0.5

@@ -21,8 +21,7 @@ from aleator.fit.quadrature import (
     nearest_maximum,
     with_enough_nodes,
 )
-from aleator.fit.refine import WITH_NOISE, Refinement
-from aleator.fit.refined import Refined
+from aleator.fit.refine import WITH_NOISE, Refined, spread
 from aleator.fit.search import in_order
 from aleator.inference.diagnostics import ESTIMATES, Rival
 from aleator.inference.information import Inference, infer
@@ -99,20 +98,18 @@ class Inferred:
 
 def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
     """The maximum with its uncertainty, on surfaces that are accurate at the interval ends too."""
-    refinement = answer.emulation or Refinement(answer.question, ledger)
     for widened in range(UNCERTAINTY.wider + 1):
         with ledger.stage("inference"):
             end, found, inference, profile = inferred(
                 answer.maximum, answer.search_result, answer.possible
             )
             answer = replace(answer, maximum=end, search_result=found)
-        alone = answer.surfaces is None and answer.emulation is None
-        if alone or widened == UNCERTAINTY.wider:
+        if widened == UNCERTAINTY.wider:
             break
-        spread = refinement.spread(answer, inference, profile.intervals)
-        if spread is None:
+        wider = spread(answer, inference, profile.intervals, ledger)
+        if wider is None:
             break
-        answer = spread
+        answer = wider
     with ledger.stage("inference"):
         rivals = _rivals(answer, inference) or _followed_rivals(answer, inference)
     return Inferred(answer, inference, profile, rivals)

@@ -1,4 +1,4 @@
-"""The error of alpha and of the log-likelihood that the errors of an emulator cause, to first order.
+"""The error of alpha and of the log-likelihood by the errors of an emulator, to first order.
 
 The score of alpha changes with the error e_u(x) of each simulated value, and alpha changes by
 H^-1 times the change of the score, where H is the information matrix. Both are sums over nodes x of
@@ -14,13 +14,9 @@ import numpy as np
 
 from aleator.core.types import Array, Indices
 from aleator.inference.check import smoothed
-from aleator.likelihood.individual import (
-    IndividualLikelihood,
-    Layout,
-    OnSurfaces,
-)
+from aleator.likelihood.individual import IndividualLikelihood, Layout
 from aleator.likelihood.individual.likelihood import Evaluated, mean_of
-from aleator.likelihood.individual.predictors import Block
+from aleator.likelihood.individual.predictors import Block, Predictor
 from aleator.likelihood.problem import Problem
 
 
@@ -30,8 +26,9 @@ class FunctionalSettings:
 
     smooth: float = 0.1
     """The standard deviation of the auxiliary error of an exact outcome, over its scatter."""
-    sites: int = 24
-    """The largest number of nodes of an experiment at which the errors of its values are taken."""
+    sites: int = 32
+    """The number of nodes of an experiment at which the errors of its values are taken, drawn by
+    their shares in the likelihood where there are more."""
     aside: float = 0.25
     """The weight of a point above or below a constant's value, where the nodes have weight one."""
     step: float = 1e-4
@@ -89,7 +86,9 @@ def functional(
         off = [by * spread[k] * np.eye(moving.size)[k] for k in aside for by in (1.0, -1.0)]
         points = np.concatenate([x, *((middle + one)[:, None] for one in off)], axis=1)
         rest = np.full((len(share), len(off)), settings.aside)
-        local = _Local.over(points, np.hstack([_thinned(share, settings.sites), rest]), settings)
+        local = _Polynomials.over(
+            points, np.hstack([_thinned(share, settings.sites), rest]), settings
+        )
         step = settings.step * scatter[of[block.rows]]
         slopes = _slopes(likelihood, alpha, block, found, log_weight, local, moving, step)
         slopes = slopes[..., [*free, alpha.size]]
@@ -104,12 +103,10 @@ def functional(
 
 
 def near_outcomes(
-    problem: Problem, alpha: Array, of: Indices, settings: FunctionalSettings = FUNCTIONAL
+    problem: Problem, alpha: Array, predictor: Predictor, settings: FunctionalSettings = FUNCTIONAL
 ) -> IndividualLikelihood:
-    """The likelihood of exact outcomes with a small auxiliary error, on the same surfaces."""
-    assert problem.surface is not None
+    """The likelihood of exact outcomes with a small auxiliary error, by simulated values."""
     rows = np.arange(problem.count)
-    predictor = OnSurfaces(problem.surface, problem.region, of)
     layout = Layout(rows.size, rows, rows, np.zeros(rows.size, dtype=np.intp))
     law = alpha[: problem.inputs.size]
     return smoothed(problem.inputs, law, predictor, layout, problem.outcomes, settings.smooth)
@@ -121,7 +118,7 @@ def _slopes(
     block: Block,
     found: Evaluated,
     log_weight: Array,
-    local: _Local,
+    local: _Polynomials,
     moving: Indices,
     step: Array,
 ) -> Array:
@@ -149,7 +146,7 @@ def _slopes(
 
 
 @dataclass(frozen=True)
-class _Local:
+class _Polynomials:
     """Polynomials of degree two for each of B experiments, orthonormal over weighted points.
 
     `value` (B, S, Q) and `slope` (B, S, n, Q) are those at the points with weights `share` (B, S).
@@ -162,7 +159,7 @@ class _Local:
     share: Array
 
     @classmethod
-    def over(cls, x: Array, weight: Array, settings: FunctionalSettings) -> _Local:
+    def over(cls, x: Array, weight: Array, settings: FunctionalSettings) -> _Polynomials:
         indices, tiny = _quadratic(x.shape[2]), np.finfo(float).tiny
         share = weight / np.maximum(weight.sum(axis=1, keepdims=True), tiny)
         middle = np.einsum("bs,bsn->bn", share, x)[:, None]
@@ -174,13 +171,17 @@ class _Local:
         value, slope = _powers(t, indices)
         _, s, v = np.linalg.svd(value * np.sqrt(share)[..., None], full_matrices=False)
         known = s > settings.least * s[:, :1]
-        inverse = v.transpose(0, 2, 1) * np.where(known, 1.0 / np.where(known, s, 1.0), 0.0)[:, None]
+        inverse = (
+            v.transpose(0, 2, 1) * np.where(known, 1.0 / np.where(known, s, 1.0), 0.0)[:, None]
+        )
         slope = np.einsum("bij,bsjq,bqk->bsik", into, slope, inverse, optimize=True)
         return cls(value @ inverse, slope, share)
 
 
 def _thinned(share: Array, count: int) -> Array:
-    """Shares (B, J) of the points that remain of `count` systematic draws; most become zero."""
+    """Shares (B, J) of the points, or of those that remain of `count` systematic draws of many."""
+    if share.shape[1] <= count:
+        return share
     ends = np.round(np.cumsum(share, axis=1) * count)
     return np.diff(ends, axis=1, prepend=0.0) / count
 

@@ -5,8 +5,9 @@ take. A `Surface` holds the polynomials of all experiments over a region of the 
 their estimated errors. `AdaptiveSurfaces` are surfaces with the runs that they are fitted to; each
 round of runs improves them.
 
-Each experiment has a polynomial of its own (`emulator`, `fit`). Or all experiments share one
-Gaussian process over conditions and parameters (`shared`), to which polynomials are then fitted.
+For an identification, Gaussian processes over conditions and parameters learn from the runs of all
+experiments (`processes`, `kriging`), and polynomials are fitted to them. With a tolerance, or under
+a given law, each experiment has a polynomial of its own (`emulator`, `fit`).
 """
 
 from aleator.surrogates.adaptive import AdaptiveSurfaces, build_surface, surfaces_of

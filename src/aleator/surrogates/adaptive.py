@@ -219,8 +219,8 @@ class AdaptiveSurfaces:
 
     `run(index (R,), x (R, n)) -> (R,)` runs the simulator and gives NaN where a run failed. `box`
     (n, 2) is the region of the parameters that the surfaces cover. `where` (J, n) are the points at
-    which errors were last estimated, or None for the whole box. `scale` (N,), if given, replaces the standard deviation to
-    which errors are compared. `past` (P, N) are the relative errors before each of the last P
+    which errors were last estimated, or None for the whole box. `scale` (N,), if given, replaces
+    the standard deviation to which errors are compared. `past` (P, N) are the relative errors before each of the last P
     rounds; an experiment whose error no longer falls gets no further runs. `afforded` selects the
     experiments of a round where the budget does not suffice for all.
 
@@ -429,9 +429,7 @@ def surfaces_of(runner: Runner, region: Array, choice: ResponseSurface) -> Adapt
     """The surfaces of a runner's distinct conditions on a region (n, 2), after the first runs."""
     box, cases = region[moving_parameters(region)], runner.cases
     afforded = within(runner.account, np.arange(len(cases)))
-    return AdaptiveSurfaces(
-        attempts(runner, region), box, len(cases), choice, afforded
-    )
+    return AdaptiveSurfaces(attempts(runner, region), box, len(cases), choice, afforded)
 
 
 def build_surface(

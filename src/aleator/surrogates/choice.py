@@ -24,10 +24,10 @@ class ResponseSurface:
     of the outcome counts as converged.
     nodes: the number of Gauss nodes per parameter, or a cubature, by which moments are computed
     from the surfaces; None lets the program choose.
-    surfaces: "process": Gaussian processes over conditions and parameters learn from the runs of all
-    experiments. "own": each experiment has a polynomial of its own. "none": the simulator itself is
-    run at every node. None: a vectorized simulator gets no surfaces, any other gets "process", or
-    "own" with a tolerance. A tolerance is admitted only with surfaces of their own.
+    surfaces: "process": Gaussian processes over conditions and parameters learn from the runs of
+    all experiments. "own": each experiment has a polynomial of its own. "none": the simulator
+    itself is run at every node. None: a vectorized simulator gets no surfaces, any other gets
+    "process", or "own" with a tolerance. A tolerance is admitted only with surfaces of their own.
 
     Raises InputsError for a value outside these ranges.
 

@@ -165,9 +165,11 @@ def _squared(a: Array, b: Array) -> Array:
     return np.asarray((a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * (a @ b.T))
 
 
-def _trend(u: Array) -> Array:
-    """The terms 1, u of the trend, (M, 1 + D)."""
-    return np.hstack([np.ones((len(u), 1)), u])
+def _trend(u: Array, parameters: int) -> Array:
+    """The terms 1, c, z and c_i z_j of the trend, (M, T)."""
+    c, z = u[:, : u.shape[1] - parameters], u[:, u.shape[1] - parameters :]
+    both = (c[:, :, None] * z[:, None, :]).reshape(len(u), -1)
+    return np.hstack([np.ones((len(u), 1)), u, both])
 
 
 @dataclass(frozen=True)
@@ -217,7 +219,7 @@ def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tupl
     line = alike * (1.0 + z @ z.T)
     matrix = value + c.individual**2 * own + c.line**2 * line
     matrix[np.diag_indices(len(y))] += c.noise**2
-    trend = _trend(u)
+    trend = _trend(u, data.parameters)
     try:
         factor = _Factor.of(matrix, trend)
     except LinAlgError:
@@ -295,10 +297,10 @@ class ProcessPosterior:
         """The process conditioned on the runs; O(M^3)."""
         matrix = covariance.between(data.experiment, data.u, data.experiment, data.u)
         matrix[np.diag_indices(len(data.y))] += covariance.noise**2
-        factor = _Factor.of(matrix, _trend(data.u))
+        factor = _Factor.of(matrix, _trend(data.u, data.parameters))
         white, along = factor.whitened(data.y)
         dual = factor.back(white)
-        free = max(len(data.y) - data.u.shape[1] - 1, 1)
+        free = max(len(data.y) - factor.q.shape[1], 1)
         variance = max(float(white @ white) / free, np.finfo(float).tiny)
         surprise = dual / np.sqrt(np.diag(factor.precision) * variance)
         beta = solve_triangular(factor.r, along)
@@ -312,7 +314,7 @@ class ProcessPosterior:
     @single_threaded
     def mean(self, experiment: Indices, u: Array) -> Array:
         """Expected outcomes (R,) of the experiments (R,) at inputs u (R, D)."""
-        return np.asarray(_trend(u) @ self.beta + self._between(experiment, u) @ self.dual)
+        return np.asarray(_trend(u, self.data.parameters) @ self.beta + self._between(experiment, u) @ self.dual)
 
     @single_threaded
     def deviation(self, experiment: Indices, u: Array) -> Array:
@@ -333,7 +335,7 @@ class ProcessPosterior:
         """Posterior covariance (K, K) of sums of the outcomes at u (R, D) times weights (R, K)."""
         prior = weights.T @ (self.covariance.between(experiment, u, experiment, u) @ weights)
         known = _solved(self.factor.lower, self._between(experiment, u).T @ weights)
-        short = _trend(u).T @ weights - self.factor.r.T @ (self.factor.q.T @ known)
+        short = _trend(u, self.data.parameters).T @ weights - self.factor.r.T @ (self.factor.q.T @ known)
         rest = solve_triangular(self.factor.r, short, trans="T", check_finite=False)
         return np.asarray(self.variance * (prior - known.T @ known + rest.T @ rest))
 
@@ -343,6 +345,6 @@ class ProcessPosterior:
     def _known(self, experiment: Indices, u: Array) -> tuple[Array, Array]:
         """What the runs tell (M, R), and what the trend's uncertainty adds (1 + D, R)."""
         known = _solved(self.factor.lower, self._between(experiment, u).T)
-        short = _trend(u).T - self.factor.r.T @ (self.factor.q.T @ known)
+        short = _trend(u, self.data.parameters).T - self.factor.r.T @ (self.factor.q.T @ known)
         rest = solve_triangular(self.factor.r, short, trans="T", check_finite=False)
         return known, np.asarray(rest)

@@ -44,7 +44,7 @@ class ProcessesSettings:
     """A misfit below this share of the scatter of the outcome does not count."""
     points: float = 2.5
     """The number of points for each term, to which a polynomial is fitted."""
-    ridge: float = 0.01
+    ridge: float = 1e-3
     """Weight of the penalty on the size of a polynomial's terms, relative to one point of the fit.
     """
     again: float = 1.2
@@ -57,7 +57,7 @@ PROCESSES = ProcessesSettings()
 
 
 @dataclass(frozen=True)
-class _Group:
+class _Cases:
     """The outputs of one column for experiments of similar conditions, with their process."""
 
     sites: Indices
@@ -93,7 +93,7 @@ class Processes:
         self.covariances = {int(c): first for c in np.unique(column)}
         self.steps = PROCESS.steps[0]
         self.terms, self.fitted = 0, 0
-        self.groups: list[_Group] = []
+        self.groups: list[_Cases] = []
 
     @property
     def box(self) -> Array:
@@ -132,7 +132,7 @@ class Processes:
     def spread(self, count: int = 512) -> Array:
         """Points (J, n) that are evenly spread over the region."""
         n = len(self.box)
-        return self.axes.outward(low_discrepancy(count, n, fixed_shift(n)))
+        return np.asarray(self.axes.outward(low_discrepancy(count, n, fixed_shift(n))))
 
     def begin(self, each: int, cases: Sequence[int] | None = None) -> None:
         """Make `each` first runs of the cases, by default all: pieces of one Sobol' sequence."""
@@ -183,7 +183,7 @@ class Processes:
                 sites = np.flatnonzero((self.column == column) & np.isin(self.case, cases))
                 if sites.size:
                     posterior = ProcessPosterior.of(both[0], data.take(some))
-                    self.groups.append(_Group(sites, column, cases, posterior))
+                    self.groups.append(_Cases(sites, column, cases, posterior))
         self.steps = PROCESS.steps[1]
 
     def mean(self, x: Array) -> Array:
@@ -232,7 +232,7 @@ class Processes:
                 left = group.posterior.joint(np.full(len(z), case), u)
                 size = max(float(np.trace(left)), tiny)
                 told += (left**2).sum(axis=0) / np.maximum(np.diag(left), tiny) / size
-        return x[int(np.argmax(told))]
+        return np.asarray(x[int(np.argmax(told))])
 
     def _surprises(self, case: Indices, x: Array, y: Array) -> Array:
         z, found = self.axes.inward(x), [np.empty(0)]
@@ -269,7 +269,9 @@ class Processes:
         )  # fmt: skip
         lower, upper = outcome_range(made, np.full((len(sites), 1), np.nan))
         return replace(
-            made, lower=widened(lower, -3.0 * error, plain), upper=widened(upper, 3.0 * error, plain)
+            made,
+            lower=widened(lower, -3.0 * error, plain),
+            upper=widened(upper, 3.0 * error, plain),
         )
 
     def _fitted(self, count: int, where: Array) -> tuple[Indices, Array, Array, Array]:
@@ -310,7 +312,7 @@ class Processes:
         case = self.case[site]
         return case, np.hstack([self.conditions[case], z])
 
-    def _in_groups(self, site: Indices) -> Iterator[tuple[_Group, Indices]]:
+    def _in_groups(self, site: Indices) -> Iterator[tuple[_Cases, Indices]]:
         of = np.full(len(self.case), -1)
         for number, group in enumerate(self.groups):
             of[group.sites] = number

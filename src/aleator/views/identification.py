@@ -499,11 +499,10 @@ def _simulator(
 
 def _surfaces(surface: Document, experiments: int) -> str:
     if surface.get("estimates_error") is not None:
-        return (
-            f"An emulator of {surface['runs']:,} runs moves the estimates by about "
-            f"{surface['estimates_error']:.2g} standard errors, and the log-likelihood by "
-            f"{surface['log_likelihood_error']:.2g}."
+        off, change = (
+            to_three(surface.get(f"{of}_error")) for of in ("estimates", "log_likelihood")
         )
+        return f"The emulator moves the estimates by {off} standard errors, log L by {change}."
     converged, total = surface.get("converged"), surface.get("experiments", experiments)
     parts = [] if converged is None else [f"{int(converged)} of {total} surfaces converged"]
     parts += [
