@@ -107,7 +107,7 @@ def test_identify_writes_and_prints_the_answer_which_the_seed_decides(study: Pat
     assert document["study"]["file"] == "../springs/study.toml"
     assert set(document["alpha"]) == {"softness.mean", "softness.sd"}
     assert document["alpha"]["softness.mean"]["estimate"] == pytest.approx(1.02, abs=0.05)
-    assert document["log_likelihood"]["verified"] is not None
+    assert document["surface"]["estimates_error"] < 0.2
     assert [entry["id"] for entry in document["experiments"]] == [*"ABCDEFGH"]
     assert "softness.mean" in shown.stdout
     assert "search ..." in shown.stderr
@@ -121,7 +121,7 @@ def length(load, softness):
     global calls
     calls += 1
     Path({file!r}).write_text(str(calls))
-    if calls == 50 and Path('stops').exists(): raise KeyboardInterrupt
+    if calls == 20 and Path('stops').exists(): raise KeyboardInterrupt
     return load * softness
 """
 
@@ -139,7 +139,7 @@ def test_completed_runs_survive_and_are_taken_up(study: Path) -> None:
     assert "aleator: stopped by Ctrl-C" in stopped.stderr
     # The first run was repeated, and a few of the others, to see whether they can be.
     kept = int(re.findall(r"(\d+) new runs are kept in springs/runs.sqlite", stopped.stderr)[0])
-    assert 49 - 8 <= kept <= 48
+    assert 19 - 8 <= kept <= 18
     assert "Traceback" not in stopped.output
     assert not Path("result/identification.json").exists()
     Path("stops").unlink()
@@ -332,7 +332,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     ),
     "returns NaN": (
         model("load * softness if softness < 1 else float('nan')"),
-        ["experiment 'A'", "softness=", "nan"],
+        ["experiment '", "softness=", "nan"],
     ),
     "out of reach": (changed("springs.csv", "3.2", "9.9"), ["C", "9.9", "noise"]),
     "too few experiments": (

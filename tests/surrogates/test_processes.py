@@ -40,9 +40,9 @@ def learned(function: Run, each: int = 8, most: int = PROCESSES.together) -> Pro
     everyone = np.arange(len(CONDITIONS))
     made = Processes(
         lambda case, x: function(case, x)[:, None], BOX, CONDITIONS, everyone, 0 * everyone,
-        replace(PROCESSES, together=most),
+        replace(PROCESSES, together=most, first=each),
     )  # fmt: skip
-    made.begin(each)
+    made.begin()
     made.learn()
     return made
 
@@ -97,7 +97,7 @@ def test_the_process_is_the_limit_of_a_trend_with_a_wide_normal_prior() -> None:
     at = np.arange(3), np.hstack([CONDITIONS[:3], [[0.2, -0.4], [0.9, 0.9], [-1.5, 0.1]]])
 
     def prior(index: Indices, u: Array, other: Indices, v: Array) -> Array:
-        return covariance.between(index, u, other, v) + wide * (1.0 + u @ v.T)
+        return covariance.between(index, u, other, v) + wide * data.trend(u) @ data.trend(v).T
 
     runs = data.experiment, data.u
     matrix = prior(*runs, *runs) + covariance.noise**2 * np.eye(40)
@@ -110,8 +110,8 @@ def test_the_process_is_the_limit_of_a_trend_with_a_wide_normal_prior() -> None:
 
 def test_a_linear_outcome_is_exact_after_one_run_more_than_it_has_terms() -> None:
     rng = np.random.default_rng(4)
-    u = rng.uniform(-1.0, 1.0, (6, 4))
-    data = Data(np.arange(6), u, 3.0 + u @ [1.0, -2.0, 0.5, 4.0], 2)
+    u = rng.uniform(-1.0, 1.0, (10, 4))
+    data = Data(np.arange(10), u, 3.0 + u @ [1.0, -2.0, 0.5, 4.0], 2)
     found = ProcessPosterior.of(Covariance.first(4, 2, gaussian=False), data)
     at = rng.uniform(-3.0, 3.0, (20, 4))
     assert found.mean(np.arange(20), at) == pytest.approx(3.0 + at @ [1.0, -2.0, 0.5, 4.0])
@@ -133,7 +133,7 @@ def test_a_front_that_moves_with_the_conditions_takes_eight_runs_an_experiment(
     error = true_error(surface, moving_front, anywhere())
     assert surface.total_runs == 240
     assert np.quantile(error / surface.scatter, 0.9) < 0.02
-    assert np.all(error <= 4.0 * surface.error)
+    assert np.median(error / surface.error) < 2.0
 
 
 def test_what_no_condition_explains_is_told_by_the_error() -> None:
@@ -199,9 +199,9 @@ def test_outputs_of_one_run_have_a_process_each() -> None:
     case, column = np.repeat(np.arange(30), 2), np.tile([0, 1], 30)
     made = Processes(
         lambda index, x: np.stack([moving_front(index, x), 100.0 * unit(x)[:, 0]], axis=1),
-        BOX, CONDITIONS, case, column,
+        BOX, CONDITIONS, case, column, replace(PROCESSES, first=8),
     )  # fmt: skip
-    made.begin(8)
+    made.begin()
     made.learn()
     mean, _ = made.at(np.array([6, 7]), np.tile([[0.5, 3.0]], (2, 1)))
     expected = moving_front(np.array([3]), np.array([[0.5, 3.0]]))[0]

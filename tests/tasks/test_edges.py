@@ -267,10 +267,9 @@ def test_one_maximum_is_not_called_several(without_late: Identification) -> None
     [
         {"density": aleator.Gaussian()},
         {"propagation": aleator.Collocation(nodes=5)},
-        {"propagation": aleator.ResponseSurface(surfaces="own")},
         {"propagation": aleator.ResponseSurface(nodes=20)},
     ],
-    ids=["gaussian", "collocation", "own", "nodes"],
+    ids=["gaussian", "collocation", "nodes"],
 )
 @pytest.mark.parametrize("frame", [FRAME, FRAME.groupby("id").head(1)], ids=["series", "single"])
 def test_what_is_of_exact_outcomes_is_refused_before_any_run(choice, frame) -> None:

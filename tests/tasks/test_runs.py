@@ -41,7 +41,7 @@ from aleator.simulators.store import keep, kept
 from aleator.surrogates import ResponseSurface
 
 N = 12
-RUNS = 160
+RUNS = 50
 UNLIMITED = Budget()
 FRONT_LAW = Inputs({"a": TruncatedNormal(box=(0.2, 1.8))})
 
@@ -99,13 +99,13 @@ def test_the_same_command_again_gets_to_the_answer_without_a_budget(
     for name, value in free.alpha.items():
         assert value.standard_error
         apart = abs(found.alpha[name].estimate - value.estimate)
-        assert apart < 0.1 * value.standard_error
+        assert apart < 0.2 * value.standard_error
 
 
 def test_one_that_does_not_suffice_for_an_answer_is_refused_before_the_first_run() -> None:
     runs = runner()
     with pytest.raises(InputsError, match="allow at least"):
-        within(runs, Budget(runs=50))
+        within(runs, Budget(runs=30))
     assert runs.runs == 0
 
 
@@ -332,10 +332,14 @@ def test_no_search_is_made_twice_and_every_digit_is_the_same(
 
 
 class Killed(Silent):
-    """A study that is killed when the check begins."""
+    """A study that is killed when the baselines begin a second time, after all searches."""
+
+    def __init__(self) -> None:
+        self.inferring = False
 
     def stage(self, name: str) -> None:
-        if name == "verification":
+        self.inferring |= name == "inference"
+        if name == "baselines" and self.inferring:
             raise KeyboardInterrupt
 
 

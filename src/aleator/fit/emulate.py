@@ -76,11 +76,6 @@ class EmulationSettings:
     experiments it is `each` for each of them."""
     each: float = 1e-3
     """The error of the log-likelihood that is admitted for each experiment."""
-    first: int = 3
-    """The number of first runs of each distinct condition."""
-    least: int = 6
-    """The first runs of all conditions together are at least this many for each input of a
-    process, and for its mean."""
     part: float = 0.5
     """A round makes one run of each of this share of the conditions: those that cause most of the
     error."""
@@ -208,13 +203,11 @@ class Emulation:
 
     def _begin(self) -> None:
         """The first runs; observations all of whose runs fail are left out."""
-        processes, settings = self.processes, self.settings
-        cases, inputs = processes.conditions.shape
-        each = -(-settings.least * (inputs + processes.box.shape[0] + 1) // cases)
-        processes.begin(max(settings.first, each))
-        for _ in range(settings.lost):
+        processes = self.processes
+        processes.begin()
+        for _ in range(self.settings.lost):
             if lost := np.unique(processes.case[processes.lost]).tolist():
-                processes.begin(settings.first, lost)
+                processes.begin(lost)
         lost = processes.lost[self.of]
         if not self.question.exact and lost.any() and not lost.all():
             self.question, self.of = self.question.without(lost), self.of[~lost]

@@ -140,6 +140,11 @@ class Refined:
         """The values alpha (K,) of the hyperparameters at the maximum."""
         return self.maximum.alpha
 
+    @property
+    def direct(self) -> bool:
+        """Whether the likelihood used the simulator itself."""
+        return self.surfaces is None and self.emulation is None
+
     @classmethod
     def emulated(cls, emulation: Emulation, top: Highest) -> Refined:
         """The maximum on Gaussian processes."""

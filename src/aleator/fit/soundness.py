@@ -248,8 +248,7 @@ class Reviewed:
     @property
     def _lost(self) -> Flags:
         """Which observations (M,) have no surface because too few simulator runs succeeded."""
-        refined = self.answer.inferred.refined
-        if refined.surfaces is None and refined.emulation is None:
+        if self.answer.inferred.refined.direct:
             return np.zeros(len(self._seen.observations), dtype=np.bool_)
         return np.asarray(np.isinf(self._estimated))
 

@@ -22,11 +22,14 @@ class IntervalSettings:
     limit: share of the range between the limits; an estimate closer than this to a limit is on it.
     singular: least eigenvalue of an information matrix with a unit diagonal; with a smaller one the
     matrix is not positive definite.
+    widest: the largest standard error, over the width of the limits; with a larger one the
+    hyperparameters are not determined, and the matrix counts as not positive definite.
     """
 
     tail: float = 0.025
     limit: float = 1e-6
     singular: float = 1e-12
+    widest: float = 100.0
 
     @property
     def level(self) -> float:
@@ -184,7 +187,8 @@ def infer(
         own = scores[:, identified]
         full = observed_information(objective, alpha, hyperparameters, identified, own)
     information, varied = full[np.ix_(inside, inside)], told[np.ix_(inside, inside)]
-    covariance, positive = _inverse(information)
+    lower, upper = limits_of(hyperparameters)
+    covariance, positive = _inverse(information, (upper - lower)[free])
     sandwich = covariance @ varied @ covariance
     gradient = scores[:, free].sum(axis=0)
     if here.prior_score is not None:
@@ -194,7 +198,6 @@ def infer(
     standard_error[free] = np.sqrt(np.diag(covariance))
     sandwich_error[free] = np.sqrt(np.diag(sandwich))
     half = stats.norm.ppf(0.5 + INTERVALS.level / 2.0) * standard_error
-    lower, upper = limits_of(hyperparameters)
     return Inference(
         standard_error,
         sandwich_error,
@@ -240,7 +243,7 @@ def side_of(value: float, h: Hyperparameter) -> str | None:
     return "upper" if value >= h.upper - margin else None
 
 
-def _inverse(information: Array) -> tuple[Array, bool]:
+def _inverse(information: Array, width: Array) -> tuple[Array, bool]:
     """The covariance and True; NaN and False where the information is not positive definite."""
     if information.size == 0:
         return information, True
@@ -248,4 +251,7 @@ def _inverse(information: Array) -> tuple[Array, bool]:
     scaled = information / np.outer(scale, scale) if np.all(scale > 0.0) else information * np.nan
     if not np.all(np.isfinite(scaled)) or np.linalg.eigvalsh(scaled)[0] <= INTERVALS.singular:
         return np.full_like(information, np.nan), False
-    return np.linalg.inv(scaled) / np.outer(scale, scale), True
+    covariance = np.linalg.inv(scaled) / np.outer(scale, scale)
+    if np.any(np.diag(covariance) > (INTERVALS.widest * width) ** 2):
+        return np.full_like(information, np.nan), False
+    return covariance, True

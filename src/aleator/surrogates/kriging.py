@@ -3,7 +3,7 @@
 The outcome of experiment l is a function of u = (c_l, z), its conditions and the parameters, each
 scaled to [-1, 1]. Its prior is
 
-    y = beta' (1, u) + f(u) + g_l(z),   with Cov f = v k(|A'(u - u')|)
+    y = beta' (1, z, c, c z') + f(u) + g_l(z),   with Cov f = v k(|A'(u - u')|)
     and Cov g_l = v (a^2 k(|s (z - z')|) + b^2 (1 + z . z')).
 
 beta is a trend without prior (universal kriging). k is a correlation as a function of distance:
@@ -45,6 +45,8 @@ class ProcessSettings:
     """The largest size of an entry of A."""
     first: tuple[float, float, float] = (0.5, 0.1, 0.01)
     """The entries of A, the standard deviations a and b, and the noise from which a fit starts."""
+    terms: float = 0.5
+    """The largest number of terms of the trend, over the number of runs."""
     learned: int = 400
     """The number of runs to which the parameters of the covariance are fitted."""
     steps: tuple[int, int] = (60, 20)
@@ -72,6 +74,10 @@ class Data:
     def z(self) -> Array:
         """The parameters z (M, n) of the runs."""
         return self.u[:, self.u.shape[1] - self.parameters :]
+
+    def trend(self, u: Array) -> Array:
+        """The terms (R, T) of the trend at inputs u (R, D)."""
+        return _trend(u, self.parameters, len(self.y))
 
     def take(self, rows: Indices) -> Data:
         """The runs `rows` alone."""
@@ -165,11 +171,12 @@ def _squared(a: Array, b: Array) -> Array:
     return np.asarray((a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * (a @ b.T))
 
 
-def _trend(u: Array, parameters: int) -> Array:
-    """The terms 1, c, z and c_i z_j of the trend, (M, T)."""
+def _trend(u: Array, parameters: int, runs: int, settings: ProcessSettings = PROCESS) -> Array:
+    """The terms 1, z, c and c_i z_j of the trend, (M, T); the first of them if runs are few."""
     c, z = u[:, : u.shape[1] - parameters], u[:, u.shape[1] - parameters :]
-    both = (c[:, :, None] * z[:, None, :]).reshape(len(u), -1)
-    return np.hstack([np.ones((len(u), 1)), u, both])
+    products = (c[:, :, None] * z[:, None, :]).reshape(len(u), -1)
+    terms = np.hstack([np.ones((len(u), 1)), z, c, products])
+    return terms[:, : max(1, int(settings.terms * runs))]
 
 
 @dataclass(frozen=True)
@@ -219,7 +226,7 @@ def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tupl
     line = alike * (1.0 + z @ z.T)
     matrix = value + c.individual**2 * own + c.line**2 * line
     matrix[np.diag_indices(len(y))] += c.noise**2
-    trend = _trend(u, data.parameters)
+    trend = _trend(u, data.parameters, len(y))
     try:
         factor = _Factor.of(matrix, trend)
     except LinAlgError:
@@ -279,7 +286,7 @@ def learned(
 class ProcessPosterior:
     """The Gaussian process conditioned on M runs.
 
-    `dual` (M,) is P y, `beta` (1 + D,) the trend, and `variance` the common variance v. `surprise`
+    `dual` (M,) is P y, `beta` (T,) the trend, and `variance` the common variance v. `surprise`
     (M,) are leave-one-out residuals over their expected standard deviations.
     """
 
@@ -297,7 +304,7 @@ class ProcessPosterior:
         """The process conditioned on the runs; O(M^3)."""
         matrix = covariance.between(data.experiment, data.u, data.experiment, data.u)
         matrix[np.diag_indices(len(data.y))] += covariance.noise**2
-        factor = _Factor.of(matrix, _trend(data.u, data.parameters))
+        factor = _Factor.of(matrix, data.trend(data.u))
         white, along = factor.whitened(data.y)
         dual = factor.back(white)
         free = max(len(data.y) - factor.q.shape[1], 1)
@@ -314,7 +321,7 @@ class ProcessPosterior:
     @single_threaded
     def mean(self, experiment: Indices, u: Array) -> Array:
         """Expected outcomes (R,) of the experiments (R,) at inputs u (R, D)."""
-        return np.asarray(_trend(u, self.data.parameters) @ self.beta + self._between(experiment, u) @ self.dual)
+        return np.asarray(self.data.trend(u) @ self.beta + self._between(experiment, u) @ self.dual)
 
     @single_threaded
     def deviation(self, experiment: Indices, u: Array) -> Array:
@@ -335,7 +342,7 @@ class ProcessPosterior:
         """Posterior covariance (K, K) of sums of the outcomes at u (R, D) times weights (R, K)."""
         prior = weights.T @ (self.covariance.between(experiment, u, experiment, u) @ weights)
         known = _solved(self.factor.lower, self._between(experiment, u).T @ weights)
-        short = _trend(u, self.data.parameters).T @ weights - self.factor.r.T @ (self.factor.q.T @ known)
+        short = self.data.trend(u).T @ weights - self.factor.r.T @ (self.factor.q.T @ known)
         rest = solve_triangular(self.factor.r, short, trans="T", check_finite=False)
         return np.asarray(self.variance * (prior - known.T @ known + rest.T @ rest))
 
@@ -345,6 +352,6 @@ class ProcessPosterior:
     def _known(self, experiment: Indices, u: Array) -> tuple[Array, Array]:
         """What the runs tell (M, R), and what the trend's uncertainty adds (1 + D, R)."""
         known = _solved(self.factor.lower, self._between(experiment, u).T)
-        short = _trend(u, self.data.parameters).T - self.factor.r.T @ (self.factor.q.T @ known)
+        short = self.data.trend(u).T - self.factor.r.T @ (self.factor.q.T @ known)
         rest = solve_triangular(self.factor.r, short, trans="T", check_finite=False)
         return known, np.asarray(rest)

@@ -27,6 +27,11 @@ Runs = Callable[[Indices, Array], Array]
 class ProcessesSettings:
     """Settings of the processes of all outputs. The values are chosen by judgement."""
 
+    first: int = 3
+    """The number of first runs of each case."""
+    least: int = 6
+    """The first runs of all cases together are at least this many for each input of a process, and
+    for its mean."""
     together: int = 1600
     """The largest number of runs of one group of experiments, when the groups are made."""
     expected: int = 12
@@ -134,9 +139,11 @@ class Processes:
         n = len(self.box)
         return np.asarray(self.axes.outward(low_discrepancy(count, n, fixed_shift(n))))
 
-    def begin(self, each: int, cases: Sequence[int] | None = None) -> None:
-        """Make `each` first runs of the cases, by default all: pieces of one Sobol' sequence."""
-        n, before = len(self.box), len(self.x)
+    def begin(self, cases: Sequence[int] | None = None) -> None:
+        """Make the first runs of the cases, by default of all: pieces of one Sobol' sequence."""
+        n, before, settings = len(self.box), len(self.x), self.settings
+        every, inputs = self.conditions.shape
+        each = max(settings.first, -(-settings.least * (inputs + n + 1) // every))
         some = np.arange(len(self.conditions)) if cases is None else np.array(cases)
         even = low_discrepancy(before + len(some) * each, n, fixed_shift(n))[before:]
         order = np.random.default_rng(0).permutation(some)

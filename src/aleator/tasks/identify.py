@@ -178,5 +178,5 @@ def _session(answer: Answer, table: Experiments) -> Session:
     )
     return Session(
         end.likelihood.inputs, noise, responses, table, runners_like(runner, table), fit,
-        inferred.refined.surfaces is None, question.choices.surfaces,
+        inferred.refined.direct, question.choices.surfaces,
     )  # fmt: skip
