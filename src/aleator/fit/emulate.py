@@ -95,6 +95,11 @@ class EmulationSettings:
     """The factor by which these draws scatter more than the law."""
     near: int = 96
     """The number of these draws about each experiment."""
+    missed: float = 0.25
+    """The share of `enough` that is admitted for polynomials fitted to the processes. With a larger
+    error, if it is half of the whole, they get twice as many terms."""
+    few: int = 8
+    """The number of them to which polynomials are fitted, besides draws of the laws."""
     candidates: int = 32
     """The number of them at which a run of a condition is considered."""
     shrink: float = 0.6
@@ -119,13 +124,15 @@ class EmulatorError:
     is the change of alpha and H the information. `log_likelihood` is the error of the
     log-likelihood. `surprise` is the root mean square of the last new values' distances from those
     expected, in standard deviations, or one if that is less; both errors are multiplied by it.
-    `shares` (C,) are the parts of the conditions in the squared error of alpha.
+    `shares` (C,) are the parts of the conditions in the squared error of alpha. `missed` is the
+    part of `alpha` that is caused by polynomials in place of the processes.
     """
 
     alpha: float
     log_likelihood: float
     surprise: float
     shares: Array
+    missed: float = 0.0
 
     def enough(self, experiments: int, settings: EmulationSettings = EMULATION) -> bool:
         """Whether both errors are so small that the rounds may end."""
@@ -160,8 +167,9 @@ class Emulation:
             sites.column,
         )
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
-        self.distances, self.calm = np.empty(0), 0
+        self.distances, self.calm, self.terms = np.empty(0), 0, 0
         self.surface: Surface
+        self.where: Array
 
     def answer(self) -> Highest:
         """The maximum, after as many rounds as it needs."""
@@ -222,12 +230,18 @@ class Emulation:
             x = self._draws(end, [end.alpha, *likely], settings.wide, settings.draws)
             self.error = self._error(end, inference, x)
             _tell(progress, self)
+            if self._finer():
+                end = self._climbed(self._likelihood(self.where), end.alpha)
+                continue
             small = self.error.enough(len(question.ids), settings)
             self.calm = self.calm + 1 if small and rounds else 0
             if self.calm >= settings.rounds or rounds >= settings.most:
                 return end, rounds
             with self.ledger.stage(SURFACE):
-                if not self._made_runs(end, x):
+                near = agreeing(
+                    end.likelihood, end.alpha, self.of, x, self.surface.evaluate(x), settings.near
+                )
+                if not self._made_runs(x, near):
                     return end, rounds
                 region = next_region(
                     end.likelihood.inputs, self.region, end.alpha, likely, end.likelihood.count,
@@ -236,20 +250,30 @@ class Emulation:
                 if region is not self.region:
                     self._move(region)
                 self.processes.learn()
-                likelihood = self._likelihood(self._draws(end, [end.alpha, *likely]))
+                # Polynomials are fitted where the laws lie and where the outcomes were measured.
+                x = np.clip(x, *self.processes.box.T)
+                some = x[near[:, :: settings.near // settings.few]].reshape(-1, x.shape[1])
+                every = np.vstack([self._draws(end, [end.alpha, *likely]), some])
+                likelihood = self._likelihood(np.random.default_rng(0).permutation(every))
             with self.ledger.stage(SEARCH):
                 end, rounds = self._climbed(likelihood, end.alpha), rounds + 1
 
-    def _made_runs(self, end: Maximum, x: Array) -> bool:
+    def _finer(self) -> bool:
+        """Whether polynomials cause too large an error and may have more terms from now on."""
+        most = max(self.settings.missed * self.settings.enough, 0.5 * self.error.alpha)
+        if self.error.missed <= most:
+            return False
+        before, self.terms = self.terms, 2 * max(self.terms, self.processes.terms)
+        self.terms = min(self.terms, self.processes.settings.most)
+        return self.terms > max(before, self.processes.terms)
+
+    def _made_runs(self, x: Array, near: Indices) -> bool:
         """Make a round of runs; False if the budget allows none.
 
-        The runs are of the conditions that cause most of the error, where draws x (D, n) agree with
-        the measured values.
+        The runs are of the conditions that cause most of the error, at those of the draws x (D, n)
+        that agree with the measured values, with the numbers `near` (N, A).
         """
         question, processes, settings = self.question, self.processes, self.settings
-        near = agreeing(
-            end.likelihood, end.alpha, self.of, x, self.surface.evaluate(x), settings.near
-        )
         shares = self.error.shares
         most = question.choices.surfaces.max_runs if question.choices.surfaces else np.inf
         able = np.flatnonzero(processes.made < most)
@@ -294,18 +318,20 @@ class Emulation:
         last, site = len(covariance), found.site
         total = processes.covariance(site, found.x, found.weights) * before.surprise**2
         # The polynomials miss the processes differently for each output.
-        missed = self.surface.at(site, found.x) - processes.at(site, found.x)[0]
+        off = self.surface.at(site, found.x) - processes.at(site, found.x)[0]
         each = np.zeros((len(processes.case), last + 1))
-        np.add.at(each, site, missed[:, None] * found.weights)
-        total += each.T @ each
+        np.add.at(each, site, off[:, None] * found.weights)
+        of_fit = each.T @ each
+        total += of_fit
         root = np.linalg.cholesky(np.linalg.inv(covariance)) if last else np.zeros((0, 0))
         of_alpha = float(np.trace(root.T @ total[:last, :last] @ root))
+        missed = float(np.trace(root.T @ of_fit[:last, :last] @ root)) ** 0.5
         white = found.weights[:, :last] @ root if last else found.weights
         shares = processes.shares(site, found.x, white)
         least = self.settings.search**2
         return replace(
             before, alpha=max(of_alpha, least) ** 0.5,
-            log_likelihood=max(total[-1, -1], least) ** 0.5, shares=shares,
+            log_likelihood=max(total[-1, -1], least) ** 0.5, shares=shares, missed=missed,
         )  # fmt: skip
 
     def _highest(self, found: SearchResult, end: Maximum) -> tuple[SearchResult, Maximum, bool]:
@@ -352,7 +378,7 @@ class Emulation:
     def _likelihood(self, where: Array) -> AnyLikelihood:
         """The likelihood on polynomials that are accurate at points `where` (J, n)."""
         question = self.question
-        self.surface = self.processes.surface(where)
+        self.surface, self.where = self.processes.surface(where, self.terms), where
         if question.exact:
             model, y = question.choices.model, question.measured
             return prepare(question.runner, y, model, self.region, None, self.surface)

@@ -220,9 +220,10 @@ class AdaptiveSurfaces:
     `run(index (R,), x (R, n)) -> (R,)` runs the simulator and gives NaN where a run failed. `box`
     (n, 2) is the region of the parameters that the surfaces cover. `where` (J, n) are the points at
     which errors were last estimated, or None for the whole box. `scale` (N,), if given, replaces
-    the standard deviation to which errors are compared. `past` (P, N) are the relative errors before each of the last P
-    rounds; an experiment whose error no longer falls gets no further runs. `afforded` selects the
-    experiments of a round where the budget does not suffice for all.
+    the standard deviation to which errors are compared. `past` (P, N) are the relative errors
+    before each of the last P rounds; an experiment whose error no longer falls gets no further
+    runs. `afforded` selects the experiments of a round where the budget does not suffice for
+    all.
 
     Raises InputsError where `max_runs` is less than the first round.
     """

@@ -257,11 +257,12 @@ def _moved(gap: Array, a: Array, b: Array) -> Array:
 @single_threaded
 def learned(
     starts: tuple[Covariance, ...], data: Data, steps: int, settings: ProcessSettings = PROCESS
-) -> tuple[Covariance, ...]:
+) -> tuple[tuple[Covariance, ...], float]:
     """The covariances fitted from each of the starts, that of the largest posterior density first.
 
-    Each takes at most `steps` iterations of L-BFGS-B, on the runs of as many whole experiments as
-    have about `settings.learned` runs.
+    Minus the logarithm of that density is returned too, up to a constant. Each fit takes at most
+    `steps` iterations of L-BFGS-B, on the runs of as many whole experiments as have about
+    `settings.learned` runs.
     """
     rng = np.random.default_rng(len(data.y))
     experiments, sizes = np.unique(data.experiment, return_counts=True)
@@ -279,7 +280,8 @@ def learned(
             options={"maxiter": steps},
         )  # fmt: skip
         found.append((float(end.fun), start.moved(end.x)))
-    return tuple(one for _, one in sorted(found, key=lambda pair: pair[0]))
+    found.sort(key=lambda pair: pair[0])
+    return tuple(one for _, one in found), found[0][0] * len(data.y) / len(some.y)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 from aleator.core.types import Array, Flags, Indices
 from aleator.surrogates.fit import clustered, fixed_shift, low_discrepancy, merged, outcome_range
 from aleator.surrogates.kriging import PROCESS, Covariance, Data, ProcessPosterior, learned
-from aleator.surrogates.surface import Axes, Surface, ball, products, widened
+from aleator.surrogates.surface import Axes, Surface, ball, outcomes, products, widened
 
 Runs = Callable[[Indices, Array], Array]
 """A function that returns all values (R, W) of cases (R,) at points x (R, n); NaN for failures."""
@@ -32,6 +32,11 @@ class ProcessesSettings:
     least: int = 6
     """The first runs of all cases together are at least this many for each input of a process, and
     for its mean."""
+    decade: float = 10.0
+    """Logarithms of values are tried where the largest exceeds the smallest by this factor."""
+    beyond: float = 3.0
+    """An outcome counts as impossible only if it lies beyond the range of its polynomial by more
+    than this many errors."""
     together: int = 1600
     """The largest number of runs of one group of experiments, when the groups are made."""
     expected: int = 12
@@ -63,12 +68,26 @@ PROCESSES = ProcessesSettings()
 
 @dataclass(frozen=True)
 class _Cases:
-    """The outputs of one column for experiments of similar conditions, with their process."""
+    """The outputs of one column for experiments of similar conditions, with their process.
+
+    If `logarithm` is true, the process is that of the logarithms of the values.
+    """
 
     sites: Indices
     column: int
     cases: Indices
     posterior: ProcessPosterior
+    logarithm: bool
+
+    def transformed(self, y: Array) -> Array:
+        """The values y (R,) on the scale of the process; NaN where they have no logarithm."""
+        return np.asarray(np.log(np.where(y > 0.0, y, np.nan))) if self.logarithm else y
+
+    def of_sums(self, case: Indices, u: Array, weights: Array) -> Array:
+        """Posterior covariance (K, K) of sums of values at u (R, D) times weights (R, K)."""
+        if self.logarithm:
+            weights = weights * np.exp(self.posterior.mean(case, u))[:, None]
+        return self.posterior.of_sums(case, u, weights)
 
 
 class Processes:
@@ -95,7 +114,10 @@ class Processes:
         self.clusters = _clusters(conditions, settings.together // settings.expected)
         n, inputs = len(box), conditions.shape[1] + len(box)
         first = tuple(Covariance.first(inputs, n, kind) for kind in (False, True))
-        self.covariances = {int(c): first for c in np.unique(column)}
+        self.covariances = {
+            (int(c), log): first for c in np.unique(column) for log in (False, True)
+        }
+        self.logarithm = {int(c): False for c in np.unique(column)}
         self.steps = PROCESS.steps[0]
         self.terms, self.fitted = 0, 0
         self.groups: list[_Cases] = []
@@ -128,7 +150,7 @@ class Processes:
     @property
     def _worked(self) -> Indices:
         out = np.zeros(len(self.case), dtype=np.intp)
-        for column in self.covariances:
+        for column in self.logarithm:
             fine, here = np.isfinite(self.y[:, column]), self.column == column
             count = np.bincount(self.of_run[fine], minlength=len(self.conditions))
             out[here] = count[self.case[here]]
@@ -166,8 +188,8 @@ class Processes:
         ratio = np.diff(after, axis=1)[:, 0] / np.diff(before, axis=1)[:, 0]
         self.axes = Axes.plain(box)
         self.covariances = {
-            column: tuple(one.stretched(ratio) for one in both)
-            for column, both in self.covariances.items()
+            key: tuple(one.stretched(ratio) for one in both)
+            for key, both in self.covariances.items()
         }
 
     def learn(self) -> None:
@@ -178,36 +200,63 @@ class Processes:
         again = len(near) >= settings.again * self.fitted
         if again:
             self.fitted = len(near)
-        for column in self.covariances:
+        for column in self.logarithm:
             rows = np.flatnonzero(near & np.isfinite(self.y[:, column]))
             u = np.hstack([self.conditions[self.of_run[rows]], z[rows]])
             data = Data(self.of_run[rows], u, self.y[rows, column], len(self.box))
             if again:
-                self.covariances[column] = learned(self.covariances[column], data, self.steps)
-            both = self.covariances[column]
+                self._fit(column, data)
+            log = self.logarithm[column] and bool(np.all(data.y > 0.0))
+            data = replace(data, y=np.log(data.y)) if log else data
+            best = self.covariances[column, log][0]
             for cases in self.clusters:
                 some = np.flatnonzero(np.isin(data.experiment, cases))
                 sites = np.flatnonzero((self.column == column) & np.isin(self.case, cases))
                 if sites.size:
-                    posterior = ProcessPosterior.of(both[0], data.take(some))
-                    self.groups.append(_Cases(sites, column, cases, posterior))
+                    posterior = ProcessPosterior.of(best, data.take(some))
+                    self.groups.append(_Cases(sites, column, cases, posterior, log))
         self.steps = PROCESS.steps[1]
 
-    def mean(self, x: Array) -> Array:
-        """Expected values (U, J) of all outputs at common points x (J, n)."""
-        z, out = self.axes.inward(x), np.empty((len(self.case), len(x)))
-        for group in self.groups:
-            for site in group.sites:
-                out[site] = group.posterior.mean(*self._inputs(np.full(len(z), site), z))
-        return out
+    def _fit(self, column: int, data: Data) -> None:
+        """Fit the covariance of a column, or that of its logarithm if this has a higher density."""
+        both, loss = learned(self.covariances[column, False], data, self.steps)
+        self.covariances[column, False], self.logarithm[column] = both, False
+        if data.y.min() > 0.0 and data.y.max() > self.settings.decade * data.y.min():
+            logs = np.log(data.y)
+            both, other = learned(self.covariances[column, True], replace(data, y=logs), self.steps)
+            self.covariances[column, True] = both
+            self.logarithm[column] = other + float(logs.sum()) < loss
 
     def at(self, site: Indices, x: Array) -> tuple[Array, Array]:
         """Expected values and their standard deviations, both (R,), of outputs at x (R, n)."""
+        mean, sd = self._at(site, x)
+        log = self.logarithmic[site]
+        mean = outcomes(mean, log)
+        return mean, np.where(log, np.abs(mean), 1.0) * sd
+
+    @property
+    def logarithmic(self) -> Flags:
+        """Which outputs have a process of their logarithm, (U,)."""
+        out = np.zeros(len(self.case), dtype=np.bool_)
+        for group in self.groups:
+            out[group.sites] = group.logarithm
+        return out
+
+    def _at(self, site: Indices, x: Array) -> tuple[Array, Array]:
+        """Means and standard deviations (R,) of the processes of outputs at x (R, n)."""
         z, mean, sd = self.axes.inward(x), np.empty(len(x)), np.empty(len(x))
         for group, rows in self._in_groups(site):
             mean[rows] = group.posterior.mean(*self._inputs(site[rows], z[rows]))
             sd[rows] = group.posterior.deviation(*self._inputs(site[rows], z[rows]))
         return mean, sd
+
+    def _means(self, x: Array) -> Array:
+        """Means (U, J) of the processes of all outputs at common points x (J, n)."""
+        z, out = self.axes.inward(x), np.empty((len(self.case), len(x)))
+        for group in self.groups:
+            for site in group.sites:
+                out[site] = group.posterior.mean(*self._inputs(np.full(len(z), site), z))
+        return out
 
     def covariance(self, site: Indices, x: Array, weights: Array) -> Array:
         """The posterior covariance (K, K) of the sums of values times weights (R, K)."""
@@ -215,7 +264,7 @@ class Processes:
         total = np.zeros((k, k))
         for group, rows in self._in_groups(site):
             inputs = self._inputs(site[rows], z[rows])
-            total += group.posterior.of_sums(*inputs, weights[rows])
+            total += group.of_sums(*inputs, weights[rows])
         return total
 
     def shares(self, site: Indices, x: Array, weights: Array) -> Array:
@@ -226,7 +275,7 @@ class Processes:
             for case in np.unique(of):
                 some = rows[of == case]
                 inputs = self._inputs(site[some], z[some])
-                out[case] += np.trace(group.posterior.of_sums(*inputs, weights[some]))
+                out[case] += np.trace(group.of_sums(*inputs, weights[some]))
         return out
 
     def best(self, case: int, x: Array) -> Array:
@@ -244,42 +293,44 @@ class Processes:
     def _surprises(self, case: Indices, x: Array, y: Array) -> Array:
         z, found = self.axes.inward(x), [np.empty(0)]
         for group in self.groups:
-            rows = np.flatnonzero(np.isin(case, group.cases) & np.isfinite(y[:, group.column]))
+            values = group.transformed(y[:, group.column])
+            rows = np.flatnonzero(np.isin(case, group.cases) & np.isfinite(values))
             u = np.hstack([self.conditions[case[rows]], z[rows]])
-            off = y[rows, group.column] - group.posterior.mean(case[rows], u)
+            off = values[rows] - group.posterior.mean(case[rows], u)
             sd = group.posterior.deviation(case[rows], u)
             found.append(off / np.hypot(sd, np.sqrt(group.posterior.noise)))
         return np.concatenate(found)
 
-    def surface(self, where: Array) -> Surface:
-        """The polynomials fitted to the processes, with their errors at points where (J, n)."""
-        n, settings = len(self.box), self.settings
+    def surface(self, where: Array, least: int = 0) -> Surface:
+        """The polynomials fitted to the processes, with their errors at points where (J, n).
+
+        They have at least about `least` terms, if no more than the largest number.
+        """
+        n, settings, sites = len(self.box), self.settings, np.arange(len(self.case))
         some = where[:: max(1, len(where) // settings.judged)][: settings.judged]
-        site = np.repeat(np.arange(len(self.case)), len(some))
-        sd = self.at(site, np.tile(some, (len(self.case), 1)))[1].reshape(len(self.case), -1)
+        apart = np.repeat(sites, len(some)), np.tile(some, (len(sites), 1))
+        sd = self._at(*apart)[1].reshape(len(sites), -1)
         left = np.sqrt((sd**2).mean(axis=1))
-        count = max((n + 1) * (n + 2) // 2, self.terms // 2)
+        count = max((n + 1) * (n + 2) // 2, min(max(self.terms // 2, least), settings.most))
         while True:
             indices, coefficients, missed, scatter = self._fitted(count, where)
             worst = np.sqrt(np.mean((missed / np.maximum(left, settings.exact * scatter)) ** 2))
             if worst < settings.missed or 2 * count > settings.most:
                 break
             count *= 2
-        self.terms, error = count, np.hypot(left, missed)
+        self.terms, off, log = count, np.hypot(left, missed), self.logarithmic
+        values, deviations = (one.reshape(len(sites), -1) for one in self.at(*apart))
+        error = np.hypot(np.sqrt((deviations**2).mean(axis=1)), missed)
+        error = np.where(log, np.sqrt((values**2).mean(axis=1)) * off, error)
         error[self.lost] = np.inf
-        sites = np.arange(len(self.case))
-        plain = np.zeros(len(sites), dtype=np.bool_)
         listed, groups = merged([(sites, indices, coefficients)], np.zeros(len(sites)))
         made = Surface(
-            self.axes, listed, groups, error, scatter, plain, self.runs,
-            self.failed, plain,
+            self.axes, listed, groups, error, values.std(axis=1), np.zeros_like(log), self.runs,
+            self.failed, log,
         )  # fmt: skip
         lower, upper = outcome_range(made, np.full((len(sites), 1), np.nan))
-        return replace(
-            made,
-            lower=widened(lower, -3.0 * error, plain),
-            upper=widened(upper, 3.0 * error, plain),
-        )
+        beyond = settings.beyond * off
+        return replace(made, lower=widened(lower, -beyond, log), upper=widened(upper, beyond, log))
 
     def _fitted(self, count: int, where: Array) -> tuple[Indices, Array, Array, Array]:
         """Polynomials of `count` terms: multi-indices, coefficients, misfit and scatter (U,).
@@ -291,7 +342,7 @@ class Processes:
         even = low_discrepancy(int(settings.points * len(indices)), n, fixed_shift(n))
         over = self.axes.outward(clustered(even))
         x = np.vstack([over, where[: len(over)]])
-        basis, y = products(indices, self.axes.inward(x)).T, self.mean(x).T
+        basis, y = products(indices, self.axes.inward(x)).T, self._means(x).T
         level = y.mean(axis=0)
         # The penalty keeps coefficients small that the points hardly determine, as those that act
         # in the corners of a box of many parameters.
@@ -309,7 +360,7 @@ class Processes:
         n = len(self.box)
         rates = [
             np.linalg.norm(both[0].mix[-n:], axis=1) + both[0].individual * both[0].scale
-            for both in self.covariances.values()
+            for both in (self.covariances[key] for key in self.logarithm.items())
         ]
         most = np.max(rates, axis=0)
         scales = np.clip(most / most.max(), self.settings.slowest, 1.0)

@@ -504,7 +504,7 @@ class OneSurface:
         z = trend.surface.axes.inward(x)
         missed = y - trend.surface.evaluate(x)[0]
         data = Data(_alike(z), z, missed, z.shape[1])
-        self.covariance = learned((self.covariance,), data, steps)[0]
+        self.covariance = learned((self.covariance,), data, steps)[0][0]
         return Kriged(trend, ProcessPosterior.of(self.covariance, data))
 
     def _sharpened(self, x: Array) -> None:
