@@ -192,6 +192,11 @@ def _soundness(document: Document) -> Sentence:
         checked = "; the simulator itself was integrated over"
     elif document["log_likelihood"].get("verified") is not None:
         checked = ", and the simulator itself agrees"
+    elif (off := (document.get("surface") or {}).get("estimates_error")) is not None:
+        checked = (
+            f", and the emulator of the simulator moves the estimates by {to_three(off)} standard "
+            "errors"
+        )
     else:
         checked = "; not verified on the simulator"
     return Sentence(f"Computed soundly: {what}{checked}.", "good")
