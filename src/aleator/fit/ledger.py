@@ -14,6 +14,7 @@ from aleator.simulators import Budget, Runner
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import ROUNDS, first_runs
+from aleator.surrogates.choice import by_process
 from aleator.surrogates.processes import PROCESSES
 
 if TYPE_CHECKING:
@@ -64,9 +65,8 @@ def spend(
             f"a budget of {budget} for collocation, which takes the runs that it takes",
             "leave the budget out, or choose response surfaces",
         )
-    by_process = propagation.surfaces != "own" and propagation.tolerance is None
     first = first_runs(moving_parameters(inputs.box).size, propagation) + ROUNDS.reserved
-    least = (PROCESSES.first if by_process else first) * len(runner.cases)
+    least = (PROCESSES.first if by_process(propagation) else first) * len(runner.cases)
     known = 0 if runner.cache is None else runner.cache.at_start.runs
     if budget.runs is not None and budget.runs + known < least:
         raise InputsError(

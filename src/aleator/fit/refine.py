@@ -58,6 +58,7 @@ from aleator.simulators import Runner
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import AdaptiveSurfaces, surfaces_of
 from aleator.surrogates.adaptive import within
+from aleator.surrogates.choice import by_process
 from aleator.surrogates.samples import Sites
 
 
@@ -168,7 +169,7 @@ def refined(question: Question, ledger: Ledger) -> Refined:
     if direct:
         return _on_simulator(question, region, way.reason, ledger)
     choice = question.choices.surfaces
-    if choice is not None and choice.surfaces != "own" and choice.tolerance is None:
+    if choice is not None and by_process(choice):
         emulation = Emulation(question, ledger, region, way.reason)
         return Refined.emulated(emulation, emulation.answer())
     return Refinement(question, ledger).answer(region, way.reason)

@@ -62,6 +62,11 @@ class ResponseSurface:
         _require("nodes", self.nodes, enough, "choose at least 1")
 
 
+def by_process(choice: ResponseSurface) -> bool:
+    """Whether Gaussian processes are in place of a simulator that has surfaces."""
+    return choice.surfaces != "own" and choice.tolerance is None
+
+
 def _require(name: str, value: object, admitted: bool, remedy: str) -> None:
     if not admitted:
         raise InputsError(f"response surface: {name} {value}", remedy)

@@ -163,9 +163,9 @@ class Processes:
 
     def begin(self, cases: Sequence[int] | None = None) -> None:
         """Make the first runs of the cases, by default of all: pieces of one Sobol' sequence."""
-        n, before, settings = len(self.box), len(self.x), self.settings
+        n, before = len(self.box), len(self.x)
         every, inputs = self.conditions.shape
-        each = max(settings.first, -(-settings.least * (inputs + n + 1) // every))
+        each = first_process_runs(every, inputs + n, self.settings)
         some = np.arange(len(self.conditions)) if cases is None else np.array(cases)
         even = low_discrepancy(before + len(some) * each, n, fixed_shift(n))[before:]
         order = np.random.default_rng(0).permutation(some)
@@ -378,6 +378,15 @@ class Processes:
             rows = np.flatnonzero(of[site] == number)
             if rows.size:
                 yield group, rows
+
+
+def first_process_runs(cases: int, inputs: int, settings: ProcessesSettings = PROCESSES) -> int:
+    """The number of first runs of each case, for a process with so many inputs.
+
+    >>> first_process_runs(108, 7), first_process_runs(5, 7)
+    (3, 10)
+    """
+    return max(settings.first, -(-settings.least * (inputs + 1) // cases))
 
 
 def _clusters(conditions: Array, most: int) -> list[Indices]:
