@@ -98,7 +98,7 @@ class EmulationSettings:
     missed: float = 0.25
     """The share of `enough` that is admitted for polynomials fitted to the processes. With a larger
     error, if it is half of the whole, they get twice as many terms."""
-    few: int = 8
+    fitted: int = 8
     """The number of them to which polynomials are fitted, besides draws of the laws."""
     candidates: int = 32
     """The number of them at which a run of a condition is considered."""
@@ -109,6 +109,8 @@ class EmulationSettings:
     scatter; with more there are points along a ridge."""
     points: int = 400
     """The number of importance points of the rounds, where an experiment has several modes."""
+    largest: float = 1e30
+    """The largest derivative of alpha by a value; beyond it the error of alpha is unknown."""
     lost: int = 2
     """The number of extra rounds for outputs all of whose runs failed."""
 
@@ -252,7 +254,7 @@ class Emulation:
                 self.processes.learn()
                 # Polynomials are fitted where the laws lie and where the outcomes were measured.
                 x = np.clip(x, *self.processes.box.T)
-                some = x[near[:, :: settings.near // settings.few]].reshape(-1, x.shape[1])
+                some = x[near[:, :: settings.near // settings.fitted]].reshape(-1, x.shape[1])
                 every = np.vstack([self._draws(end, [end.alpha, *likely]), some])
                 likelihood = self._likelihood(np.random.default_rng(0).permutation(every))
             with self.ledger.stage(SEARCH):
@@ -313,12 +315,12 @@ class Emulation:
             held, end.alpha, inference.free, covariance, moving_parameters(self.region),
             x.std(axis=0), self.of, scatter,
         )  # fmt: skip
-        if not np.isfinite(found.weights).all():
+        if not np.abs(found.weights).max(initial=0.0) < self.settings.largest:
             return unknown
-        last, site = len(covariance), found.site
-        total = processes.covariance(site, found.x, found.weights) * before.surprise**2
+        last, site, inside = len(covariance), found.site, np.clip(found.x, *processes.box.T)
+        total = processes.covariance(site, inside, found.weights) * before.surprise**2
         # The polynomials miss the processes differently for each output.
-        off = self.surface.at(site, found.x) - processes.at(site, found.x)[0]
+        off = self.surface.at(site, inside) - processes.at(site, inside)[0]
         each = np.zeros((len(processes.case), last + 1))
         np.add.at(each, site, off[:, None] * found.weights)
         of_fit = each.T @ each
@@ -327,7 +329,7 @@ class Emulation:
         of_alpha = float(np.trace(root.T @ total[:last, :last] @ root))
         missed = float(np.trace(root.T @ of_fit[:last, :last] @ root)) ** 0.5
         white = found.weights[:, :last] @ root if last else found.weights
-        shares = processes.shares(site, found.x, white)
+        shares = processes.shares(site, inside, white)
         least = self.settings.search**2
         return replace(
             before, alpha=max(of_alpha, least) ** 0.5,

@@ -50,7 +50,11 @@ class Ledger:
 
 
 def spend(
-    budget: Budget, runner: Runner, inputs: Inputs, propagation: ResponseSurface | Collocation
+    budget: Budget,
+    runner: Runner,
+    inputs: Inputs,
+    propagation: ResponseSurface | Collocation,
+    moments: bool,
 ) -> None:
     """Count the runs of an identification against a budget from now on.
 
@@ -66,7 +70,7 @@ def spend(
             "leave the budget out, or choose response surfaces",
         )
     first = first_runs(moving_parameters(inputs.box).size, propagation) + ROUNDS.reserved
-    least = (PROCESSES.first if by_process(propagation) else first) * len(runner.cases)
+    least = (PROCESSES.first if by_process(propagation, moments) else first) * len(runner.cases)
     known = 0 if runner.cache is None else runner.cache.at_start.runs
     if budget.runs is not None and budget.runs + known < least:
         raise InputsError(

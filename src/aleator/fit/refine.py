@@ -169,7 +169,8 @@ def refined(question: Question, ledger: Ledger) -> Refined:
     if direct:
         return _on_simulator(question, region, way.reason, ledger)
     choice = question.choices.surfaces
-    if choice is not None and by_process(choice):
+    moments = question.choices.density is not None
+    if choice is not None and by_process(choice, moments):
         emulation = Emulation(question, ledger, region, way.reason)
         return Refined.emulated(emulation, emulation.answer())
     return Refinement(question, ledger).answer(region, way.reason)

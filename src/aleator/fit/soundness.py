@@ -46,7 +46,8 @@ def emulator_refusals(error: EmulatorError) -> list[Diagnostic]:
 def emulator_warnings(emulation: Emulation) -> list[Diagnostic]:
     """A warning where the rounds of runs ended before the error of the estimates was small."""
     error, account = emulation.error, emulation.question.runner.account
-    if error.enough(len(emulation.question.ids)) or error.alpha > UNKNOWN:
+    refused = error.alpha > UNKNOWN and not account.refused
+    if error.enough(len(emulation.question.ids)) or refused:
         return []
     ended = f"the budget of {account.budget}" if account.refused else "the largest number of rounds"
     return [

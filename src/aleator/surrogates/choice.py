@@ -62,9 +62,15 @@ class ResponseSurface:
         _require("nodes", self.nodes, enough, "choose at least 1")
 
 
-def by_process(choice: ResponseSurface) -> bool:
-    """Whether Gaussian processes are in place of a simulator that has surfaces."""
-    return choice.surfaces != "own" and choice.tolerance is None
+def by_process(choice: ResponseSurface, moments: bool) -> bool:
+    """Whether Gaussian processes are in place of a simulator that has surfaces.
+
+    They are exact where outcomes were measured. A density of `moments` rests on outcomes under the
+    whole law, and gets polynomials that are exact there unless the user chooses otherwise.
+    """
+    if choice.surfaces is None:
+        return choice.tolerance is None and not moments
+    return choice.surfaces == "process"
 
 
 def _require(name: str, value: object, admitted: bool, remedy: str) -> None:

@@ -67,7 +67,7 @@ PROCESSES = ProcessesSettings()
 
 
 @dataclass(frozen=True)
-class _Cases:
+class _Grouped:
     """The outputs of one column for experiments of similar conditions, with their process.
 
     If `logarithm` is true, the process is that of the logarithms of the values.
@@ -120,7 +120,7 @@ class Processes:
         self.logarithm = {int(c): False for c in np.unique(column)}
         self.steps = PROCESS.steps[0]
         self.terms, self.fitted = 0, 0
-        self.groups: list[_Cases] = []
+        self.groups: list[_Grouped] = []
 
     @property
     def box(self) -> Array:
@@ -214,7 +214,7 @@ class Processes:
                 sites = np.flatnonzero((self.column == column) & np.isin(self.case, cases))
                 if sites.size:
                     posterior = ProcessPosterior.of(best, data.take(some))
-                    self.groups.append(_Cases(sites, column, cases, posterior, log))
+                    self.groups.append(_Grouped(sites, column, cases, posterior, log))
         self.steps = PROCESS.steps[1]
 
     def _fit(self, column: int, data: Data) -> None:
@@ -370,7 +370,7 @@ class Processes:
         case = self.case[site]
         return case, np.hstack([self.conditions[case], z])
 
-    def _in_groups(self, site: Indices) -> Iterator[tuple[_Cases, Indices]]:
+    def _in_groups(self, site: Indices) -> Iterator[tuple[_Grouped, Indices]]:
         of = np.full(len(self.case), -1)
         for number, group in enumerate(self.groups):
             of[group.sites] = number

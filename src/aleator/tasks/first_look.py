@@ -401,7 +401,7 @@ def expected_cost(
         low, high = grids_each(inputs, len(runner.cases))
         return Cost(low * len(runner.cases), high * len(runner.cases), True)
     moving = len(plan.moving)
-    if by_process(propagation):
+    if by_process(propagation, density is not None):
         cases = len(runner.cases)
         known = features(runner.cases.columns, cases).shape[1]
         each = min(first_process_runs(cases, known + moving), propagation.max_runs)

@@ -103,7 +103,7 @@ def identify(
     shown = checked_units(units, known)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor)
     runner.repeat_some()
-    spend(budget, runner, inputs, propagation)
+    spend(budget, runner, inputs, propagation, density is not None)
     ledger = Ledger(runner, progress or Silent())
     choices = Choices.of(table, inputs, noise, propagation, density, search)
     choices.require_enough()

@@ -463,8 +463,7 @@ def _simulator(
     surface, experiments = document.get("surface"), len(document["experiments"])
     if surface:
         done = surface.get("converged") == surface.get("experiments", experiments)
-        depth = DETAILS if done else WHOLE
-        yield Sentence(_surfaces(surface, experiments), depth=depth)
+        yield Sentence(_surfaces(surface, experiments), depth=DETAILS if done else WHOLE)
     elif drawn is not None:
         collocated = str(document.get("propagation", "")).startswith("collocation")
         yield Sentence(
@@ -499,10 +498,8 @@ def _simulator(
 
 def _surfaces(surface: Document, experiments: int) -> str:
     if surface.get("estimates_error") is not None:
-        off, change = (
-            to_three(surface.get(f"{of}_error")) for of in ("estimates", "log_likelihood")
-        )
-        return f"The emulator moves the estimates by {off} standard errors, log L by {change}."
+        off = [to_three(surface.get(f"{of}_error")) for of in ("estimates", "log_likelihood")]
+        return f"The emulator moves the estimates by {off[0]} standard errors, log L by {off[1]}."
     converged, total = surface.get("converged"), surface.get("experiments", experiments)
     parts = [] if converged is None else [f"{int(converged)} of {total} surfaces converged"]
     parts += [
