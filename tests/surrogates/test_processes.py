@@ -40,7 +40,7 @@ def learned(function: Run, each: int = 8, most: int = PROCESSES.together) -> Pro
     everyone = np.arange(len(CONDITIONS))
     made = Processes(
         lambda case, x: function(case, x)[:, None], BOX, CONDITIONS, everyone, 0 * everyone,
-        replace(PROCESSES, together=most, first=each),
+        settings=replace(PROCESSES, together=most, first=each),
     )  # fmt: skip
     made.begin()
     made.learn()
@@ -174,7 +174,7 @@ def test_the_covariance_of_sums_is_that_of_the_values(front: Processes) -> None:
 def test_a_run_is_made_where_it_tells_most(front: Processes) -> None:
     x = anywhere(40)
     left = front.at(np.full(40, 5), x)[1]
-    best = front.best(5, x)
+    (best,) = front.best(5, x)
     others = np.flatnonzero(~np.all(x == best, axis=1))
     assert len(others) == 39
     made = learned(moving_front)
@@ -199,7 +199,7 @@ def test_outputs_of_one_run_have_a_process_each() -> None:
     case, column = np.repeat(np.arange(30), 2), np.tile([0, 1], 30)
     made = Processes(
         lambda index, x: np.stack([moving_front(index, x), 100.0 * unit(x)[:, 0]], axis=1),
-        BOX, CONDITIONS, case, column, replace(PROCESSES, first=8),
+        BOX, CONDITIONS, case, column, settings=replace(PROCESSES, first=8),
     )  # fmt: skip
     made.begin()
     made.learn()

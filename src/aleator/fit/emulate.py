@@ -79,6 +79,8 @@ class EmulationSettings:
     part: float = 0.5
     """A round makes one run of each of this share of the conditions: those that cause most of the
     error."""
+    growth: float = 0.1
+    """A round makes at least this many runs, over the number of those that are there."""
     rounds: int = 2
     """The rounds end when the errors are so small after this number of rounds in succession."""
     seen: int = 30
@@ -109,8 +111,12 @@ class EmulationSettings:
     scatter; with more there are points along a ridge."""
     points: int = 400
     """The number of importance points of the rounds, where an experiment has several modes."""
-    largest: float = 1e30
-    """The largest derivative of alpha by a value; beyond it the error of alpha is unknown."""
+    largest: float = 1e20
+    """The largest derivative of alpha by a value, and the largest information in units of the width
+    of the limits; beyond them the error of alpha is unknown."""
+    far: float = 20.0
+    """Simulated values farther from the measured ones of their column than this many times the
+    range of these are cut off."""
     lost: int = 2
     """The number of extra rounds for outputs all of whose runs failed."""
 
@@ -135,6 +141,11 @@ class EmulatorError:
     surprise: float
     shares: Array
     missed: float = 0.0
+
+    @property
+    def learned(self) -> float:
+        """The part of the error of alpha that more runs would reduce."""
+        return max(self.alpha**2 - self.missed**2, 0.0) ** 0.5 if self.alpha < np.inf else np.inf
 
     def enough(self, experiments: int, settings: EmulationSettings = EMULATION) -> bool:
         """Whether both errors are so small that the rounds may end."""
@@ -167,6 +178,7 @@ class Emulation:
             features(runner.cases.columns, len(runner.cases)),
             runner.cases.condition[sites.unit],
             sites.column,
+            _limits(question, settings.far),
         )
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
         self.distances, self.calm, self.terms = np.empty(0), 0, 0
@@ -228,7 +240,9 @@ class Emulation:
         question, settings, progress = self.question, self.settings, self.ledger.progress
         while True:
             inference = infer(end.likelihood.followed, end.alpha, end.likelihood.hyperparameters)
-            likely = plausible_alphas(end.alpha, inference, end.likelihood.hyperparameters)
+            likely = end.alpha[None]
+            if np.isfinite(inference.information).all():
+                likely = plausible_alphas(end.alpha, inference, end.likelihood.hyperparameters)
             x = self._draws(end, [end.alpha, *likely], settings.wide, settings.draws)
             self.error = self._error(end, inference, x)
             _tell(progress, self)
@@ -237,7 +251,9 @@ class Emulation:
                 continue
             small = self.error.enough(len(question.ids), settings)
             self.calm = self.calm + 1 if small and rounds else 0
-            if self.calm >= settings.rounds or rounds >= settings.most:
+            # More runs do not help where polynomials cannot follow the processes.
+            ended = self.error.learned <= settings.enough < self.error.missed
+            if self.calm >= settings.rounds or ended or rounds >= settings.most:
                 return end, rounds
             with self.ledger.stage(SURFACE):
                 near = agreeing(
@@ -278,18 +294,21 @@ class Emulation:
         question, processes, settings = self.question, self.processes, self.settings
         shares = self.error.shares
         most = question.choices.surfaces.max_runs if question.choices.surfaces else np.inf
-        able = np.flatnonzero(processes.made < most)
+        seen = np.isin(np.arange(len(shares)), processes.case[self.of])
+        able = np.flatnonzero(seen & (processes.made < most))
         order = able[np.argsort(-shares[able], kind="stable")]
-        wanted = max(1, int(settings.part * len(shares)))
-        count = question.runner.account.granted(min(wanted, order.size))
-        if not count:
+        wanted = int(max(1, settings.part * len(shares), settings.growth * len(processes.x)))
+        if not order.size or not (count := question.runner.account.granted(wanted)):
             return False
         case, experiment = processes.case[self.of], question.table.observations.experiment
-        cases, points = np.sort(order[:count]), []
-        for one in cases:
+        made, points = [], []
+        for place, one in enumerate(order[:count].tolist()):
             some = x[np.unique(near[np.unique(experiment[case == one])])]
-            points.append(processes.best(int(one), some[:: -(-len(some) // settings.candidates)]))
-        z = processes.make(cases, np.array(points))
+            each = -(-(count - place) // order.size)
+            best = processes.best(one, some[:: -(-len(some) // settings.candidates)], each)
+            made += [one] * len(best)
+            points.append(best)
+        z = processes.make(np.array(made), np.vstack(points))
         self.distances = np.append(self.distances, z)
         last = self.distances[-max(z.size, settings.seen) :]
         surprise = max(1.0, float(np.sqrt(np.mean(last**2)))) if last.size else 1.0
@@ -305,19 +324,20 @@ class Emulation:
             held = near.by(self._rule(near), end.alpha)
         else:
             held = likelihood
-        covariance = _covariance(inference, likelihood)
+        roots = _roots(inference, likelihood)
         unknown = replace(before, alpha=np.inf, log_likelihood=np.inf,
                           shares=np.ones(len(processes.conditions)))  # fmt: skip
-        if covariance is None:
+        if roots is None:
             return unknown
+        (spread, root), last = roots, inference.free.size
         scatter = np.where(self.surface.scatter > 0.0, self.surface.scatter, 1.0)
         found = functional(
-            held, end.alpha, inference.free, covariance, moving_parameters(self.region),
+            held, end.alpha, inference.free, spread @ spread.T, moving_parameters(self.region),
             x.std(axis=0), self.of, scatter,
         )  # fmt: skip
         if not np.abs(found.weights).max(initial=0.0) < self.settings.largest:
             return unknown
-        last, site, inside = len(covariance), found.site, np.clip(found.x, *processes.box.T)
+        site, inside = found.site, np.clip(found.x, *processes.box.T)
         total = processes.covariance(site, inside, found.weights) * before.surprise**2
         # The polynomials miss the processes differently for each output.
         off = self.surface.at(site, inside) - processes.at(site, inside)[0]
@@ -325,7 +345,6 @@ class Emulation:
         np.add.at(each, site, off[:, None] * found.weights)
         of_fit = each.T @ each
         total += of_fit
-        root = np.linalg.cholesky(np.linalg.inv(covariance)) if last else np.zeros((0, 0))
         of_alpha = float(np.trace(root.T @ total[:last, :last] @ root))
         missed = float(np.trace(root.T @ of_fit[:last, :last] @ root)) ** 0.5
         white = found.weights[:, :last] @ root if last else found.weights
@@ -442,8 +461,24 @@ def agreeing(
     return out
 
 
-def _covariance(inference: Inference, likelihood: AnyLikelihood) -> Array | None:
-    """The covariance (F, F) of the free hyperparameters; none exceeds what the limits admit."""
+def _limits(question: Question, far: float) -> dict[int, tuple[float, float]]:
+    """The limits of simulated values by column, far outside the range of the measured ones."""
+    found = {}
+    for column in np.unique(question.column).tolist():
+        y = question.measured[question.column == column]
+        size = far * float(np.ptp(y) or np.abs(y).max() or 1.0)
+        found[column] = (float(y.min()) - size, float(y.max()) + size)
+    return found
+
+
+def _roots(
+    inference: Inference, likelihood: AnyLikelihood, settings: EmulationSettings = EMULATION
+) -> tuple[Array, Array] | None:
+    """Roots (F, F) of covariance and information of the free hyperparameters, R R' each.
+
+    No standard error exceeds what the limits admit. None where the information is not a number, or
+    so large that the surfaces cannot be right.
+    """
     inside = np.isin(inference.identified, inference.free)
     information = inference.information[np.ix_(inside, inside)]
     lower, upper = limits_of(likelihood.hyperparameters, inference.free)
@@ -451,8 +486,10 @@ def _covariance(inference: Inference, likelihood: AnyLikelihood) -> Array | None
     if not np.isfinite(scaled).all():
         return None
     values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    root = (upper - lower)[:, None] * vectors / np.sqrt(np.maximum(values, 4.0))
-    return np.asarray(root @ root.T)
+    if values.max(initial=0.0) > settings.largest:
+        return None
+    size, width = np.sqrt(np.maximum(values, 4.0)), (upper - lower)[:, None]
+    return width * vectors / size, vectors * size / width
 
 
 def _tell(progress: Progress | None, emulation: Emulation) -> None:

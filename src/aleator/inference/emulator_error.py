@@ -142,7 +142,7 @@ def _slopes(
             terms = likelihood.errors.terms(alpha[likelihood.inputs.size :], eta, block.rows)
             moved = scored(replace(found, eta=eta, slopes=slopes, terms=terms))
             out[rows, q] = (moved - base)[own] / step[rows, None]
-    return np.nan_to_num(out, posinf=0.0, neginf=0.0)
+    return out
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ the process. The polynomials are what a likelihood uses (a `Surface`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,7 +95,7 @@ class Processes:
 
     `run` makes runs of cases (distinct conditions). `conditions` (C, d) are the conditions of the
     cases in [-1, 1]. Output u is the value of column[u] under the conditions of case[u]. `box`
-    (n, 2) is the region of the parameters.
+    (n, 2) is the region of the parameters. Values of a column beyond its `limits` count as these.
     """
 
     def __init__(
@@ -105,9 +105,11 @@ class Processes:
         conditions: Array,
         case: Indices,
         column: Indices,
+        limits: Mapping[int, tuple[float, float]] | None = None,
         settings: ProcessesSettings = PROCESSES,
     ) -> None:
         self.run, self.axes, self.conditions = run, Axes.plain(box), conditions
+        self.limits = limits or {}
         self.case, self.column, self.settings = case, column, settings
         self.of_run, self.x = np.empty(0, dtype=np.intp), np.empty((0, len(box)))
         self.y = np.empty((0, 0))
@@ -177,6 +179,8 @@ class Processes:
         Returns how far the new values lie from those expected, in standard deviations (S,).
         """
         y = self.run(case, x)
+        for column, ends in self.limits.items():
+            y[:, column] = np.clip(y[:, column], *ends)
         surprises = self._surprises(case, x, y)
         self.y = np.vstack([self.y.reshape(-1, y.shape[1]), y])
         self.of_run, self.x = np.append(self.of_run, case), np.vstack([self.x, x])
@@ -278,17 +282,24 @@ class Processes:
                 out[case] += np.trace(group.of_sums(*inputs, weights[some]))
         return out
 
-    def best(self, case: int, x: Array) -> Array:
-        """The point (n,) of the points x (J, n) whose run tells most of the values at all."""
-        z, told = self.axes.inward(x), np.zeros(len(x))
-        tiny = np.finfo(float).tiny
-        for group in self.groups:
-            if case in group.cases:
-                u = np.hstack([np.tile(self.conditions[case], (len(z), 1)), z])
-                left = group.posterior.joint(np.full(len(z), case), u)
-                size = max(float(np.trace(left)), tiny)
-                told += (left**2).sum(axis=0) / np.maximum(np.diag(left), tiny) / size
-        return np.asarray(x[int(np.argmax(told))])
+    def best(self, case: int, x: Array, count: int = 1) -> Array:
+        """The `count` points of x (J, n) whose runs tell most of the values at all, (count, n)."""
+        z, tiny, chosen = self.axes.inward(x), np.finfo(float).tiny, list[int]()
+        u = np.hstack([np.tile(self.conditions[case], (len(z), 1)), z])
+        same = np.full(len(z), case)
+        left = [group.posterior.joint(same, u) for group in self.groups if case in group.cases]
+        left = [one / max(float(np.trace(one)), tiny) for one in left]
+        for _ in range(min(count, len(x))):
+            told = sum((one**2).sum(axis=0) / np.maximum(np.diag(one), tiny) for one in left)
+            assert isinstance(told, np.ndarray)
+            told[chosen] = -np.inf
+            chosen.append(int(np.argmax(told)))
+            columns = [one[:, chosen[-1]] for one in left]
+            left = [
+                one - np.outer(column, column) / max(column[chosen[-1]], tiny)
+                for one, column in zip(left, columns, strict=True)
+            ]
+        return np.asarray(x[chosen])
 
     def _surprises(self, case: Indices, x: Array, y: Array) -> Array:
         z, found = self.axes.inward(x), [np.empty(0)]
