@@ -39,7 +39,7 @@ COUNT, NOISE = 40, 0.1
 """Experiments of a study, and the noise over the scatter of its outcomes."""
 UNLIMITED = Budget(runs=10**9)
 DENSE = ResponseSurface(tolerance=0.001)
-SHARED = ResponseSurface(surfaces="shared")
+OWN, PROCESSES = (ResponseSurface(surfaces=kind) for kind in ("own", "process"))
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def of_case(case: Case, noise: bool) -> Cost:
 
 
 def of_clutch() -> Iterator[Cost]:
-    """The wet clutch by default, and on one surface for all experiments."""
+    """The wet clutch on polynomials of each experiment, and on Gaussian processes."""
     study = load_study(CLUTCH)
 
     def answer(surfaces: ResponseSurface) -> Identification:
@@ -160,7 +160,7 @@ def of_clutch() -> Iterator[Cost]:
         return identified(chosen, chosen.runner(), Silent(), consistency=False)
 
     dense = answer(DENSE)
-    for name, surfaces in (("own surfaces", ResponseSurface()), ("shared", SHARED)):
+    for name, surfaces in (("own surfaces", OWN), ("Gaussian processes", PROCESSES)):
         began = time.process_time()
         found = answer(surfaces)
         yield cost(f"wet clutch, {name}", found, dense, time.process_time() - began)

@@ -45,9 +45,8 @@ DENSITY = MaximumEntropy(4)
 DENSE = ResponseSurface(tolerance=0.001, max_runs=1000)
 SURFACES = {
     "own surfaces, as the answer needs": [
-        ResponseSurface(max_runs=most) for most in (34, 40, 1000)
+        ResponseSurface(surfaces="own", max_runs=most) for most in (34, 40, 1000)
     ],
-    "one surface for all": [ResponseSurface(surfaces="shared", max_runs=most) for most in (15, 20)],
     "own surfaces, as exact everywhere": [ResponseSurface(tolerance=t) for t in (0.1, 0.05, 0.02)],
 }
 EVALUATIONS = 20
