@@ -22,7 +22,6 @@ from aleator.fit.quadrature import (
     AnyLikelihood,
     Highest,
     Maximum,
-    highest_maximum,
     nearest_maximum,
     several_modes,
     with_enough_nodes,
@@ -79,7 +78,7 @@ class EmulationSettings:
     part: float = 0.5
     """A round makes one run of each of this share of the conditions: those that cause most of the
     error."""
-    growth: float = 0.1
+    growth: float = 0.05
     """A round makes at least this many runs, over the number of those that are there."""
     rounds: int = 2
     """The rounds end when the errors are so small after this number of rounds in succession."""
@@ -88,6 +87,11 @@ class EmulationSettings:
     standard deviations of the processes."""
     search: float = 0.01
     """The error of alpha and of the log-likelihood that is left to the search."""
+    searches: int = 6
+    """The largest number of times that the rounds go on from a higher maximum, or because surfaces
+    did not reach a measured value."""
+    others: int = 3
+    """The number of optima of the first search, besides the best, from which it is sought."""
     most: int = 60
     """The largest number of rounds."""
     draws: int = 2048
@@ -192,14 +196,15 @@ class Emulation:
             likelihood = self._likelihood(self.processes.spread())
         found = searched(self.question, likelihood, [], self.ledger)
         end, rounds = self._climbed(likelihood, found.alpha), 0
-        while True:
+        for _ in range(self.settings.searches):
             end, rounds = self._rounds(end, rounds)
             end, moved = self._in_reach(end)
-            if moved and rounds < self.settings.most:
+            if moved:
                 continue
             found, end, better = self._highest(found, end)
-            if not better or rounds >= self.settings.most:
-                return self._finished(found, end)
+            if not better:
+                break
+        return self._finished(found, end)
 
     def spread(
         self, end: Maximum, found: SearchResult, inference: Inference, intervals: Array
@@ -356,16 +361,20 @@ class Emulation:
         )  # fmt: skip
 
     def _highest(self, found: SearchResult, end: Maximum) -> tuple[SearchResult, Maximum, bool]:
-        """A search from the maximum and the first optima: the highest maximum, and if it is new."""
+        """A search from the maximum and the first optima: the highest maximum, and if it is new.
+
+        All are climbed with the same quadrature nodes.
+        """
         likelihood = self._plain(end)
         again = searched(self.question, likelihood, [end.alpha], self.ledger)
-        again = replace(again, once=found.once)
+        others = [optimum.alpha for optimum in found.optima[1 : 1 + self.settings.others]]
         with self.ledger.stage(SEARCH):
-            best = self._climbed(likelihood, again.alpha)
-            top = highest_maximum(best, replace(found, alpha=best.alpha))
-        if top.maximum.value > end.value + OPTIMA.same_value:
-            return found, self._climbed(likelihood, top.maximum.alpha), True
-        return again, end, False
+            here = self._climbed(likelihood, end.alpha)
+            climbs = [self._climbed(likelihood, alpha) for alpha in (again.alpha, *others)]
+        best = max(climbs, key=lambda one: one.value)
+        if best.value > here.value + OPTIMA.same_value:
+            return found, best, True
+        return replace(again, once=found.once), here, False
 
     def _finished(self, found: SearchResult, end: Maximum) -> Highest:
         """The maximum with as many quadrature nodes as it needs, on the present surfaces."""
