@@ -70,6 +70,9 @@ class EmulationSettings:
     enough: float = 0.2
     """The error of alpha caused by the processes, in standard errors and in the worst direction, at
     which the rounds end. It widens an interval by 2 %."""
+    unknown: float = 0.5
+    """The error of alpha from which a result is refused. By judgement: it widens an interval by
+    12 %."""
     change: float = 0.3
     """The error of the log-likelihood caused by the processes at which the rounds end; with many
     experiments it is `each` for each of them."""

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from aleator.core.types import Array, Flags
-from aleator.fit.emulate import Emulation, EmulatorError
+from aleator.fit.emulate import EMULATION, Emulation, EmulatorError
 from aleator.fit.flow import Answer
 from aleator.fit.quadrature import AnyLikelihood, Maximum
 from aleator.inference import diagnostics
@@ -23,14 +23,11 @@ from aleator.search.interface import LogLikelihood
 
 EMULATOR = "emulator"
 NONE = EmulatorError(0.0, 0.0, 1.0, np.zeros(0))
-UNKNOWN = 0.5
-"""The error of the estimates by Gaussian processes, in standard errors, from which a result is
-refused. By judgement: it widens an interval by 12 %."""
 
 
 def emulator_refusals(error: EmulatorError) -> list[Diagnostic]:
     """A refusal where Gaussian processes in place of the simulator leave the estimates unknown."""
-    if error.alpha <= UNKNOWN:
+    if error.alpha <= EMULATION.unknown:
         return []
     return [
         Diagnostic(
@@ -46,7 +43,7 @@ def emulator_refusals(error: EmulatorError) -> list[Diagnostic]:
 def emulator_warnings(emulation: Emulation) -> list[Diagnostic]:
     """A warning where the rounds of runs ended before the error of the estimates was small."""
     error, account = emulation.error, emulation.question.runner.account
-    refused = error.alpha > UNKNOWN and not account.refused
+    refused = error.alpha > EMULATION.unknown and not account.refused
     if error.enough(len(emulation.question.ids)) or refused:
         return []
     ended = f"the budget of {account.budget}" if account.refused else "the largest number of rounds"
