@@ -81,8 +81,8 @@ class EmulationSettings:
     part: float = 0.5
     """A round makes one run of each of this share of the conditions: those that cause most of the
     error."""
-    growth: float = 0.05
-    """A round makes at least this many runs, over the number of those that are there."""
+    fewest: int = 6
+    """The least number of runs of a round."""
     rounds: int = 2
     """The rounds end when the errors are so small after this number of rounds in succession."""
     seen: int = 30
@@ -305,7 +305,7 @@ class Emulation:
         seen = np.isin(np.arange(len(shares)), processes.case[self.of])
         able = np.flatnonzero(seen & (processes.made < most))
         order = able[np.argsort(-shares[able], kind="stable")]
-        wanted = int(max(1, settings.part * len(shares), settings.growth * len(processes.x)))
+        wanted = int(max(settings.fewest, settings.part * len(shares)))
         if not order.size or not (count := question.runner.account.granted(wanted)):
             return False
         case, experiment = processes.case[self.of], question.table.observations.experiment
