@@ -284,19 +284,19 @@ class Processes:
 
     def best(self, case: int, x: Array, count: int = 1) -> Array:
         """The `count` points of x (J, n) whose runs tell most of the values at all, (count, n)."""
-        z, tiny, chosen = self.axes.inward(x), np.finfo(float).tiny, list[int]()
+        z, least, chosen = self.axes.inward(x), np.finfo(float).eps, list[int]()
         u = np.hstack([np.tile(self.conditions[case], (len(z), 1)), z])
         same = np.full(len(z), case)
         left = [group.posterior.joint(same, u) for group in self.groups if case in group.cases]
-        left = [one / max(float(np.trace(one)), tiny) for one in left]
+        left = [one / max(float(np.trace(one)), np.finfo(float).tiny) for one in left]
         for _ in range(min(count, len(x))):
-            told = sum((one**2).sum(axis=0) / np.maximum(np.diag(one), tiny) for one in left)
+            told = sum((one**2).sum(axis=0) / np.maximum(np.diag(one), least) for one in left)
             assert isinstance(told, np.ndarray)
             told[chosen] = -np.inf
             chosen.append(int(np.argmax(told)))
             columns = [one[:, chosen[-1]] for one in left]
             left = [
-                one - np.outer(column, column) / max(column[chosen[-1]], tiny)
+                one - np.outer(column, column) / max(column[chosen[-1]], least)
                 for one, column in zip(left, columns, strict=True)
             ]
         return np.asarray(x[chosen])
