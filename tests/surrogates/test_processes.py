@@ -47,6 +47,13 @@ def learned(function: Run, each: int = 8, most: int = PROCESSES.together) -> Pro
     return made
 
 
+def told(made: Processes, site: Indices, x: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation (R,) by the only process there is."""
+    (group,) = made.groups
+    inputs = site, np.hstack([CONDITIONS[site], made.axes.inward(x)])
+    return group.posterior.mean(*inputs), group.posterior.deviation(*inputs)
+
+
 def true_error(surface: Surface, function: Run, x: Array) -> Array:
     count = len(CONDITIONS)
     truth = function(np.repeat(np.arange(count), len(x)), np.tile(x, (count, 1)))
@@ -153,7 +160,7 @@ def test_groups_of_experiments_serve_where_one_process_would_be_too_large() -> N
 def test_new_values_lie_as_far_from_those_expected_as_the_process_says(front: Processes) -> None:
     cases, x = np.arange(30), anywhere(30)
     away = learned(moving_front).make(cases, x)
-    mean, sd = front.at(cases, x)
+    mean, sd = told(front, cases, x)
     off = moving_front(cases, x) - mean
     noise = front.groups[0].posterior.noise
     assert away == pytest.approx(off / np.hypot(sd, np.sqrt(noise)))
@@ -163,7 +170,7 @@ def test_new_values_lie_as_far_from_those_expected_as_the_process_says(front: Pr
 def test_the_covariance_of_sums_is_that_of_the_values(front: Processes) -> None:
     site, x = np.array([3, 3, 17]), anywhere(3)
     whole = front.covariance(site, x, np.eye(3))
-    assert np.sqrt(np.diag(whole)) == pytest.approx(front.at(site, x)[1], rel=1e-6)
+    assert np.sqrt(np.diag(whole)) == pytest.approx(told(front, site, x)[1], rel=1e-6)
     weights = np.array([[1.0, 0.0], [2.0, 1.0], [0.0, -3.0]])
     assert front.covariance(site, x, weights) == pytest.approx(weights.T @ whole @ weights)
     shares = front.shares(site, x, weights)
@@ -173,7 +180,7 @@ def test_the_covariance_of_sums_is_that_of_the_values(front: Processes) -> None:
 
 def test_a_run_is_made_where_it_tells_most(front: Processes) -> None:
     x = anywhere(40)
-    left = front.at(np.full(40, 5), x)[1]
+    left = told(front, np.full(40, 5), x)[1]
     (best,) = front.best(5, x)
     others = np.flatnonzero(~np.all(x == best, axis=1))
     assert len(others) == 39
@@ -181,7 +188,7 @@ def test_a_run_is_made_where_it_tells_most(front: Processes) -> None:
     made.make(np.array([5]), best[None])
     made.fitted = np.inf
     made.learn()
-    assert np.sum(made.at(np.full(40, 5), x)[1] ** 2) < 0.9 * np.sum(left**2)
+    assert np.sum(told(made, np.full(40, 5), x)[1] ** 2) < 0.9 * np.sum(left**2)
 
 
 def test_a_region_that_moves_keeps_the_runs() -> None:
@@ -203,7 +210,7 @@ def test_outputs_of_one_run_have_a_process_each() -> None:
     )  # fmt: skip
     made.begin()
     made.learn()
-    mean, _ = made.at(np.array([6, 7]), np.tile([[0.5, 3.0]], (2, 1)))
+    mean = made.expected(np.array([6, 7]), np.tile([[0.5, 3.0]], (2, 1)))
     expected = moving_front(np.array([3]), np.array([[0.5, 3.0]]))[0]
     assert mean == pytest.approx([expected, 0.0], abs=0.05)
 

@@ -38,6 +38,7 @@ from aleator.fit.regions import (
     plausible_alphas,
     reaching_out,
     region_of,
+    within_limits,
 )
 from aleator.fit.search import searched
 from aleator.inference import surface_diagnostics
@@ -348,7 +349,7 @@ class Emulation:
         site, inside = found.site, np.clip(found.x, *processes.box.T)
         total = processes.covariance(site, inside, found.weights) * before.surprise**2
         # The polynomials miss the processes differently for each output.
-        off = self.surface.at(site, inside) - processes.at(site, inside)[0]
+        off = self.surface.at(site, inside) - processes.expected(site, inside)
         each = np.zeros((len(processes.case), last + 1))
         np.add.at(each, site, off[:, None] * found.weights)
         of_fit = each.T @ each
@@ -393,8 +394,7 @@ class Emulation:
         for _ in range(outcome_range.OUTCOME_SEARCH.rounds):
             if not isinstance(likelihood, Problem):
                 break
-            lost = surface_diagnostics.shortfalls(likelihood)
-            if not lost.any():
+            if not surface_diagnostics.shortfalls(likelihood).any():
                 break
             with self.ledger.stage(SURFACE):
                 reached = outcome_range.reached(self.question, likelihood, self.region)
@@ -494,14 +494,13 @@ def _roots(
     inside = np.isin(inference.identified, inference.free)
     information = inference.information[np.ix_(inside, inside)]
     lower, upper = limits_of(likelihood.hyperparameters, inference.free)
-    scaled = information * np.outer(upper - lower, upper - lower)
-    if not np.isfinite(scaled).all():
+    width = upper - lower
+    if not np.isfinite(information * np.outer(width, width)).all():
         return None
-    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    if values.max(initial=0.0) > settings.largest:
+    size, vectors = within_limits(information, width)
+    if size.max(initial=0.0) ** 2 > settings.largest:
         return None
-    size, width = np.sqrt(np.maximum(values, 4.0)), (upper - lower)[:, None]
-    return width * vectors / size, vectors * size / width
+    return width[:, None] * vectors / size, vectors * size / width[:, None]
 
 
 def _tell(progress: Progress | None, emulation: Emulation) -> None:

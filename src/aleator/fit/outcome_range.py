@@ -68,25 +68,13 @@ def on_surfaces(
     does not allow the runs to search for one outcome, all are left. Raises ExperimentsError for an
     outcome that the simulator itself does not give anywhere.
     """
-    runner, inputs = question.runner, question.inputs
-    model, outcomes = question.choices.model, question.measured
+    runner, model, outcomes = question.runner, question.choices.model, question.measured
     for _ in range(OUTCOME_SEARCH.rounds):
         problem = prepare(runner, outcomes, model, region, progress, surfaces.surface())
-        short = surface_diagnostics.shortfalls(problem)
-        lost = np.flatnonzero(short)
-        most = OUTCOME_SEARCH.most(len(moving_parameters(region)))
-        if not lost.size or runner.account.granted(most) < most:
+        found = reached(question, problem, region)
+        if found is None:
             return problem
-        farthest = int(lost[np.argmax(np.abs(short[lost]))])
-        condition, side = int(problem.condition[farthest]), float(np.sign(short[farthest]))
-        points, values = _by_surface(surfaces, condition)
-        x = _reached(
-            attempts(runner, region), points[np.argmax(side * values)], condition,
-            float(outcomes[farthest]), side, _support(inputs)[moving_parameters(region)],
-        )  # fmt: skip
-        if x is None:
-            raise surface_diagnostics.unreachable(problem, question.ids)
-        wider = _holding(region, x, inputs.box)
+        wider, lost = found[2], np.flatnonzero(surface_diagnostics.shortfalls(problem))
         if not np.array_equal(wider, region):
             region = wider
             surfaces.move(region[moving_parameters(region)])
@@ -99,13 +87,13 @@ def reached(question: Question, problem: Problem, region: Array) -> tuple[int, A
     """Parameters at which the simulator gives the outcome that surfaces miss most.
 
     Returns the number of its condition, the parameters (moving,), and the region (n, 2) widened to
-    contain them. None if the budget does not allow the search. Raises ExperimentsError for an
-    outcome that the simulator itself does not give anywhere.
+    contain them. None if no outcome is missed, or the budget does not allow the search. Raises
+    ExperimentsError for an outcome that the simulator itself does not give anywhere.
     """
     runner, inputs, y = question.runner, question.inputs, question.measured
     short, moving = surface_diagnostics.shortfalls(problem), moving_parameters(region)
     most = OUTCOME_SEARCH.most(moving.size)
-    if runner.account.granted(most) < most:
+    if not short.any() or runner.account.granted(most) < most:
         return None
     farthest = int(np.argmax(np.abs(short)))
     condition, side = int(problem.condition[farthest]), float(np.sign(short[farthest]))

@@ -118,13 +118,22 @@ def plausible_alphas(
         :, : free.size
     ]
     width = (upper - lower)[free]
-    # The information is at least 4 / width^2 in every direction, which is what the limits give.
-    scaled = inference.information * np.outer(width, width)
-    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    root = vectors / np.sqrt(np.maximum(values, 4.0))
+    size, vectors = within_limits(inference.information, width)
+    root = vectors / size
     out = np.tile(alpha, (REGIONS.alphas, 1))
     out[:, free] += REGIONS.spread * width * (special.ndtri(np.clip(u, 1e-9, 1.0)) @ root.T)
     return np.clip(out, lower, upper)
+
+
+def within_limits(information: Array, width: Array) -> tuple[Array, Array]:
+    """The information (F, F) in units of the limits' widths (F,), as V diag(size^2) V'.
+
+    It is at least 4 / width^2 in every direction, which is what the limits give. Returned are the
+    sizes (F,) and the eigenvectors V (F, F).
+    """
+    scaled = information * np.outer(width, width)
+    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    return np.sqrt(np.maximum(values, 4.0)), vectors
 
 
 def interval_alphas(

@@ -20,7 +20,7 @@ from aleator.errors import InputsError
 from aleator.simulators import Account, Runner
 from aleator.simulators.response_functions import Run, attempts, moving_parameters
 from aleator.surrogates.choice import ResponseSurface
-from aleator.surrogates.emulator import Emulator, OwnSurfaces, pairs
+from aleator.surrogates.emulator import OwnSurfaces, pairs
 from aleator.surrogates.fit import PLACES, PlacementSettings
 from aleator.surrogates.samples import Samples
 from aleator.surrogates.surface import Axes, Surface
@@ -397,7 +397,7 @@ class AdaptiveSurfaces:
     def _begin(self) -> None:
         """Make the rest of the first runs, unless linear surfaces are exact for all experiments."""
         surfaces = self.emulator
-        if isinstance(surfaces, OwnSurfaces) and surfaces.begun < surfaces.first:
+        if surfaces.begun < surfaces.first:
             self._judge_again()
             if surfaces.rough(self.settings.alike, self.choice.accuracy).any():
                 surfaces.begin(surfaces.first)
@@ -516,7 +516,7 @@ def _first_emulator(
     experiments: int,
     choice: ResponseSurface,
     settings: RoundSettings,
-) -> Emulator:
+) -> OwnSurfaces:
     """The surfaces after the first runs."""
     n = len(box)
     first = first_runs(n, choice, settings)

@@ -1,12 +1,7 @@
-"""Emulators: the response surfaces of all experiments together with the runs they are fitted to.
-
-Each experiment has a polynomial of its own (`OwnSurfaces`).
-"""
+"""Polynomials of all experiments together with the runs that they are fitted to."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,118 +62,6 @@ class SurfaceErrorSettings:
 
 
 ERRORS = SurfaceErrorSettings()
-
-
-class Emulator(ABC):
-    """Response surfaces of N experiments, refined in rounds of runs; every run is kept.
-
-    `run(index (R,), x (R, n)) -> (R,)` runs the simulator and gives NaN where a run failed. `box`
-    (n, 2) is the region of the parameters that the surfaces cover; `move` changes it. `sharpen`
-    makes further runs of some experiments, `judge` estimates the errors of the surfaces, and
-    `surface` returns the present surfaces. The points of the runs depend on these calls alone.
-
-    `error` (N,) is the estimated root-mean-square error (infinite where there are too few runs) and
-    `scatter` (N,) the standard deviation of the outcome, both at the points of the last call of
-    `judge`. `level` (N,) is the size of the outcome. `rate` (N,) is the derivative of the outcome
-    by its polynomial at these points, which is not one if the polynomial is that of the logarithm.
-    `reach` (N,) is the error of the polynomial over the whole box.
-    """
-
-    def __init__(self, run: Run, box: Array, samples: Samples) -> None:
-        experiments = len(samples.outcome)
-        self.run, self.axes, self.samples = run, Axes.plain(box), samples
-        self.error = np.full(experiments, np.inf)
-        self.scatter, self.level, self.reach = np.zeros((3, experiments))
-        self.rate = np.ones(experiments)
-
-    @property
-    def runs(self) -> Indices:
-        """The number of runs of each experiment, (N,), inside the box or not."""
-        return self.samples.runs
-
-    @property
-    def box(self) -> Array:
-        """The region of the parameters that the surfaces cover, lower and upper limits (n, 2)."""
-        return self.axes.box
-
-    @abstractmethod
-    def move(self, box: Array) -> None:
-        """Change the region that the surfaces cover to another box (n, 2)."""
-
-    @abstractmethod
-    def round(self, members: Indices, growth: float) -> int:
-        """The largest number of runs that `sharpen` makes for one of the experiments `members`."""
-
-    @abstractmethod
-    def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
-        """Run the experiments `members` (A,) at more points, spread as draws (D, n) of a law are.
-
-        Without draws the points are spread evenly over the box. The number of runs of an experiment
-        grows by about the share `growth`, but not beyond `most`.
-        """
-
-    @abstractmethod
-    def judge(self, where: Array | None) -> None:
-        """Estimate the errors of all surfaces at points (J, n) of a law, or (None) over the box."""
-
-    @abstractmethod
-    def surface(self, converged: Flags) -> Surface:
-        """The present surfaces, with the errors of the last call of `judge`."""
-
-    def rough(self, tolerance: float, accuracy: float) -> Flags:
-        """Which experiments are not exact enough, (N,).
-
-        Their error is above `tolerance` times the scatter and above `accuracy` times the size of
-        the outcome.
-        """
-        return self.error > np.maximum(tolerance * self.scatter, accuracy * self.level)
-
-    def run_at(self, x: Array, index: Indices, place: Indices) -> None:
-        """Run experiment index[r] at the point x[place[r]] for r = 0..R-1, and keep the outcomes.
-
-        Raises SimulatorError for outcomes of a wrong shape, or infinite ones.
-        """
-        outcome = np.asarray(self.run(index, x[place]), dtype=np.float64)
-        if outcome.shape != index.shape or np.isinf(outcome).any():
-            raise SimulatorError(
-                f"outcomes of shape {outcome.shape} for {len(index)} runs, or infinite",
-                "return one number for each run: finite, or NaN where the run failed",
-            )
-        self.samples = self.samples.joined(x, index, place, outcome)
-
-    def _surface(
-        self,
-        pieces: Iterable[Piece],
-        error: Array,
-        converged: Flags,
-        outcomes: Array,
-        logarithmic: Flags,
-    ) -> Surface:
-        """The surface of the polynomials in `pieces`, with estimated errors (N,).
-
-        Its range of outcomes includes the `outcomes` (N, M) of the runs.
-        """
-        known = np.where(np.isfinite(error), error / self.rate, 0.0)
-        indices, groups = merged(pieces, known)
-        surface = Surface(
-            axes=self.axes,
-            indices=indices,
-            groups=groups,
-            error=error.copy(),
-            scatter=self.scatter.copy(),
-            converged=converged,
-            runs=self.runs,
-            failed=self.samples.failed,
-            logarithmic=logarithmic,
-        )
-        lower, upper = outcome_range(surface, outcomes)
-        # The range is widened by the surface's error over the whole box: an outcome counts as
-        # impossible only if it lies beyond that.
-        return replace(
-            surface,
-            lower=widened(lower, -ERRORS.beyond * self.reach, logarithmic),
-            upper=widened(upper, ERRORS.beyond * self.reach, logarithmic),
-        )
 
 
 def pairs(members: Indices, count: int) -> tuple[Indices, Indices]:
@@ -259,8 +142,19 @@ def chosen_priors(
     return out, [*found] or pool
 
 
-class OwnSurfaces(Emulator):
-    """A polynomial for each experiment; the methods are those of `Emulator`.
+class OwnSurfaces:
+    """A polynomial for each of N experiments, refined in rounds of runs; every run is kept.
+
+    `run(index (R,), x (R, n)) -> (R,)` runs the simulator and gives NaN where a run failed. `box`
+    (n, 2) is the region of the parameters that the surfaces cover; `move` changes it. `sharpen`
+    makes further runs of some experiments, `judge` estimates the errors of the surfaces, and
+    `surface` returns the present surfaces. The points of the runs depend on these calls alone.
+
+    `error` (N,) is the estimated root-mean-square error (infinite where there are too few runs) and
+    `scatter` (N,) the standard deviation of the outcome, both at the points of the last call of
+    `judge`. `level` (N,) is the size of the outcome. `rate` (N,) is the derivative of the outcome
+    by its polynomial at these points, which is not one if the polynomial is that of the logarithm.
+    `reach` (N,) is the error of the polynomial over the whole box.
 
     The first round runs every experiment at `first` points, or only at the first `few` of them, and
     `begin` runs the others. `samples` are runs that were made before, each at a point of its own.
@@ -271,8 +165,11 @@ class OwnSurfaces(Emulator):
     def __init__(
         self, run: Run, box: Array, samples: Samples, first: int, few: int | None = None
     ) -> None:
-        super().__init__(run, box, samples)
         experiments, n = len(samples.outcome), len(box)
+        self.run, self.axes, self.samples = run, Axes.plain(box), samples
+        self.error = np.full(experiments, np.inf)
+        self.scatter, self.level, self.reach = np.zeros((3, experiments))
+        self.rate = np.ones(experiments)
         self.earlier, self.first, self.begun = samples.x, first, 0
         self.pool = first_priors(n)
         self.prior = [self.pool[0]] * experiments
@@ -282,6 +179,16 @@ class OwnSurfaces(Emulator):
         z = spread(first, n)
         self.start = self.axes.outward(z if few is None else asymmetric(z, few))
         self.begin(few or first)
+
+    @property
+    def runs(self) -> Indices:
+        """The number of runs of each experiment, (N,), inside the box or not."""
+        return self.samples.runs
+
+    @property
+    def box(self) -> Array:
+        """The region of the parameters that the surfaces cover, lower and upper limits (n, 2)."""
+        return self.axes.box
 
     @property
     def least(self) -> int:
@@ -309,8 +216,9 @@ class OwnSurfaces(Emulator):
     def sharpen(self, members: Indices, draws: Array | None, growth: float, most: int) -> None:
         """Run the experiments `members` (A,) at more points, the same for all of them.
 
-        The number of their points in the box grows by the share `growth`, and at least to that of a
-        first round.
+        They are spread as draws (D, n) of a law are, or without draws evenly over the box. The
+        number of their points in the box grows by the share `growth`, and at least to that of a
+        first round. No experiment gets more than `most` runs.
         """
         inside = self.samples.inside(self.box)
         known = self._common(members, inside)
@@ -373,12 +281,54 @@ class OwnSurfaces(Emulator):
         samples = self.samples.inside(self.box)
         z = self.axes.inward(samples.x)
         pieces = fitted_pieces(z, samples.outcome, self.prior, self.least)
-        return self._surface(pieces, self.error, converged, samples.outcome, self._logarithmic)
+        known = np.where(np.isfinite(self.error), self.error / self.rate, 0.0)
+        indices, groups = merged(pieces, known)
+        logarithmic = self._logarithmic
+        surface = Surface(
+            axes=self.axes,
+            indices=indices,
+            groups=groups,
+            error=self.error.copy(),
+            scatter=self.scatter.copy(),
+            converged=converged,
+            runs=self.runs,
+            failed=self.samples.failed,
+            logarithmic=logarithmic,
+        )
+        lower, upper = outcome_range(surface, samples.outcome)
+        # The range is widened by the surface's error over the whole box: an outcome counts as
+        # impossible only if it lies beyond that.
+        return replace(
+            surface,
+            lower=widened(lower, -ERRORS.beyond * self.reach, logarithmic),
+            upper=widened(upper, ERRORS.beyond * self.reach, logarithmic),
+        )
 
     @property
     def _logarithmic(self) -> Flags:
         """Which experiments have a polynomial for the logarithm of the outcome, (N,)."""
         return np.array([prior.logarithm for prior in self.prior])
+
+    def rough(self, tolerance: float, accuracy: float) -> Flags:
+        """Which experiments are not exact enough, (N,).
+
+        Their error is above `tolerance` times the scatter and above `accuracy` times the size of
+        the outcome.
+        """
+        return self.error > np.maximum(tolerance * self.scatter, accuracy * self.level)
+
+    def run_at(self, x: Array, index: Indices, place: Indices) -> None:
+        """Run experiment index[r] at the point x[place[r]] for r = 0..R-1, and keep the outcomes.
+
+        Raises SimulatorError for outcomes of a wrong shape, or infinite ones.
+        """
+        outcome = np.asarray(self.run(index, x[place]), dtype=np.float64)
+        if outcome.shape != index.shape or np.isinf(outcome).any():
+            raise SimulatorError(
+                f"outcomes of shape {outcome.shape} for {len(index)} runs, or infinite",
+                "return one number for each run: finite, or NaN where the run failed",
+            )
+        self.samples = self.samples.joined(x, index, place, outcome)
 
     def _guess(self, members: Indices, samples: Samples, z: Array) -> Array:
         """Predicted outcomes (A, Q) of the experiments `members` (A,) at points z (Q, n)."""

@@ -155,11 +155,6 @@ class Covariance:
         )[0] + self.line**2 * (1.0 + (z * t).sum(axis=1))
         return np.asarray(out)
 
-    def likeness(self, u: Array) -> Array:
-        """Squared correlations (N, N) of the common part f between the inputs u (N, D)."""
-        mixed = u @ self.mix
-        return np.asarray(self.correlation(_squared(mixed, mixed))[0] ** 2)
-
     def prior(self, u: Array) -> Array:
         """Prior variances (R,) of f + g at inputs u (R, D), over v."""
         z = u[:, -len(self.scale) :]
@@ -328,14 +323,14 @@ class ProcessPosterior:
     @single_threaded
     def deviation(self, experiment: Indices, u: Array) -> Array:
         """Posterior standard deviations (R,) of the outcomes at inputs u (R, D); O(M^2 R)."""
-        known, rest = self._known(experiment, u)
+        known, rest = self._known(self._between(experiment, u).T, self.data.trend(u).T)
         left = self.covariance.prior(u) - (known**2).sum(axis=0) + (rest**2).sum(axis=0)
         return np.asarray(np.sqrt(self.variance * np.maximum(left, 0.0)))
 
     @single_threaded
     def joint(self, experiment: Indices, u: Array) -> Array:
         """Posterior covariances (R, R) of the outcomes at a small number R of inputs u (R, D)."""
-        known, rest = self._known(experiment, u)
+        known, rest = self._known(self._between(experiment, u).T, self.data.trend(u).T)
         prior = self.covariance.between(experiment, u, experiment, u)
         return np.asarray(self.variance * (prior - known.T @ known + rest.T @ rest))
 
@@ -343,17 +338,19 @@ class ProcessPosterior:
     def of_sums(self, experiment: Indices, u: Array, weights: Array) -> Array:
         """Posterior covariance (K, K) of sums of the outcomes at u (R, D) times weights (R, K)."""
         prior = weights.T @ (self.covariance.between(experiment, u, experiment, u) @ weights)
-        known = _solved(self.factor.lower, self._between(experiment, u).T @ weights)
-        short = self.data.trend(u).T @ weights - self.factor.r.T @ (self.factor.q.T @ known)
-        rest = solve_triangular(self.factor.r, short, trans="T", check_finite=False)
+        columns, trend = self._between(experiment, u).T @ weights, self.data.trend(u).T @ weights
+        known, rest = self._known(columns, trend)
         return np.asarray(self.variance * (prior - known.T @ known + rest.T @ rest))
 
     def _between(self, experiment: Indices, u: Array) -> Array:
         return self.covariance.between(experiment, u, self.data.experiment, self.data.u)
 
-    def _known(self, experiment: Indices, u: Array) -> tuple[Array, Array]:
-        """What the runs tell (M, R), and what the trend's uncertainty adds (1 + D, R)."""
-        known = _solved(self.factor.lower, self._between(experiment, u).T)
-        short = self.data.trend(u).T - self.factor.r.T @ (self.factor.q.T @ known)
+    def _known(self, columns: Array, trend: Array) -> tuple[Array, Array]:
+        """What the runs tell (M, R), and what the trend's uncertainty adds (T, R).
+
+        `columns` (M, R) are the covariances with the runs, and `trend` (T, R) the trend's terms.
+        """
+        known = _solved(self.factor.lower, columns)
+        short = trend - self.factor.r.T @ (self.factor.q.T @ known)
         rest = solve_triangular(self.factor.r, short, trans="T", check_finite=False)
         return known, np.asarray(rest)

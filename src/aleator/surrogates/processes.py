@@ -132,7 +132,7 @@ class Processes:
     @property
     def runs(self) -> Indices:
         """The number of runs of each output, (U,)."""
-        return np.bincount(self.of_run, minlength=len(self.conditions))[self.case]
+        return self.made[self.case]
 
     @property
     def made(self) -> Indices:
@@ -168,7 +168,7 @@ class Processes:
         n, before = len(self.box), len(self.x)
         every, inputs = self.conditions.shape
         each = first_process_runs(every, inputs + n, self.settings)
-        some = np.arange(len(self.conditions)) if cases is None else np.array(cases)
+        some = np.arange(every) if cases is None else np.array(cases)
         even = low_discrepancy(before + len(some) * each, n, fixed_shift(n))[before:]
         order = np.random.default_rng(0).permutation(some)
         self.make(np.repeat(order, each), self.axes.outward(clustered(even)))
@@ -206,8 +206,9 @@ class Processes:
             self.fitted = len(near)
         for column in self.logarithm:
             rows = np.flatnonzero(near & np.isfinite(self.y[:, column]))
-            u = np.hstack([self.conditions[self.of_run[rows]], z[rows]])
-            data = Data(self.of_run[rows], u, self.y[rows, column], len(self.box))
+            data = Data(
+                *self._inputs(self.of_run[rows], z[rows]), self.y[rows, column], len(self.box)
+            )
             if again:
                 self._fit(column, data)
             log = self.logarithm[column] and bool(np.all(data.y > 0.0))
@@ -231,12 +232,10 @@ class Processes:
             self.covariances[column, True] = both
             self.logarithm[column] = other + float(logs.sum()) < loss
 
-    def at(self, site: Indices, x: Array) -> tuple[Array, Array]:
-        """Expected values and their standard deviations, both (R,), of outputs at x (R, n)."""
-        mean, sd = self._at(site, x)
-        log = self.logarithmic[site]
-        mean = outcomes(mean, log)
-        return mean, np.where(log, np.abs(mean), 1.0) * sd
+    def expected(self, site: Indices, x: Array) -> Array:
+        """Expected values (R,) of outputs at points x (R, n)."""
+        mean = self._of_each(ProcessPosterior.mean, site, x)
+        return outcomes(mean, self.logarithmic[site])
 
     @property
     def logarithmic(self) -> Flags:
@@ -246,20 +245,21 @@ class Processes:
             out[group.sites] = group.logarithm
         return out
 
-    def _at(self, site: Indices, x: Array) -> tuple[Array, Array]:
-        """Means and standard deviations (R,) of the processes of outputs at x (R, n)."""
-        z, mean, sd = self.axes.inward(x), np.empty(len(x)), np.empty(len(x))
+    def _of_each(
+        self, what: Callable[[ProcessPosterior, Indices, Array], Array], site: Indices, x: Array
+    ) -> Array:
+        """What the processes say (R,), mean or standard deviation, of outputs at x (R, n)."""
+        z, out = self.axes.inward(x), np.empty(len(x))
         for group, rows in self._in_groups(site):
-            mean[rows] = group.posterior.mean(*self._inputs(site[rows], z[rows]))
-            sd[rows] = group.posterior.deviation(*self._inputs(site[rows], z[rows]))
-        return mean, sd
+            out[rows] = what(group.posterior, *self._inputs(self.case[site[rows]], z[rows]))
+        return out
 
     def _means(self, x: Array) -> Array:
         """Means (U, J) of the processes of all outputs at common points x (J, n)."""
         z, out = self.axes.inward(x), np.empty((len(self.case), len(x)))
         for group in self.groups:
             for site in group.sites:
-                out[site] = group.posterior.mean(*self._inputs(np.full(len(z), site), z))
+                out[site] = group.posterior.mean(*self._inputs(np.full(len(z), self.case[site]), z))
         return out
 
     def covariance(self, site: Indices, x: Array, weights: Array) -> Array:
@@ -267,7 +267,7 @@ class Processes:
         z, k = self.axes.inward(x), weights.shape[1]
         total = np.zeros((k, k))
         for group, rows in self._in_groups(site):
-            inputs = self._inputs(site[rows], z[rows])
+            inputs = self._inputs(self.case[site[rows]], z[rows])
             total += group.of_sums(*inputs, weights[rows])
         return total
 
@@ -278,16 +278,15 @@ class Processes:
             of = self.case[site[rows]]
             for case in np.unique(of):
                 some = rows[of == case]
-                inputs = self._inputs(site[some], z[some])
+                inputs = self._inputs(self.case[site[some]], z[some])
                 out[case] += np.trace(group.of_sums(*inputs, weights[some]))
         return out
 
     def best(self, case: int, x: Array, count: int = 1) -> Array:
         """The `count` points of x (J, n) whose runs tell most of the values at all, (count, n)."""
         z, least, chosen = self.axes.inward(x), np.finfo(float).eps, list[int]()
-        u = np.hstack([np.tile(self.conditions[case], (len(z), 1)), z])
-        same = np.full(len(z), case)
-        left = [group.posterior.joint(same, u) for group in self.groups if case in group.cases]
+        inputs = self._inputs(np.full(len(z), case), z)
+        left = [group.posterior.joint(*inputs) for group in self.groups if case in group.cases]
         left = [one / max(float(np.trace(one)), np.finfo(float).tiny) for one in left]
         for _ in range(min(count, len(x))):
             told = sum((one**2).sum(axis=0) / np.maximum(np.diag(one), least) for one in left)
@@ -306,9 +305,9 @@ class Processes:
         for group in self.groups:
             values = group.transformed(y[:, group.column])
             rows = np.flatnonzero(np.isin(case, group.cases) & np.isfinite(values))
-            u = np.hstack([self.conditions[case[rows]], z[rows]])
-            off = values[rows] - group.posterior.mean(case[rows], u)
-            sd = group.posterior.deviation(case[rows], u)
+            inputs = self._inputs(case[rows], z[rows])
+            off = values[rows] - group.posterior.mean(*inputs)
+            sd = group.posterior.deviation(*inputs)
             found.append(off / np.hypot(sd, np.sqrt(group.posterior.noise)))
         return np.concatenate(found)
 
@@ -320,7 +319,7 @@ class Processes:
         n, settings, sites = len(self.box), self.settings, np.arange(len(self.case))
         some = where[:: max(1, len(where) // settings.judged)][: settings.judged]
         apart = np.repeat(sites, len(some)), np.tile(some, (len(sites), 1))
-        sd = self._at(*apart)[1].reshape(len(sites), -1)
+        sd = self._of_each(ProcessPosterior.deviation, *apart).reshape(len(sites), -1)
         left = np.sqrt((sd**2).mean(axis=1))
         count = max((n + 1) * (n + 2) // 2, min(max(self.terms // 2, least), settings.most))
         while True:
@@ -330,9 +329,8 @@ class Processes:
                 break
             count *= 2
         self.terms, off, log = count, np.hypot(left, missed), self.logarithmic
-        values, deviations = (one.reshape(len(sites), -1) for one in self.at(*apart))
-        error = np.hypot(np.sqrt((deviations**2).mean(axis=1)), missed)
-        error = np.where(log, np.sqrt((values**2).mean(axis=1)) * off, error)
+        values = self.expected(*apart).reshape(len(sites), -1)
+        error = np.where(log, np.sqrt((values**2).mean(axis=1)), 1.0) * off
         error[self.lost] = np.inf
         listed, groups = merged([(sites, indices, coefficients)], np.zeros(len(sites)))
         made = Surface(
@@ -377,8 +375,8 @@ class Processes:
         scales = np.clip(most / most.max(), self.settings.slowest, 1.0)
         return tuple(np.round(scales, 1).tolist())
 
-    def _inputs(self, site: Indices, z: Array) -> tuple[Indices, Array]:
-        case = self.case[site]
+    def _inputs(self, case: Indices, z: Array) -> tuple[Indices, Array]:
+        """The inputs of a process: the cases (R,), and their conditions beside z (R, n)."""
         return case, np.hstack([self.conditions[case], z])
 
     def _in_groups(self, site: Indices) -> Iterator[tuple[_Grouped, Indices]]:
