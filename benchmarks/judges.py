@@ -3,6 +3,7 @@
 Every random study and every example is identified by default settings; of the random studies the
 exact log-likelihood stands beside (`benchmarks.reference`), and how far its maximum is, by one
 Newton step. What the file has already is not made again. `--before OLD.jsonl` prints the changes.
+`--emulated` identifies the random studies as those of slow simulators, with an emulator.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +23,9 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from aleator import identify, load
+from aleator import ResponseSurface, identify, load
 from aleator.core.types import Array
+from benchmarks.emulators import EMULATED
 from benchmarks.kept import Entry, kept
 from benchmarks.random_studies import RANDOM_STUDIES, RandomStudy
 from benchmarks.reference import Reference, Resolution
@@ -37,10 +40,13 @@ STEP = 0.1
 """Step of the reference's slopes, in standard errors."""
 
 
-def judged(name: str) -> Entry:
-    """The answer to one study: a number for a random one, else the path of its file."""
+def judged(name: str, propagation: ResponseSurface | None = None) -> Entry:
+    """The answer to one study: a number for a random one, else the path of its file.
+
+    `propagation` is that of random studies; None lets the program choose.
+    """
     before = _processor()
-    document = _random(int(name)) if name.isdigit() else _example(name)
+    document = _random(int(name), propagation) if name.isdigit() else _example(name)
     seconds = _processor() - before
     if "error" in document:
         return {"seconds": seconds, "error": document["error"]}
@@ -51,6 +57,7 @@ def judged(name: str) -> Entry:
         "consistent": document["consistent"],
         "likelihood": document["density"],
         "log_likelihood": document["log_likelihood"],
+        "surface": document.get("surface"),
         "alpha": {
             key: [row["estimate"], row["standard_error"], row["interval"]]
             for key, row in document["alpha"].items()
@@ -67,12 +74,12 @@ def _processor() -> float:
     return float(sum(os.times()[:4]))
 
 
-def _random(number: int) -> Mapping[str, Any]:
+def _random(number: int, propagation: ResponseSurface | None) -> Mapping[str, Any]:
     study = RANDOM_STUDIES[number]
     try:
         return identify(
             study.simulator, study.table(), study.inputs, outcome="y", noise=study.errors,
-            vectorized=True, seed=0,
+            propagation=propagation, vectorized=True, seed=0,
         ).to_dict()  # fmt: skip
     except Exception as error:
         return {"error": f"{type(error).__name__}: {error}"}
@@ -133,6 +140,7 @@ def print_record(console: Console, entries: Mapping[tuple[str | int, ...], Entry
             "consistent": entry.get("consistent"), "log L": value,
             "exact - log L": entry.get("exact", np.nan) - value,
             "deficit": entry.get("deficit", np.nan), "off": entry.get("off", np.nan),
+            "told": (entry.get("surface") or {}).get("estimates_error", np.nan),
             "runs": entry.get("runs"), "CPU s": entry["seconds"],
             "error": entry.get("error", "")[:60],
         })  # fmt: skip
@@ -186,10 +194,17 @@ def main() -> None:
     parser.add_argument("record", type=Path)
     parser.add_argument("--before", type=Path, help="the record to compare with")
     parser.add_argument("--only", help="names of studies, with commas between them")
+    parser.add_argument(
+        "--emulated", action="store_true", help="the random studies alone, with an emulator"
+    )
     options = parser.parse_args()
-    every = [*map(str, range(len(RANDOM_STUDIES))), *EXAMPLES]
+    random = [*map(str, range(len(RANDOM_STUDIES)))]
+    every = random if options.emulated else [*random, *EXAMPLES]
     names = options.only.split(",") if options.only else every
-    entries = kept(options.record, [(name,) for name in names], judged)
+    propagation = EMULATED if options.emulated else None
+    entries = kept(
+        options.record, [(name,) for name in names], partial(judged, propagation=propagation)
+    )
     console = Console(width=240)
     print_record(console, entries)
     if options.before:
