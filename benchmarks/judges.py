@@ -40,10 +40,10 @@ STEP = 0.1
 """Step of the reference's slopes, in standard errors."""
 
 
-def judged(name: str, propagation: ResponseSurface | None = None) -> Entry:
+def judged(name: str, propagation: ResponseSurface = ResponseSurface()) -> Entry:
     """The answer to one study: a number for a random one, else the path of its file.
 
-    `propagation` is that of random studies; None lets the program choose.
+    `propagation` is that of random studies.
     """
     before = _processor()
     document = _random(int(name), propagation) if name.isdigit() else _example(name)
@@ -74,7 +74,7 @@ def _processor() -> float:
     return float(sum(os.times()[:4]))
 
 
-def _random(number: int, propagation: ResponseSurface | None) -> Mapping[str, Any]:
+def _random(number: int, propagation: ResponseSurface) -> Mapping[str, Any]:
     study = RANDOM_STUDIES[number]
     try:
         return identify(
@@ -201,7 +201,7 @@ def main() -> None:
     random = [*map(str, range(len(RANDOM_STUDIES)))]
     every = random if options.emulated else [*random, *EXAMPLES]
     names = options.only.split(",") if options.only else every
-    propagation = EMULATED if options.emulated else None
+    propagation = EMULATED if options.emulated else ResponseSurface()
     entries = kept(
         options.record, [(name,) for name in names], partial(judged, propagation=propagation)
     )
