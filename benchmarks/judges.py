@@ -36,11 +36,12 @@ EXAMPLES = tuple(
     for path in sorted((ROOT / "examples").rglob("*.toml"))
     if "[experiments]" in path.read_text(encoding="utf-8")
 )
+DEFAULT = ResponseSurface()
 STEP = 0.1
 """Step of the reference's slopes, in standard errors."""
 
 
-def judged(name: str, propagation: ResponseSurface = ResponseSurface()) -> Entry:
+def judged(name: str, propagation: ResponseSurface = DEFAULT) -> Entry:
     """The answer to one study: a number for a random one, else the path of its file.
 
     `propagation` is that of random studies.
@@ -201,7 +202,7 @@ def main() -> None:
     random = [*map(str, range(len(RANDOM_STUDIES)))]
     every = random if options.emulated else [*random, *EXAMPLES]
     names = options.only.split(",") if options.only else every
-    propagation = EMULATED if options.emulated else ResponseSurface()
+    propagation = EMULATED if options.emulated else DEFAULT
     entries = kept(
         options.record, [(name,) for name in names], partial(judged, propagation=propagation)
     )
