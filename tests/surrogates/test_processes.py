@@ -169,13 +169,13 @@ def test_new_values_lie_as_far_from_those_expected_as_the_process_says(front: Pr
 
 def test_the_covariance_of_sums_is_that_of_the_values(front: Processes) -> None:
     site, x = np.array([3, 3, 17]), anywhere(3)
-    whole = front.covariance(site, x, np.eye(3))
+    whole = front.of_sums(site, x, np.eye(3))[0]
     assert np.sqrt(np.diag(whole)) == pytest.approx(told(front, site, x)[1], rel=1e-6)
     weights = np.array([[1.0, 0.0], [2.0, 1.0], [0.0, -3.0]])
-    assert front.covariance(site, x, weights) == pytest.approx(weights.T @ whole @ weights)
-    shares = front.shares(site, x, weights)
-    assert shares[3] == pytest.approx(np.trace(weights[:2].T @ whole[:2, :2] @ weights[:2]))
-    assert np.flatnonzero(shares).tolist() == [3, 17]
+    total, alone = front.of_sums(site, x, weights)
+    assert total == pytest.approx(weights.T @ whole @ weights)
+    assert alone[3] == pytest.approx(weights[:2].T @ whole[:2, :2] @ weights[:2])
+    assert np.flatnonzero(np.abs(alone).sum(axis=(1, 2))).tolist() == [3, 17]
 
 
 def test_a_run_is_made_where_it_tells_most(front: Processes) -> None:
@@ -189,6 +189,28 @@ def test_a_run_is_made_where_it_tells_most(front: Processes) -> None:
     made.fitted = np.inf
     made.learn()
     assert np.sum(told(made, np.full(40, 5), x)[1] ** 2) < 0.9 * np.sum(left**2)
+
+
+@pytest.mark.parametrize(("scaled", "power"), [(True, -3.0), (False, 1.0)])
+def test_coordinates_are_logarithmic_where_the_values_say_so(scaled: bool, power: float) -> None:
+    box, everyone = np.array([[0.1, 5.0]]), np.arange(len(CONDITIONS))
+
+    def values(case: Indices, x: Array) -> Array:
+        return ((1.0 + CONDITIONS[case, 0]) * (0.3 + x[:, 0]) ** power - CONDITIONS[case, 1])[
+            :, None
+        ]
+
+    made = Processes(values, box, CONDITIONS, everyone, 0 * everyone)
+    made.begin()
+    made.learn()
+    assert made.axes.logarithmic.tolist() == [scaled]
+    x = np.geomspace(0.2, 4.0, 30)[:, None]
+    truth = values(everyone, x)[:, 0]
+    assert np.std(made.expected(everyone, x) - truth) < 0.02 * np.std(truth)
+    made.move(np.array([[0.5, 0.9]]))
+    assert made.axes.logarithmic.tolist() == [False]
+    made.learn()
+    assert np.isfinite(made.expected(everyone, x)).all()
 
 
 def test_a_region_that_moves_keeps_the_runs() -> None:

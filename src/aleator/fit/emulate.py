@@ -249,11 +249,8 @@ class Emulation:
         question, settings, progress = self.question, self.settings, self.ledger.progress
         while True:
             inference = infer(end.likelihood.followed, end.alpha, end.likelihood.hyperparameters)
-            likely = end.alpha[None]
-            if np.isfinite(inference.information).all():
-                likely = plausible_alphas(end.alpha, inference, end.likelihood.hyperparameters)
-            x = self._draws(end, [end.alpha, *likely], settings.wide, settings.draws)
-            self.error = self._error(end, inference, x)
+            plain = self._draws(end, [end.alpha, *self._likely(end, inference)])
+            self.error = self._error(end, inference, plain.std(axis=0))
             _tell(progress, self)
             if self._finer():
                 end = self._climbed(self._likelihood(self.where), end.alpha)
@@ -265,6 +262,8 @@ class Emulation:
             if self.calm >= settings.rounds or ended or rounds >= settings.most:
                 return end, rounds
             with self.ledger.stage(SURFACE):
+                likely = self._likely(end, inference, min(self.error.alpha, settings.largest))
+                x = self._draws(end, [end.alpha, *likely], settings.wide, settings.draws)
                 near = agreeing(
                     end.likelihood, end.alpha, self.of, x, self.surface.evaluate(x), settings.near
                 )
@@ -284,6 +283,13 @@ class Emulation:
                 likelihood = self._likelihood(np.random.default_rng(0).permutation(every))
             with self.ledger.stage(SEARCH):
                 end, rounds = self._climbed(likelihood, end.alpha), rounds + 1
+
+    def _likely(self, end: Maximum, inference: Inference, error: float = 0.0) -> Array:
+        """Plausible values (A, K) of alpha, where the processes cause this error of it."""
+        if not np.isfinite(inference.information).all():
+            return end.alpha[None]
+        whole = replace(inference, information=inference.information / (1.0 + error**2))
+        return plausible_alphas(end.alpha, whole, end.likelihood.hyperparameters)
 
     def _finer(self) -> bool:
         """Whether polynomials cause too large an error and may have more terms from now on."""
@@ -324,8 +330,8 @@ class Emulation:
         self.error = replace(self.error, surprise=surprise)
         return True
 
-    def _error(self, end: Maximum, inference: Inference, x: Array) -> EmulatorError:
-        """The error that the processes cause; x (D, n) are draws of plausible laws."""
+    def _error(self, end: Maximum, inference: Inference, spread: Array) -> EmulatorError:
+        """The error that the processes cause; `spread` (n,) is that of plausible laws."""
         likelihood, processes, before = end.likelihood, self.processes, self.error
         if isinstance(likelihood, Problem):
             predictor = OnSurfaces(self.surface, self.region, self.of)
@@ -338,16 +344,17 @@ class Emulation:
                           shares=np.ones(len(processes.conditions)))  # fmt: skip
         if roots is None:
             return unknown
-        (spread, root), last = roots, inference.free.size
+        (deviation, root), last = roots, inference.free.size
         scatter = np.where(self.surface.scatter > 0.0, self.surface.scatter, 1.0)
         found = functional(
-            held, end.alpha, inference.free, spread @ spread.T, moving_parameters(self.region),
-            x.std(axis=0), self.of, scatter,
+            held, end.alpha, inference.free, deviation @ deviation.T,
+            moving_parameters(self.region), spread, self.of, scatter,
         )  # fmt: skip
         if not np.abs(found.weights).max(initial=0.0) < self.settings.largest:
             return unknown
         site, inside = found.site, np.clip(found.x, *processes.box.T)
-        total = processes.covariance(site, inside, found.weights) * before.surprise**2
+        total, alone = processes.of_sums(site, inside, found.weights)
+        total *= before.surprise**2
         # The polynomials miss the processes differently for each output.
         off = self.surface.at(site, inside) - processes.expected(site, inside)
         each = np.zeros((len(processes.case), last + 1))
@@ -356,8 +363,9 @@ class Emulation:
         total += of_fit
         of_alpha = float(np.trace(root.T @ total[:last, :last] @ root))
         missed = float(np.trace(root.T @ of_fit[:last, :last] @ root)) ** 0.5
-        white = found.weights[:, :last] @ root if last else found.weights
-        shares = processes.shares(site, inside, white)
+        # Without free hyperparameters, the error of the log-likelihood decides.
+        by = root.T if last else np.ones((1, 1))
+        shares = np.einsum("ki,cij,kj->c", by, alone[:, : len(by), : len(by)], by)
         least = self.settings.search**2
         return replace(
             before, alpha=max(of_alpha, least) ** 0.5,

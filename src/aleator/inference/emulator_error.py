@@ -26,9 +26,10 @@ class FunctionalSettings:
 
     smooth: float = 0.1
     """The standard deviation of the auxiliary error of an exact outcome, over its scatter."""
-    sites: int = 32
-    """The number of nodes of an experiment at which the errors of its values are taken, drawn by
-    their shares in the likelihood where there are more."""
+    sites: int = 2
+    """The number of nodes of an experiment at which the errors of its values are taken, for each
+    term of a polynomial of degree two. They are drawn by their shares in the likelihood where there
+    are more."""
     aside: float = 0.25
     """The weight of a point above or below a constant's value, where the nodes have weight one."""
     step: float = 1e-4
@@ -76,6 +77,7 @@ def functional(
     evaluation of the measurement errors for each coefficient and observation of an experiment.
     """
     aside = [k for k, i in enumerate(moving) if i not in likelihood.inputs.scattered]
+    terms = len(_quadratic(moving.size))
     parts = []
     for block in likelihood.blocks:
         found = likelihood.at(alpha, block, likelihood.nodes.xi[block.experiments])
@@ -87,7 +89,7 @@ def functional(
         points = np.concatenate([x, *((middle + one)[:, None] for one in off)], axis=1)
         rest = np.full((len(share), len(off)), settings.aside)
         local = _Polynomials.over(
-            points, np.hstack([_thinned(share, settings.sites), rest]), settings
+            points, np.hstack([_thinned(share, settings.sites * terms), rest]), settings
         )
         step = settings.step * scatter[of[block.rows]]
         slopes = _slopes(likelihood, alpha, block, found, log_weight, local, moving, step)

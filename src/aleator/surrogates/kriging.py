@@ -135,24 +135,35 @@ class Covariance:
             (float(np.log(low)), float(np.log(high))) for low, high in positive
         ]
 
-    def correlation(self, squared: Array) -> tuple[Array, Array]:
+    def correlation(self, squared: Array) -> Array:
+        """The correlation k at squared distances, which are overwritten."""
+        np.maximum(squared, 0.0, out=squared)
+        if self.gaussian:
+            squared *= -0.5
+            return np.asarray(np.exp(squared, out=squared))
+        squared *= 5.0
+        r = np.sqrt(squared, out=squared)
+        return np.asarray((1.0 + r + r * r / 3.0) * np.exp(-r))
+
+    def with_slope(self, squared: Array) -> tuple[Array, Array]:
         """The correlation k at squared distances, and its derivative by them."""
         if self.gaussian:
-            value = np.exp(-0.5 * np.maximum(squared, 0.0))
+            value = self.correlation(squared)
             return value, -0.5 * value
         r = np.sqrt(5.0 * np.maximum(squared, 0.0))
         decay = np.exp(-r)
-        return (1.0 + r + r * r / 3.0) * decay, (-5.0 / 6.0) * (1.0 + r) * decay
+        slope = (1.0 + r) * decay
+        return slope + r * r / 3.0 * decay, (-5.0 / 6.0) * slope
 
     def between(self, experiment: Indices, u: Array, other: Indices, v: Array) -> Array:
         """Covariances (R, M) between two lists of inputs, without noise, over v."""
         n = len(self.scale)
-        out = self.correlation(_squared(u @ self.mix, v @ self.mix))[0]
+        out = self.correlation(_squared(u @ self.mix, v @ self.mix))
         row, column = np.nonzero(experiment[:, None] == other)
         z, t = u[row, -n:], v[column, -n:]
         out[row, column] += self.individual**2 * self.correlation(
             (((z - t) * self.scale) ** 2).sum(axis=1)
-        )[0] + self.line**2 * (1.0 + (z * t).sum(axis=1))
+        ) + self.line**2 * (1.0 + (z * t).sum(axis=1))
         return np.asarray(out)
 
     def prior(self, u: Array) -> Array:
@@ -163,7 +174,10 @@ class Covariance:
 
 def _squared(a: Array, b: Array) -> Array:
     """Squared distances (A, B) between the rows of two arrays."""
-    return np.asarray((a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * (a @ b.T))
+    out = np.asarray(a @ (-2.0 * b).T)
+    out += (a**2).sum(axis=1)[:, None]
+    out += (b**2).sum(axis=1)
+    return out
 
 
 def _trend(u: Array, parameters: int, runs: int, settings: ProcessSettings = PROCESS) -> Array:
@@ -215,9 +229,9 @@ def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tupl
     """Minus the log-posterior of a covariance, up to a constant, and its gradient by `vector`."""
     c, u, z, y = covariance, data.u, data.z, data.y
     mixed, stretched = u @ c.mix, z * c.scale
-    value, slope = c.correlation(_squared(mixed, mixed))
+    value, slope = c.with_slope(_squared(mixed, mixed))
     alike = data.experiment[:, None] == data.experiment
-    own, own_slope = (alike * part for part in c.correlation(_squared(stretched, stretched)))
+    own, own_slope = (alike * part for part in c.with_slope(_squared(stretched, stretched)))
     line = alike * (1.0 + z @ z.T)
     matrix = value + c.individual**2 * own + c.line**2 * line
     matrix[np.diag_indices(len(y))] += c.noise**2
@@ -335,12 +349,31 @@ class ProcessPosterior:
         return np.asarray(self.variance * (prior - known.T @ known + rest.T @ rest))
 
     @single_threaded
-    def of_sums(self, experiment: Indices, u: Array, weights: Array) -> Array:
-        """Posterior covariance (K, K) of sums of the outcomes at u (R, D) times weights (R, K)."""
-        prior = weights.T @ (self.covariance.between(experiment, u, experiment, u) @ weights)
-        columns, trend = self._between(experiment, u).T @ weights, self.data.trend(u).T @ weights
-        known, rest = self._known(columns, trend)
-        return np.asarray(self.variance * (prior - known.T @ known + rest.T @ rest))
+    def of_sums(
+        self, experiment: Indices, u: Array, weights: Array, part: Indices
+    ) -> tuple[Array, Array]:
+        """Posterior covariance of sums of the outcomes at u (R, D) times weights (R, K).
+
+        Returns that of all outcomes (K, K), and those of each part of them alone (P, K, K). `part`
+        (R,) is the number of the part of each outcome. Cost O(R^2 + M R + M^2 P K).
+        """
+        prior = self.covariance.between(experiment, u, experiment, u)
+        between, trend = self._between(experiment, u), self.data.trend(u)
+        parts = [np.flatnonzero(part == number) for number in range(int(part.max()) + 1)]
+        known, rest = self._known(
+            *(
+                np.hstack([one[rows].T @ weights[rows] for rows in parts])
+                for one in (between, trend)
+            )
+        )
+        known, rest = (one.reshape(len(one), len(parts), -1) for one in (known, rest))
+        alone = np.stack(
+            [weights[rows].T @ (prior[np.ix_(rows, rows)] @ weights[rows]) for rows in parts]
+        )
+        alone += np.einsum("tpk,tpl->pkl", rest, rest) - np.einsum("mpk,mpl->pkl", known, known)
+        known, rest = known.sum(axis=1), rest.sum(axis=1)
+        total = weights.T @ (prior @ weights) - known.T @ known + rest.T @ rest
+        return self.variance * total, self.variance * alone
 
     def _between(self, experiment: Indices, u: Array) -> Array:
         return self.covariance.between(experiment, u, self.data.experiment, self.data.u)

@@ -17,7 +17,15 @@ import numpy as np
 from aleator.core.types import Array, Flags, Indices
 from aleator.surrogates.fit import clustered, fixed_shift, low_discrepancy, merged, outcome_range
 from aleator.surrogates.kriging import PROCESS, Covariance, Data, ProcessPosterior, learned
-from aleator.surrogates.surface import Axes, Surface, ball, outcomes, products, widened
+from aleator.surrogates.surface import (
+    Axes,
+    Surface,
+    ball,
+    logarithms,
+    outcomes,
+    products,
+    widened,
+)
 
 Runs = Callable[[Indices, Array], Array]
 """A function that returns all values (R, W) of cases (R,) at points x (R, n); NaN for failures."""
@@ -83,11 +91,16 @@ class _Grouped:
         """The values y (R,) on the scale of the process; NaN where they have no logarithm."""
         return np.asarray(np.log(np.where(y > 0.0, y, np.nan))) if self.logarithm else y
 
-    def of_sums(self, case: Indices, u: Array, weights: Array) -> Array:
-        """Posterior covariance (K, K) of sums of values at u (R, D) times weights (R, K)."""
+    def of_sums(
+        self, case: Indices, u: Array, weights: Array, part: Indices
+    ) -> tuple[Array, Array]:
+        """Posterior covariance of sums of values at u (R, D) times weights (R, K).
+
+        Returns that of all values (K, K), and those of each part of them (P, K, K).
+        """
         if self.logarithm:
             weights = weights * np.exp(self.posterior.mean(case, u))[:, None]
-        return self.posterior.of_sums(case, u, weights)
+        return self.posterior.of_sums(case, u, weights, part)
 
 
 class Processes:
@@ -116,10 +129,12 @@ class Processes:
         self.clusters = _clusters(conditions, settings.together // settings.expected)
         n, inputs = len(box), conditions.shape[1] + len(box)
         first = tuple(Covariance.first(inputs, n, kind) for kind in (False, True))
+        self.columns = np.unique(column).tolist()
         self.covariances = {
-            (int(c), log): first for c in np.unique(column) for log in (False, True)
-        }
-        self.logarithm = {int(c): False for c in np.unique(column)}
+            (scaled, c, log): first
+            for scaled in (False, True) for c in self.columns for log in (False, True)
+        }  # fmt: skip
+        self.scaled, self.logarithm = False, dict.fromkeys(self.columns, False)
         self.steps = PROCESS.steps[0]
         self.terms, self.fitted = 0, 0
         self.groups: list[_Grouped] = []
@@ -188,32 +203,27 @@ class Processes:
 
     def move(self, box: Array) -> None:
         """Change the region of the parameters to another box."""
-        before, after = self.box, box
-        ratio = np.diff(after, axis=1)[:, 0] / np.diff(before, axis=1)[:, 0]
-        self.axes = Axes.plain(box)
+        before, after = _axes(self.box), _axes(box)
+        ratios = [new.wider_than(old) for old, new in zip(before, after, strict=True)]
+        self.axes = after[self.scaled]
         self.covariances = {
-            key: tuple(one.stretched(ratio) for one in both)
+            key: tuple(one.stretched(ratios[key[0]]) for one in both)
             for key, both in self.covariances.items()
         }
 
     def learn(self) -> None:
         """Fit the covariance of each column, and condition its processes on the runs."""
-        z, settings = self.axes.inward(self.x), self.settings
-        near = np.all(np.abs(z) <= settings.near, axis=1)
-        self.groups = []
-        again = len(near) >= settings.again * self.fitted
-        if again:
+        near = self._near(self.axes)
+        if len(near) >= self.settings.again * self.fitted:
+            self._fit()
+            near = self._near(self.axes)
             self.fitted = len(near)
-        for column in self.logarithm:
-            rows = np.flatnonzero(near & np.isfinite(self.y[:, column]))
-            data = Data(
-                *self._inputs(self.of_run[rows], z[rows]), self.y[rows, column], len(self.box)
-            )
-            if again:
-                self._fit(column, data)
+        self.groups = []
+        for column in self.columns:
+            data = self._data(self.axes, near, column)
             log = self.logarithm[column] and bool(np.all(data.y > 0.0))
             data = replace(data, y=np.log(data.y)) if log else data
-            best = self.covariances[column, log][0]
+            best = self.covariances[self.scaled, column, log][0]
             for cases in self.clusters:
                 some = np.flatnonzero(np.isin(data.experiment, cases))
                 sites = np.flatnonzero((self.column == column) & np.isin(self.case, cases))
@@ -222,15 +232,51 @@ class Processes:
                     self.groups.append(_Grouped(sites, column, cases, posterior, log))
         self.steps = PROCESS.steps[1]
 
-    def _fit(self, column: int, data: Data) -> None:
-        """Fit the covariance of a column, or that of its logarithm if this has a higher density."""
-        both, loss = learned(self.covariances[column, False], data, self.steps)
-        self.covariances[column, False], self.logarithm[column] = both, False
-        if data.y.min() > 0.0 and data.y.max() > self.settings.decade * data.y.min():
-            logs = np.log(data.y)
-            both, other = learned(self.covariances[column, True], replace(data, y=logs), self.steps)
-            self.covariances[column, True] = both
-            self.logarithm[column] = other + float(logs.sum()) < loss
+    def _near(self, axes: Axes) -> Indices:
+        """The runs within a region or not far outside."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            inside = np.abs(axes.inward(self.x)) <= self.settings.near
+        return np.flatnonzero(inside.all(axis=1))
+
+    def _data(self, axes: Axes, near: Indices, column: int) -> Data:
+        """The runs `near` that have a value of the column."""
+        rows = near[np.isfinite(self.y[near, column])]
+        inputs = self._inputs(self.of_run[rows], axes.inward(self.x[rows]))
+        return Data(*inputs, self.y[rows, column], len(self.box))
+
+    def _fit(self) -> None:
+        """Fit the covariances, with and without logarithms of the parameters.
+
+        Those of the highest densities of the values are used.
+        """
+        axes = _axes(self.box)
+        near = np.intersect1d(self._near(axes[0]), self._near(axes[1]))
+        found = []
+        for scaled in (False, True) if axes[1].logarithmic.any() else (False,):
+            each = [
+                self._fit_column(scaled, c, self._data(axes[scaled], near, c)) for c in self.columns
+            ]
+            found.append((sum(loss for loss, _ in each), scaled, [log for _, log in each]))
+        _, self.scaled, logs = min(found)
+        self.axes = axes[self.scaled]
+        self.logarithm = dict(zip(self.columns, logs, strict=True))
+
+    def _fit_column(self, scaled: bool, column: int, data: Data) -> tuple[float, bool]:
+        """Fit the covariance of a column, and that of its logarithm if it varies by decades.
+
+        Returns minus the logarithm of the higher density, and whether it is that of the logarithm.
+        """
+        y, key = data.y, (scaled, column)
+        self.covariances[*key, False], loss = learned(
+            self.covariances[*key, False], data, self.steps
+        )
+        if not (y.min() > 0.0 and y.max() > self.settings.decade * y.min()):
+            return loss, False
+        logs = replace(data, y=np.log(y))
+        self.covariances[*key, True], other = learned(
+            self.covariances[*key, True], logs, self.steps
+        )
+        return min((loss, False), (other + float(logs.y.sum()), True))
 
     def expected(self, site: Indices, x: Array) -> Array:
         """Expected values (R,) of outputs at points x (R, n)."""
@@ -262,25 +308,20 @@ class Processes:
                 out[site] = group.posterior.mean(*self._inputs(np.full(len(z), self.case[site]), z))
         return out
 
-    def covariance(self, site: Indices, x: Array, weights: Array) -> Array:
-        """The posterior covariance (K, K) of the sums of values times weights (R, K)."""
+    def of_sums(self, site: Indices, x: Array, weights: Array) -> tuple[Array, Array]:
+        """The posterior covariance of the sums of values times weights (R, K).
+
+        Returns that of all cases (K, K), and those of each case alone (C, K, K).
+        """
         z, k = self.axes.inward(x), weights.shape[1]
-        total = np.zeros((k, k))
+        total, alone = np.zeros((k, k)), np.zeros((len(self.conditions), k, k))
         for group, rows in self._in_groups(site):
             inputs = self._inputs(self.case[site[rows]], z[rows])
-            total += group.of_sums(*inputs, weights[rows])
-        return total
-
-    def shares(self, site: Indices, x: Array, weights: Array) -> Array:
-        """The variances (C,) of the sums of values times weights (R, K) of each case alone."""
-        z, out = self.axes.inward(x), np.zeros(len(self.conditions))
-        for group, rows in self._in_groups(site):
-            of = self.case[site[rows]]
-            for case in np.unique(of):
-                some = rows[of == case]
-                inputs = self._inputs(self.case[site[some]], z[some])
-                out[case] += np.trace(group.of_sums(*inputs, weights[some]))
-        return out
+            cases, owner = np.unique(inputs[0], return_inverse=True)
+            whole, each = group.of_sums(*inputs, weights[rows], owner)
+            total += whole
+            alone[cases] += each
+        return total, alone
 
     def best(self, case: int, x: Array, count: int = 1) -> Array:
         """The `count` points of x (J, n) whose runs tell most of the values at all, (count, n)."""
@@ -369,7 +410,7 @@ class Processes:
         n = len(self.box)
         rates = [
             np.linalg.norm(both[0].mix[-n:], axis=1) + both[0].individual * both[0].scale
-            for both in (self.covariances[key] for key in self.logarithm.items())
+            for both in (self.covariances[self.scaled, *key] for key in self.logarithm.items())
         ]
         most = np.max(rates, axis=0)
         scales = np.clip(most / most.max(), self.settings.slowest, 1.0)
@@ -396,6 +437,11 @@ def first_process_runs(cases: int, inputs: int, settings: ProcessesSettings = PR
     (3, 10)
     """
     return max(settings.first, -(-settings.least * (inputs + 1) // cases))
+
+
+def _axes(box: Array) -> tuple[Axes, Axes]:
+    """Linear coordinates, and those with logarithms of all parameters that may have them."""
+    return Axes.plain(box), Axes(box, logarithms(box))
 
 
 def _clusters(conditions: Array, most: int) -> list[Indices]:

@@ -82,6 +82,13 @@ class Axes:
         low, high = self._terms(self.box.T)
         return np.asarray(2.0 / (high - low) / np.where(self.logarithmic, x, 1.0))
 
+    def wider_than(self, other: Axes) -> Array:
+        """How many times as wide (n,) this box is as another, in coordinates that both have."""
+        alike = self.logarithmic & other.logarithmic
+        low, high = replace(self, logarithmic=alike)._terms(self.box.T)
+        least, most = replace(other, logarithmic=alike)._terms(other.box.T)
+        return np.asarray((high - low) / (most - least))
+
     def moved(self, box: Array) -> Axes:
         """The same kinds of coordinates for another box; linear where a parameter can be <= 0."""
         return Axes(box, self.logarithmic & (box[:, 0] > 0.0))
