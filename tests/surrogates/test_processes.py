@@ -115,6 +115,20 @@ def test_the_process_is_the_limit_of_a_trend_with_a_wide_normal_prior() -> None:
     assert found.deviation(*at) ** 2 == pytest.approx(found.variance * np.diag(left), abs=1e-5)
 
 
+@pytest.mark.parametrize("gaussian", [False, True])
+def test_slopes_are_those_of_the_mean(gaussian: bool) -> None:
+    covariance = replace(Covariance.first(4, 2, gaussian), individual=0.7, line=0.4)
+    found = ProcessPosterior.of(covariance, some_runs(30))
+    rng, step = np.random.default_rng(9), 1e-5
+    at, u = rng.integers(0, 7, 12), rng.uniform(-1.2, 1.2, (12, 4))
+    value, slope = found.with_slope(at, u)
+    assert value == pytest.approx(found.mean(at, u))
+    for i in range(2):
+        by = step * np.eye(4)[2 + i]
+        rise = found.mean(at, u + by) - found.mean(at, u - by)
+        assert slope[:, i] == pytest.approx(rise / (2.0 * step), abs=1e-6)
+
+
 def test_a_linear_outcome_is_exact_after_one_run_more_than_it_has_terms() -> None:
     rng = np.random.default_rng(4)
     u = rng.uniform(-1.0, 1.0, (10, 4))
@@ -186,7 +200,7 @@ def test_a_run_is_made_where_it_tells_most(front: Processes) -> None:
     assert len(others) == 39
     made = learned(moving_front)
     made.make(np.array([5]), best[None])
-    made.fitted = np.inf
+    made.fitted = len(made.x)
     made.learn()
     assert np.sum(told(made, np.full(40, 5), x)[1] ** 2) < 0.9 * np.sum(left**2)
 

@@ -49,6 +49,7 @@ from aleator.likelihood.individual import (
     GaussHermite,
     ImportancePoints,
     IndividualLikelihood,
+    OnProcesses,
     OnSurfaces,
     RidgePoints,
 )
@@ -165,6 +166,7 @@ class Emulation:
     """The rounds of runs of Gaussian processes for one question, with the processes.
 
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
+    `itself` says whether the processes themselves are used in place of these.
     """
 
     def __init__(
@@ -189,7 +191,7 @@ class Emulation:
             _limits(question, settings.far),
         )
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
-        self.distances, self.calm, self.terms = np.empty(0), 0, 0
+        self.distances, self.calm, self.terms, self.itself = np.empty(0), 0, 0, False
         self.surface: Surface
         self.where: Array
 
@@ -292,13 +294,20 @@ class Emulation:
         return plausible_alphas(end.alpha, whole, end.likelihood.hyperparameters)
 
     def _finer(self) -> bool:
-        """Whether polynomials cause too large an error and may have more terms from now on."""
-        most = max(self.settings.missed * self.settings.enough, 0.5 * self.error.alpha)
-        if self.error.missed <= most:
+        """Whether polynomials cause too large an error and something better follows from now on.
+
+        They get more terms, and at last the processes themselves take their place. Level sets need
+        polynomials.
+        """
+        least = max(self.settings.missed * self.settings.enough, 0.5 * self.error.alpha)
+        if self.error.missed <= least:
             return False
         before, self.terms = self.terms, 2 * max(self.terms, self.processes.terms)
         self.terms = min(self.terms, self.processes.settings.most)
-        return self.terms > max(before, self.processes.terms)
+        if self.terms > max(before, self.processes.terms):
+            return True
+        self.itself, before = not self.question.exact, self.itself
+        return self.itself and not before
 
     def _made_runs(self, x: Array, near: Indices) -> bool:
         """Make a round of runs; False if the budget allows none.
@@ -356,7 +365,9 @@ class Emulation:
         total, alone = processes.of_sums(site, inside, found.weights)
         total *= before.surprise**2
         # The polynomials miss the processes differently for each output.
-        off = self.surface.at(site, inside) - processes.expected(site, inside)
+        off = np.zeros(len(site))
+        if not self.itself:
+            off = self.surface.at(site, inside) - processes.expected(site, inside)
         each = np.zeros((len(processes.case), last + 1))
         np.add.at(each, site, off[:, None] * found.weights)
         of_fit = each.T @ each
@@ -423,7 +434,9 @@ class Emulation:
         if question.exact:
             model, y = question.choices.model, question.measured
             return prepare(question.runner, y, model, self.region, None, self.surface)
-        return question.integral(OnSurfaces(self.surface, self.region, self.of))
+        on = (self.surface, self.region, self.of)
+        means = self.processes.means
+        return question.integral(OnProcesses(*on, means=means) if self.itself else OnSurfaces(*on))
 
     def _plain(self, end: Maximum) -> AnyLikelihood:
         """The likelihood with few quadrature nodes, on the surfaces of a maximum."""

@@ -335,6 +335,29 @@ class ProcessPosterior:
         return np.asarray(self.data.trend(u) @ self.beta + self._between(experiment, u) @ self.dual)
 
     @single_threaded
+    def with_slope(self, experiment: Indices, u: Array) -> tuple[Array, Array]:
+        """Expected outcomes (R,) at inputs u (R, D), and their derivatives (R, n) by z; O(M R)."""
+        c, runs, n = self.covariance, self.data, self.data.parameters
+        mixed, other = u @ c.mix, runs.u @ c.mix
+        value, slope = c.with_slope(_squared(mixed, other))
+        out, rate = value @ self.dual, 2.0 * slope * self.dual
+        by_mixed = mixed * rate.sum(axis=1)[:, None] - rate @ other
+        by_z = by_mixed @ c.mix[len(c.mix) - n :].T
+        # The part that each experiment has of its own.
+        row, column = np.nonzero(experiment[:, None] == runs.experiment)
+        z, t, dual = u[row, -n:], runs.z[column], self.dual[column]
+        value, slope = c.with_slope((((z - t) * c.scale) ** 2).sum(axis=1))
+        own = c.individual**2 * value + c.line**2 * (1.0 + (z * t).sum(axis=1))
+        by_own = 2.0 * c.individual**2 * slope[:, None] * (z - t) * c.scale**2 + c.line**2 * t
+        np.add.at(out, row, own * dual)
+        np.add.at(by_z, row, by_own * dual[:, None])
+        # The trend is linear in z.
+        trend, step = runs.trend(u), np.eye(u.shape[1])[u.shape[1] - n :]
+        out += trend @ self.beta
+        by_z += np.column_stack([(runs.trend(u + one) - trend) @ self.beta for one in step])
+        return out, by_z
+
+    @single_threaded
     def deviation(self, experiment: Indices, u: Array) -> Array:
         """Posterior standard deviations (R,) of the outcomes at inputs u (R, D); O(M^2 R)."""
         known, rest = self._known(self._between(experiment, u).T, self.data.trend(u).T)

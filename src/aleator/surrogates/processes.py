@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.blocks import blocks
 from aleator.core.types import Array, Flags, Indices
 from aleator.surrogates.fit import clustered, fixed_shift, low_discrepancy, merged, outcome_range
 from aleator.surrogates.kriging import PROCESS, Covariance, Data, ProcessPosterior, learned
@@ -66,7 +67,10 @@ class ProcessesSettings:
     """Weight of the penalty on the size of a polynomial's terms, relative to one point of the fit.
     """
     again: float = 1.2
-    """Covariances are fitted again when the number of runs has grown by this factor."""
+    """Covariances are fitted again when the number of runs in the region has grown or fallen by
+    this factor."""
+    block: int = 4_000_000
+    """The largest number of covariances that are computed at a time: 32 MB."""
     judged: int = 16
     """The number of points at which the error of each output is estimated."""
 
@@ -101,6 +105,43 @@ class _Grouped:
         if self.logarithm:
             weights = weights * np.exp(self.posterior.mean(case, u))[:, None]
         return self.posterior.of_sums(case, u, weights, part)
+
+
+@dataclass(frozen=True)
+class ProcessMeans:
+    """The expected values of all outputs as functions of the parameters.
+
+    `case` (U,) is the case of each output, and `conditions` (C, d) are the conditions of the cases.
+    """
+
+    groups: tuple[_Grouped, ...]
+    case: Indices
+    conditions: Array
+    axes: Axes
+    settings: ProcessesSettings = PROCESSES
+
+    def with_slopes(self, site: Indices, x: Array) -> tuple[Array, Array]:
+        """Expected values (A, J) of outputs (A,) at points x (A, J, n), and slopes (n, A, J).
+
+        Cost: O(A J M) for M runs of a group of experiments.
+        """
+        z, rates = self.axes.inward(x), self.axes.rates(x)
+        nodes, n = x.shape[1:]
+        values, slopes = np.empty(x.shape[:2]), np.empty(x.shape)
+        for group in self.groups:
+            rows = np.flatnonzero(np.isin(site, group.sites))
+            width = nodes * len(group.posterior.data.y)
+            for some in blocks(rows.size, width, self.settings.block):
+                part = rows[some]
+                case = np.repeat(self.case[site[part]], nodes)
+                u = np.hstack([self.conditions[case], z[part].reshape(-1, n)])
+                value, slope = group.posterior.with_slope(case, u)
+                if group.logarithm:
+                    value = outcomes(value[None], np.array([True]))[0]
+                    slope *= value[:, None]
+                values[part] = value.reshape(part.size, nodes)
+                slopes[part] = slope.reshape(part.size, nodes, n)
+        return values, np.moveaxis(slopes * rates, 2, 0)
 
 
 class Processes:
@@ -214,7 +255,8 @@ class Processes:
     def learn(self) -> None:
         """Fit the covariance of each column, and condition its processes on the runs."""
         near = self._near(self.axes)
-        if len(near) >= self.settings.again * self.fitted:
+        again = self.settings.again
+        if not self.fitted / again < len(near) < again * self.fitted:
             self._fit()
             near = self._near(self.axes)
             self.fitted = len(near)
@@ -290,6 +332,13 @@ class Processes:
         for group in self.groups:
             out[group.sites] = group.logarithm
         return out
+
+    @property
+    def means(self) -> ProcessMeans:
+        """The expected values by the present runs."""
+        return ProcessMeans(
+            tuple(self.groups), self.case, self.conditions, self.axes, self.settings
+        )
 
     def _of_each(
         self, what: Callable[[ProcessPosterior, Indices, Array], Array], site: Indices, x: Array

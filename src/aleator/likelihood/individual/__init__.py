@@ -20,6 +20,7 @@ from aleator.likelihood.individual.predictors import (
     Direct,
     Evaluator,
     Layout,
+    OnProcesses,
     OnSurfaces,
     Predictor,
 )
@@ -40,6 +41,7 @@ __all__ = [
     "IndividualParameters",
     "LawPoints",
     "Layout",
+    "OnProcesses",
     "OnSurfaces",
     "Panels",
     "PlanePanels",

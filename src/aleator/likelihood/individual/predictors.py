@@ -12,6 +12,7 @@ from aleator.core.blocks import blocks
 from aleator.core.types import Array, Flags, Indices
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import Surface
+from aleator.surrogates.processes import ProcessMeans
 from aleator.surrogates.surface import chained, outcomes, products, products_with_gradient
 
 
@@ -304,3 +305,24 @@ class OnSurfaces:
             at = row.ravel()[: group.size], indices[: group.size, first]
             whole[group.members[:, None], *at] = group.coefficients
         return first, degrees, rest, whole
+
+
+@dataclass(frozen=True, eq=False)
+class OnProcesses(OnSurfaces):
+    """Simulated values from Gaussian processes, where polynomials do not follow these.
+
+    The surfaces are polynomials fitted to the same processes. Cost O(M J R) for R runs.
+    """
+
+    means: ProcessMeans = field(kw_only=True)
+
+    def _evaluated(self, block: Block, x: Array, slopes: bool) -> tuple[Array, Array]:
+        inside = self._inside(x)
+        points = inside[..., self._moving][block.owner]
+        value, slope = self.means.with_slopes(self.of[block.rows], points)
+        if not slopes:
+            return value, slope[:0]
+        every = np.zeros((x.shape[2], *value.shape))
+        known = (inside == x)[..., self._moving][block.owner]
+        every[self._moving] = np.where(np.moveaxis(known, 2, 0), slope, 0.0)
+        return value, every
