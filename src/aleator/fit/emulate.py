@@ -257,10 +257,12 @@ class Emulation:
         processes = self.processes
         processes.know(*earlier_runs(self.question, self.region))
         self.earlier = len(processes.x)
-        # A budget may leave fewer first runs, but not fewer than any process needs.
+        # Of a budget a round is left that tests the processes.
         least = max(PROCESSES.first * len(processes.conditions) - self.earlier, 0)
-        account = self.question.runner.account
-        processes.begin(together=self.together, granted=lambda n: max(account.granted(n), least))
+        account, reserve = self.question.runner.account, self.settings.fewest
+        processes.begin(
+            together=self.together, granted=lambda n: max(account.granted(n, reserve), least)
+        )
         for _ in range(self.settings.lost):
             if lost := np.unique(processes.case[processes.lost]).tolist():
                 processes.begin(lost)

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.core.types import Array, Indices
+from aleator.fit.budget import affordable
 from aleator.fit.earlier_runs import with_earlier_runs
 from aleator.fit.emulate import enlarged
-from aleator.fit.ledger import Ledger, affordable
+from aleator.fit.ledger import Ledger
 from aleator.fit.question import Question, start_point
 from aleator.fit.refine import EXACT, Refinement, refined
 from aleator.fit.regions import REGIONS, draws, plausible_alphas

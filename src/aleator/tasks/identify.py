@@ -11,8 +11,9 @@ import pandas as pd
 
 from aleator.core.progress import Progress, Silent
 from aleator.errors import InputsError
+from aleator.fit.budget import spend
 from aleator.fit.flow import Answer, identified
-from aleator.fit.ledger import Ledger, spend
+from aleator.fit.ledger import Ledger
 from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
 from aleator.fit.result import result_of
 from aleator.inference.check import Check
