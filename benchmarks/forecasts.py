@@ -99,12 +99,12 @@ def expected(entry: Entry, goal: float) -> list[float]:
     """The numbers of all runs that were expected after the first runs and after each round."""
     experiments, calm, found = entry["experiments"], 0, []
     change = admitted_change(experiments)
-    for place, (runs, alpha, log_likelihood) in enumerate(entry["rounds"]):
-        ahead = RoundsAhead(usual(entry["conditions"]), EMULATION.rounds, change, calm)
-        alpha, log_likelihood = (np.inf if e is None else e for e in (alpha, log_likelihood))
-        found.append(ahead.expected(runs, alpha, log_likelihood, goal))
+    for place, (runs, *errors) in enumerate(entry["rounds"]):
+        alpha, log_likelihood = (np.inf if error is None else error for error in errors)
         small = alpha <= goal and log_likelihood <= change
         calm = calm + 1 if small and place else 0
+        ahead = RoundsAhead(usual(entry["conditions"]), EMULATION.rounds, change, calm)
+        found.append(ahead.expected(runs, alpha, log_likelihood, goal))
     return found
 
 

@@ -16,10 +16,14 @@ from aleator import (
     Identification,
     Inputs,
     Noise,
+    Normal,
     ResponseSurface,
+    StudentError,
     TruncatedNormal,
     identify,
 )
+from aleator.fit.earlier_runs import fingerprint
+from aleator.fit.question import Choices
 from aleator.simulators import FunctionSimulator, Runner, Store
 
 RNG = np.random.default_rng(5)
@@ -114,6 +118,35 @@ def test_an_interrupted_study_makes_the_same_decisions_when_it_goes_on(
         answer(NORMAL, store)  # what other studies add changes nothing
         found, _ = answer(law, store)
     assert same(found, whole)
+
+
+def asked(
+    inputs: Inputs = NORMAL, noise: Noise | None = None, table: Experiments = TABLE, seed: int = 0
+) -> str:
+    runner = Runner(named(travel), table, inputs.names)
+    choices = Choices.of(table, inputs, noise or Noise(SD))
+    return fingerprint(choices.question(runner, table.observations, seed), 0)
+
+
+def test_a_question_is_another_if_anything_is_that_decides_where_runs_are_made() -> None:
+    frame = pd.DataFrame({"load": LOAD, "y": TRAVEL})
+    moved, longer = frame.copy(), frame.copy()
+    moved.loc[3, "load"] += 1e-9
+    longer.loc[3, "y"] += 1e-9
+    others = [
+        asked(BETA),
+        asked(Inputs({"k": TruncatedNormal((1.0, 3.1))})),
+        asked(Inputs({"k": TruncatedNormal(BOX, sd=Free(0.01, 0.5))})),
+        asked(Inputs({"k": TruncatedNormal(BOX, mean=Free(1.0, 3.0, prior=Normal(2.0, 0.5)))})),
+        asked(noise=Noise(2.0 * SD)),
+        asked(noise=Noise(SD, StudentError(4.0))),
+        asked(table=Experiments.from_frame(moved, outcome="y")),
+        asked(table=Experiments.from_frame(longer, outcome="y")),
+        asked(seed=1),
+    ]
+    again = asked(Inputs({"k": TruncatedNormal(BOX)}), Noise(SD))
+    assert asked() == again
+    assert len({again, *others}) == 1 + len(others)
 
 
 def test_a_study_without_earlier_runs_is_the_same_with_a_store_and_without(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from aleator.fit.question import Question
 from aleator.fit.regions import draws
 from aleator.laws.hyperparameter import log_prior
 from aleator.simulators.response_functions import moving_parameters
+from aleator.surrogates.choice import by_process
 
 
 def with_earlier_runs(question: Question, together: int) -> Question:
@@ -26,8 +27,9 @@ def with_earlier_runs(question: Question, together: int) -> Question:
     `together` is the number of runs of a round if workers enlarge it, or zero. A new question is
     entered into the store, so that this comes before its first run.
     """
-    runner = question.runner
-    if runner.cache is None:
+    runner, choices = question.runner, question.choices
+    processes = choices.surfaces and by_process(choices.surfaces, choices.density is not None)
+    if runner.cache is None or not processes:
         return question
     return replace(question, earlier=runner.cache.before(fingerprint(question, together)))
 
@@ -45,7 +47,7 @@ def fingerprint(question: Question, together: int) -> str:
     """A hash of what decides where a question makes its runs.
 
     Laws and noise are recognized by what they give at the start of the search: draws of the
-    parameters, and log-densities of the measured values.
+    parameters, and log-densities of the measured values, whose last digits may differ elsewhere.
     """
     choices, runner, inputs = question.choices, question.runner, question.inputs
     hyperparameters, seen = choices.hyperparameters, question.table.observations
@@ -57,15 +59,16 @@ def fingerprint(question: Question, together: int) -> str:
     }
     most = None if choices.surfaces is None else choices.surfaces.max_runs
     digest = hashlib.sha256(repr((known, cells, most, together, question.seed)).encode())
-    parts = [
-        runner.cases.condition[question.unit], question.column, seen.experiment,
-        seen.lower, seen.upper, draws(inputs, [start], len(question.ids)),
-        np.array(log_prior(hyperparameters, start)),
-    ]  # fmt: skip
+    laws = [draws(inputs, [start], len(question.ids)), log_prior(hyperparameters, start)]
     if not question.exact:
-        errors = choices.errors
         values, every = start[inputs.size :], slice(0, len(seen))
-        parts.append(errors.terms(values, question.measured[:, None], every).value)
-    for part in parts:
+        laws.append(choices.errors.terms(values, question.measured[:, None], every).value)
+    with np.errstate(all="ignore"):
+        rounded = [np.asarray(part, dtype=np.float32) for part in laws]
+    observed = [
+        runner.cases.condition[question.unit], question.column, seen.experiment, seen.lower,
+        seen.upper,
+    ]  # fmt: skip
+    for part in (*observed, *rounded):
         digest.update(np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()

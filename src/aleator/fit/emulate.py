@@ -278,12 +278,13 @@ class Emulation:
             inference = infer(end.likelihood.followed, end.alpha, end.likelihood.hyperparameters)
             plain = self._draws(end, [end.alpha, *self._likely(end, inference)])
             self.error = self._error(end, inference, plain.std(axis=0))
-            self._tell()
+            small = self.error.enough(len(question.ids), settings)
+            calm = self.calm + 1 if small and rounds else 0
+            self._tell(calm)
             if self._finer():
                 end = self._climbed(self._likelihood(self.where), end.alpha)
                 continue
-            small = self.error.enough(len(question.ids), settings)
-            self.calm = self.calm + 1 if small and rounds else 0
+            self.calm = calm
             # More runs do not help where polynomials cannot follow the processes.
             ended = self.error.learned <= settings.enough < self.error.missed
             if self.calm >= settings.rounds or ended or rounds >= settings.most:
@@ -331,22 +332,24 @@ class Emulation:
     def _size(self) -> int:
         """The number of runs of the next round."""
         settings = self.settings
-        # What earlier runs have made exact needs a test, but no runs to learn from.
-        tested = self.earlier > 0 and self.error.enough(len(self.question.ids), settings)
+        # What mostly earlier runs have made exact needs a test, but no runs to learn from.
+        known = self.earlier > 0.5 * len(self.processes.x)
+        tested = known and self.error.enough(len(self.question.ids), settings)
         few = settings.fewest if tested else usual(len(self.processes.conditions), settings)
         return max(self.together, few)
 
-    def expected_runs(self, goal: float) -> float:
+    def expected_runs(self, goal: float, calm: int = 0) -> float:
         """The number of all runs that is expected for an error of the estimates of `goal`.
 
-        It is in standard errors. Infinite where the present error is unknown.
+        It is in standard errors. `calm` rounds in succession have had small errors. Infinite where
+        the present error is unknown.
         """
         change = admitted_change(len(self.question.ids), self.settings)
-        ahead = RoundsAhead(self._size, self.settings.rounds, change, self.calm)
+        ahead = RoundsAhead(self._size, self.settings.rounds, change, calm)
         error = self.error
         return ahead.expected(len(self.processes.x), error.alpha, error.log_likelihood, goal)
 
-    def _tell(self) -> None:
+    def _tell(self, calm: int) -> None:
         """Record the present errors, and tell them with the runs and hours that are expected."""
         runs, error, runner = len(self.processes.x), self.error, self.question.runner
         if self.told and self.told[-1].runs == runs:
@@ -354,10 +357,10 @@ class Emulation:
         self.told.append(EmulatorRound(runs, error.alpha, error.log_likelihood))
         parts = []
         for goal in EXPECTED_RUNS.goals:
-            whole = self.expected_runs(goal)
+            whole = self.expected_runs(goal, calm)
             took = runner.seconds * (whole - runs) / runner.workers
             more = f" ({duration(took)} more)" if np.isfinite(took) else ""
-            if np.isfinite(whole):
+            if runs < whole < np.inf:
                 parts.append(f"{whole:,.0f} runs{more} for {goal:g}")
         outlook = f"; expected: {', '.join(parts)}" if parts else ""
         text = f"error of the estimates {error.alpha:.2g} standard errors{outlook}"

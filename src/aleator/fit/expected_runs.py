@@ -30,7 +30,7 @@ class RoundsAhead:
     """What follows until errors are small: rounds of `size` runs, the last `confirmed` of them.
 
     `change` is the error of the log-likelihood at which the rounds may end. `calm` rounds in
-    succession have had small errors already.
+    succession have had small errors, the last one among them.
     """
 
     size: int
