@@ -505,11 +505,8 @@ def _surfaces(surface: Document, experiments: int) -> str:
         return told + begun
     converged, total = surface.get("converged"), surface.get("experiments", experiments)
     parts = [] if converged is None else [f"{int(converged)} of {total} surfaces converged"]
-    parts += [
-        f"{key.replace('_', ' ')} {100 * surface[key]:.2g} %"
-        for key in ("median_error", "worst_error")
-        if surface.get(key) is not None
-    ]
+    known = [key for key in ("median_error", "worst_error") if surface.get(key) is not None]
+    parts += [f"{key.replace('_', ' ')} {100 * surface[key]:.2g} %" for key in known]
     against = surface.get("against", SCATTER)
     return f"{', '.join(parts)} of {against}, {surface.get('where', 'on the box')}."
 
