@@ -257,6 +257,8 @@ class Emulation:
         processes = self.processes
         processes.know(*earlier_runs(self.question, self.region))
         self.earlier = len(processes.x)
+        if self.earlier:
+            self.ledger.progress.update(f"the processes begin with {self.earlier:,} stored runs")
         # Of a budget a round is left that tests the processes.
         least = max(PROCESSES.first * len(processes.conditions) - self.earlier, 0)
         account, reserve = self.question.runner.account, self.settings.fewest
