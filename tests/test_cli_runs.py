@@ -123,6 +123,30 @@ def test_what_cannot_be_done_is_told(study: Path) -> None:
     assert Path("runs.csv").read_text() == ""  # what is there already stays
 
 
+def test_a_budget_ends_with_a_larger_error_and_the_same_command_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bent = "import math\ndef length(load, softness):\n"
+    bent += "    return load * (softness + math.sin(25 * softness) / 12)\n"
+    springs(tmp_path / "springs", model=bent)
+    monkeypatch.chdir(tmp_path)
+    asked = ("identify", "springs/study.toml", "--quiet", "--no-figures", "--output")
+    whole = (done(*asked, "whole", "--no-store"), read("whole/identification.json"))[1]
+    done(*asked, "few", "--max-runs", 33)
+    few = read("few/identification.json")
+    assert few["runs"] <= 34
+    assert few["surface"]["estimates_error"] > whole["surface"]["estimates_error"]
+    off = [
+        abs(few["alpha"][name]["estimate"] - one["estimate"]) / one["standard_error"]
+        for name, one in whole["alpha"].items()
+    ]
+    assert max(off) < 2.0 * few["surface"]["estimates_error"]
+    done(*asked, "more")
+    more = read("more/identification.json")
+    assert more.pop("seconds").keys() == whole.pop("seconds").keys()
+    assert more == whole
+
+
 # ------------------------------------------------------------------------------ programs and FMUs
 
 STUDY = """\

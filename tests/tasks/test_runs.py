@@ -41,7 +41,7 @@ from aleator.simulators.store import keep, kept
 from aleator.surrogates import ResponseSurface
 
 N = 12
-RUNS = 40
+RUNS = 44
 UNLIMITED = Budget()
 FRONT_LAW = Inputs({"a": TruncatedNormal(box=(0.2, 1.8))})
 

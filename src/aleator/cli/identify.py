@@ -186,10 +186,10 @@ def identify(
 
     Every run of the simulator is kept in a store, runs.sqlite beside the study, as soon as it is
     known: after Ctrl-C, a failed run or a power cut the same command goes on from there, to the
-    same result. Every study in that folder reuses a run if simulator, conditions and parameters
-    are equal. (A simulator that takes arrays and is run at every node is an exception: its runs are
-    not kept.) Whether the simulator is the same is judged by the source of its package or folder:
-    see `aleator runs --help` if anything else that matters has changed.
+    same result. Every study in that folder begins with the runs that are there, if simulator,
+    conditions and parameters are equal. (A simulator that takes arrays and is run at every node is
+    an exception: its runs are not kept.) Whether the simulator is the same is judged by the source
+    of its package or folder: see `aleator runs --help` if anything else that matters has changed.
 
     \b
     A study file (paths are relative to it; all keys but these have defaults):

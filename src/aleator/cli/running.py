@@ -172,8 +172,8 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
         "--workers",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Run the simulator in N processes at once; the answer is the same "
-        "[default: in this one].",
+        help="Run the simulator in N processes at once; the answer is the same unless N is large "
+        "(docs/runs.md) [default: in this one].",
     )
     @click.option(
         "--dask",

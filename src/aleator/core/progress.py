@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from typing import Protocol
 
 
@@ -17,6 +18,18 @@ class Progress(Protocol):
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
         """Report `text` about the present stage, with `done` of `total` steps made, if known."""
+
+
+def duration(seconds: float) -> str:
+    """A duration as a short text, in seconds, minutes or hours.
+
+    >>> duration(50.0), duration(600.0), duration(9000.0)
+    ('50 s', '10 min', '2.5 h')
+    """
+    minute, hour = (timedelta(**{unit: 1}).total_seconds() for unit in ("minutes", "hours"))
+    if seconds < 1.5 * minute:
+        return f"{seconds:.0f} s"
+    return f"{seconds / minute:.0f} min" if seconds < 1.5 * hour else f"{seconds / hour:.1f} h"
 
 
 class Silent:

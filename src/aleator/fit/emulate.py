@@ -14,9 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.core.progress import Progress
+from aleator.core.progress import duration
 from aleator.core.types import Array, Indices
 from aleator.fit import outcome_range
+from aleator.fit.earlier_runs import earlier_runs
+from aleator.fit.expected_runs import EXPECTED_RUNS, RoundsAhead
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
 from aleator.fit.quadrature import (
     AnyLikelihood,
@@ -56,8 +58,10 @@ from aleator.likelihood.individual import (
 from aleator.likelihood.problem import Problem, prepare
 from aleator.search import SearchResult
 from aleator.search.interface import OPTIMA
+from aleator.simulators import Runner
 from aleator.simulators.response_functions import completed, moving_parameters
-from aleator.surrogates.processes import Processes
+from aleator.surrogates import ResponseSurface
+from aleator.surrogates.processes import PROCESSES, Processes
 from aleator.surrogates.samples import Sites, features
 from aleator.surrogates.surface import Surface
 
@@ -85,6 +89,9 @@ class EmulationSettings:
     error."""
     fewest: int = 6
     """The least number of runs of a round."""
+    each_worker: int = 2
+    """The least number of runs of a round for each worker, so that a cluster is busy. By judgement:
+    one is running, the other waits."""
     rounds: int = 2
     """The rounds end when the errors are so small after this number of rounds in succession."""
     seen: int = 30
@@ -158,8 +165,17 @@ class EmulatorError:
 
     def enough(self, experiments: int, settings: EmulationSettings = EMULATION) -> bool:
         """Whether both errors are so small that the rounds may end."""
-        change = max(settings.change, settings.each * experiments)
-        return self.alpha <= settings.enough and self.log_likelihood <= change
+        small = self.log_likelihood <= admitted_change(experiments, settings)
+        return self.alpha <= settings.enough and small
+
+
+@dataclass(frozen=True)
+class EmulatorRound:
+    """The errors after a number of runs: of alpha in standard errors, and of the log-likelihood."""
+
+    runs: int
+    alpha: float
+    log_likelihood: float
 
 
 class Emulation:
@@ -167,6 +183,8 @@ class Emulation:
 
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
     `itself` says whether the processes themselves are used in place of these.
+    `together` is the number of runs of a round if workers enlarge it, or zero. `earlier` is the
+    number of stored runs with which the processes began. `told` has the errors of all rounds.
     """
 
     def __init__(
@@ -179,7 +197,8 @@ class Emulation:
     ) -> None:
         self.question, self.ledger, self.region = question, ledger, region
         self.reason, self.settings = reason, settings
-        runner = question.runner
+        runner, self.earlier = question.runner, 0
+        self.together = enlarged(runner, question.choices.surfaces, settings)
         first, sites = runner.cases.first, Sites.seen(runner, question.unit, question.column)
         self.of = sites.of
         self.processes = Processes(
@@ -192,6 +211,7 @@ class Emulation:
         )
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
         self.distances, self.calm, self.terms, self.itself = np.empty(0), 0, 0, False
+        self.told: list[EmulatorRound] = []
         self.surface: Surface
         self.where: Array
 
@@ -237,7 +257,16 @@ class Emulation:
     def _begin(self) -> None:
         """The first runs; observations all of whose runs fail are left out."""
         processes = self.processes
-        processes.begin()
+        processes.know(*earlier_runs(self.question, self.region))
+        self.earlier = len(processes.x)
+        if self.earlier:
+            self.ledger.progress.update(f"the processes begin with {self.earlier:,} stored runs")
+        # Of a budget a round is left that tests the processes.
+        least = max(PROCESSES.first * len(processes.conditions) - self.earlier, 0)
+        account, reserve = self.question.runner.account, self.settings.fewest
+        processes.begin(
+            together=self.together, granted=lambda n: max(account.granted(n, reserve), least)
+        )
         for _ in range(self.settings.lost):
             if lost := np.unique(processes.case[processes.lost]).tolist():
                 processes.begin(lost)
@@ -248,17 +277,18 @@ class Emulation:
 
     def _rounds(self, end: Maximum, rounds: int) -> tuple[Maximum, int]:
         """Rounds of runs, each with a new maximum, until the error of alpha is small enough."""
-        question, settings, progress = self.question, self.settings, self.ledger.progress
+        question, settings = self.question, self.settings
         while True:
             inference = infer(end.likelihood.followed, end.alpha, end.likelihood.hyperparameters)
             plain = self._draws(end, [end.alpha, *self._likely(end, inference)])
             self.error = self._error(end, inference, plain.std(axis=0))
-            _tell(progress, self)
+            small = self.error.enough(len(question.ids), settings)
+            calm = self.calm + 1 if small and rounds else 0
+            self._tell(calm)
             if self._finer():
                 end = self._climbed(self._likelihood(self.where), end.alpha)
                 continue
-            small = self.error.enough(len(question.ids), settings)
-            self.calm = self.calm + 1 if small and rounds else 0
+            self.calm = calm
             # More runs do not help where polynomials cannot follow the processes.
             ended = self.error.learned <= settings.enough < self.error.missed
             if self.calm >= settings.rounds or ended or rounds >= settings.most:
@@ -309,6 +339,45 @@ class Emulation:
         self.itself, before = not self.question.exact, self.itself
         return self.itself and not before
 
+    @property
+    def _size(self) -> int:
+        """The number of runs of the next round."""
+        settings = self.settings
+        # What mostly earlier runs have made exact needs a test, but no runs to learn from.
+        known = self.earlier > 0.5 * len(self.processes.x)
+        tested = known and self.error.enough(len(self.question.ids), settings)
+        few = settings.fewest if tested else usual(len(self.processes.conditions), settings)
+        return max(self.together, few)
+
+    def expected_runs(self, goal: float, calm: int = 0) -> float:
+        """The number of all runs that is expected for an error of the estimates of `goal`.
+
+        It is in standard errors. `calm` rounds in succession have had small errors. Infinite where
+        the present error is unknown.
+        """
+        change = admitted_change(len(self.question.ids), self.settings)
+        ahead = RoundsAhead(self._size, self.settings.rounds, change, calm)
+        error = self.error
+        return ahead.expected(len(self.processes.x), error.alpha, error.log_likelihood, goal)
+
+    def _tell(self, calm: int) -> None:
+        """Record the present errors, and tell them with the runs and hours that are expected."""
+        runs, error, runner = len(self.processes.x), self.error, self.question.runner
+        if self.told and self.told[-1].runs == runs:
+            del self.told[-1]
+        self.told.append(EmulatorRound(runs, error.alpha, error.log_likelihood))
+        parts = []
+        for goal in EXPECTED_RUNS.goals:
+            whole = self.expected_runs(goal, calm)
+            took = runner.seconds * (whole - runs) / runner.workers
+            more = f" ({duration(took)} more)" if np.isfinite(took) else ""
+            if runs < whole < np.inf:
+                parts.append(f"{whole:,.0f} runs{more} for {goal:g}")
+        outlook = f"; expected: {', '.join(parts)}" if parts else ""
+        text = f"error of the estimates {error.alpha:.2g} standard errors{outlook}"
+        runner.outlook = text
+        self.ledger.progress.update(f"{runs:,} runs, {text}")
+
     def _made_runs(self, x: Array, near: Indices) -> bool:
         """Make a round of runs; False if the budget allows none.
 
@@ -321,8 +390,7 @@ class Emulation:
         seen = np.isin(np.arange(len(shares)), processes.case[self.of])
         able = np.flatnonzero(seen & (processes.made < most))
         order = able[np.argsort(-shares[able], kind="stable")]
-        wanted = int(max(settings.fewest, settings.part * len(shares)))
-        if not order.size or not (count := question.runner.account.granted(wanted)):
+        if not order.size or not (count := question.runner.account.granted(self._size)):
             return False
         case, experiment = processes.case[self.of], question.table.observations.experiment
         made, points = [], []
@@ -401,6 +469,7 @@ class Emulation:
 
     def _finished(self, found: SearchResult, end: Maximum) -> Highest:
         """The maximum with as many quadrature nodes as it needs, on the present surfaces."""
+        self.question.runner.outlook = ""
         with self.ledger.stage(SEARCH):
             return with_other_optima(with_enough_nodes(self._plain(end), end.alpha), found)
 
@@ -475,6 +544,36 @@ class Emulation:
         self.processes.move(region[moving_parameters(region)])
 
 
+def admitted_change(experiments: int, settings: EmulationSettings = EMULATION) -> float:
+    """The error of the log-likelihood of a number of experiments at which the rounds may end.
+
+    >>> admitted_change(40), admitted_change(2000)
+    (0.3, 2.0)
+    """
+    return max(settings.change, settings.each * experiments)
+
+
+def usual(conditions: int, settings: EmulationSettings = EMULATION) -> int:
+    """The number of runs of a round, for a number of distinct conditions and few workers.
+
+    >>> usual(5), usual(108)
+    (6, 54)
+    """
+    return int(max(settings.fewest, settings.part * conditions))
+
+
+def enlarged(
+    runner: Runner, choice: ResponseSurface | None, settings: EmulationSettings = EMULATION
+) -> int:
+    """The number of runs of a round where that is larger than usual for the sake of workers, or 0.
+
+    The answer depends on the number of workers only through it.
+    """
+    stated = None if choice is None else choice.together
+    together = stated or settings.each_worker * runner.workers
+    return together if together > usual(len(runner.cases), settings) else 0
+
+
 def agreeing(
     likelihood: AnyLikelihood, alpha: Array, of: Indices, x: Array, values: Array, near: int
 ) -> Indices:
@@ -522,9 +621,3 @@ def _roots(
     if size.max(initial=0.0) ** 2 > settings.largest:
         return None
     return width[:, None] * vectors / size, vectors * size / width[:, None]
-
-
-def _tell(progress: Progress | None, emulation: Emulation) -> None:
-    if progress is not None:
-        runs, error = len(emulation.processes.x), emulation.error.alpha
-        progress.update(f"{runs:,} runs, error of the estimates {error:.2g} standard errors")

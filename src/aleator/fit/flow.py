@@ -10,7 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.core.types import Array, Indices
-from aleator.fit.ledger import Ledger, affordable
+from aleator.fit.budget import affordable
+from aleator.fit.earlier_runs import with_earlier_runs
+from aleator.fit.emulate import enlarged
+from aleator.fit.ledger import Ledger
 from aleator.fit.question import Question, start_point
 from aleator.fit.refine import EXACT, Refinement, refined
 from aleator.fit.regions import REGIONS, draws, plausible_alphas
@@ -41,9 +44,11 @@ def identified(question: Question, check: Check, ledger: Ledger) -> Answer:
 
     Surfaces are accurate where the law has its mass. Without noise, an outcome in the tail of its
     law has its parameters elsewhere, where a surface may be wrong. The check finds such an error.
-    The surface then gets more runs near that outcome, and the laws are identified again.
+    The surface then gets more runs near that outcome, and the laws are identified again. Gaussian
+    processes begin with the runs that are in the store.
     """
     runner = question.runner
+    question = with_earlier_runs(question, enlarged(runner, question.choices.surfaces))
     start = np.clip(start_point(question.inputs), *question.inputs.box.T)
     with diagnostics.boxes_proposed(runner, question.inputs):
         with ledger.stage("repeated run"):

@@ -31,7 +31,7 @@ from aleator.observations.errors import MeasurementErrors, Noise
 from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.responses import Observations
 from aleator.search import GradientMultistart, Search
-from aleator.simulators import Runner
+from aleator.simulators import Runner, Runs
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
 
@@ -150,13 +150,15 @@ class Choices:
 class Question:
     """A study with the runner of its simulator.
 
-    `kept` marks which of the observations that the runner simulates the table contains.
+    `kept` marks which of the observations that the runner simulates the table contains. `earlier`
+    are the stored runs with which processes may begin.
     """
 
     choices: Choices
     runner: Runner
     seed: int
     kept: Flags
+    earlier: Runs | None = None
 
     def without(self, lost: Flags) -> Question:
         """The question without the observations marked in `lost` (M,), whose runs all fail."""

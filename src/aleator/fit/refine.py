@@ -2,8 +2,9 @@
 
 The search is made on the simulator itself or on coarse response surfaces. With surfaces, runs are
 then made where the identified laws lie, and the likelihood is maximized again, until alpha stays.
-All runs are kept. Only runs of this identification decide where the next one is made, so that
-earlier runs in a store do not change the result.
+All runs are kept. Where polynomials are made, only runs of this identification decide where the
+next one is made, so that earlier runs in a store do not change the result. Gaussian processes begin
+with earlier runs.
 """
 
 from __future__ import annotations

@@ -232,6 +232,16 @@ def emulator_report(emulation: Emulation | None) -> dict[str, Any] | None:
         "estimates_error": error.alpha,
         "log_likelihood_error": error.log_likelihood,
         "surprise": error.surprise,
+        "stored": emulation.earlier,
+        "together": emulation.together,
+        "rounds": [
+            {
+                "runs": one.runs,
+                "estimates_error": one.alpha,
+                "log_likelihood_error": one.log_likelihood,
+            }
+            for one in emulation.told
+        ],
     }
 
 

@@ -25,10 +25,13 @@ EMULATOR = "emulator"
 NONE = EmulatorError(0.0, 0.0, 1.0, np.zeros(0))
 
 
-def emulator_refusals(error: EmulatorError) -> list[Diagnostic]:
+def emulator_refusals(emulation: Emulation) -> list[Diagnostic]:
     """A refusal where Gaussian processes in place of the simulator leave the estimates unknown."""
+    error = emulation.error
     if error.alpha <= EMULATION.unknown:
         return []
+    if emulation.question.runner.account.refused:
+        return [_ended_early(emulation)]
     return [
         Diagnostic(
             EMULATOR,
@@ -42,20 +45,24 @@ def emulator_refusals(error: EmulatorError) -> list[Diagnostic]:
 
 def emulator_warnings(emulation: Emulation) -> list[Diagnostic]:
     """A warning where the rounds of runs ended before the error of the estimates was small."""
-    error, account = emulation.error, emulation.question.runner.account
-    refused = error.alpha > EMULATION.unknown and not account.refused
-    if error.enough(len(emulation.question.ids)) or refused:
+    error = emulation.error
+    if error.enough(len(emulation.question.ids)) or error.alpha > EMULATION.unknown:
         return []
+    return [_ended_early(emulation)]
+
+
+def _ended_early(emulation: Emulation) -> Diagnostic:
+    """What the rounds have left unknown, and how many runs are expected to be enough."""
+    error, account = emulation.error, emulation.question.runner.account
     ended = f"the budget of {account.budget}" if account.refused else "the largest number of rounds"
-    return [
-        Diagnostic(
-            BUDGET if account.refused else EMULATOR,
-            f"{ended} ended the runs: the emulator of the simulator moves the estimates by about "
-            f"{error.alpha:.2g} standard errors, and the log-likelihood by "
-            f"{error.log_likelihood:.2g}",
-            "allow more runs, and give the same command again: the runs are kept",
-        )
-    ]
+    whole = emulation.expected_runs(EMULATION.enough)
+    enough = f" (some {whole:,.0f} in all are expected to do)" if np.isfinite(whole) else ""
+    return Diagnostic(
+        BUDGET if account.refused else EMULATOR,
+        f"{ended} ended the runs: the emulator of the simulator moves the estimates by about "
+        f"{error.alpha:.2g} standard errors, and the log-likelihood by {error.log_likelihood:.2g}",
+        f"allow more runs{enough}, and give the same command again: the runs are kept",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +149,9 @@ class Reviewed:
         ]
         if checked is not None:
             found += on_surfaces.check_refusals(checked.total, checked.standard_error)
-        emulated = self.answer.inferred.refined.emulation is not None
-        if emulated:
-            found += emulator_refusals(self.emulated)
+        emulation = self.answer.inferred.refined.emulation
+        if emulation is not None:
+            found += emulator_refusals(emulation)
         elif isinstance(likelihood, Problem):
             found += on_surfaces.useless(likelihood, checked, self.surface_error, ids)
         if not isinstance(likelihood, Problem):

@@ -107,6 +107,14 @@ class SearchEntry(DocumentEntry):
     optima: list[OptimumEntry] = []
 
 
+class RoundEntry(DocumentEntry):
+    """What an emulator of the simulator left unknown after a number of runs."""
+
+    runs: int
+    estimates_error: Number
+    log_likelihood_error: Number
+
+
 class Surfaces(DocumentEntry):
     """The response surfaces that replaced the simulator: their number, runs and errors."""
 
@@ -118,6 +126,9 @@ class Surfaces(DocumentEntry):
     estimates_error: Number = None
     log_likelihood_error: Number = None
     surprise: Number = None
+    stored: int = 0
+    together: int = 0
+    rounds: list[RoundEntry] = []
     against: str = ""
     where: str = ""
 

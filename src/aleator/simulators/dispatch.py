@@ -271,6 +271,22 @@ def made_here(bound: Bound, runs: Runs, batching: Batching = BATCHING) -> Iterat
         done += len(made)
 
 
+def slots(executor: Executor) -> int:
+    """The number of batches that an executor makes at once, as far as it states that.
+
+    It is the number of processors of this machine if it states nothing.
+
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> slots(ThreadPoolExecutor(3))
+    3
+    """
+    for name in ("slots", "num_workers", "_max_workers"):
+        number = getattr(executor, name, None)
+        if isinstance(number, int) and number > 0:
+            return number
+    return os.cpu_count() or 1
+
+
 class Dispatcher:
     """Lets the workers of an executor make runs in batches.
 
@@ -298,15 +314,6 @@ class Dispatcher:
         self._ending: Callable[[], bool] = lambda: False
         self._each = 0.0
         self._most = batching.most
-
-    @property
-    def slots(self) -> int:
-        """The number of batches that can run at once, as far as the executor states it."""
-        for name in ("slots", "num_workers", "_max_workers"):
-            number = getattr(self._executor, name, None)
-            if isinstance(number, int) and number > 0:
-                return number
-        return os.cpu_count() or 1
 
     def make(self, runs: Runs, stopping: Callable[[int], None]) -> Iterator[Runs]:
         """Yield runs as made; after Ctrl-C, call `stopping` with the number of running batches."""
@@ -338,7 +345,7 @@ class Dispatcher:
             self._suspect.clear()
 
     def _has_room(self) -> bool:
-        return len(self._running) < self._batching.waiting * self.slots
+        return len(self._running) < self._batching.waiting * slots(self._executor)
 
     def _next(self) -> Runs:
         """The next batch: half a second of work, or less near the end.
@@ -349,7 +356,7 @@ class Dispatcher:
         """
         runs, block = self._waiting.popleft(), self._simulator.block
         left = len(runs) + sum(map(len, self._waiting))
-        share = left / (self._batching.waiting * self.slots)
+        share = left / (self._batching.waiting * slots(self._executor))
         size = max(1.0, min(self._batching.workers / self._each, share)) if self._each else 1
         size = min(int(size), self._most)
         if getattr(self._simulator, "vectorized", False):

@@ -7,12 +7,11 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
-from datetime import timedelta
 from typing import Any
 
 import numpy as np
 
-from aleator.core.progress import Progress
+from aleator.core.progress import Progress, duration
 from aleator.core.types import Array
 from aleator.errors import StoreError
 from aleator.simulators.dispatch import (
@@ -23,21 +22,29 @@ from aleator.simulators.dispatch import (
     without_outcome,
 )
 from aleator.simulators.runs import NOT_FINITE, Failure, Memory, Runs, row_bytes
-from aleator.simulators.store import MOVE_ASIDE, Case, Identity, Store
+from aleator.simulators.store import MOVE_ASIDE, Case, Identity, Store, keep, kept
 from aleator.simulators.units import Bound, Units
 
 
 class RunProgress:
     """Reports to `progress` how many of `total` new runs are done, after some `patience` seconds.
 
-    `reused` is the number of runs that were known before.
+    `reused` is the number of runs that were known before. `outlook` is what is expected after these
+    runs; it is added to each report.
 
     >>> RunProgress.text(30, 100, reused=10, failed=2, retried=0, rate=4.0)
     '30 of 100 runs, 10 of them known, 2 failed, 4 runs/s, about 18 s left'
     """
 
-    def __init__(self, progress: Progress, total: int, reused: int, patience: float = 1.0) -> None:
-        self._patience = patience
+    def __init__(
+        self,
+        progress: Progress,
+        total: int,
+        reused: int,
+        outlook: str = "",
+        patience: float = 1.0,
+    ) -> None:
+        self._patience, self._outlook = patience, f"; {outlook}" if outlook else ""
         self._progress, self._total, self._reused = progress, total + reused, reused
         self._done = self._failed = self._retried = 0
         self._began = time.monotonic()
@@ -51,7 +58,7 @@ class RunProgress:
                 self._done + self._reused, self._total, self._reused, self._failed, self._retried,
                 self._done / seconds,
             )  # fmt: skip
-            self._progress.update(text, self._done + self._reused, self._total)
+            self._progress.update(text + self._outlook, self._done + self._reused, self._total)
 
     def retry(self, number: int) -> None:
         """Record that this number of failed runs is tried again."""
@@ -73,15 +80,8 @@ class RunProgress:
         parts += [f"{failed:,} failed"] if failed else []
         parts += [f"{retried:,} tried again"] if retried else []
         parts.append(f"{rate:.3g} runs/s")
-        parts.append(f"about {_duration((total - done) / rate)} left")
+        parts.append(f"about {duration((total - done) / rate)} left")
         return ", ".join(parts)
-
-
-def _duration(seconds: float) -> str:
-    minute, hour = (timedelta(**{unit: 1}).total_seconds() for unit in ("minutes", "hours"))
-    if seconds < 1.5 * minute:
-        return f"{seconds:.0f} s"
-    return f"{seconds / minute:.0f} min" if seconds < 1.5 * hour else f"{seconds / hour:.1f} h"
 
 
 class RunCache:
@@ -124,6 +124,27 @@ class RunCache:
                     outcome[start + place] = self._read(value, outcome.shape[1])
         worked = {k: failure for k, failure in failures.items() if np.isnan(outcome[k]).all()}
         return replace(runs, outcome=outcome, failures=worked)
+
+    def before(self, question: str) -> Runs:
+        """The runs with an outcome that were stored when a `question` was first asked.
+
+        They are returned as runs that are to be made, in the order in which they were stored. The
+        number of the last of them is kept under the question, a text that says all that matters of
+        it: later runs are left out when it is asked again.
+        """
+        fingerprint, key = self.identity.fingerprint, f"asked {question}"
+        number = kept(self.store, fingerprint, key)
+        if number is None:
+            number = str(self.store.newest(fingerprint))
+            keep(self.store, fingerprint, key, number)
+        count, width = len(self._bound.cases), len(self._order)
+        cases = [self._case(named, k) for named in self._ways for k in range(count)]
+        found = self.store.up_to(fingerprint, cases, int(number))
+        keys = [*dict.fromkeys((place % count, x) for place, x in found)]
+        of = np.array([case for case, _ in keys], dtype=np.intp)
+        x = np.empty((len(keys), width))
+        x[:, self._order] = np.frombuffer(b"".join(x for _, x in keys), "<f8").reshape(-1, width)
+        return Runs.planned(of, x, int(self._sizes.max()))
 
     def _read(self, value: float | bytes | None, width: int) -> Array:
         """The stored values of a run, padded with NaN; raises StoreError if they are damaged."""

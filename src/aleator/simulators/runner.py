@@ -18,7 +18,7 @@ from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Indices
 from aleator.errors import SimulatorError
 from aleator.simulators.direct import DirectRuns
-from aleator.simulators.dispatch import BATCHING, Batching
+from aleator.simulators.dispatch import BATCHING, Batching, slots
 from aleator.simulators.execution import Execution, RunCache, RunProgress
 from aleator.simulators.function import FunctionSimulator, as_simulator
 from aleator.simulators.messages import Messages
@@ -141,7 +141,8 @@ class Runner:
 
     `runs` counts the distinct runs that were needed, including stored ones, so that an interrupted
     identification reports the same number as an undisturbed one. `fresh` counts the new runs with
-    an outcome. `completed` are all runs with an outcome, `failures` those without. Memory: some 150
+    an outcome. `completed` are all runs with an outcome, `failures` those without. `outlook` is a
+    text about what will follow, which is added to the progress of runs. Memory: some 150
     bytes a run.
 
     Raises SimulatorError at once if the simulator does not take these conditions and parameters.
@@ -180,7 +181,7 @@ class Runner:
             )
         self.simulator = as_simulator(simulator)
         self.ids, self.parameters = experiments.ids, tuple(parameters)
-        self.progress = progress or Silent()
+        self.progress, self.outlook = progress or Silent(), ""
         self.executor, self.retries = executor, retries
         self.max_failed, self.min_failed, self._batching = max_failed, min_failed, batching
         table = experiments.conditions
@@ -229,6 +230,11 @@ class Runner:
     def transform(self) -> Transform:
         """The transform of the only response, or of the first one."""
         return self._served.responses[0].transform
+
+    @property
+    def workers(self) -> int:
+        """The number of workers that make runs at once; one without an executor."""
+        return 1 if self.executor is None else slots(self.executor)
 
     @property
     def runs(self) -> int:
@@ -441,7 +447,8 @@ class Runner:
         self, missing: Sequence[bytes], requested: int
     ) -> closing[Generator[Runs, None, None]]:
         """The missing runs as they are made; `requested` is the number of all requested runs."""
-        progress = RunProgress(self.progress, len(missing), requested - len(missing))
+        reused = requested - len(missing)
+        progress = RunProgress(self.progress, len(missing), reused, self.outlook)
         return closing(self._execution.make(missing, progress))
 
     def _too_many(self, before: int, most: float, whole: int) -> bool:

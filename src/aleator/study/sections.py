@@ -262,11 +262,13 @@ def response_surface(
     max_runs: int = 1000,
     nodes: Nodes | None = None,
     surfaces: Surfaces | None = None,
+    together: int | None = None,
 ) -> ResponseSurface:
     """Propagation by response surfaces, which replace the simulator, one for each experiment."""
     return ResponseSurface(
-        tolerance=tolerance, max_runs=max_runs, nodes=_nodes(nodes, folder), surfaces=surfaces
-    )
+        tolerance=tolerance, max_runs=max_runs, nodes=_nodes(nodes, folder), surfaces=surfaces,
+        together=together,
+    )  # fmt: skip
 
 
 def collocation(

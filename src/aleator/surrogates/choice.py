@@ -28,6 +28,8 @@ class ResponseSurface:
     all experiments. "own": each experiment has a polynomial of its own. "none": the simulator
     itself is run at every node. None: a vectorized simulator gets no surfaces, any other gets
     "process", or "own" with a tolerance. A tolerance is admitted only with surfaces of their own.
+    together: the least number of runs of a round of the processes, at least 1. None: two for each
+    worker. Where this exceeds what a round takes anyway, the answer depends on it.
 
     Raises InputsError for a value outside these ranges.
 
@@ -40,6 +42,7 @@ class ResponseSurface:
     accuracy: float = 1e-6
     nodes: int | Cubature | None = None
     surfaces: Surfaces | None = None
+    together: int | None = None
 
     @property
     def name(self) -> str:
@@ -58,6 +61,8 @@ class ResponseSurface:
         alone = self.surfaces in (None, "own") or self.tolerance is None
         remedy = "leave out the tolerance, which is one of own surfaces"
         _require("surfaces", self.surfaces, alone, remedy)
+        some = self.together is None or self.together >= 1
+        _require("together", self.together, some, "choose at least 1")
         enough = not isinstance(self.nodes, int) or self.nodes >= 1
         _require("nodes", self.nodes, enough, "choose at least 1")
 

@@ -219,15 +219,55 @@ class Processes:
         n = len(self.box)
         return np.asarray(self.axes.outward(low_discrepancy(count, n, fixed_shift(n))))
 
-    def begin(self, cases: Sequence[int] | None = None) -> None:
-        """Make the first runs of the cases, by default of all: pieces of one Sobol' sequence."""
+    def know(self, case: Indices, x: Array) -> None:
+        """Begin with runs of cases (R,) at points x (R, n) that were made earlier.
+
+        Of very many runs of a case some are chosen, evenly over their order.
+        """
+        some = list[int]()
+        for cases in self.clusters:
+            most = self.settings.together // len(cases)
+            for one in cases:
+                rows = np.flatnonzero(case == one)
+                some += rows[evenly(len(rows), most)].tolist()
+        if some:
+            kept = np.sort(some)
+            self.make(case[kept], x[kept])
+
+    def begin(
+        self,
+        cases: Sequence[int] | None = None,
+        together: int = 0,
+        granted: Callable[[int], int] = int,
+    ) -> None:
+        """Make the first runs of the cases, by default of all: pieces of one Sobol' sequence.
+
+        If they are of all cases, they are `together` runs or more, and those are left out that an
+        earlier run of their case lies as near to as evenly spread runs lie to each other. Of this
+        number `granted` may admit a part, which is chosen evenly.
+        """
         n, before = len(self.box), len(self.x)
         every, inputs = self.conditions.shape
-        each = first_process_runs(every, inputs + n, self.settings)
         some = np.arange(every) if cases is None else np.array(cases)
+        each = first_process_runs(every, inputs + n, together, self.settings)
         even = low_discrepancy(before + len(some) * each, n, fixed_shift(n))[before:]
         order = np.random.default_rng(0).permutation(some)
-        self.make(np.repeat(order, each), self.axes.outward(clustered(even)))
+        case, z = np.repeat(order, each), clustered(even)
+        if cases is None:
+            lacking = np.flatnonzero(self._nearest(case, z) > 2.0 * each ** (-1.0 / n))
+            case, z = case[lacking], z[lacking]
+        few = evenly(len(case), granted(len(case)))
+        if few.size:
+            self.make(case[few], self.axes.outward(z[few]))
+
+    def _nearest(self, case: Indices, z: Array) -> Array:
+        """The distance (R,) of the nearest run of each case from z (R, n), in any parameter."""
+        there, out = self.axes.inward(self.x), np.full(len(z), np.inf)
+        for one in np.unique(self.of_run):
+            rows, own = case == one, there[self.of_run == one]
+            apart = np.abs(z[rows, None] - own).max(axis=2)
+            out[rows] = apart.min(axis=1)
+        return out
 
     def make(self, case: Indices, x: Array) -> Array:
         """Make runs of cases (R,) at points x (R, n).
@@ -479,13 +519,26 @@ class Processes:
                 yield group, rows
 
 
-def first_process_runs(cases: int, inputs: int, settings: ProcessesSettings = PROCESSES) -> int:
+def evenly(count: int, most: int) -> Indices:
+    """At most `most` of the numbers from 0 to `count` - 1, evenly chosen.
+
+    >>> evenly(7, 3), evenly(2, 3)
+    (array([0, 3, 6]), array([0, 1]))
+    """
+    return np.linspace(0, count - 1, min(most, count)).round().astype(np.intp)
+
+
+def first_process_runs(
+    cases: int, inputs: int, together: int = 0, settings: ProcessesSettings = PROCESSES
+) -> int:
     """The number of first runs of each case, for a process with so many inputs.
 
-    >>> first_process_runs(108, 7), first_process_runs(5, 7)
-    (3, 10)
+    All cases have `together` runs or more.
+
+    >>> first_process_runs(108, 7), first_process_runs(5, 7), first_process_runs(5, 7, 200)
+    (3, 10, 40)
     """
-    return max(settings.first, -(-settings.least * (inputs + 1) // cases))
+    return max(settings.first, -(-max(settings.least * (inputs + 1), together) // cases))
 
 
 def _axes(box: Array) -> tuple[Axes, Axes]:

@@ -11,8 +11,9 @@ import pandas as pd
 
 from aleator.core.progress import Progress, Silent
 from aleator.errors import InputsError
+from aleator.fit.budget import spend
 from aleator.fit.flow import Answer, identified
-from aleator.fit.ledger import Ledger, spend
+from aleator.fit.ledger import Ledger
 from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
 from aleator.fit.result import result_of
 from aleator.inference.check import Check
@@ -71,11 +72,14 @@ def identify(
     `Collocation` or `nodes` of the law are chosen, the density of an outcome without noise is
     computed from its moments instead.
 
-    Runs are made by the workers of `executor`, or in this process; the result is the same.
+    Runs are made by the workers of `executor`, or in this process. The result is the same as long
+    as twice the number of workers is no more than six, or than half of the distinct conditions;
+    beyond that rounds of runs are larger (see `ResponseSurface`).
     `consistency` False leaves out the second verdict, and `best_law` False the best possible law;
     the estimates do not depend on them. A `budget` limits the runs of response surfaces. The result
-    is then the best one within the budget, with a warning about what more runs would improve, and
-    it depends on the runs in the store. `units` of outcomes, conditions and parameters are only
+    is then the best one within the budget, with a warning about what more runs would improve. With
+    a store, Gaussian processes begin with the runs that it has when the study is identified first;
+    later runs change nothing. `units` of outcomes, conditions and parameters are only
     displayed.
 
     Raises AleatorError for input that cannot be used. Numerical failures are statuses and warnings

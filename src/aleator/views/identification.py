@@ -499,14 +499,14 @@ def _simulator(
 def _surfaces(surface: Document, experiments: int) -> str:
     if surface.get("estimates_error") is not None:
         off = [to_three(surface.get(f"{of}_error")) for of in ("estimates", "log_likelihood")]
-        return f"The emulator moves the estimates by {off[0]} standard errors, log L by {off[1]}."
+        stored = surface.get("stored", 0)
+        begun = f" It began with {count(stored, 'stored run')}." if stored else ""
+        told = f"The emulator moves the estimates by {off[0]} standard errors, log L by {off[1]}."
+        return told + begun
     converged, total = surface.get("converged"), surface.get("experiments", experiments)
     parts = [] if converged is None else [f"{int(converged)} of {total} surfaces converged"]
-    parts += [
-        f"{key.replace('_', ' ')} {100 * surface[key]:.2g} %"
-        for key in ("median_error", "worst_error")
-        if surface.get(key) is not None
-    ]
+    known = [key for key in ("median_error", "worst_error") if surface.get(key) is not None]
+    parts += [f"{key.replace('_', ' ')} {100 * surface[key]:.2g} %" for key in known]
     against = surface.get("against", SCATTER)
     return f"{', '.join(parts)} of {against}, {surface.get('where', 'on the box')}."
 
