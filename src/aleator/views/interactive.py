@@ -23,14 +23,14 @@ Data = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class BokehModel:
     """A model of Bokeh: the name of its class, and the attributes that are not the defaults."""
 
     name: str
     attributes: Data = field(default_factory=dict)
 
 
-Sources = dict[int, Model]
+Sources = dict[int, BokehModel]
 
 
 @dataclass(frozen=True)
@@ -64,20 +64,20 @@ def drawable(charts: Iterable[Chart]) -> Data:
     The models are numbered from 1, so that the same charts give the same text.
     """
     sources: Sources = {}
-    known: dict[Model, str] = {}
+    known: dict[BokehModel, str] = {}
     plots = {chart.name: drawn(chart, sources) for chart in charts}
     roots = [encoded(plot, known) for plot in plots.values()]
     document = {
         "version": bokeh.__version__, "title": "Charts",
-        "config": encoded(Model("DocumentConfig"), known), "roots": roots,
+        "config": encoded(BokehModel("DocumentConfig"), known), "roots": roots,
     }  # fmt: skip
     places = {known[plot]: f"plot-{name}" for name, plot in plots.items()}
     return {"documents": {"report": document}, "places": places}
 
 
-def encoded(value: Any, known: dict[Model, str]) -> Any:
+def encoded(value: Any, known: dict[BokehModel, str]) -> Any:
     """A value as JSON data; a model that is `known` already as a reference to its number."""
-    if isinstance(value, Model):
+    if isinstance(value, BokehModel):
         if value in known:
             return {"id": known[value]}
         known[value] = f"m{len(known) + 1}"
@@ -114,38 +114,40 @@ class Plot:
     the right.
     """
 
-    x: Model
-    y: Model
-    y_range: Model = field(default_factory=lambda: Model("DataRange1d"))
-    renderers: list[Model] = field(default_factory=list)
-    tools: list[Model] = field(default_factory=list)
-    right: list[Model] = field(default_factory=list)
-    center: list[Model] = field(default_factory=list)
-    legend: list[Model] = field(default_factory=list)
+    x: BokehModel
+    y: BokehModel
+    y_range: BokehModel = field(default_factory=lambda: BokehModel("DataRange1d"))
+    renderers: list[BokehModel] = field(default_factory=list)
+    tools: list[BokehModel] = field(default_factory=list)
+    right: list[BokehModel] = field(default_factory=list)
+    center: list[BokehModel] = field(default_factory=list)
+    legend: list[BokehModel] = field(default_factory=list)
     extra: Data = field(default_factory=dict)
 
-    def glyph(self, source: Model, glyph: Model, mark: Mark | None = None) -> Model:
+    def glyph(self, source: BokehModel, glyph: BokehModel, mark: Mark | None = None) -> BokehModel:
         """Draw a glyph of a source; with the legend and the axis of a mark."""
         # When a reader marks an experiment, all else keeps its look; Bokeh would fade it.
         has: Data = {"data_source": source, "glyph": glyph, "nonselection_glyph": None}
         if mark is not None and mark.right:
             has["y_range_name"] = "right"
-        renderer = Model("GlyphRenderer", has)
+        renderer = BokehModel("GlyphRenderer", has)
         self.renderers.append(renderer)
         if mark is not None and mark.legend:
             self.named(mark.legend, renderer)
         return renderer
 
-    def named(self, text: str, renderer: Model) -> None:
+    def named(self, text: str, renderer: BokehModel) -> None:
         """Add a renderer to the entry of the legend with this text."""
         for item in self.legend:
             if item.attributes["label"] == _value(text):
                 item.attributes["renderers"].append(renderer)
                 return
-        self.legend.append(Model("LegendItem", {"label": _value(text), "renderers": [renderer]}))
+        self.legend.append(
+            BokehModel("LegendItem", {"label": _value(text), "renderers": [renderer]})
+        )
 
 
-def drawn(chart: Chart, sources: Sources) -> Model:
+def drawn(chart: Chart, sources: Sources) -> BokehModel:
     """The figure of a chart.
 
     `sources` collects the data of Bokeh, so that charts with the same series share them.
@@ -159,53 +161,58 @@ def drawn(chart: Chart, sources: Sources) -> Model:
         look: Data = {"dimension": k, "axis": own, "grid_line_color": colors.GRID}
         if own.name == "LogAxis":
             look["ticker"] = own.attributes["ticker"]
-        plot.center.insert(k, Model("Grid", look))
+        plot.center.insert(k, BokehModel("Grid", look))
     plot.center.extend(map(straight, chart.rules))
     if chart.foot:
         plot.y_range.attributes["start"] = 0.0
     for mark in chart.marks:
         if mark.marker in mark.series.columns:
             for color, marker in looks(mark):
-                nowhere = Model("ColumnDataSource", {"data": _map({"x": [np.nan], "y": [np.nan]})})
+                nowhere = BokehModel(
+                    "ColumnDataSource", {"data": _map({"x": [np.nan], "y": [np.nan]})}
+                )
                 look = {
                     "x": _column("x"), "y": _column("y"), "marker": _value(marker),
                     "line_color": _value(color), "fill_color": _value(color),
                 }  # fmt: skip
-                renderer = plot.glyph(nowhere, Model("Scatter", look))
+                renderer = plot.glyph(nowhere, BokehModel("Scatter", look))
                 plot.named(meaning(color, marker), renderer)
     return _figure(plot, chart)
 
 
-def _figure(plot: Plot, chart: Chart) -> Model:
+def _figure(plot: Plot, chart: Chart) -> BokehModel:
     title = {"text": chart.marked, "text_color": colors.TEXT} if chart.marked else {}
     tools = [
-        Model("PanTool"), Model("BoxZoomTool", {"dimensions": "both"}), Model("WheelZoomTool"),
-        Model("ResetTool"),
-    ]  # fmt: skip
+        BokehModel("PanTool"),
+        BokehModel("BoxZoomTool", {"dimensions": "both"}),
+        BokehModel("WheelZoomTool"),
+        BokehModel("ResetTool"),
+    ]
     has = {
-        "height": chart.height, "sizing_mode": "stretch_width", "x_range": Model("DataRange1d"),
-        "y_range": plot.y_range, "x_scale": Model("LinearScale"),
-        "y_scale": Model("LogScale" if chart.y.log else "LinearScale"),
-        "title": Model("Title", title), "renderers": plot.renderers,
+        "height": chart.height, "sizing_mode": "stretch_width",
+        "x_range": BokehModel("DataRange1d"), "y_range": plot.y_range,
+        "x_scale": BokehModel("LinearScale"),
+        "y_scale": BokehModel("LogScale" if chart.y.log else "LinearScale"),
+        "title": BokehModel("Title", title), "renderers": plot.renderers,
         "background_fill_color": colors.PAPER, "border_fill_color": colors.PAPER,
         "outline_line_color": None, "min_border_right": BOKEH.border, "left": [plot.y],
         "right": plot.right, "below": [plot.x, *_legend(plot)], "center": plot.center,
         "toolbar_location": "above",
-        "toolbar": Model("Toolbar", {
+        "toolbar": BokehModel("Toolbar", {
             "tools": [*tools, *plot.tools], "logo": None, "autohide": True, "active_drag": None,
             "active_scroll": None,
         }),
     }  # fmt: skip
     if plot.extra:
         has["extra_y_ranges"] = _map(plot.extra)
-    return Model("Figure", has)
+    return BokehModel("Figure", has)
 
 
-def axis(of: Axis) -> Model:
+def axis(of: Axis) -> BokehModel:
     """The axis of a plot, with its title and its scale."""
     has = {
-        "ticker": Model("LogTicker" if of.log else "BasicTicker", {"mantissas": [1, 2, 5]}),
-        "formatter": Model("LogTickFormatter" if of.log else "BasicTickFormatter"),
+        "ticker": BokehModel("LogTicker" if of.log else "BasicTicker", {"mantissas": [1, 2, 5]}),
+        "formatter": BokehModel("LogTickFormatter" if of.log else "BasicTickFormatter"),
         "axis_label": of.title, "axis_line_color": colors.LINE,
         "major_tick_line_color": colors.LINE, "minor_tick_line_color": None,
         "major_label_text_color": colors.TEXT, "axis_label_text_color": colors.TEXT,
@@ -213,32 +220,32 @@ def axis(of: Axis) -> Model:
         "major_label_text_font_size": "12px",
     }  # fmt: skip
     if of.share:
-        has["formatter"] = Model("NumeralTickFormatter", {"format": "0.[0000] %"})
-    return Model("LogAxis" if of.log else "LinearAxis", has)
+        has["formatter"] = BokehModel("NumeralTickFormatter", {"format": "0.[0000] %"})
+    return BokehModel("LogAxis" if of.log else "LinearAxis", has)
 
 
-def straight(rule: GuideLine) -> Model:
+def straight(rule: GuideLine) -> BokehModel:
     """A horizontal or vertical line through the plot."""
     has = {
         "location": rule.at, "dimension": "width" if rule.across else "height",
         "line_color": rule.color,
         "line_dash": DASHES["dashed" if rule.color == colors.GRAY else "solid"],
     }  # fmt: skip
-    return Model("Span", has)
+    return BokehModel("Span", has)
 
 
-def _source(series: Series, sources: Sources) -> Model:
+def _source(series: Series, sources: Sources) -> BokehModel:
     """The data of a series; all charts with the series share this model."""
     if id(series) not in sources:
         each = series.each
         tags = [] if each is None else [_map({id: _map(own) for id, own in each.items()})]
         columns = {name: list(column) for name, column in series.columns.items()}
         has = {"name": series.name, "tags": tags, "data": _map(columns)}
-        sources[id(series)] = Model("ColumnDataSource", has)
+        sources[id(series)] = BokehModel("ColumnDataSource", has)
     return sources[id(series)]
 
 
-def _legend(plot: Plot) -> list[Model]:
+def _legend(plot: Plot) -> list[BokehModel]:
     """The legend of a plot, which lies under its axes, where it hides no data."""
     if not plot.legend:
         return []
@@ -248,7 +255,7 @@ def _legend(plot: Plot) -> list[Model]:
         "background_fill_color": None, "label_text_color": colors.TEXT,
         "label_text_font_size": "12px", "padding": 2, "margin": 0, "spacing": 10,
     }  # fmt: skip
-    return [Model("Legend", has)]
+    return [BokehModel("Legend", has)]
 
 
 def _map(entries: Mapping[str, Any]) -> Data:
@@ -271,59 +278,59 @@ def _either(name: Any, series: Series) -> Data:
 # ------------------------------------------------------------------------------------ shapes
 
 
-def _line(plot: Plot, mark: Mark, source: Model) -> None:
+def _line(plot: Plot, mark: Mark, source: BokehModel) -> None:
     has = {
         "x": _column(mark.x), "y": _column(mark.y), "line_color": mark.color,
         "line_width": mark.width, "line_dash": DASHES[mark.dash], "line_alpha": mark.alpha,
     }  # fmt: skip
-    plot.glyph(source, Model("Line", has), mark)
+    plot.glyph(source, BokehModel("Line", has), mark)
 
 
-def _lines(plot: Plot, mark: Mark, source: Model) -> None:
+def _lines(plot: Plot, mark: Mark, source: BokehModel) -> None:
     has = {
         "xs": _column(mark.x), "ys": _column(mark.y),
         "line_color": _either(mark.color, mark.series),
         "line_width": _either(mark.width, mark.series),
         "line_dash": _either(mark.dash, mark.series), "line_alpha": _value(mark.alpha),
     }  # fmt: skip
-    found = plot.glyph(source, Model("MultiLine", has), mark)
+    found = plot.glyph(source, BokehModel("MultiLine", has), mark)
     if mark.legend_by:
         words = [str(word) for word in mark.series.columns[mark.legend_by]]
         for word in dict.fromkeys(words):
             label = {"label": _value(word), "renderers": [found], "index": words.index(word)}
-            plot.legend.append(Model("LegendItem", label))
+            plot.legend.append(BokehModel("LegendItem", label))
     if mark.pick:
         _picked(found, line_color=colors.PICKED, line_width=BOKEH.picked, line_alpha=1.0)
         _answers(plot, found, mark, snap=False)
 
 
-def _band(plot: Plot, mark: Mark, source: Model) -> None:
+def _band(plot: Plot, mark: Mark, source: BokehModel) -> None:
     has = {
         "x": _column(mark.x), "y1": _column(mark.y), "y2": _column(mark.high),
         "fill_color": mark.color, "fill_alpha": mark.alpha,
     }  # fmt: skip
-    plot.glyph(source, Model("VArea", has), mark)
+    plot.glyph(source, BokehModel("VArea", has), mark)
 
 
-def _spans(plot: Plot, mark: Mark, source: Model) -> None:
+def _spans(plot: Plot, mark: Mark, source: BokehModel) -> None:
     has = {
         "x0": _column(mark.x), "y0": _column(mark.y), "x1": _column(mark.x),
         "y1": _column(mark.high), "line_color": _either(mark.color, mark.series),
         "line_width": _either(mark.width, mark.series), "line_alpha": _value(mark.alpha),
     }  # fmt: skip
-    plot.glyph(source, Model("Segment", has), mark)
+    plot.glyph(source, BokehModel("Segment", has), mark)
 
 
-def _bars(plot: Plot, mark: Mark, source: Model) -> None:
+def _bars(plot: Plot, mark: Mark, source: BokehModel) -> None:
     color, alpha = _either(mark.color, mark.series), _value(mark.alpha)
     has = {
         "x": _column(mark.x), "width": _either(mark.width, mark.series), "top": _column(mark.y),
         "line_color": color, "fill_color": color, "line_alpha": alpha, "fill_alpha": alpha,
     }  # fmt: skip
-    plot.glyph(source, Model("VBar", has), mark)
+    plot.glyph(source, BokehModel("VBar", has), mark)
 
 
-def _scatter(mark: Mark) -> Model:
+def _scatter(mark: Mark) -> BokehModel:
     """The markers of a mark at (x, y); those without a face are strokes."""
     series = mark.series
     color, alpha = _either(mark.color, series), _value(mark.alpha)
@@ -335,14 +342,14 @@ def _scatter(mark: Mark) -> Model:
         "line_color": color if _stroked(mark) else _value(None), "fill_color": color,
         "line_alpha": alpha, "fill_alpha": alpha,
     }  # fmt: skip
-    return Model("Scatter", has)
+    return BokehModel("Scatter", has)
 
 
 def _stroked(mark: Mark) -> bool:
     return mark.marker in ("dash", "tick", "cross", "x")
 
 
-def _points(plot: Plot, mark: Mark, source: Model) -> None:
+def _points(plot: Plot, mark: Mark, source: BokehModel) -> None:
     found = plot.glyph(source, _scatter(mark), mark)
     if mark.pick:
         line = colors.PICKED if _stroked(mark) else colors.INK
@@ -353,26 +360,28 @@ def _points(plot: Plot, mark: Mark, source: Model) -> None:
         _answers(plot, found, mark)
 
 
-def _cells(plot: Plot, mark: Mark, source: Model) -> None:
+def _cells(plot: Plot, mark: Mark, source: BokehModel) -> None:
     from bokeh.palettes import Cividis256  # imported where a map is drawn
 
-    mapper = Model("LinearColorMapper", {"palette": Cividis256, "nan_color": "rgba(0, 0, 0, 0)"})
+    mapper = BokehModel(
+        "LinearColorMapper", {"palette": Cividis256, "nan_color": "rgba(0, 0, 0, 0)"}
+    )
     width, height = mark.step
     has = {
         "x": _column(mark.x), "y": _column(mark.y), "width": _value(width),
         "height": _value(height), "line_color": _value(None),
         "fill_color": _column("value") | {"transform": mapper},
     }  # fmt: skip
-    found = plot.glyph(source, Model("Rect", has))
+    found = plot.glyph(source, BokehModel("Rect", has))
     bar = {
         "color_mapper": mapper, "background_fill_color": None, "width": BOKEH.scale,
         "major_label_text_color": colors.TEXT,
     }  # fmt: skip
-    plot.right.append(Model("ColorBar", bar))
-    plot.tools.append(Model("HoverTool", {"renderers": [found], "tooltips": _tooltips(mark)}))
+    plot.right.append(BokehModel("ColorBar", bar))
+    plot.tools.append(BokehModel("HoverTool", {"renderers": [found], "tooltips": _tooltips(mark)}))
 
 
-def _contour(plot: Plot, mark: Mark, _: Model) -> None:
+def _contour(plot: Plot, mark: Mark, _: BokehModel) -> None:
     if mark.grid is None:
         return
     from contourpy import FillType, LineType, contour_generator  # imported with a contour
@@ -399,15 +408,15 @@ def _contour(plot: Plot, mark: Mark, _: Model) -> None:
     line = {"line_color": _value(mark.color), "line_width": _column("line_width")}
     area = {"fill_color": _column("fill_color"), "line_width": _value(0), "line_alpha": _value(0)}
     parts = {
-        f"{name}_renderer": Model("GlyphRenderer", {
-            "data_source": Model("ColumnDataSource", {"data": _map(columns)}),
-            "glyph": Model(glyph, corners | look),
+        f"{name}_renderer": BokehModel("GlyphRenderer", {
+            "data_source": BokehModel("ColumnDataSource", {"data": _map(columns)}),
+            "glyph": BokehModel(glyph, corners | look),
         })
         for name, columns, glyph, look in (
             ("line", along, "MultiLine", line), ("fill", over, "MultiPolygons", area),
         )
     }  # fmt: skip
-    plot.renderers.append(Model("ContourRenderer", parts | {"levels": levels}))
+    plot.renderers.append(BokehModel("ContourRenderer", parts | {"levels": levels}))
 
 
 def _part(points: Any, k: int) -> Any:
@@ -423,26 +432,26 @@ _SHAPES = {
 }  # fmt: skip
 
 
-def _picked(renderer: Model, **look: Any) -> None:
+def _picked(renderer: BokehModel, **look: Any) -> None:
     """Give a renderer the look of the marked experiment."""
     glyph = renderer.attributes["glyph"]
     has = glyph.attributes | {name: _value(each) for name, each in look.items()}
-    renderer.attributes["selection_glyph"] = Model(glyph.name, has)
+    renderer.attributes["selection_glyph"] = BokehModel(glyph.name, has)
 
 
-def _answers(plot: Plot, renderer: Model, mark: Mark, snap: bool = True) -> None:
+def _answers(plot: Plot, renderer: BokehModel, mark: Mark, snap: bool = True) -> None:
     """Add the tooltip of a mark; if `mark.pick`, a click marks the experiment in every chart."""
     hover: Data = {"renderers": [renderer], "tooltips": _tooltips(mark)}
     if snap:
         hover["point_policy"] = "snap_to_data"
-    plot.tools.append(Model("HoverTool", hover))
+    plot.tools.append(BokehModel("HoverTool", hover))
     if not mark.pick:
         return
     for tool in plot.tools:
         if tool.name == "TapTool":
             tool.attributes["renderers"].append(renderer)
             return
-    plot.tools.append(Model("TapTool", {"renderers": [renderer]}))
+    plot.tools.append(BokehModel("TapTool", {"renderers": [renderer]}))
 
 
 def _tooltips(mark: Mark) -> list[tuple[str, str]]:
@@ -461,7 +470,7 @@ def _right(plot: Plot, mark: Mark, of: Axis | None) -> None:
     # The mark must not extend the left axis.
     plot.y_range.attributes["renderers"] = list(plot.renderers)
     top = BOKEH.top * float(np.max(mark.array("high")))
-    plot.extra["right"] = Model("Range1d", {"start": 0.0, "end": top})
+    plot.extra["right"] = BokehModel("Range1d", {"start": 0.0, "end": top})
     scale = axis(of or Axis(""))
     scale.attributes["y_range_name"] = "right"
     plot.right.append(scale)

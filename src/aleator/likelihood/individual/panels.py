@@ -196,7 +196,7 @@ class PlanePanels(DenseRule):
         row, u, log_u, value = across.flat
         lines = _needed(row, value + log_u - totals[row], rows.count, own.left)
         row, u, log_u = row[lines], u[lines], log_u[lines]
-        line, v, log_v, value = plane.known(row, u).flat
+        line, v, log_v, value = plane.on_lines(row, u).flat
         share = value + log_v + log_u[line] - totals[row[line]]
         kept = _needed(row[line], share, rows.count, own.left)
         line, v, log_v = line[kept], v[kept], log_v[kept]
@@ -282,12 +282,12 @@ class _Plane:
         group, at, settings = np.repeat(row, u.shape[1]), u.ravel(), self.rule.settings
         enough = settings.along * self.rule.enough
         pieces, totals = integrated(
-            self._on_lines(group, at), group, self.rule.points, enough, settings.lines
+            self._along_lines(group, at), group, self.rule.points, enough, settings.lines
         )
         self.kept.append((group, at, pieces))
         return totals.reshape(u.shape)
 
-    def known(self, row: Indices, u: Array) -> Pieces:
+    def on_lines(self, row: Indices, u: Array) -> Pieces:
         """The panels on the lines at u (L,) of rows `row` (L,), all of which were integrated."""
         rows, places, every = zip(*self.kept, strict=True)
         firsts = np.cumsum([0, *map(len, rows[:-1])])
@@ -302,7 +302,7 @@ class _Plane:
         found = pieces.only(number[pieces.line] >= 0)
         return replace(found, line=number[found.line])
 
-    def _on_lines(self, row: Indices, u: Array) -> LogDensity:
+    def _along_lines(self, row: Indices, u: Array) -> LogDensity:
         """The log-density on the lines at u (L,) of rows `row` (L,)."""
 
         def log_density(line: Indices, v: Array) -> Array:
