@@ -101,6 +101,33 @@ def test_an_interval_ends_where_the_likelihood_jumps_to_nothing() -> None:
     assert found.drops[0] == pytest.approx([DROP, 0.125], abs=0.02)
 
 
+class Told:
+    """The progress of a stage, as it was told."""
+
+    def __init__(self) -> None:
+        self.updates: list[tuple[str, float | None, float | None]] = []
+
+    def stage(self, name: str) -> None:
+        raise AssertionError(name)
+
+    def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
+        self.updates.append((text, done, total))
+
+
+def test_each_end_is_told_as_it_begins() -> None:
+    def each(alpha: Array) -> Array:
+        return np.full(4, -0.125 * (alpha[0] ** 2 + (alpha[1] - alpha[0]) ** 2))
+
+    hyperparameters, alpha, told = free((-10.0, 10.0), (-10.0, 10.0)), np.zeros(2), Told()
+    objective = ByDifferences(each)
+    inference = infer(objective, alpha, hyperparameters)
+    profile_intervals(objective, alpha, hyperparameters, inference, progress=told)
+    names = [hyperparameters[k].name for k in (0, 0, 1, 1)]
+    assert told.updates == [
+        (f"end {k + 1} of 4 of the intervals, {name}", k, 4) for k, name in enumerate(names)
+    ]
+
+
 def test_a_limit_is_an_end_only_where_the_profile_was_seen_to_drop_by_less() -> None:
     """A steep wall of height 3 between the maximum and a limit that is far below it."""
 

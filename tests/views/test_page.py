@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from bokeh.document import Document
+from bokeh.models import TapTool
 
 from aleator import (
     AleatorError,
@@ -29,8 +31,9 @@ from aleator import (
 from aleator.cli.running import can_report
 from aleator.tasks.identification import pictured
 from aleator.tasks.identify import identify
-from aleator.views.interactive import TEX, bokeh_script
-from aleator.views.page import report_of
+from aleator.views.chart import BLUE, GRAY, PICKED, Axis, Chart, GuideLine, Mark, Series
+from aleator.views.interactive import TEX, bokeh_script, drawable
+from aleator.views.page import report_of, safe
 
 VOID = {"meta", "input", "br", "link", "img"}
 SECTIONS = [
@@ -220,6 +223,61 @@ def test_the_script_of_a_page_takes_no_text_for_tex_and_fetches_nothing() -> Non
     assert not TEX.search(bokeh_script())
     assert "mathjax@" in bokeh
     assert "mathjax@" not in bokeh_script()
+
+
+SYNTHETIC = Series(
+    "springs",
+    {
+        "x": [1.0, 2.0, 3.0], "y": [1.0, np.nan, 4.0], "high": [2.0, 3.0, 5.0],
+        "color": [BLUE, GRAY, BLUE], "sign": ["circle", "triangle", "circle"],
+        "along": [[1.0, 2.0], [2.0, 3.0], [1.0, 1.5]], "width": [1.0, 2.0, 3.0],
+        "group": ["old", "new", "old"], "id": ["1", "2", "3"],
+    },
+    {"2": {"y": [1.0, 2.0, 3.0]}},
+)  # fmt: skip
+MARKS = [
+    Mark("line", SYNTHETIC, dash="dashed", legend="median", alpha=0.5),
+    Mark("band", SYNTHETIC, high="high", legend="95 %"),
+    Mark("spans", SYNTHETIC, high="high", right=True),
+    Mark("bars", SYNTHETIC, width=0.4),
+    Mark("points", SYNTHETIC, color="color", marker="sign", pick=True, hover=[("id", "{id}")]),
+    Mark("points", SYNTHETIC, marker="tick", legend="median"),
+]
+LINES = Mark("lines", SYNTHETIC, x="along", y="along", width="width", legend_by="group", pick=True)
+PLANE = (np.arange(4.0), np.arange(3.0), np.add.outer(np.arange(3.0) ** 2, np.arange(4.0)))
+DRAWN = [
+    Chart("all", "All", "", Axis("load", log=True), Axis("way", log=True), MARKS, {},
+          [GuideLine(1.0)], marked="2", right=Axis("share")),
+    Chart("lines", "Lines", "", Axis("load"), Axis("way", share=True), [LINES], {}, foot=True),
+    Chart("plane", "Plane", "", Axis("a"), Axis("b"),
+          [Mark("contour", SYNTHETIC, grid=PLANE, levels=(0.5, 1.0, 2.0)),
+           Mark("cells", Series("map", {"x": [0.0], "y": [0.0], "value": [1.0]}))], {}),
+]  # fmt: skip
+
+
+def test_bokeh_reads_the_models_as_its_own() -> None:
+    """Its classes refuse an attribute or a value that they do not know."""
+    data = drawable(DRAWN)
+    document = Document.from_json(json.loads(safe(data))["documents"]["report"])
+    every, lines, plane = document.roots
+    assert {root.id: f"plot-{c.name}" for root, c in zip(document.roots, DRAWN, strict=True)} == (
+        data["places"]
+    )
+    assert [type(axis).__name__ for axis in every.axis] == ["LogAxis", "LogAxis", "LinearAxis"]
+    assert [item.label.value for item in every.legend.items] == [
+        "median", "95 %", "measured", "at least",
+    ]  # fmt: skip
+    assert [item.label.value for item in lines.legend.items] == ["old", "new"]
+    assert lines.yaxis.formatter.format == "0.[0000] %"
+    shared = [one.data_source for one in every.renderers[:6]] + [lines.renderers[0].data_source]
+    assert {source.name for source in shared} == {"springs"}
+    assert len(set(shared)) == 1
+    fill = plane.renderers[0].fill_renderer.data_source
+    heights = fill.data["fill_color"]
+    assert len(fill.data["xs"]) == len(heights) == len(plane.renderers[0].levels) - 1
+    assert every.select_one(TapTool).renderers == [every.renderers[4]]
+    assert every.renderers[4].selection_glyph.fill_color.value == PICKED
+    assert every.renderers[0].nonselection_glyph is None
 
 
 class WithoutBokeh:

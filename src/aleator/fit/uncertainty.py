@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
 from aleator.fit.ledger import Ledger
 from aleator.fit.quadrature import (
@@ -71,6 +72,9 @@ class UncertaintySettings:
     other maxima."""
     others: int = 2
     """The number of optima of the search, besides the best, that are tested as other maxima."""
+    evaluations: tuple[int, int] = (5, 30)
+    """The usual and a large number of evaluations for an interval's end, as progress tells them:
+    6 for each with 2,000 experiments (`benchmarks growth`), 22 for the fission gas."""
 
 
 UNCERTAINTY = UncertaintySettings()
@@ -101,7 +105,7 @@ def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
     for widened in range(UNCERTAINTY.wider + 1):
         with ledger.stage("inference"):
             end, found, inference, profile = inferred(
-                answer.maximum, answer.search_result, answer.possible
+                answer.maximum, answer.search_result, answer.possible, ledger.progress
             )
             answer = replace(answer, maximum=end, search_result=found)
         if widened == UNCERTAINTY.wider:
@@ -116,7 +120,10 @@ def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
 
 
 def inferred(
-    end: Maximum, found: SearchResult, others: Sequence[Array] = ()
+    end: Maximum,
+    found: SearchResult,
+    others: Sequence[Array] = (),
+    progress: Progress | None = None,
 ) -> tuple[Maximum, SearchResult, Inference, Profile]:
     """The maximum, its search, the information matrix and the profile intervals.
 
@@ -124,8 +131,10 @@ def inferred(
     which the profile likelihood is maximized too. If a profile meets a higher likelihood, the
     maximum moves there.
     """
+    progress = progress or Silent()
     for _ in range(UNCERTAINTY.climbs):
         before = end
+        progress.update(_cost(end))
         end, inference = _informed(end)
         likelihood, alpha = end.likelihood, end.alpha
         if inference.positive and inference.edm > UNCERTAINTY.enough:
@@ -138,7 +147,7 @@ def inferred(
             end = replace(end, alpha=alpha, likelihood=likelihood.adapted(alpha))
         if end is not before:
             found = found.moved(alpha, end.value)
-        profile = _profiled(end, alpha, inference, others)
+        profile = _profiled(end, alpha, inference, others, progress)
         if profile.better is None:
             break
         others = (alpha, *others)
@@ -249,7 +258,23 @@ def _beside_a_saddle(
     return points[best] if values[best] > here + UNCERTAINTY.higher else None
 
 
-def _profiled(end: Maximum, alpha: Array, inference: Inference, rivals: Sequence[Array]) -> Profile:
+def _cost(end: Maximum) -> str:
+    """What the information matrix and the intervals of a maximum cost, in words."""
+    free = sum(h.free for h in end.likelihood.hyperparameters)
+    few, many = UNCERTAINTY.evaluations
+    return (
+        f"{2 * free} evaluations of the log-likelihood for the standard errors, then {few} to "
+        f"{many} for each of {2 * free} ends of the intervals"
+    )
+
+
+def _profiled(
+    end: Maximum,
+    alpha: Array,
+    inference: Inference,
+    rivals: Sequence[Array],
+    progress: Progress,
+) -> Profile:
     """Profile intervals with few quadrature nodes, and with more where these change an end.
 
     Each experiment's integrand at an interval end differs from that at the estimate, and may need
@@ -258,20 +283,22 @@ def _profiled(end: Maximum, alpha: Array, inference: Inference, rivals: Sequence
     likelihood = end.likelihood
     if end.coarse is None or not isinstance(likelihood, IndividualLikelihood):
         return profile_intervals(
-            likelihood.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals
-        )
+            likelihood.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals,
+            progress=progress,
+        )  # fmt: skip
     if likelihood.parameters is not None:
         same = end.coarse.rule == likelihood.rule
         few = likelihood if same else likelihood.by(end.coarse.rule, alpha)
-        return _by_held(few, alpha, inference, rivals)
+        return _by_held(few, alpha, inference, rivals, progress)
     many = likelihood.nodes.xi.shape[1] > UNCERTAINTY.dear
     found = profile_intervals(
-        end.coarse.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals
-    )
+        end.coarse.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals,
+        progress=progress,
+    )  # fmt: skip
     if found.better is not None:
         return found
     least = UNCERTAINTY.unknown if many else UNCERTAINTY.differs
-    found = _anew(likelihood, alpha, found, least, inference, rivals)
+    found = _anew(likelihood, alpha, found, least, inference, rivals, progress)
     if many:
         return found
     finer = _finer(likelihood, alpha)
@@ -279,7 +306,7 @@ def _profiled(end: Maximum, alpha: Array, inference: Inference, rivals: Sequence
         return found
     if finer.nodes.xi.shape[1] > UNCERTAINTY.dear:
         return found.masked(_off(finer, alpha, found, UNCERTAINTY.unknown))
-    again = _anew(finer, alpha, found, UNCERTAINTY.unknown, inference, rivals)
+    again = _anew(finer, alpha, found, UNCERTAINTY.unknown, inference, rivals, progress)
     finest = _finer(finer, alpha)
     if again is found or again.better is not None or finest is None:
         return again
@@ -293,6 +320,7 @@ def _anew(
     least: float,
     inference: Inference,
     rivals: Sequence[Array],
+    progress: Progress,
 ) -> Profile:
     """The profile, with ends computed again whose drop this likelihood changes by `least`.
 
@@ -307,7 +335,7 @@ def _anew(
         return found
     objective, hyperparameters = likelihood.continued, likelihood.hyperparameters
     again = profile_intervals(
-        objective, alpha, hyperparameters, inference, rows, rivals, higher.points
+        objective, alpha, hyperparameters, inference, rows, rivals, higher.points, progress
     )
     return found.joined(again, rows)
 
@@ -346,7 +374,11 @@ def _off(likelihood: IndividualLikelihood, alpha: Array, profile: Profile, least
 
 
 def _by_held(
-    likelihood: IndividualLikelihood, alpha: Array, inference: Inference, rivals: Sequence[Array]
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    inference: Inference,
+    rivals: Sequence[Array],
+    progress: Progress,
 ) -> Profile:
     """Profile intervals with quadrature nodes that are fixed points of the parameters.
 
@@ -356,7 +388,7 @@ def _by_held(
     """
     objective, found = likelihood.continued, Profile.unknown_ends(alpha.size)
     for k in inference.identified:
-        row = _row_by_held(objective, likelihood, alpha, inference, rivals, np.array([k]))
+        row = _row_by_held(objective, likelihood, alpha, inference, rivals, np.array([k]), progress)
         found = found.joined(row, np.array([k]))
         if found.better is not None:
             break
@@ -370,6 +402,7 @@ def _row_by_held(
     inference: Inference,
     rivals: Sequence[Array],
     only: Indices,
+    progress: Progress,
 ) -> Profile:
     """The interval of one hyperparameter with fixed nodes.
 
@@ -378,7 +411,9 @@ def _row_by_held(
     hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
     off, about = np.full((alpha.size, 2), np.inf), None
     for _ in range(UNCERTAINTY.adapted):
-        found = profile_intervals(objective, alpha, hyperparameters, inference, only, rivals, about)
+        found = profile_intervals(
+            objective, alpha, hyperparameters, inference, only, rivals, about, progress
+        )
         if found.better is not None:
             if top - _with_own(objective, likelihood, found.better) < -ENDS.better:
                 return found

@@ -10,7 +10,7 @@ import numpy as np
 from aleator.core.types import Array, Indices
 from aleator.inference.information import Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
-from aleator.search.interface import Scored
+from aleator.search.interface import Scored, objective_of
 from aleator.search.newton import ascended, positive
 
 
@@ -118,8 +118,9 @@ def likelihood_surface(
         points, inside = np.stack([u.ravel(), v.ravel()], axis=1), np.ones(u.size, dtype=bool)
     way = _Ridge.of(hyperparameters, inference, list(pair), inference.free)
     value = np.full(len(points), np.nan)
-    for k in np.flatnonzero(inside):
-        value[k] = objective(way.followed(alpha, points[k])).total
+    value[inside] = objective_of(objective).values(
+        np.array([way.followed(alpha, point) for point in points[inside]])
+    )
     value = np.where(np.isfinite(value), value, np.nan)
     first, second = points.T
     return LikelihoodGrid(

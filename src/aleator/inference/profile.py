@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
 from aleator.inference.information import INTERVALS, Inference
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
@@ -501,6 +502,7 @@ def profile_intervals(
     only: Indices | None = None,
     rivals: Sequence[Array] = (),
     about: Array | None = None,
+    progress: Progress | None = None,
     settings: EndSettings = ENDS,
 ) -> Profile:
     """The profile-likelihood interval of every free hyperparameter at the maximum alpha (K,).
@@ -517,10 +519,11 @@ def profile_intervals(
 
     The search stops early, with `better` set, when a conditional maximum exceeds the maximum.
     `only` restricts it to some hyperparameters; the others are NaN. `about` (K, 2, K) are points
-    near the ends, if known, which save trials.
+    near the ends, if known, which save trials. `progress` is told of each end as it begins.
     """
-    maximum, size = objective(alpha), alpha.size
+    maximum, size, ends = objective(alpha), alpha.size, 2 * inference.identified.size
     assert maximum.scores is not None
+    progress = progress or Silent()
     climbed = _Remembering(objective_of(objective))
     known = np.full((size, 2, size), np.nan) if about is None else about
     found = Profile.unknown_ends(size)
@@ -539,6 +542,8 @@ def profile_intervals(
             maximum.scores, rivals, settings,
         )  # fmt: skip
         for side, sign in enumerate((-1.0, 1.0)):
+            done, name = 2 * row + side, hyperparameters[k].name
+            progress.update(f"end {done + 1} of {ends} of the intervals, {name}", done, ends)
             end = trace.end(alpha, sign, inference, known[k, side])
             if end.better:
                 return replace(found, better=end.point)

@@ -183,7 +183,7 @@ def ceiling_of(
     test = None
     if replicates:
         progress.stage("bootstrap of the gap")
-        test = gap_test(fit, sought.points, replicates, seed, progress)
+        test = gap_test(fit.for_replicates(), sought.points, replicates, seed, progress)
     names = sought.names
     x = sought.x(best.points)[:, sought.moving]
     order = np.lexsort((*x.T[::-1],))
@@ -240,7 +240,7 @@ def best_possible(
     if observations * sought.count > allowed:
         return None
     best = best_of(sought, seed).log_likelihood
-    test = gap_test(fit, sought.points, settings.replicates, seed, progress)
+    test = gap_test(fit.for_replicates(), sought.points, settings.replicates, seed, progress)
     if test is None:
         return None
     return {

@@ -116,6 +116,10 @@ def save_figure(figure: Figure, path: Path) -> Path:
         with rc_context({"svg.hashsalt": "aleator", "svg.fonttype": "path"}):
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
+                # Without a layout to find, matplotlib draws the figure once and not twice.
+                if layout := figure.get_layout_engine():
+                    layout.execute(figure)
+                    figure.set_layout_engine("none")
                 figure.savefig(path, metadata=metadata)
             except OSError as error:
                 raise AleatorError(

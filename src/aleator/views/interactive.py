@@ -1,26 +1,36 @@
-"""Charts drawn with Bokeh for report.html, with tooltips and with marks that a click selects."""
+"""Charts as models of Bokeh for report.html, with tooltips and with marks that a click selects.
+
+The models are the plain data that Bokeh's script reads. Bokeh's own classes, which would write the
+same, take longer than a small identification; they read these data in `tests/views/test_page.py`.
+"""
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
+from itertools import pairwise
 from typing import Any
 
-import bokeh.models
-import bokeh.plotting
+import bokeh
 import numpy as np
-from bokeh.document import Document
 
 from aleator.views import chart as colors
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, looks, meaning
 
-# The type hints of Bokeh lack arguments that it takes.
-models: Any = bokeh.models
-plotting: Any = bokeh.plotting
-Sources = dict[int, Any]
+Data = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class BokehModel:
+    """A model of Bokeh: the name of its class, and the attributes that are not the defaults."""
+
+    name: str
+    attributes: Data = field(default_factory=dict)
+
+
+Sources = dict[int, BokehModel]
 
 
 @dataclass(frozen=True)
@@ -41,31 +51,47 @@ class BokehSettings:
 
 
 BOKEH = BokehSettings()
-PALETTE = "Cividis256"
-TOOLS = "pan,box_zoom,wheel_zoom,reset"
 TEX = re.compile(r'\[(?:\{start:"[^"]+",end:"[^"]+",inline:![01]\},?)+\]')
 """A pattern for the part of Bokeh's script that lists the delimiters of TeX in labels."""
 RENDERER = re.compile(r"https://cdn\.jsdelivr\.net/npm/mathjax[^\"]*")
 """A pattern for the address from which Bokeh would load a renderer of TeX."""
-ID = re.compile(r'"id":"(p[0-9]+)"')
+DASHES = {"solid": [], "dashed": [6], "dotted": [2, 4]}
 
 
-def drawable(charts: Iterable[Chart]) -> dict[str, Any]:
+def drawable(charts: Iterable[Chart]) -> Data:
     """The argument of Bokeh's `embed_items`: one document with all charts, and the place of each.
 
-    The objects of Bokeh are numbered from 1, so that the same charts give the same text.
+    The models are numbered from 1, so that the same charts give the same text.
     """
     sources: Sources = {}
+    known: dict[BokehModel, str] = {}
     plots = {chart.name: drawn(chart, sources) for chart in charts}
-    document = Document()
-    with document.models.freeze():  # Otherwise Bokeh would visit all objects for each chart.
-        for plot in plots.values():
-            document.add_root(plot)
-    text = json.dumps(document.to_json(deferred=False), separators=(",", ":"))
-    numbers = {name: f"m{k}" for k, name in enumerate(dict.fromkeys(ID.findall(text)), start=1)}
-    text = ID.sub(lambda match: f'"id":"{numbers[match[1]]}"', text)
-    places = {numbers[plot.id]: f"plot-{name}" for name, plot in plots.items()}
-    return {"documents": {"report": json.loads(text)}, "places": places}
+    roots = [encoded(plot, known) for plot in plots.values()]
+    document = {
+        "version": bokeh.__version__, "title": "Charts",
+        "config": encoded(BokehModel("DocumentConfig"), known), "roots": roots,
+    }  # fmt: skip
+    places = {known[plot]: f"plot-{name}" for name, plot in plots.items()}
+    return {"documents": {"report": document}, "places": places}
+
+
+def encoded(value: Any, known: dict[BokehModel, str]) -> Any:
+    """A value as JSON data; a model that is `known` already as a reference to its number."""
+    if isinstance(value, BokehModel):
+        if value in known:
+            return {"id": known[value]}
+        known[value] = f"m{len(known) + 1}"
+        own = {"type": "object", "name": value.name, "id": known[value]}
+        return own | {"attributes": encoded(value.attributes, known)}
+    if isinstance(value, dict):
+        return {key: encoded(each, known) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [encoded(each, known) for each in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return encoded(value.tolist(), known)
+    if isinstance(value, float) and not np.isfinite(value):
+        return {"type": "number", "value": "nan" if np.isnan(value) else f"{value:+}"}
+    return value
 
 
 def bokeh_script() -> str:
@@ -80,180 +106,324 @@ def bokeh_script() -> str:
 # ------------------------------------------------------------------------------------ a chart
 
 
-def drawn(chart: Chart, sources: Sources) -> Any:
-    """The Bokeh plot of a chart.
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """The parts of a plot: its axes, what is drawn, tools, and what lies on the right of the frame.
 
-    `sources` collects the data objects of Bokeh, so that charts with the same series share one.
+    `center` has grids and straight lines, `legend` its entries, and `extra` a range for an axis on
+    the right.
     """
-    plot = axes(chart.x, chart.y, chart.height)
-    if chart.marked:
-        plot.title.text, plot.title.text_color = chart.marked, colors.TEXT
+
+    x: BokehModel
+    y: BokehModel
+    y_range: BokehModel = field(default_factory=lambda: BokehModel("DataRange1d"))
+    renderers: list[BokehModel] = field(default_factory=list)
+    tools: list[BokehModel] = field(default_factory=list)
+    right: list[BokehModel] = field(default_factory=list)
+    center: list[BokehModel] = field(default_factory=list)
+    legend: list[BokehModel] = field(default_factory=list)
+    extra: Data = field(default_factory=dict)
+
+    def glyph(self, source: BokehModel, glyph: BokehModel, mark: Mark | None = None) -> BokehModel:
+        """Draw a glyph of a source; with the legend and the axis of a mark."""
+        # When a reader marks an experiment, all else keeps its look; Bokeh would fade it.
+        has: Data = {"data_source": source, "glyph": glyph, "nonselection_glyph": None}
+        if mark is not None and mark.right:
+            has["y_range_name"] = "right"
+        renderer = BokehModel("GlyphRenderer", has)
+        self.renderers.append(renderer)
+        if mark is not None and mark.legend:
+            self.named(mark.legend, renderer)
+        return renderer
+
+    def named(self, text: str, renderer: BokehModel) -> None:
+        """Add a renderer to the entry of the legend with this text."""
+        for item in self.legend:
+            if item.attributes["label"] == _value(text):
+                item.attributes["renderers"].append(renderer)
+                return
+        self.legend.append(
+            BokehModel("LegendItem", {"label": _value(text), "renderers": [renderer]})
+        )
+
+
+def drawn(chart: Chart, sources: Sources) -> BokehModel:
+    """The figure of a chart.
+
+    `sources` collects the data of Bokeh, so that charts with the same series share them.
+    """
+    plot = Plot(axis(chart.x), axis(chart.y))
     for mark in chart.marks:
         if mark.right:
             _right(plot, mark, chart.right)
         _SHAPES[mark.shape](plot, mark, _source(mark.series, sources))
-    for rule in chart.rules:
-        straight(plot, rule)
+    for k, own in enumerate((plot.x, plot.y)):
+        look: Data = {"dimension": k, "axis": own, "grid_line_color": colors.GRID}
+        if own.name == "LogAxis":
+            look["ticker"] = own.attributes["ticker"]
+        plot.center.insert(k, BokehModel("Grid", look))
+    plot.center.extend(map(straight, chart.rules))
     if chart.foot:
-        plot.y_range.start = 0.0
+        plot.y_range.attributes["start"] = 0.0
     for mark in chart.marks:
         if mark.marker in mark.series.columns:
             for color, marker in looks(mark):
-                plot.scatter([np.nan], [np.nan], marker=marker, color=color,
-                             legend_label=meaning(color, marker))  # fmt: skip
-    if plot.legend:
-        _legend_below(plot)
-    # When a reader marks an experiment, all else keeps its look; Bokeh would fade it.
-    for renderer in plot.renderers:
-        if hasattr(renderer, "nonselection_glyph"):
-            renderer.nonselection_glyph = None
-    return plot
+                nowhere = BokehModel(
+                    "ColumnDataSource", {"data": _map({"x": [np.nan], "y": [np.nan]})}
+                )
+                look = {
+                    "x": _column("x"), "y": _column("y"), "marker": _value(marker),
+                    "line_color": _value(color), "fill_color": _value(color),
+                }  # fmt: skip
+                renderer = plot.glyph(nowhere, BokehModel("Scatter", look))
+                plot.named(meaning(color, marker), renderer)
+    return _figure(plot, chart)
 
 
-def axes(x: Axis, y: Axis, height: int = 320) -> Any:
-    """A Bokeh plot of this height in pixels, with labeled axes and no data."""
-    plot = plotting.figure(
-        height=height, sizing_mode="stretch_width", tools=TOOLS, active_drag=None,
-        active_scroll=None, toolbar_location="above", x_axis_label=x.title, y_axis_label=y.title,
-        y_axis_type="log" if y.log else "linear", background_fill_color=colors.PAPER,
-        border_fill_color=colors.PAPER, outline_line_color=None,
-    )  # fmt: skip
-    plot.min_border_right = BOKEH.border
-    plot.toolbar.logo = None
-    plot.toolbar.autohide = True
-    for axis in plot.axis:
-        _style(axis)
-    for grid in plot.grid:
-        grid.grid_line_color = colors.GRID
-    if y.share:
-        plot.yaxis.formatter = models.NumeralTickFormatter(format="0.[0000] %")
-    if y.log:
-        plot.yaxis.ticker = plot.ygrid.ticker = models.LogTicker(mantissas=[1, 2, 5])
-    return plot
+def _figure(plot: Plot, chart: Chart) -> BokehModel:
+    title = {"text": chart.marked, "text_color": colors.TEXT} if chart.marked else {}
+    tools = [
+        BokehModel("PanTool"),
+        BokehModel("BoxZoomTool", {"dimensions": "both"}),
+        BokehModel("WheelZoomTool"),
+        BokehModel("ResetTool"),
+    ]
+    has = {
+        "height": chart.height, "sizing_mode": "stretch_width",
+        "x_range": BokehModel("DataRange1d"), "y_range": plot.y_range,
+        "x_scale": BokehModel("LinearScale"),
+        "y_scale": BokehModel("LogScale" if chart.y.log else "LinearScale"),
+        "title": BokehModel("Title", title), "renderers": plot.renderers,
+        "background_fill_color": colors.PAPER, "border_fill_color": colors.PAPER,
+        "outline_line_color": None, "min_border_right": BOKEH.border, "left": [plot.y],
+        "right": plot.right, "below": [plot.x, *_legend(plot)], "center": plot.center,
+        "toolbar_location": "above",
+        "toolbar": BokehModel("Toolbar", {
+            "tools": [*tools, *plot.tools], "logo": None, "autohide": True, "active_drag": None,
+            "active_scroll": None,
+        }),
+    }  # fmt: skip
+    if plot.extra:
+        has["extra_y_ranges"] = _map(plot.extra)
+    return BokehModel("Figure", has)
 
 
-def straight(plot: Any, rule: GuideLine) -> None:
-    """Draw a horizontal or vertical line through the plot."""
-    plot.add_layout(
-        models.Span(
-            location=rule.at, dimension="width" if rule.across else "height",
-            line_color=rule.color, line_dash="dashed" if rule.color == colors.GRAY else "solid",
-        )
-    )  # fmt: skip
+def axis(of: Axis) -> BokehModel:
+    """The axis of a plot, with its title and its scale."""
+    has = {
+        "ticker": BokehModel("LogTicker" if of.log else "BasicTicker", {"mantissas": [1, 2, 5]}),
+        "formatter": BokehModel("LogTickFormatter" if of.log else "BasicTickFormatter"),
+        "axis_label": of.title, "axis_line_color": colors.LINE,
+        "major_tick_line_color": colors.LINE, "minor_tick_line_color": None,
+        "major_label_text_color": colors.TEXT, "axis_label_text_color": colors.TEXT,
+        "axis_label_text_font_style": "normal", "axis_label_text_font_size": "13px",
+        "major_label_text_font_size": "12px",
+    }  # fmt: skip
+    if of.share:
+        has["formatter"] = BokehModel("NumeralTickFormatter", {"format": "0.[0000] %"})
+    return BokehModel("LogAxis" if of.log else "LinearAxis", has)
 
 
-def _style(axis: Any) -> None:
-    axis.axis_line_color = colors.LINE
-    axis.major_tick_line_color = colors.LINE
-    axis.minor_tick_line_color = None
-    axis.major_label_text_color = colors.TEXT
-    axis.axis_label_text_color = colors.TEXT
-    axis.axis_label_text_font_style = "normal"
-    axis.axis_label_text_font_size = "13px"
-    axis.major_label_text_font_size = "12px"
+def straight(rule: GuideLine) -> BokehModel:
+    """A horizontal or vertical line through the plot."""
+    has = {
+        "location": rule.at, "dimension": "width" if rule.across else "height",
+        "line_color": rule.color,
+        "line_dash": DASHES["dashed" if rule.color == colors.GRAY else "solid"],
+    }  # fmt: skip
+    return BokehModel("Span", has)
 
 
-def _source(series: Series, sources: Sources) -> Any:
-    """The data object of Bokeh for a series; all charts with the series share this object."""
+def _source(series: Series, sources: Sources) -> BokehModel:
+    """The data of a series; all charts with the series share this model."""
     if id(series) not in sources:
-        each = [] if series.each is None else [series.each]
-        columns = {
-            name: column.tolist() if isinstance(column, np.ndarray) else list(column)
-            for name, column in series.columns.items()
-        }
-        sources[id(series)] = models.ColumnDataSource(columns, name=series.name, tags=each)
+        each = series.each
+        tags = [] if each is None else [_map({id: _map(own) for id, own in each.items()})]
+        columns = {name: list(column) for name, column in series.columns.items()}
+        has = {"name": series.name, "tags": tags, "data": _map(columns)}
+        sources[id(series)] = BokehModel("ColumnDataSource", has)
     return sources[id(series)]
 
 
-def _legend_below(plot: Any) -> None:
-    """Put the legend of a plot under its axes, where it hides no data."""
-    legend = plot.legend[0]
-    plot.add_layout(legend, "below")
-    legend.orientation = "horizontal"
-    legend.ncols = "auto" if len(legend.items) <= BOKEH.row else 3
-    legend.border_line_color = None
-    legend.background_fill_color = None
-    legend.label_text_color = colors.TEXT
-    legend.label_text_font_size = "12px"
-    legend.padding, legend.margin, legend.spacing = 2, 0, 10
+def _legend(plot: Plot) -> list[BokehModel]:
+    """The legend of a plot, which lies under its axes, where it hides no data."""
+    if not plot.legend:
+        return []
+    has = {
+        "items": plot.legend, "orientation": "horizontal",
+        "ncols": "auto" if len(plot.legend) <= BOKEH.row else 3, "border_line_color": None,
+        "background_fill_color": None, "label_text_color": colors.TEXT,
+        "label_text_font_size": "12px", "padding": 2, "margin": 0, "spacing": 10,
+    }  # fmt: skip
+    return [BokehModel("Legend", has)]
+
+
+def _map(entries: Mapping[str, Any]) -> Data:
+    return {"type": "map", "entries": [[key, each] for key, each in entries.items()]}
+
+
+def _column(name: str) -> Data:
+    return {"type": "field", "field": name}
+
+
+def _value(each: Any) -> Data:
+    return {"type": "value", "value": each}
+
+
+def _either(name: Any, series: Series) -> Data:
+    """A column of a series, if it has one of this name; else the value itself."""
+    return _column(name) if name in series.columns else _value(name)
 
 
 # ------------------------------------------------------------------------------------ shapes
 
 
-def _line(plot: Any, mark: Mark, source: Any) -> None:
-    plot.line(mark.x, mark.y, source=source, line_width=mark.width, line_dash=mark.dash,
-              **_look(mark))  # fmt: skip
+def _line(plot: Plot, mark: Mark, source: BokehModel) -> None:
+    has = {
+        "x": _column(mark.x), "y": _column(mark.y), "line_color": mark.color,
+        "line_width": mark.width, "line_dash": DASHES[mark.dash], "line_alpha": mark.alpha,
+    }  # fmt: skip
+    plot.glyph(source, BokehModel("Line", has), mark)
 
 
-def _lines(plot: Any, mark: Mark, source: Any) -> None:
-    look = {"legend_group": mark.legend_by} if mark.legend_by else {}
-    found = plot.multi_line(mark.x, mark.y, source=source, line_width=mark.width,
-                            line_dash=mark.dash, **_look(mark), **look)  # fmt: skip
-    if mark.legend_by:  # The legend follows the order of the rows, not the alphabet.
-        plot.legend[0].items.sort(key=lambda item: item.index)
+def _lines(plot: Plot, mark: Mark, source: BokehModel) -> None:
+    has = {
+        "xs": _column(mark.x), "ys": _column(mark.y),
+        "line_color": _either(mark.color, mark.series),
+        "line_width": _either(mark.width, mark.series),
+        "line_dash": _either(mark.dash, mark.series), "line_alpha": _value(mark.alpha),
+    }  # fmt: skip
+    found = plot.glyph(source, BokehModel("MultiLine", has), mark)
+    if mark.legend_by:
+        words = [str(word) for word in mark.series.columns[mark.legend_by]]
+        for word in dict.fromkeys(words):
+            label = {"label": _value(word), "renderers": [found], "index": words.index(word)}
+            plot.legend.append(BokehModel("LegendItem", label))
     if mark.pick:
-        found.selection_glyph = found.glyph.clone(
-            line_color=colors.PICKED, line_width=BOKEH.picked, line_alpha=1.0
-        )
+        _picked(found, line_color=colors.PICKED, line_width=BOKEH.picked, line_alpha=1.0)
         _answers(plot, found, mark, snap=False)
 
 
-def _band(plot: Any, mark: Mark, source: Any) -> None:
-    plot.varea(mark.x, mark.y, mark.high, source=source, fill_alpha=mark.alpha,
-               **_look(mark, ("color", "legend_label")))  # fmt: skip
+def _band(plot: Plot, mark: Mark, source: BokehModel) -> None:
+    has = {
+        "x": _column(mark.x), "y1": _column(mark.y), "y2": _column(mark.high),
+        "fill_color": mark.color, "fill_alpha": mark.alpha,
+    }  # fmt: skip
+    plot.glyph(source, BokehModel("VArea", has), mark)
 
 
-def _spans(plot: Any, mark: Mark, source: Any) -> None:
-    on = {"y_range_name": "right"} if mark.right else {}
-    plot.segment(mark.x, mark.y, mark.x, mark.high, source=source, line_width=mark.width,
-                 **_look(mark), **on)  # fmt: skip
+def _spans(plot: Plot, mark: Mark, source: BokehModel) -> None:
+    has = {
+        "x0": _column(mark.x), "y0": _column(mark.y), "x1": _column(mark.x),
+        "y1": _column(mark.high), "line_color": _either(mark.color, mark.series),
+        "line_width": _either(mark.width, mark.series), "line_alpha": _value(mark.alpha),
+    }  # fmt: skip
+    plot.glyph(source, BokehModel("Segment", has), mark)
 
 
-def _bars(plot: Any, mark: Mark, source: Any) -> None:
-    plot.vbar(mark.x, mark.width, mark.y, source=source, **_look(mark))
+def _bars(plot: Plot, mark: Mark, source: BokehModel) -> None:
+    color, alpha = _either(mark.color, mark.series), _value(mark.alpha)
+    has = {
+        "x": _column(mark.x), "width": _either(mark.width, mark.series), "top": _column(mark.y),
+        "line_color": color, "fill_color": color, "line_alpha": alpha, "fill_alpha": alpha,
+    }  # fmt: skip
+    plot.glyph(source, BokehModel("VBar", has), mark)
 
 
-def _points(plot: Any, mark: Mark, source: Any) -> None:
-    stroked = mark.marker in ("dash", "tick", "cross", "x")
-    upright = {"angle": 0.5 * np.pi} if mark.marker == "tick" else {}
-    found = plot.scatter(
-        mark.x, mark.y, source=source, marker="dash" if mark.marker == "tick" else mark.marker,
-        size=mark.size, line_width=mark.width, **upright, **_look(mark),
-        **({} if stroked else {"line_color": None}),
-    )  # fmt: skip
-    if not stroked and mark.alpha < 1.0:
-        found.glyph.fill_alpha = mark.alpha
+def _scatter(mark: Mark) -> BokehModel:
+    """The markers of a mark at (x, y); those without a face are strokes."""
+    series = mark.series
+    color, alpha = _either(mark.color, series), _value(mark.alpha)
+    upright = {"angle": _value(0.5 * np.pi)} if mark.marker == "tick" else {}
+    has = {
+        "x": _column(mark.x), "y": _column(mark.y),
+        "marker": _either("dash" if mark.marker == "tick" else mark.marker, series),
+        "size": _either(mark.size, series), "line_width": _either(mark.width, series), **upright,
+        "line_color": color if _stroked(mark) else _value(None), "fill_color": color,
+        "line_alpha": alpha, "fill_alpha": alpha,
+    }  # fmt: skip
+    return BokehModel("Scatter", has)
+
+
+def _stroked(mark: Mark) -> bool:
+    return mark.marker in ("dash", "tick", "cross", "x")
+
+
+def _points(plot: Plot, mark: Mark, source: BokehModel) -> None:
+    found = plot.glyph(source, _scatter(mark), mark)
     if mark.pick:
-        line = colors.PICKED if stroked else colors.INK
-        found.selection_glyph = found.glyph.clone(
-            fill_color=colors.PICKED, fill_alpha=1.0, line_color=line, size=CHARTS.tick,
-            line_width=BOKEH.picked if stroked else CHARTS.thin,
-        )  # fmt: skip
+        line = colors.PICKED if _stroked(mark) else colors.INK
+        width = BOKEH.picked if _stroked(mark) else CHARTS.thin
+        _picked(found, fill_color=colors.PICKED, fill_alpha=1.0, line_color=line,
+                size=CHARTS.tick, line_width=width)  # fmt: skip
     if mark.hover:
         _answers(plot, found, mark)
 
 
-def _cells(plot: Any, mark: Mark, source: Any) -> None:
-    mapper = models.LinearColorMapper(palette=PALETTE, nan_color="rgba(0, 0, 0, 0)")
-    look = {"line_color": None, "fill_color": {"field": "value", "transform": mapper}}
+def _cells(plot: Plot, mark: Mark, source: BokehModel) -> None:
+    from bokeh.palettes import Cividis256  # imported where a map is drawn
+
+    mapper = BokehModel(
+        "LinearColorMapper", {"palette": Cividis256, "nan_color": "rgba(0, 0, 0, 0)"}
+    )
     width, height = mark.step
-    found = plot.rect(mark.x, mark.y, width=width, height=height, source=source, **look)
-    bar = models.ColorBar(color_mapper=mapper, background_fill_color=None, width=BOKEH.scale,
-                          major_label_text_color=colors.TEXT)  # fmt: skip
-    plot.add_layout(bar, "right")
-    plot.add_tools(models.HoverTool(renderers=[found], tooltips=_tooltips(mark)))
+    has = {
+        "x": _column(mark.x), "y": _column(mark.y), "width": _value(width),
+        "height": _value(height), "line_color": _value(None),
+        "fill_color": _column("value") | {"transform": mapper},
+    }  # fmt: skip
+    found = plot.glyph(source, BokehModel("Rect", has))
+    bar = {
+        "color_mapper": mapper, "background_fill_color": None, "width": BOKEH.scale,
+        "major_label_text_color": colors.TEXT,
+    }  # fmt: skip
+    plot.right.append(BokehModel("ColorBar", bar))
+    plot.tools.append(BokehModel("HoverTool", {"renderers": [found], "tooltips": _tooltips(mark)}))
 
 
-def _contour(plot: Any, mark: Mark, _: Any) -> None:
+def _contour(plot: Plot, mark: Mark, _: BokehModel) -> None:
     if mark.grid is None:
         return
+    from contourpy import FillType, LineType, contour_generator  # imported with a contour
+
     x, y, height = mark.grid
-    tall = max(float(np.nanmax(height)), mark.levels[-1] + 1.0)
-    plot.contour(
-        x, y, height, [0.0, *mark.levels, tall], fill_color=list(colors.HEIGHTS),
-        line_color=mark.color, line_width=[0.0, *[1.0] * (len(mark.levels) - 1), 2.0, 0.0],
+    levels = [0.0, *mark.levels, max(float(np.nanmax(height)), mark.levels[-1] + 1.0)]
+    found = contour_generator(
+        x, y, np.ma.masked_invalid(height), line_type=LineType.ChunkCombinedNan,
+        fill_type=FillType.OuterOffset,
     )  # fmt: skip
+    lines = [found.lines(level)[0][0] for level in levels]
+    lines = [np.empty((0, 2)) if own is None else own for own in lines]
+    areas = [
+        [np.split(points, ends[1:-1]) for points, ends in zip(*found.filled(*pair), strict=True)]
+        for pair in pairwise(levels)
+    ]
+    along, over = (
+        {"xs": [_part(own, 0) for own in each], "ys": [_part(own, 1) for own in each]}
+        for each in (lines, areas)
+    )
+    along["line_width"] = [0.0, *[1.0] * (len(mark.levels) - 1), 2.0, 0.0]
+    over["fill_color"] = list(colors.HEIGHTS)
+    corners = {"xs": _column("xs"), "ys": _column("ys")}
+    line = {"line_color": _value(mark.color), "line_width": _column("line_width")}
+    area = {"fill_color": _column("fill_color"), "line_width": _value(0), "line_alpha": _value(0)}
+    parts = {
+        f"{name}_renderer": BokehModel("GlyphRenderer", {
+            "data_source": BokehModel("ColumnDataSource", {"data": _map(columns)}),
+            "glyph": BokehModel(glyph, corners | look),
+        })
+        for name, columns, glyph, look in (
+            ("line", along, "MultiLine", line), ("fill", over, "MultiPolygons", area),
+        )
+    }  # fmt: skip
+    plot.renderers.append(BokehModel("ContourRenderer", parts | {"levels": levels}))
+
+
+def _part(points: Any, k: int) -> Any:
+    """Coordinate k of the points (P, 2), in nested lists of such arrays."""
+    if isinstance(points, list):
+        return [_part(own, k) for own in points]
+    return points[:, k].tolist()
 
 
 _SHAPES = {
@@ -262,26 +432,26 @@ _SHAPES = {
 }  # fmt: skip
 
 
-def _look(mark: Mark, of: tuple[str, ...] = ("color", "alpha", "legend_label")) -> dict[str, Any]:
-    known: Mapping[str, Any] = {
-        "color": mark.color,
-        "alpha": mark.alpha if mark.alpha < 1.0 else None,
-        "legend_label": mark.legend,
-    }
-    return {name: known[name] for name in of if known[name] not in ("", None)}
+def _picked(renderer: BokehModel, **look: Any) -> None:
+    """Give a renderer the look of the marked experiment."""
+    glyph = renderer.attributes["glyph"]
+    has = glyph.attributes | {name: _value(each) for name, each in look.items()}
+    renderer.attributes["selection_glyph"] = BokehModel(glyph.name, has)
 
 
-def _answers(plot: Any, renderer: Any, mark: Mark, snap: bool = True) -> None:
+def _answers(plot: Plot, renderer: BokehModel, mark: Mark, snap: bool = True) -> None:
     """Add the tooltip of a mark; if `mark.pick`, a click marks the experiment in every chart."""
-    more = {"point_policy": "snap_to_data"} if snap else {}
-    plot.add_tools(models.HoverTool(renderers=[renderer], tooltips=_tooltips(mark), **more))
+    hover: Data = {"renderers": [renderer], "tooltips": _tooltips(mark)}
+    if snap:
+        hover["point_policy"] = "snap_to_data"
+    plot.tools.append(BokehModel("HoverTool", hover))
     if not mark.pick:
         return
-    tap = plot.select_one(models.TapTool)
-    if tap is None:
-        plot.add_tools(models.TapTool(renderers=[renderer]))
-    else:
-        tap.renderers = [*tap.renderers, renderer]
+    for tool in plot.tools:
+        if tool.name == "TapTool":
+            tool.attributes["renderers"].append(renderer)
+            return
+    plot.tools.append(BokehModel("TapTool", {"renderers": [renderer]}))
 
 
 def _tooltips(mark: Mark) -> list[tuple[str, str]]:
@@ -295,11 +465,12 @@ def _tooltips(mark: Mark) -> list[tuple[str, str]]:
     ]
 
 
-def _right(plot: Any, mark: Mark, axis: Axis | None) -> None:
+def _right(plot: Plot, mark: Mark, of: Axis | None) -> None:
     """Add an axis on the right, which begins at zero, as the scale of a mark."""
-    plot.y_range.renderers = list(plot.renderers)  # The mark must not extend the left axis.
+    # The mark must not extend the left axis.
+    plot.y_range.attributes["renderers"] = list(plot.renderers)
     top = BOKEH.top * float(np.max(mark.array("high")))
-    plot.extra_y_ranges = {"right": models.Range1d(0.0, top)}
-    scale = models.LinearAxis(y_range_name="right", axis_label=axis.title if axis else "")
-    _style(scale)
-    plot.add_layout(scale, "right")
+    plot.extra["right"] = BokehModel("Range1d", {"start": 0.0, "end": top})
+    scale = axis(of or Axis(""))
+    scale.attributes["y_range_name"] = "right"
+    plot.right.append(scale)

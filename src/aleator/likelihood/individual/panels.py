@@ -14,7 +14,14 @@ from typing import ClassVar
 import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
-from aleator.likelihood.individual.lines import LINES, LineSettings, Pieces, integrated
+from aleator.likelihood.individual.lines import (
+    LINES,
+    LineSettings,
+    LogDensity,
+    Pieces,
+    integrated,
+    joined,
+)
 from aleator.likelihood.individual.modes import (
     MODES,
     Curved,
@@ -189,7 +196,7 @@ class PlanePanels(DenseRule):
         row, u, log_u, value = across.flat
         lines = _needed(row, value + log_u - totals[row], rows.count, own.left)
         row, u, log_u = row[lines], u[lines], log_u[lines]
-        line, v, log_v, value = plane.along(row, u)[0].flat
+        line, v, log_v, value = plane.on_lines(row, u).flat
         share = value + log_v + log_u[line] - totals[row[line]]
         kept = _needed(row[line], share, rows.count, own.left)
         line, v, log_v = line[kept], v[kept], log_v[kept]
@@ -256,33 +263,54 @@ class _Plane:
     """The log-densities of rows (one class of one experiment) in rotated coordinates u, v.
 
     The first column of `basis` (R, 2, 2) is the direction of u, across the lines. The second column
-    is the direction of v, along the lines.
+    is the direction of v, along the lines. `kept` collects the lines that were integrated: their
+    rows (L,), their u (L,) and the panels on them.
     """
 
     rows: _ClassRows
     basis: Array
     rule: PlanePanels
+    kept: list[tuple[Indices, Array, Pieces]] = field(default_factory=list)
 
     def turned(self, row: Indices, u: Array, v: Array) -> Array:
         """The variates (..., 2) at rotated coordinates u (...) and v (...) of rows (...)."""
         basis = self.basis[row]
         return np.asarray(u[..., None] * basis[..., 0] + v[..., None] * basis[..., 1])
 
-    def along(self, row: Indices, u: Array) -> tuple[Pieces, Array]:
-        """The panels on the L lines at u (L,) of rows `row` (L,), and their log integrals (L,)."""
+    def marginal(self, row: Indices, u: Array) -> Array:
+        """The logarithm (T, q) of the integral over v at each u (T, q) of rows `row` (T,)."""
+        group, at, settings = np.repeat(row, u.shape[1]), u.ravel(), self.rule.settings
+        enough = settings.along * self.rule.enough
+        pieces, totals = integrated(
+            self._along_lines(group, at), group, self.rule.points, enough, settings.lines
+        )
+        self.kept.append((group, at, pieces))
+        return totals.reshape(u.shape)
+
+    def on_lines(self, row: Indices, u: Array) -> Pieces:
+        """The panels on the lines at u (L,) of rows `row` (L,), all of which were integrated."""
+        rows, places, every = zip(*self.kept, strict=True)
+        firsts = np.cumsum([0, *map(len, rows[:-1])])
+        pieces = joined(
+            [replace(own, line=own.line + first) for own, first in zip(every, firsts, strict=True)]
+        )
+        keys = zip(np.concatenate(rows).tolist(), np.concatenate(places).tolist(), strict=True)
+        known = {key: k for k, key in enumerate(keys)}
+        wanted = [known[key] for key in zip(row.tolist(), u.tolist(), strict=True)]
+        number = np.full(sum(map(len, rows)), -1)
+        number[wanted] = np.arange(len(wanted))
+        found = pieces.only(number[pieces.line] >= 0)
+        return replace(found, line=number[found.line])
+
+    def _along_lines(self, row: Indices, u: Array) -> LogDensity:
+        """The log-density on the lines at u (L,) of rows `row` (L,)."""
 
         def log_density(line: Indices, v: Array) -> Array:
             owner = np.repeat(row[line], v.shape[1])
             xi = self.turned(owner, np.repeat(u[line], v.shape[1]), v.ravel())
             return self.rows.values(owner, xi).reshape(v.shape)
 
-        settings = self.rule.settings
-        enough = settings.along * self.rule.enough
-        return integrated(log_density, row, self.rule.points, enough, settings.lines)
-
-    def marginal(self, row: Indices, u: Array) -> Array:
-        """The logarithm (T, q) of the integral over v at each u (T, q) of rows `row` (T,)."""
-        return self.along(np.repeat(row, u.shape[1]), u.ravel())[1].reshape(u.shape)
+        return log_density
 
 
 def _turned(curved: Curved, information: Array, settings: PlaneSettings) -> Array:

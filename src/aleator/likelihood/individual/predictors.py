@@ -65,6 +65,11 @@ class Block:
         """Flags (B,) of the experiments that have an observation."""
         return np.bincount(self.owner, minlength=len(self)) > 0
 
+    @cached_property
+    def plain(self) -> bool:
+        """Whether observation k is the first value of unit k."""
+        return not self.column.any() and np.array_equal(self.place, np.arange(len(self.units)))
+
     def summed(self, values: Array) -> Array:
         """Sums (B, ...) of values (m, ...) over the observations of each experiment; 0 if none."""
         if np.all(self.seen):
@@ -177,7 +182,7 @@ class Direct:
         points = x[block.unit_owner].reshape(-1, x.shape[2])
         found = self.runner.straight(np.repeat(block.units, nodes), points)
         whole = found.reshape(block.units.size, nodes, -1)
-        return np.asarray(whole[block.place, :, block.column])
+        return whole[..., 0] if block.plain else np.asarray(whole[block.place, :, block.column])
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
         """Simulated values and slopes, with 2 n + 1 evaluations for each unit and node.
