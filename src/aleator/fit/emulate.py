@@ -182,9 +182,9 @@ class Emulation:
     """The rounds of runs of Gaussian processes for one question, with the processes.
 
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
-    `itself` says whether the processes themselves are used in place of these.
-    `together` is the number of runs of a round if workers enlarge it, or zero. `earlier` is the
-    number of stored runs with which the processes began. `told` has the errors of all rounds.
+    `itself` says whether the processes themselves are used in place of these. `together` is the
+    number of runs of a round if workers enlarge it, or zero. `earlier` is the number of stored runs
+    with which the processes began. `told` has the errors of all rounds.
     """
 
     def __init__(
