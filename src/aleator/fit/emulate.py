@@ -289,9 +289,8 @@ class Emulation:
                 end = self._climbed(self._likelihood(self.where), end.alpha)
                 continue
             self.calm = calm
-            # More runs do not help where polynomials cannot follow the processes.
-            ended = self.error.learned <= settings.enough < self.error.missed
-            if self.calm >= settings.rounds or ended or rounds >= settings.most:
+            ended = self.calm >= settings.rounds or self._followed_badly
+            if ended or rounds >= settings.most:
                 return end, rounds
             with self.ledger.stage(SURFACE):
                 likely = self._likely(end, inference, min(self.error.alpha, settings.largest))
@@ -326,8 +325,8 @@ class Emulation:
     def _finer(self) -> bool:
         """Whether polynomials cause too large an error and something better follows from now on.
 
-        They get more terms, and at last the processes themselves take their place. Level sets need
-        polynomials.
+        They get more terms. Where more runs would not help because polynomials cannot follow the
+        processes, these themselves take their place. Level sets need polynomials.
         """
         least = max(self.settings.missed * self.settings.enough, 0.5 * self.error.alpha)
         if self.error.missed <= least:
@@ -336,8 +335,15 @@ class Emulation:
         self.terms = min(self.terms, self.processes.settings.most)
         if self.terms > max(before, self.processes.terms):
             return True
-        self.itself, before = not self.question.exact, self.itself
-        return self.itself and not before
+        if self.itself or self.question.exact or not self._followed_badly:
+            return False
+        self.itself = True
+        return True
+
+    @property
+    def _followed_badly(self) -> bool:
+        """Whether polynomials alone cause more error than is admitted."""
+        return self.error.learned <= self.settings.enough < self.error.missed
 
     @property
     def _size(self) -> int:

@@ -67,8 +67,9 @@ class ProcessesSettings:
     """Weight of the penalty on the size of a polynomial's terms, relative to one point of the fit.
     """
     again: float = 1.2
-    """Covariances are fitted again when the number of runs in the region has grown or fallen by
-    this factor."""
+    """Covariances are fitted again when the number of runs in the region has grown by this factor.
+    With fits after a fall, too, which rest on few runs, the series of two compartments took twice
+    as many runs (`python -m benchmarks.emulators`)."""
     block: int = 4_000_000
     """The largest number of covariances that are computed at a time: 32 MB."""
     judged: int = 16
@@ -295,8 +296,7 @@ class Processes:
     def learn(self) -> None:
         """Fit the covariance of each column, and condition its processes on the runs."""
         near = self._near(self.axes)
-        again = self.settings.again
-        if not self.fitted / again < len(near) < again * self.fitted:
+        if len(near) >= self.settings.again * self.fitted:
             self._fit()
             near = self._near(self.axes)
             self.fitted = len(near)
