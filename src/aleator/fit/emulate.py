@@ -104,6 +104,9 @@ class EmulationSettings:
     did not reach a measured value."""
     others: int = 3
     """The number of optima of the first search, besides the best, from which it is sought."""
+    patience: int = 15
+    """The rounds end when the error of alpha has not fallen below the least so far in this number
+    of rounds, as with an outcome that jumps. By judgement."""
     most: int = 60
     """The largest number of rounds."""
     draws: int = 2048
@@ -184,7 +187,8 @@ class Emulation:
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
     `itself` says whether the processes themselves are used in place of these. `together` is the
     number of runs of a round if workers enlarge it, or zero. `earlier` is the number of stored runs
-    with which the processes began. `told` has the errors of all rounds.
+    with which the processes began. `told` has the errors of all rounds. `least` is the least error
+    of alpha so far, and `stalled` the number of rounds since.
     """
 
     def __init__(
@@ -211,6 +215,7 @@ class Emulation:
         )
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
         self.distances, self.calm, self.terms, self.itself = np.empty(0), 0, 0, False
+        self.least, self.stalled = np.inf, 0
         self.told: list[EmulatorRound] = []
         self.surface: Surface
         self.where: Array
@@ -283,13 +288,15 @@ class Emulation:
             plain = self._draws(end, [end.alpha, *self._likely(end, inference)])
             self.error = self._error(end, inference, plain.std(axis=0))
             small = self.error.enough(len(question.ids), settings)
-            calm = self.calm + 1 if small and rounds else 0
+            calm = self.calm + 1 if (small or self._followed_badly) and rounds else 0
             self._tell(calm)
             if self._finer():
                 end = self._climbed(self._likelihood(self.where), end.alpha)
                 continue
             self.calm = calm
-            ended = self.calm >= settings.rounds or self._followed_badly
+            least = min(self.least, self.error.alpha)
+            self.stalled, self.least = 0 if least < self.least else self.stalled + 1, least
+            ended = self.calm >= settings.rounds or self.stalled >= settings.patience
             if ended or rounds >= settings.most:
                 return end, rounds
             with self.ledger.stage(SURFACE):
@@ -469,7 +476,9 @@ class Emulation:
             here = self._climbed(likelihood, end.alpha)
             climbs = [self._climbed(likelihood, alpha) for alpha in (again.alpha, *others)]
         best = max(climbs, key=lambda one: one.value)
-        if best.value > here.value + OPTIMA.same_value:
+        # With few nodes of several modes, the climb from a maximum may end at a lower one.
+        moved = not np.allclose(best.alpha, end.alpha)
+        if moved and best.value > here.value + OPTIMA.same_value:
             return found, best, True
         return replace(again, once=found.once), here, False
 
