@@ -6,10 +6,24 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import integrate
 
-from aleator import Budget, Free, Identification, Inputs, Noise, Normal, TruncatedNormal, identify
+from aleator import (
+    Budget,
+    Constant,
+    Experiments,
+    Free,
+    Identification,
+    Inputs,
+    LogNormal,
+    Noise,
+    Normal,
+    TruncatedNormal,
+    identify,
+)
 from aleator.fit.emulate import EMULATION, EmulatorRound, admitted_change, usual
 from aleator.fit.expected_runs import RoundsAhead
+from aleator.simulators.function import FunctionSimulator
 
 RNG = np.random.default_rng(12)
 COUNT = 30
@@ -90,6 +104,74 @@ def test_what_each_round_leaves_is_recorded_and_says_how_many_runs_follow() -> N
     ahead = RoundsAhead(usual(COUNT), EMULATION.rounds, admitted_change(COUNT))
     first = ahead.expected(*vars(rounds[0]).values(), EMULATION.enough)
     assert found.runs / 1.5 < first < 1.5 * found.runs
+
+
+def test_an_outcome_that_jumps_is_given_up_and_never_called_sound() -> None:
+    def step(c, a):
+        return c * a + np.where(a > 1.5, 1.0, 0.0)
+
+    y = step(CONDITION, A) + 0.05 * np.random.default_rng(3).standard_normal(COUNT)
+    found = identify(
+        step, pd.DataFrame({"c": CONDITION, "y": y}), Inputs({"a": LAWS["a"]}), outcome="y",
+        noise=Noise(0.05), consistency=False, best_law=False,
+    )  # fmt: skip
+    assert found.runs < 40 * COUNT
+    assert found.emulator_error > EMULATION.unknown
+    assert not found.sound
+
+
+TIMES = np.array([0.5, 1.0, 2.0, 4.0, 6.0, 9.0, 12.0, 18.0])
+
+
+def compartments(dose, cl, v, q, v2, base):
+    """The concentration in the first of two compartments, as a series over `TIMES`."""
+
+    def rate(_, amount):
+        to_second = q * (amount[0] / v - amount[1] / v2)
+        return [-cl * amount[0] / v - to_second, to_second]
+
+    first = integrate.solve_ivp(
+        rate, (0.0, TIMES[-1]), [dose, 0.0], t_eval=TIMES, rtol=1e-8, atol=1e-10
+    ).y[0]
+    return base + first / v
+
+
+def in_closed_form(dose, time, cl, v, q, v2, base):
+    """The same concentration from the two rates of decay."""
+    total, product = (cl + q) / v + q / v2, cl * q / (v * v2)
+    root = np.sqrt(total**2 - 4.0 * product)
+    fast, slow = (total + root) / 2.0, (total - root) / 2.0
+    falls = (fast - q / v2) * np.exp(-fast * time) + (q / v2 - slow) * np.exp(-slow * time)
+    return base + dose / v * falls / root
+
+
+@pytest.mark.long
+def test_series_by_an_ode_with_three_constants_are_as_exact_as_their_closed_form() -> None:
+    rng, units = np.random.default_rng(21), 12
+    dose = np.repeat(np.repeat([1.0, 2.0, 4.0], 4), TIMES.size)
+    cl, v = (
+        np.repeat(m * np.exp(s * rng.standard_normal(units)), TIMES.size)
+        for m, s in ((0.6, 0.25), (2.0, 0.2))
+    )
+    time = np.tile(TIMES, units)
+    y = in_closed_form(dose, time, cl, v, 0.5, 2.0, 0.1) + 0.03 * rng.standard_normal(dose.size)
+    unit = np.repeat(np.arange(units), TIMES.size)
+    table = pd.DataFrame({"id": unit, "dose": dose, "time": time, "y": y})
+    inputs = Inputs({
+        "cl": LogNormal(Free(0.1, 2.0), Free(0.01, 1.0)),
+        "v": LogNormal(Free(0.5, 5.0), Free(0.02, 2.0)),
+        "q": Constant(Free(0.05, 2.0)), "v2": Constant(Free(0.5, 6.0)),
+        "base": Constant(Free(-0.2, 0.4)),
+    })  # fmt: skip
+    some = {"noise": Noise(Free(0.005, 0.3)), "consistency": False, "best_law": False}
+    slow = FunctionSimulator(compartments, series=True)
+    quick = FunctionSimulator(in_closed_form, vectorized=True)
+    experiments = Experiments.from_frame(table, outcome="y")
+    found, exact = (identify(one, experiments, inputs, **some) for one in (slow, quick))
+    assert found.sound
+    assert found.runs < 60 * units
+    off = np.abs(found.values - exact.values) / exact.errors
+    assert np.nanmax(off) < max(2.0 * found.emulator_error, 0.05)
 
 
 def test_more_runs_are_expected_for_less_error() -> None:
