@@ -129,6 +129,13 @@ def test_slopes_are_those_of_the_mean(gaussian: bool) -> None:
         assert slope[:, i] == pytest.approx(rise / (2.0 * step), abs=1e-6)
 
 
+def test_values_with_and_without_slopes_are_those_expected(front: Processes) -> None:
+    site, x = np.arange(30), anywhere(60).reshape(30, 2, 2)
+    values = front.means.values(site, x)
+    assert front.means.with_slopes(site, x)[0] == pytest.approx(values)
+    assert front.expected(site, x[:, 1]) == pytest.approx(values[:, 1])
+
+
 def test_a_linear_outcome_is_exact_after_one_run_more_than_it_has_terms() -> None:
     rng = np.random.default_rng(4)
     u = rng.uniform(-1.0, 1.0, (10, 4))

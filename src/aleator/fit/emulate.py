@@ -519,8 +519,9 @@ class Emulation:
             model, y = question.choices.model, question.measured
             return prepare(question.runner, y, model, self.region, None, self.surface)
         on = (self.surface, self.region, self.of)
-        means = self.processes.means
-        return question.integral(OnProcesses(*on, means=means) if self.itself else OnSurfaces(*on))
+        if self.itself:
+            return question.integral(OnProcesses(*on, means=self.processes.means))
+        return question.integral(OnSurfaces(*on))
 
     def _plain(self, end: Maximum) -> AnyLikelihood:
         """The likelihood with few quadrature nodes, on the surfaces of a maximum."""

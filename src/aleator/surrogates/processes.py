@@ -121,28 +121,41 @@ class ProcessMeans:
     axes: Axes
     settings: ProcessesSettings = PROCESSES
 
+    def values(self, site: Indices, x: Array) -> Array:
+        """Expected values (A, J) of outputs (A,) at points x (A, J, n); O(A J M) for M runs."""
+        out = np.empty(x.shape[:2])
+        for group, part, case, u in self._parts(site, x):
+            value = group.posterior.mean(case, u)
+            if group.logarithm:
+                value = outcomes(value[None], np.array([True]))[0]
+            out[part] = value.reshape(part.size, -1)
+        return out
+
     def with_slopes(self, site: Indices, x: Array) -> tuple[Array, Array]:
         """Expected values (A, J) of outputs (A,) at points x (A, J, n), and slopes (n, A, J).
 
         Cost: O(A J M) for M runs of a group of experiments.
         """
-        z, rates = self.axes.inward(x), self.axes.rates(x)
-        nodes, n = x.shape[1:]
         values, slopes = np.empty(x.shape[:2]), np.empty(x.shape)
+        for group, part, case, u in self._parts(site, x):
+            value, slope = group.posterior.with_slope(case, u)
+            if group.logarithm:
+                value = outcomes(value[None], np.array([True]))[0]
+                slope *= value[:, None]
+            values[part] = value.reshape(part.size, -1)
+            slopes[part] = slope.reshape(part.size, *x.shape[1:])
+        return values, np.moveaxis(slopes * self.axes.rates(x), 2, 0)
+
+    def _parts(self, site: Indices, x: Array) -> Iterator[tuple[_Grouped, Indices, Indices, Array]]:
+        """Outputs of a group that fit into memory: numbers, and cases and inputs of points."""
+        z, (nodes, n) = self.axes.inward(x), x.shape[1:]
         for group in self.groups:
             rows = np.flatnonzero(np.isin(site, group.sites))
             width = nodes * len(group.posterior.data.y)
             for some in blocks(rows.size, width, self.settings.block):
                 part = rows[some]
                 case = np.repeat(self.case[site[part]], nodes)
-                u = np.hstack([self.conditions[case], z[part].reshape(-1, n)])
-                value, slope = group.posterior.with_slope(case, u)
-                if group.logarithm:
-                    value = outcomes(value[None], np.array([True]))[0]
-                    slope *= value[:, None]
-                values[part] = value.reshape(part.size, nodes)
-                slopes[part] = slope.reshape(part.size, nodes, n)
-        return values, np.moveaxis(slopes * rates, 2, 0)
+                yield group, part, case, np.hstack([self.conditions[case], z[part].reshape(-1, n)])
 
 
 class Processes:

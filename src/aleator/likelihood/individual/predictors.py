@@ -324,9 +324,9 @@ class OnProcesses(OnSurfaces):
     def _evaluated(self, block: Block, x: Array, slopes: bool) -> tuple[Array, Array]:
         inside = self._inside(x)
         points = inside[..., self._moving][block.owner]
-        value, slope = self.means.with_slopes(self.of[block.rows], points)
         if not slopes:
-            return value, slope[:0]
+            return self.means.values(self.of[block.rows], points), np.empty((0,))
+        value, slope = self.means.with_slopes(self.of[block.rows], points)
         every = np.zeros((x.shape[2], *value.shape))
         known = (inside == x)[..., self._moving][block.owner]
         every[self._moving] = np.where(np.moveaxis(known, 2, 0), slope, 0.0)
