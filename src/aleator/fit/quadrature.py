@@ -44,6 +44,9 @@ class NodeAccuracy:
     """The estimated gain of log-likelihood below which alpha is near enough to fix the nodes."""
     still: float = 1e-5
     """The gain of log-likelihood by adapting the nodes again that counts as zero."""
+    arrived: float = 1e-10
+    """The predicted gain of log-likelihood that is left at the maximum with fixed nodes. Estimates
+    are then within 1e-5 standard errors (`pytest tests/test_exact_answers.py`)."""
     close: float = 0.1
     """The distance between two laws within which nodes fixed at parameter values still serve."""
     enough: float = 2e-3
@@ -349,7 +352,10 @@ def nearest_maximum(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelih
         return likelihood, alpha
     objective = likelihood.continued
     information = _outer(objective(alpha).scores, free, hyperparameters)
-    return likelihood, ascended(objective, alpha, hyperparameters, free, information).alpha
+    end = ascended(
+        objective, alpha, hyperparameters, free, information, NODE_ACCURACY.arrived
+    )  # fmt: skip
+    return likelihood, end.alpha
 
 
 def _nearest_of_integral(
@@ -382,7 +388,9 @@ def _nearest_of_integral(
         following.remember(held)
         # Nodes fixed as standard variates are passed as a plain function, so that they stay fixed.
         objective = held.__call__ if held.parameters is None else following
-        end = ascended(objective, alpha, hyperparameters, free, information)
+        end = ascended(
+            objective, alpha, hyperparameters, free, information, NODE_ACCURACY.arrived
+        )  # fmt: skip
         again, close = held.adapted(end.alpha), held.distance(end.alpha) < NODE_ACCURACY.close
         gain = again.evaluate(end.alpha).total - before
         if gain < 0.0 and end.value > before:

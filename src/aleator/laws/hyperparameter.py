@@ -151,6 +151,15 @@ class Hyperparameter:
         """Whether the hyperparameter is a scale whose lower limit stands for zero."""
         return self.log and self.lower <= LIMITS.zero * self.upper
 
+    @property
+    def location(self) -> bool:
+        """Whether it is the mean of a law, the value of a constant, or a coefficient of these.
+
+        >>> resolve("v.mean", Free(0.0, 1.0), (None, None)).location
+        True
+        """
+        return self.name.partition("[")[0].rpartition(".")[2] in ("mean", "value")
+
     def named(self, prefix: str) -> Hyperparameter:
         """This hyperparameter with the name ``prefix.name``."""
         return replace(self, name=f"{prefix}.{self.name}")
