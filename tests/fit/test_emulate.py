@@ -64,7 +64,7 @@ def test_few_runs_give_the_exact_answer_within_what_is_told(noise: float) -> Non
     assert abs(apart) < max(2.0 * told, 0.05)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.long), 0.05])
 def test_a_budget_leaves_a_larger_error_that_is_told(noise: float) -> None:
     found, exact = answer(noise, budget=Budget(runs=3 * COUNT + 8)), answer(noise, exact=True)
     assert found.runs <= 3 * COUNT + 9
