@@ -23,10 +23,10 @@ class PredictorSettings:
     The values are chosen by judgement. `block`: the largest number of simulated values of a block
     of experiments. `groups`: the number of groups of neighboring experiments, each a block, that
     make a sample of the experiments; of 10,000 experiments 40 groups took 8.7 s in place of 5.7
-    (`benchmarks cost`). `step`: the step of differences, relative to the size of a parameter. `least_step`: the smallest step,
-    relative to the width of the parameter's range. `basis`: the largest number of values in one
-    block of basis functions of response surfaces: 0.8 MB, which a processor's cache holds (31
-    surfaces of 150 terms at 2,147 points: 14 ms, 20 ms in one block).
+    (`benchmarks cost`). `step`: the step of differences, relative to the size of a parameter.
+    `least_step`: the smallest step, relative to the width of the parameter's range. `basis`: the
+    largest number of values in one block of basis functions of response surfaces: 0.8 MB, which a
+    processor's cache holds (31 surfaces of 150 terms at 2,147 points: 14 ms, 20 ms in one block).
     """
 
     block: int = 400_000
