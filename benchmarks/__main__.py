@@ -20,7 +20,7 @@ from benchmarks.expansions import expansion_rows
 from benchmarks.few_runs import print_few_runs
 from benchmarks.findings import print_findings
 from benchmarks.folds import print_folds
-from benchmarks.growth import print_growth
+from benchmarks.growth import print_cost, print_growth
 from benchmarks.identifications import identification_rows
 from benchmarks.individual import individual_rows
 from benchmarks.likelihood import likelihood_rows
@@ -63,6 +63,7 @@ PARTS = (*ROWS, *TABLES, COVERAGE)
 LONG: dict[str, Callable[[Console, Path, int], None]] = {
     "findings": print_findings,
     "folds": print_folds,
+    "cost": print_cost,
     "power": print_power,
     "right": print_right,
     "verdicts": print_verdicts,

@@ -4,6 +4,7 @@ Whole identifications by default settings, of synthetic data: an exponential wit
 parameter or two, whole curves, and weights of growing animals with three parameters. Told are the
 seconds of a processor and the most memory, beside what many experiments may take, and the stages
 that took most of the time. The animals are also identified with a function of single numbers.
+The part `cost` draws the seconds from 100 to 100,000 experiments.
 """
 
 from __future__ import annotations
@@ -14,14 +15,17 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
 from aleator import Experiments, Free, Inputs, LogNormal, Noise, TruncatedNormal, identify
 from aleator.core.types import Array
+from benchmarks.kept import Entry, Key, kept
 
 NOISE = 0.1
 STAGES = 3
@@ -63,6 +67,11 @@ STUDIES = (
     Study(560, 3, NOISE, 60.0, 1024.0, points=10, arrays=False),
 )
 
+COUNTS = (100, 1_000, 10_000, 100_000)
+"""The numbers of experiments whose cost is drawn: one parameter, one value with noise each."""
+ESTIMATES, VERDICTS = "estimates and intervals", "with both verdicts"
+PICTURE = Path(__file__).parents[1] / "docs" / "images" / "growth.png"
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -99,13 +108,47 @@ def print_growth(console: Console) -> None:
     console.print(table)
 
 
-def _alone(study: Study) -> Measured:
+def print_cost(console: Console, path: Path, _: int) -> None:
+    """The seconds from 100 to 100,000 experiments as a table, and drawn into the documentation."""
+    keys: list[Key] = [(count, part) for count in COUNTS for part in (ESTIMATES, VERDICTS)]
+    found = kept(path, keys, _cost)
+    table = Table("experiments", "", "seconds", "ms an experiment", "MiB", title="cost")
+    for count, part in keys:
+        one = found[count, part]
+        each = 1e3 * one["seconds"] / int(count)
+        table.add_row(
+            f"{count:,}", str(part), f"{one['seconds']:.1f}", f"{each:.2f}", f"{one['memory']:.0f}"
+        )
+    console.print(table)
+    _drawn({part: [found[n, part]["seconds"] for n in COUNTS] for part in (ESTIMATES, VERDICTS)})
+
+
+def _cost(count: int, part: str) -> Entry:
+    found = _alone(Study(count, 1, NOISE), part == VERDICTS)
+    return {"seconds": found.seconds, "memory": found.memory}
+
+
+def _drawn(seconds: Mapping[str, list[float]]) -> None:
+    figure = Figure(figsize=(6.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    for marker, (part, values) in zip("os", seconds.items(), strict=True):
+        (line,) = axes.loglog(COUNTS, values, marker=marker, label=part)
+        straight = [values[-1] * count / COUNTS[-1] for count in COUNTS[1:]]
+        axes.loglog(COUNTS[1:], straight, "--", linewidth=0.8, color=line.get_color())
+    axes.plot([], [], "k--", linewidth=0.8, label="proportional to the experiments")
+    axes.set(xlabel="experiments", ylabel="seconds of a processor")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(PICTURE, dpi=100)
+
+
+def _alone(study: Study, verdicts: bool = True) -> Measured:
     """In a process that has made no other."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
-        return process.submit(_measured, study).result()
+        return process.submit(_measured, study, verdicts).result()
 
 
-def _measured(study: Study) -> Measured:
+def _measured(study: Study, verdicts: bool) -> Measured:
     table, inputs, simulator = (_animals if study.parameters == 3 else _exponential)(study)
     began = time.process_time()
     found = identify(
@@ -114,6 +157,8 @@ def _measured(study: Study) -> Measured:
         inputs,
         vectorized=study.arrays,
         noise=Noise(study.noise) if study.noise else None,
+        consistency=verdicts,
+        best_law=verdicts,
     )
     seconds = time.process_time() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -148,7 +149,8 @@ def test_who_imports_the_command_line_keeps_its_own_answer_to_ctrl_c() -> None:
 
 QUICK = SPRINGS + "[verification]\nsamples = 0\n"
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
-# Runs are logged, and slow enough for several batches; one of them ends a process, once.
+# Runs are logged with their process, beginning and end, and slow enough for several batches; one of
+# them ends a process, once.
 MODEL = """\
 import os, pathlib, signal, time
 
@@ -156,6 +158,7 @@ HERE = pathlib.Path(__file__).parent
 
 
 def length(load, softness):
+    began = time.monotonic()
     time.sleep(0.02)
     victim = HERE / "victim"
     if load == 4.0 and softness > 1.0 and victim.exists():
@@ -164,7 +167,7 @@ def length(load, softness):
         os.kill(pid, signal.SIGKILL)
         time.sleep(0.5)
     with open(HERE / "log.txt", "a") as log:
-        log.write(f"{load} {softness!r}\\n")
+        log.write(f"{load} {softness!r} {os.getpid()} {began} {time.monotonic()}\\n")
     return load * softness
 """
 
@@ -198,8 +201,13 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return answer(folder)
 
 
+def logged(folder: Path) -> list[list[str]]:
+    """The load, softness, process, beginning and end of each run."""
+    return [line.split() for line in (folder / "log.txt").read_text().splitlines()]
+
+
 def runs_made(folder: Path) -> list[str]:
-    return (folder / "log.txt").read_text().splitlines()
+    return [f"{load} {softness}" for load, softness, *_ in logged(folder)]
 
 
 def kept(folder: Path) -> list[str]:
@@ -208,12 +216,21 @@ def kept(folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_study_whose_worker_is_killed_ends_with_the_same_answer(
+def test_two_workers_run_at_once_to_the_same_answer_also_where_one_is_killed(
     tmp_path: Path, alone: dict[str, Any]
 ) -> None:
-    folder = study_in(tmp_path / "springs")
+    whole, folder = study_in(tmp_path / "whole"), study_in(tmp_path / "springs")
     (folder / "victim").touch()  # whoever comes first
     with DaskProcesses(tmp_path, workers=2) as cluster:
+        done = aleator_run(whole, "--dask", str(cluster.file))
+        assert done.returncode == 0, done.stderr
+        assert answer(whole) == alone
+        runs = sorted((float(began), float(end), pid) for _, _, pid, began, end in logged(whole))
+        at_once = sum(
+            pid != other and later < end
+            for (_, end, pid), (later, _, other) in pairwise(runs)
+        )  # fmt: skip
+        assert at_once > len(runs) / 4
         done = aleator_run(folder, "--dask", str(cluster.file))
         assert done.returncode == 0, done.stderr
         assert [worker.poll() for worker in cluster.workers].count(None) == 1

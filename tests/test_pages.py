@@ -98,7 +98,7 @@ OTHERS = [
     pytest.param(
         page,
         marks=[pytest.mark.long]
-        if page.stem in {"repeated", "runs", "posterior", "censored", "bootstrap"}
+        if page.stem in {"repeated", "runs", "posterior", "censored", "bootstrap", "compare"}
         else [],
     )
     for page in PAGES

@@ -28,7 +28,7 @@ def test_the_bench_regenerates_the_clutch_measurements() -> None:
     pd.testing.assert_frame_equal(shipped, bench[list(shipped.columns)], check_exact=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_clutch_law_is_as_measured(clutch: Identification) -> None:
     """Along the ridge on which the two means trade, the log-likelihood falls by 0.1 in half a
     standard error, which is what these surfaces may err in total: so the means are
@@ -44,7 +44,7 @@ def test_the_clutch_law_is_as_measured(clutch: Identification) -> None:
     assert clutch.sound
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_clutch_measurements_hardly_determine_one_scatter(clutch: Identification) -> None:
     # Whether the maximum lies on the limit, 0.002, or at some 0.03 differs by less than 0.1 in
     # log-likelihood, which surfaces may err: what holds is that no scatter cannot be ruled out.
@@ -57,7 +57,7 @@ def test_the_clutch_measurements_hardly_determine_one_scatter(clutch: Identifica
     assert {"bounds", "identifiability"} & {warning.about for warning in clutch.warnings}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_clutch_surfaces_keep_their_promise(clutch: Identification) -> None:
     assert clutch.surface is not None
     assert clutch.surface["experiments"] == 108
@@ -70,7 +70,7 @@ def test_the_clutch_surfaces_keep_their_promise(clutch: Identification) -> None:
     assert np.max(errors) < 0.15
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_random_parameters_explain_more_than_the_best_point(clutch: Identification) -> None:
     least_squares = clutch.baselines["least_squares"]["log_likelihood"]
     assert clutch.log_likelihood.estimated > least_squares + 30.0

@@ -33,6 +33,7 @@ TRAVEL = LOAD / np.clip(RNG.normal(1.8, 0.25, COUNT), *BOX) + SD * RNG.standard_
 TABLE = Experiments.from_frame(pd.DataFrame({"load": LOAD, "y": TRAVEL}), outcome="y")
 NORMAL = Inputs({"k": TruncatedNormal(BOX)})
 BETA = Inputs({"k": Beta(BOX, Free(1.3, 2.7), Free(0.02, 0.4))})
+NARROW = Inputs({"k": TruncatedNormal(BOX, Free(1.4, 2.6), Free(0.02, 0.4))})
 
 
 def travel(load: float, k: float) -> float:
@@ -80,6 +81,12 @@ def same(one: Identification, other: Identification) -> bool:
 
 
 @pytest.fixture(scope="module")
+def alone() -> Identification:
+    """The answer of the study with normal laws, without a store and by one process."""
+    return answer(NORMAL, None)[0]
+
+
+@pytest.fixture(scope="module")
 def after_one_law(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A store with the runs of the study with normal laws."""
     path = tmp_path_factory.mktemp("earlier") / "runs.sqlite"
@@ -103,21 +110,22 @@ def test_a_second_law_begins_with_all_stored_runs_and_makes_few(after_one_law: P
     assert off.max() < 2.0 * max(0.05, found.emulator_error + alone.emulator_error)
 
 
-@pytest.mark.parametrize("calls", [2, 8])
 def test_an_interrupted_study_makes_the_same_decisions_when_it_goes_on(
-    after_one_law: Path, tmp_path: Path, calls: int
+    after_one_law: Path, tmp_path: Path
 ) -> None:
-    law = Inputs({"k": Beta(BOX, Free(1.4, 2.6), Free(0.02, 0.4))})
     shutil.copy(after_one_law, tmp_path / "whole.sqlite")
-    shutil.copy(after_one_law, tmp_path / "parts.sqlite")
     with Store(tmp_path / "whole.sqlite") as store:
-        whole, _ = answer(law, store)
-    with Store(tmp_path / "parts.sqlite") as store:
-        with pytest.raises(KeyboardInterrupt):
-            answer(law, store, stopping(calls))
-        answer(NORMAL, store)  # what other studies add changes nothing
-        found, _ = answer(law, store)
-    assert same(found, whole)
+        whole, _ = answer(NARROW, store)
+    for calls, others in ((2, False), (8, True)):
+        parts = tmp_path / f"parts{calls}.sqlite"
+        shutil.copy(after_one_law, parts)
+        with Store(parts) as store:
+            with pytest.raises(KeyboardInterrupt):
+                answer(NARROW, store, stopping(calls))
+            if others:
+                answer(NORMAL, store)  # what other studies add changes nothing
+            found, _ = answer(NARROW, store)
+        assert same(found, whole)
 
 
 def asked(
@@ -149,10 +157,12 @@ def test_a_question_is_another_if_anything_is_that_decides_where_runs_are_made()
     assert len({again, *others}) == 1 + len(others)
 
 
-def test_a_study_without_earlier_runs_is_the_same_with_a_store_and_without(tmp_path: Path) -> None:
+def test_a_study_without_earlier_runs_is_the_same_with_a_store_and_without(
+    alone: Identification, tmp_path: Path
+) -> None:
     with Store(tmp_path / "runs.sqlite") as store:
         first, _ = answer(NORMAL, store)
-    assert same(first, answer(NORMAL, None)[0])
+    assert same(first, alone)
 
 
 def test_failed_runs_are_no_beginning(tmp_path: Path) -> None:
@@ -161,14 +171,13 @@ def test_failed_runs_are_no_beginning(tmp_path: Path) -> None:
 
     with Store(tmp_path / "runs.sqlite") as store:
         answer(NORMAL, store, breaks)
-        found, runner = answer(BETA, store, breaks)
+        found, runner = answer(NARROW, store, breaks)
     worked = len(runner.completed)
     assert found.surface["stored"] <= worked
 
 
 @pytest.mark.parametrize("workers", [3, 12])
-def test_rounds_are_enlarged_for_many_workers_only(workers: int) -> None:
-    alone, _ = answer(NORMAL, None)
+def test_rounds_are_enlarged_for_many_workers_only(alone: Identification, workers: int) -> None:
     with ThreadPoolExecutor(workers) as executor:
         found, _ = answer(NORMAL, None, executor=executor)
     assert same(found, answer(NORMAL, None, together=2 * workers)[0])

@@ -64,6 +64,7 @@ def test_few_runs_give_the_exact_answer_within_what_is_told(noise: float) -> Non
     assert abs(apart) < max(2.0 * told, 0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_a_budget_leaves_a_larger_error_that_is_told(noise: float) -> None:
     found, exact = answer(noise, budget=Budget(runs=3 * COUNT + 8)), answer(noise, exact=True)
@@ -89,10 +90,12 @@ def test_a_budget_below_the_first_runs_of_few_conditions_is_kept() -> None:
             noise=Noise(0.05), consistency=False, best_law=False, **how,
         )  # fmt: skip
 
-    found, exact = within(budget=Budget(runs=22)), within(vectorized=True)
+    found, free, exact = within(budget=Budget(runs=22)), within(), within(vectorized=True)
     assert found.runs <= 23
+    assert found.emulator_error > free.emulator_error
     off = np.abs(found.values - exact.values) / exact.errors
     assert off.max() < 2.0 * found.emulator_error
+    assert [one.about for one in found.warnings] == ["budget"] * (found.emulator_error > 0.2)
 
 
 def test_what_each_round_leaves_is_recorded_and_says_how_many_runs_follow() -> None:

@@ -407,10 +407,10 @@ def test_no_clock_decides(noise: Noise | None) -> None:
 
 
 def test_a_budget_and_a_choice_of_surfaces_are_kept() -> None:
-    rows, _ = jumping(20)
-    within = found_of(rows, budget=Budget(runs=2000), consistency=False)
+    rows, _ = jumping(10)
+    within = found_of(rows, budget=Budget(runs=200), consistency=False)
     assert within.propagation != "direct"
-    assert within.runs <= 2000
+    assert within.runs <= 200
     chosen = found_of(rows, propagation=ResponseSurface(tolerance=0.05, max_runs=60),
                       consistency=False)  # fmt: skip
     assert chosen.propagation != "direct"

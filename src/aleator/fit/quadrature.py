@@ -311,6 +311,13 @@ def _gaps(held: IndividualLikelihood, alpha: Array) -> list[float]:
     if isinstance(held.rule, ImportancePoints | RidgePoints):
         each = held.evaluate(alpha).each
         return [_change_of_points(held.by(rule, alpha), alpha, each) for rule in rules]
+    if isinstance(held.rule, GaussHermite) and variates == 1:
+        # Panels are compared with the finer of the two rules, because what a sample of many
+        # experiments says of a difference is the less exact, the larger it is.
+        more, panels = rules
+        nearer = held.by(more, alpha)
+        first = nearer.evaluate(alpha).total - held.evaluate(alpha).total
+        return [first, first + _change(nearer, panels, alpha, large=True)]
     return [_change(held, rule, alpha, rule.size(variates) > NODE_ACCURACY.large) for rule in rules]
 
 

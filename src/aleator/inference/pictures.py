@@ -220,10 +220,13 @@ def likelihood_shapes(
         assert estimate.interval is not None
         assert estimate.drops is not None
         at = curve_points(estimate.interval, float(fit.alpha[k]), h)
-        curve = likelihood_curve(objective, fit.alpha, fit.hyperparameters, inference, k, at)
-        below = curve.value[at == fit.alpha[k]] - curve.value
-        for end, drop in zip(estimate.interval, estimate.drops, strict=True):
-            below[at == end] = drop
+        # The drops at the ends of the interval are known.
+        told = dict(zip(estimate.interval, estimate.drops, strict=True))
+        asked = np.array([value for value in at if value == fit.alpha[k] or value not in told])
+        curve = likelihood_curve(objective, fit.alpha, fit.hyperparameters, inference, k, asked)
+        found = curve.value[asked == fit.alpha[k]] - curve.value
+        known = dict(zip(asked.tolist(), found.tolist(), strict=True)) | told
+        below = np.array([known[value] for value in at.tolist()])
         profiles[h.name] = {"at": drawn(at, settings.places), "below": drawn(below)}
     return {"profiles": profiles, "surface": _surface(fit, estimates, objective, report, settings)}
 

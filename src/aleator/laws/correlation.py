@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -68,23 +69,7 @@ class Correlation:
         >>> factor.round(12).tolist()
         [[1.0, 0.0], [0.6, 0.8]]
         """
-        m = len(self.members)
-        r = np.eye(m)
-        for (i, j), value in zip(self.pairs, partial, strict=True):
-            r[i, j] = value
-        # The product (1 - r)(1 + r) keeps its digits for a correlation near one.
-        s = np.sqrt(np.tril((1.0 - r) * (1.0 + r), -1))
-        before = np.ones((m, m))
-        np.cumprod(s[:, :-1], axis=1, out=before[:, 1:])
-        factor = np.tril(r * before)
-        slope = np.zeros((m, m, len(self.pairs)))
-        for k, (i, j) in enumerate(self.pairs):
-            slope[i, j, k] = before[i, j]
-            others = s[i].copy()
-            others[j] = -r[i, j] / max(s[i, j], LIMITS.steepest)
-            after = np.cumprod(others)[j:i]
-            slope[i, j + 1 : i + 1, k] = r[i, j + 1 : i + 1] * after
-        return factor, slope
+        return _factor(len(self.members), self.pairs, np.asarray(partial, np.float64).tobytes())
 
     def matrix(self, partial: Array) -> tuple[Array, Array]:
         """The correlation matrix R (m, m) of theta, and its derivatives (m, m, p).
@@ -124,6 +109,29 @@ class Correlation:
         found = np.full(theta.shape[1], -np.inf)
         found[inside] = 0.5 * np.sum(theta[:, inside] ** 2 - xi**2, axis=0)
         return np.asarray(found - np.log(np.diag(factor)).sum())
+
+
+@lru_cache(maxsize=64)
+def _factor(m: int, pairs: tuple[tuple[int, int], ...], partial: bytes) -> tuple[Array, Array]:
+    """The factor of given partial correlations, which many blocks of experiments ask for."""
+    r = np.eye(m)
+    for (i, j), value in zip(pairs, np.frombuffer(partial), strict=True):
+        r[i, j] = value
+    # The product (1 - r)(1 + r) keeps its digits for a correlation near one.
+    s = np.sqrt(np.tril((1.0 - r) * (1.0 + r), -1))
+    before = np.ones((m, m))
+    np.cumprod(s[:, :-1], axis=1, out=before[:, 1:])
+    factor = np.tril(r * before)
+    slope = np.zeros((m, m, len(pairs)))
+    for k, (i, j) in enumerate(pairs):
+        slope[i, j, k] = before[i, j]
+        others = s[i].copy()
+        others[j] = -r[i, j] / max(s[i, j], LIMITS.steepest)
+        after = np.cumprod(others)[j:i]
+        slope[i, j + 1 : i + 1, k] = r[i, j + 1 : i + 1] * after
+    for array in (factor, slope):
+        array.setflags(write=False)  # All callers share it.
+    return factor, slope
 
 
 def between(names: Sequence[str], pairs: Mapping[Pair, Specification]) -> Correlation:

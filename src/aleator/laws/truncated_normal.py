@@ -221,11 +221,12 @@ def clip(theta: Array, a: Array | float, b: Array | float) -> tuple[Array, Array
     Probabilities too small for floating-point numbers are computed as logarithms.
     """
     tail = special.ndtr(-np.abs(theta))
-    u, v = np.where(theta < 0.0, (tail, 1.0 - tail), (1.0 - tail, tail))
+    rest, negative = 1.0 - tail, theta < 0.0
+    u, v = np.where(negative, tail, rest), np.where(negative, rest, tail)
     below = v * special.ndtr(a) + u * special.ndtr(b)
     above = v * special.ndtr(np.negative(a)) + u * special.ndtr(np.negative(b))
     smaller = np.minimum(below, above)
-    if min(np.min(smaller, initial=1.0), np.min(tail, initial=1.0)) > TRUNCATION.least:
+    if min(smaller.min(initial=1.0), tail.min(initial=1.0)) > TRUNCATION.least:
         found = special.ndtri(smaller)
         t = np.clip(np.where(below < above, found, -found), a, b)
         by_a, by_b = v * np.exp(0.5 * _apart(t, a)), u * np.exp(0.5 * _apart(t, b))
@@ -239,18 +240,33 @@ def clip(theta: Array, a: Array | float, b: Array | float) -> tuple[Array, Array
 
 def _apart(t: Array, end: Array | float) -> Array:
     """The difference t^2 - end^2, which is minus infinity where the end is infinite."""
+    if np.ndim(end) == 0:
+        return (t - end) * (t + end) if np.isfinite(end) else np.full_like(t, -np.inf)
     near = _finite(end)
     return np.where(np.isfinite(end), (t - near) * (t + near), -np.inf)
 
 
 def _finite(end: Array | float) -> Array:
     """The given end, or zero where the end is infinite."""
+    if np.ndim(end) == 0:
+        return np.asarray(end if np.isfinite(end) else 0.0)
     return np.where(np.isfinite(end), end, 0.0)
 
 
 def _log_mass(a: float | Array, b: float | Array) -> Array:
     """The log probability log(Phi(b) - Phi(a)), computed in the tail that keeps its digits."""
-    a, b = np.asarray(a), np.asarray(b)
+    if np.ndim(a) == np.ndim(b) == 0:
+        return _log_mass_between(float(a), float(b))
+    return _log_masses(np.asarray(a), np.asarray(b))
+
+
+@lru_cache(maxsize=64)
+def _log_mass_between(a: float, b: float) -> Array:
+    """The log probability between two ends, which many blocks of experiments ask for in turn."""
+    return _log_masses(np.asarray(a), np.asarray(b))
+
+
+def _log_masses(a: Array, b: Array) -> Array:
     reflected = a > -b
     outer = special.log_ndtr(np.where(reflected, -a, b))
     inner = special.log_ndtr(np.where(reflected, -b, a))

@@ -159,12 +159,23 @@ class Covariance:
         """Covariances (R, M) between two lists of inputs, without noise, over v."""
         n = len(self.scale)
         out = self.correlation(_squared(u @ self.mix, v @ self.mix))
-        row, column = np.nonzero(experiment[:, None] == other)
-        z, t = u[row, -n:], v[column, -n:]
-        out[row, column] += self.individual**2 * self.correlation(
-            (((z - t) * self.scale) ** 2).sum(axis=1)
-        ) + self.line**2 * (1.0 + (z * t).sum(axis=1))
+        alike, z, t = experiment[:, None] == other, u[:, -n:], v[:, -n:]
+        if alike.all():
+            out += self._own(z[:, None], t)
+        else:
+            row, column = np.nonzero(alike)
+            out[row, column] += self._own(z[row], t[column])
         return np.asarray(out)
+
+    def _own(self, z: Array, t: Array) -> Array:
+        """Covariances (...) of the part that each experiment has of its own, at z and t (..., n).
+
+        They are summed parameter by parameter, because sums over short rows are slow.
+        """
+        gaps = [(z[..., k] - t[..., k]) * scale for k, scale in enumerate(self.scale)]
+        squared = np.asarray(sum(gap**2 for gap in gaps))
+        product = sum(z[..., k] * t[..., k] for k in range(len(gaps)))
+        return self.individual**2 * self.correlation(squared) + self.line**2 * (1.0 + product)
 
     def prior(self, u: Array) -> Array:
         """Prior variances (R,) of f + g at inputs u (R, D), over v."""

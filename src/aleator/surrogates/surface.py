@@ -126,13 +126,17 @@ def legendre(z: Array, degree: int) -> tuple[Array, Array]:
     array([1., 3., 5.])
     """
     value = _unscaled(z, degree)
-    slope = np.zeros_like(value)
+    slope = np.empty_like(value)
+    slope[0] = 0.0
     if degree > 0:
         slope[1] = 1.0
     for k in range(2, degree + 1):
-        slope[k] = slope[k - 2] + (2 * k - 1) * value[k - 1]
+        np.multiply(value[k - 1], 2 * k - 1, out=slope[k])
+        slope[k] += slope[k - 2]
     scale = _scale(degree)[:, None]
-    return value * scale, slope * scale
+    value *= scale
+    slope *= scale
+    return value, slope
 
 
 def _unscaled(z: Array, degree: int) -> Array:
@@ -156,11 +160,14 @@ def products(indices: Indices, z: Array) -> Array:
     """Return products of Legendre polynomials (P, J), for multi-indices (P, n) at z (J, n)."""
     highest = indices.max(axis=0, initial=0)
     values = _unscaled(z.T, int(highest.max(initial=0)))
-    scale = _scale(len(values) - 1)
-    out = np.broadcast_to(scale[indices].prod(axis=1)[:, None], (len(indices), len(z)))
-    for i in np.flatnonzero(highest):
-        out = out * values[indices[:, i], i]
-    return np.array(out)
+    scale = _scale(len(values) - 1)[indices].prod(axis=1)[:, None]
+    moving = np.flatnonzero(highest).tolist()
+    if not moving:
+        return np.tile(scale, len(z))
+    out = values[indices[:, moving[0]], moving[0]] * scale
+    for i in moving[1:]:
+        out *= values[indices[:, i], i]
+    return np.asarray(out)
 
 
 def products_with_gradient(indices: Indices, z: Array) -> Array:

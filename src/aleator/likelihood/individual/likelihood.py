@@ -21,6 +21,7 @@ from aleator.likelihood.individual.modes import (
     ModeSettings,
     NodeRule,
     highest,
+    inner,
     modes,
 )
 from aleator.likelihood.individual.parameters import (
@@ -237,7 +238,7 @@ class IndividualLikelihood:
 
     def log_density(self, alpha: Array, block: Block, z: Array) -> Array:
         """The log-density (B, P), up to a constant, of variates z (B, P, s) given observations."""
-        return np.asarray(self.sums(alpha, block, z) - 0.5 * np.sum(z**2, axis=2))
+        return np.asarray(self.sums(alpha, block, z) - 0.5 * inner(z, z))
 
     @property
     def _held(self) -> Parameters | None:
@@ -318,7 +319,7 @@ class IndividualLikelihood:
         Its information is the Gauss-Newton approximation.
         """
         found, gradient, outer = self.of_observations(alpha, block, z)
-        value = found.sums - 0.5 * np.sum(z**2, axis=2)
+        value = found.sums - 0.5 * inner(z, z)
         return value, block.summed(gradient) - z, block.summed(outer) + np.eye(z.shape[2])
 
     def of_observations(

@@ -71,6 +71,20 @@ class Modes:
     value: Array
 
 
+def inner(a: Array, b: Array) -> Array:
+    """The sums (...) of a_k b_k over the variates (..., s), one variate after the other.
+
+    NumPy is up to twelve times as slow with a sum over the short rows of two or three variates.
+
+    >>> inner(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([1.0, 10.0])).tolist()
+    [21.0, 43.0]
+    """
+    found = np.zeros(a.shape[:-1])
+    for k in range(a.shape[-1]):
+        found += a[..., k] * b[..., k]
+    return found
+
+
 def modes(
     log_density: Curved,
     start: Array,
@@ -93,7 +107,7 @@ def modes(
     for _ in range(settings.steps if arrived < settings.near else settings.near_steps):
         slope, curvature = _within(gradient, information, basis)
         step = _damped_step(curvature, slope, damping[..., None, None], settings.stiff)
-        gain = 0.5 * np.sum(slope * step, axis=-1)
+        gain = 0.5 * inner(slope, step)
         open_ = gain > arrived
         if not np.any(open_):
             break

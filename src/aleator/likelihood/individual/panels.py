@@ -29,6 +29,7 @@ from aleator.likelihood.individual.modes import (
     IndividualLaws,
     ModeSettings,
     Valued,
+    inner,
 )
 
 
@@ -242,7 +243,7 @@ class _ClassRows:
         place, most = self._places(row)
         nodes = np.zeros((self.count, most, xi.shape[1]))
         log_weights = np.full((self.count, most), -np.inf)
-        log_law = -0.5 * np.sum(xi**2, axis=1) - 0.5 * xi.shape[1] * np.log(2.0 * np.pi)
+        log_law = -0.5 * inner(xi, xi) - 0.5 * xi.shape[1] * np.log(2.0 * np.pi)
         nodes[row, place], log_weights[row, place] = xi, log_weight + log_law
         return (
             nodes.reshape(self.experiments, -1, xi.shape[1]),

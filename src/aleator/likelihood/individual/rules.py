@@ -23,6 +23,7 @@ from aleator.likelihood.individual.modes import (
     IndividualLaws,
     ModeSettings,
     NodeRule,
+    inner,
     modes,
 )
 from aleator.likelihood.individual.panels import Panels
@@ -184,7 +185,7 @@ class GaussHermite(NodeRule):
                 own, classes = self.settings.modes, highest.z.shape[1]
                 again = modes(laws.curved, z, whole, own.near, classes, own)
                 z, information = again.z, again.information
-        return z, log_weight - 0.5 * np.sum(z**2, axis=2)
+        return z, log_weight - 0.5 * inner(z, z)
 
 
 def _more(nodes: int) -> int:
@@ -283,14 +284,14 @@ def proposed(
     near = modes[:, :, None] + np.einsum("ncmst,ncjt->ncjms", root, own)
     law = np.broadcast_to(t, (experiments, classes, half, s))
     xi = np.concatenate([law, near.reshape(experiments, classes, half, s)], axis=2)
-    log_law = -0.5 * np.sum(xi**2, axis=3)
+    log_law = -0.5 * inner(xi, xi)
     log_det = np.log(np.einsum("ncmss->ncms", root)).sum(axis=3)
     # The density of the mixture over that of the law, as one sum of exponentials.
     terms = np.empty((1 + centers, *log_law.shape))
     terms[0] = np.log(centers)
     for m in range(centers):
         away = xi - modes[:, :, None, m]
-        curved = np.sum((away @ (information[:, :, m] / wider**2)) * away, axis=3)
+        curved = inner(away @ (information[:, :, m] / wider**2), away)
         terms[1 + m] = -0.5 * curved - log_det[:, :, m, None] - log_law
     top = terms.max(axis=0)
     log_ratio = top + np.log(np.sum(np.exp(terms - top), axis=0)) - np.log(2.0 * centers)
@@ -423,13 +424,13 @@ class RidgePoints(NodeRule):
         step = (across @ root @ b[..., None])[..., 0]
         log_det = np.log(np.einsum("njss->njs", root)).sum(axis=2)
         log_det -= np.repeat(0.5 * np.log(values[..., :along]).sum(axis=2), half, axis=1)
-        square = np.broadcast_to(np.sum(t**2, axis=3), (experiments, classes, half))
+        square = np.broadcast_to(inner(t, t), (experiments, classes, half))
         of_rule = log_det + 0.5 * square.reshape(log_det.shape) - np.log(2.0 * half)
         shape = (experiments, classes, half, s)
         sides = [(ridge.z + side * step).reshape(shape) for side in (1.0, -1.0)]
         xi = np.concatenate(sides, axis=2).reshape(experiments, -1, s)
         log_rule = np.tile(of_rule.reshape(shape[:3]), (1, 1, 2)).reshape(experiments, -1)
-        return xi, log_rule - 0.5 * np.sum(xi**2, axis=2)
+        return xi, log_rule - 0.5 * inner(xi, xi)
 
 
 @dataclass(frozen=True, eq=False)
