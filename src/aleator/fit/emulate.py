@@ -201,17 +201,18 @@ class Emulation:
     ) -> None:
         self.question, self.ledger, self.region = question, ledger, region
         self.reason, self.settings = reason, settings
-        runner, self.earlier = question.runner, 0
+        self.start, runner, self.earlier = region, question.runner, 0
         self.together = enlarged(runner, question.choices.surfaces, settings)
-        first, sites = runner.cases.first, Sites.seen(runner, question.unit, question.column)
+        sites = Sites.seen(runner, question.unit, question.column)
         self.of = sites.of
         self.processes = Processes(
-            lambda case, x: runner.values(first[case], completed(region, x)),
+            self._runs,
             region[moving_parameters(region)],
             features(runner.cases.columns, len(runner.cases)),
             runner.cases.condition[sites.unit],
             sites.column,
             _limits(question, settings.far),
+            runner.sloped,
         )
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
         self.distances, self.calm, self.terms, self.itself = np.empty(0), 0, 0, False
@@ -259,6 +260,13 @@ class Emulation:
         self.calm = self.settings.rounds - 1
         return self._finished(found, self._rounds(self._climbed(made, end.alpha), 1)[0])
 
+    def _runs(self, case: Indices, x: Array) -> tuple[Array, Array]:
+        """Values (R, W) of cases (R,) at points x (R, n), and their slopes (R, W, n)."""
+        runner, moving = self.question.runner, moving_parameters(self.start)
+        unit = runner.cases.first[case]
+        values, slopes = runner.with_slopes(unit, completed(self.start, x))
+        return values, slopes[..., moving]
+
     def _begin(self) -> None:
         """The first runs; observations all of whose runs fail are left out."""
         processes = self.processes
@@ -267,7 +275,8 @@ class Emulation:
         if self.earlier:
             self.ledger.progress.update(f"the processes begin with {self.earlier:,} stored runs")
         # Of a budget a round is left that tests the processes.
-        least = max(PROCESSES.first * len(processes.conditions) - self.earlier, 0)
+        slopes = processes.sloped * len(processes.box)
+        least = max(-(-PROCESSES.first // (1 + slopes)) * len(processes.conditions) - self.earlier, 0)
         account, reserve = self.question.runner.account, self.settings.fewest
         processes.begin(
             together=self.together, granted=lambda n: max(account.granted(n, reserve), least)
@@ -359,7 +368,9 @@ class Emulation:
         # What mostly earlier runs have made exact needs a test, but no runs to learn from.
         known = self.earlier > 0.5 * len(self.processes.x)
         tested = known and self.error.enough(len(self.question.ids), settings)
+        import os
         few = settings.fewest if tested else usual(len(self.processes.conditions), settings)
+        if self.processes.sloped and not tested: few = max(settings.fewest, int(float(os.environ.get("PART",".5"))*len(self.processes.conditions)))
         return max(self.together, few)
 
     def expected_runs(self, goal: float, calm: int = 0) -> float:

@@ -28,8 +28,9 @@ from aleator.surrogates.surface import (
     widened,
 )
 
-Runs = Callable[[Indices, Array], Array]
-"""A function that returns all values (R, W) of cases (R,) at points x (R, n); NaN for failures."""
+Runs = Callable[[Indices, Array], tuple[Array, Array]]
+"""A function that returns all values (R, W) of cases (R,) at points x (R, n); NaN for failures. It
+also returns their slopes (R, W, n); NaN where they are not known."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,7 @@ class ProcessMeans:
         z, (nodes, n) = self.axes.inward(x), x.shape[1:]
         for group in self.groups:
             rows = np.flatnonzero(np.isin(site, group.sites))
-            width = nodes * len(group.posterior.data.y)
+            width = nodes * len(group.posterior.dual)
             for some in blocks(rows.size, width, self.settings.block):
                 part = rows[some]
                 case = np.repeat(self.case[site[part]], nodes)
@@ -164,6 +165,7 @@ class Processes:
     `run` makes runs of cases (distinct conditions). `conditions` (C, d) are the conditions of the
     cases in [-1, 1]. Output u is the value of column[u] under the conditions of case[u]. `box`
     (n, 2) is the region of the parameters. Values of a column beyond its `limits` count as these.
+    `sloped` says whether runs give slopes.
     """
 
     def __init__(
@@ -174,13 +176,14 @@ class Processes:
         case: Indices,
         column: Indices,
         limits: Mapping[int, tuple[float, float]] | None = None,
+        sloped: bool = False,
         settings: ProcessesSettings = PROCESSES,
     ) -> None:
         self.run, self.axes, self.conditions = run, Axes.plain(box), conditions
-        self.limits = limits or {}
+        self.limits, self.sloped = limits or {}, sloped
         self.case, self.column, self.settings = case, column, settings
         self.of_run, self.x = np.empty(0, dtype=np.intp), np.empty((0, len(box)))
-        self.y = np.empty((0, 0))
+        self.y, self.slopes = np.empty((0, 0)), np.empty((0, 0, len(box)))
         self.clusters = _clusters(conditions, settings.together // settings.expected)
         n, inputs = len(box), conditions.shape[1] + len(box)
         first = tuple(Covariance.first(inputs, n, kind) for kind in (False, True))
@@ -263,7 +266,7 @@ class Processes:
         n, before = len(self.box), len(self.x)
         every, inputs = self.conditions.shape
         some = np.arange(every) if cases is None else np.array(cases)
-        each = first_process_runs(every, inputs + n, together, self.settings)
+        each = first_process_runs(every, inputs + n, together, n * self.sloped, self.settings)
         even = low_discrepancy(before + len(some) * each, n, fixed_shift(n))[before:]
         order = np.random.default_rng(0).permutation(some)
         case, z = np.repeat(order, each), clustered(even)
@@ -288,11 +291,13 @@ class Processes:
 
         Returns how far the new values lie from those expected, in standard deviations (S,).
         """
-        y = self.run(case, x)
-        for column, ends in self.limits.items():
-            y[:, column] = np.clip(y[:, column], *ends)
+        y, slopes = self.run(case, x)
+        for column, (low, high) in self.limits.items():
+            slopes[(y[:, column] < low) | (y[:, column] > high), column] = np.nan
+            y[:, column] = np.clip(y[:, column], low, high)
         surprises = self._surprises(case, x, y)
         self.y = np.vstack([self.y.reshape(-1, y.shape[1]), y])
+        self.slopes = np.vstack([self.slopes.reshape(-1, *slopes.shape[1:]), slopes])
         self.of_run, self.x = np.append(self.of_run, case), np.vstack([self.x, x])
         return surprises
 
@@ -317,7 +322,7 @@ class Processes:
         for column in self.columns:
             data = self._data(self.axes, near, column)
             log = self.logarithm[column] and bool(np.all(data.y > 0.0))
-            data = replace(data, y=np.log(data.y)) if log else data
+            data = data.logarithms if log else data
             best = self.covariances[self.scaled, column, log][0]
             for cases in self.clusters:
                 some = np.flatnonzero(np.isin(data.experiment, cases))
@@ -336,8 +341,10 @@ class Processes:
     def _data(self, axes: Axes, near: Indices, column: int) -> Data:
         """The runs `near` that have a value of the column."""
         rows = near[np.isfinite(self.y[near, column])]
-        inputs = self._inputs(self.of_run[rows], axes.inward(self.x[rows]))
-        return Data(*inputs, self.y[rows, column], len(self.box))
+        x = self.x[rows]
+        inputs = self._inputs(self.of_run[rows], axes.inward(x))
+        slopes = self.slopes[rows, column] / axes.rates(x)
+        return Data(*inputs, self.y[rows, column], len(self.box), slopes)
 
     def _fit(self) -> None:
         """Fit the covariances, with and without logarithms of the parameters.
@@ -367,11 +374,11 @@ class Processes:
         )
         if not (y.min() > 0.0 and y.max() > self.settings.decade * y.min()):
             return loss, False
-        logs = replace(data, y=np.log(y))
+        logs = data.logarithms
         self.covariances[*key, True], other = learned(
             self.covariances[*key, True], logs, self.steps
         )
-        return min((loss, False), (other + float(logs.y.sum()), True))
+        return min((loss, False), (other + logs.values_by_logarithms, True))
 
     def expected(self, site: Indices, x: Array) -> Array:
         """Expected values (R,) of outputs at points x (R, n)."""
@@ -542,16 +549,24 @@ def evenly(count: int, most: int) -> Indices:
 
 
 def first_process_runs(
-    cases: int, inputs: int, together: int = 0, settings: ProcessesSettings = PROCESSES
+    cases: int,
+    inputs: int,
+    together: int = 0,
+    slopes: int = 0,
+    settings: ProcessesSettings = PROCESSES,
 ) -> int:
     """The number of first runs of each case, for a process with so many inputs.
 
-    All cases have `together` runs or more.
+    All cases have `together` runs or more. A run that gives `slopes` derivatives of each value
+    counts as so many more.
 
     >>> first_process_runs(108, 7), first_process_runs(5, 7), first_process_runs(5, 7, 200)
     (3, 10, 40)
+    >>> first_process_runs(108, 7, slopes=2), first_process_runs(5, 7, slopes=2)
+    (1, 4)
     """
-    return max(settings.first, -(-max(settings.least * (inputs + 1), together) // cases))
+    least = max(-(-settings.least * (inputs + 1) // (1 + slopes)), together)
+    return max(-(-settings.first // (1 + slopes)), -(-least // cases))
 
 
 def _axes(box: Array) -> tuple[Axes, Axes]:
