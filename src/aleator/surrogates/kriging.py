@@ -50,6 +50,9 @@ class ProcessSettings:
     """Limits of the scales s of the parameters in the part that each experiment has of its own."""
     noise: tuple[float, float] = (1e-5, 0.3)
     """Limits of the standard deviation of the noise of a run."""
+    slopes: float = 3.0
+    """The noise of slopes by the scaled parameters, over that of values. Of 0.1, 0.3, 1, 3 and 10 it
+    predicted further runs of the wet clutch best, and others as well."""
     largest: float = 20.0
     """The largest size of an entry of A."""
     first: tuple[float, float, float] = (0.5, 0.1, 0.01)
@@ -57,7 +60,8 @@ class ProcessSettings:
     terms: float = 0.5
     """The largest number of terms of the trend, over the number of runs."""
     learned: int = 400
-    """The number of runs to which the parameters of the covariance are fitted."""
+    """The number of runs to which the parameters of the covariance are fitted. Slopes count in this
+    fit while all values and slopes are no more: with kinks they make the covariance too rough."""
     steps: tuple[int, int] = (60, 20)
     """The number of steps of the fit of the covariance, in the first round and in later rounds."""
     failed: float = 1e10
@@ -97,6 +101,13 @@ class Data:
     def values(self) -> Array:
         """The outcomes and the slopes, (M + n S,)."""
         return np.concatenate([self.y, self.slopes[self.told].T.ravel()])
+
+    def with_last_slopes(self, most: int) -> Data:
+        """The runs with the slopes of the last of them, at most `most` values and slopes."""
+        kept = max((most - len(self.y)) // self.parameters, 0)
+        slopes = self.slopes.copy()
+        slopes[self.told[: max(self.told.size - kept, 0)]] = np.nan
+        return replace(self, slopes=slopes)
 
     @property
     def logarithms(self) -> Data:
@@ -229,8 +240,14 @@ class Covariance:
             SlopeCorrelations(runs.z, np.diag(self.scale), n, told, self.gaussian),
         )
 
-    def of_values(self, outcomes: Array, runs: Data) -> Array:
-        """Covariances of all values of runs, over v, from those (M, M) of their outcomes."""
+    def of_values(
+        self, outcomes: Array, runs: Data, settings: ProcessSettings = PROCESS
+    ) -> Array:
+        """Covariances of all values of runs with their noise, over v.
+
+        `outcomes` (M, M) are those of their outcomes without noise, which may be overwritten.
+        """
+        outcomes[np.diag_indices(len(outcomes))] += self.noise**2
         if not runs.told.size:
             return outcomes
         line, (m, n) = self.line**2 * runs.lines @ runs.lines.T, outcomes.shape
@@ -240,6 +257,8 @@ class Covariance:
         )
         out = shared + runs.alike * (self.individual**2 * own + line)
         out[:m, :m] = outcomes
+        slopes = np.arange(m, len(out))
+        out[slopes, slopes] += (settings.slopes * self.noise) ** 2
         return np.asarray(out)
 
     def prior(self, u: Array) -> Array:
@@ -305,7 +324,6 @@ def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tupl
     line = alike * (1.0 + z @ z.T)
     values = data.values
     matrix = c.of_values(value + c.individual**2 * own + c.line**2 * line, data)
-    matrix[np.diag_indices(len(values))] += c.noise**2
     try:
         factor = _Factor.of(matrix, data.trends)
     except LinAlgError:
@@ -322,6 +340,7 @@ def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tupl
     by_own = 2.0 * c.individual**2 * float((gap * own).sum())
     by_line = 2.0 * c.line**2 * float((gap * line).sum())
     by_scale = 4.0 * c.individual**2 * c.scale**2 * np.diag(moved(gap * own_slope, z, z))
+    by_slopes = 0.0
     if data.told.size:
         shared, part = c.slopes_of(data)
         by_mix += shared.by_mix(whole[:m, m:], whole[m:, m:])
@@ -333,7 +352,8 @@ def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tupl
         by_scale += c.individual**2 * c.scale * np.diag(part.by_mix(across, inner))
         within[:m, :m] = 0.0
         by_line += 2.0 * c.line**2 * float((within @ lines * lines).sum())
-    by_noise = 2.0 * c.noise**2 * np.trace(whole)
+        by_slopes = settings.slopes**2 * float(np.diag(whole)[m:].sum())
+    by_noise = 2.0 * c.noise**2 * (np.trace(gap) + by_slopes)
     gradient = np.concatenate(
         [(by_mix + settings.ridge * c.mix).ravel(), [by_own, by_line, *by_scale, by_noise]]
     )
@@ -348,12 +368,12 @@ def learned(
 
     Minus the logarithm of that density is returned too, up to a constant. Each fit takes at most
     `steps` iterations of L-BFGS-B, on the runs of as many whole experiments as have about
-    `settings.learned` values and slopes.
+    `settings.learned` runs.
     """
     rng = np.random.default_rng(len(data.y))
     experiments, sizes = np.unique(data.experiment, return_counts=True)
-    order, each = rng.permutation(len(experiments)), len(data.values) / len(data.y)
-    count = max(1, int((np.cumsum(sizes[order]) * each <= settings.learned).sum()))
+    order = rng.permutation(len(experiments))
+    count = max(1, int((np.cumsum(sizes[order]) <= settings.learned).sum()))
     some = data.take(np.flatnonzero(np.isin(data.experiment, experiments[order[:count]])))
     found = []
     for start in starts:
@@ -375,8 +395,7 @@ class ProcessPosterior:
     """The Gaussian process conditioned on M runs.
 
     `dual` (M + n S,) is P y, with the values y of `Data`, `beta` (T,) the trend, and `variance` the
-    common variance v. `surprise` (M + n S,) are leave-one-out residuals over their expected
-    standard deviations.
+    common variance v.
     """
 
     covariance: Covariance
@@ -385,7 +404,6 @@ class ProcessPosterior:
     dual: Array
     beta: Array
     variance: float
-    surprise: Array
 
     @classmethod
     @single_threaded
@@ -393,15 +411,18 @@ class ProcessPosterior:
         """The process conditioned on the runs; O(M^3)."""
         of, values = data.experiment, data.values
         matrix = covariance.of_values(covariance.between(of, data.u, of, data.u), data)
-        matrix[np.diag_indices(len(values))] += covariance.noise**2
         factor = _Factor.of(matrix, data.trends)
         white, along = factor.whitened(values)
         dual = factor.back(white)
         free = max(len(values) - factor.q.shape[1], 1)
         variance = max(float(white @ white) / free, np.finfo(float).tiny)
-        surprise = dual / np.sqrt(np.diag(factor.precision) * variance)
         beta = solve_triangular(factor.r, along)
-        return cls(covariance, data, factor, dual, beta, variance, surprise)
+        return cls(covariance, data, factor, dual, beta, variance)
+
+    @property
+    def surprise(self) -> Array:
+        """Leave-one-out residuals (M + n S,) over their expected standard deviations; O(M^3)."""
+        return np.asarray(self.dual / np.sqrt(np.diag(self.factor.precision) * self.variance))
 
     @property
     def noise(self) -> float:

@@ -49,6 +49,9 @@ class ProcessesSettings:
     than this many errors."""
     together: int = 1600
     """The largest number of runs of one group of experiments, when the groups are made."""
+    values: int = 2400
+    """The largest number of values and slopes of the runs of one group. The slopes of the earliest
+    runs are left out."""
     expected: int = 12
     """The number of runs of each experiment that is expected when the groups are made."""
     near: float = 2.0
@@ -328,7 +331,8 @@ class Processes:
                 some = np.flatnonzero(np.isin(data.experiment, cases))
                 sites = np.flatnonzero((self.column == column) & np.isin(self.case, cases))
                 if sites.size:
-                    posterior = ProcessPosterior.of(best, data.take(some))
+                    own = data.take(some).with_last_slopes(self.settings.values)
+                    posterior = ProcessPosterior.of(best, own)
                     self.groups.append(_Grouped(sites, column, cases, posterior, log))
         self.steps = PROCESS.steps[1]
 
@@ -355,30 +359,35 @@ class Processes:
         near = np.intersect1d(self._near(axes[0]), self._near(axes[1]))
         found = []
         for scaled in (False, True) if axes[1].logarithmic.any() else (False,):
-            each = [
-                self._fit_column(scaled, c, self._data(axes[scaled], near, c)) for c in self.columns
-            ]
+            each = [self._fit_column(scaled, c, axes[scaled], near) for c in self.columns]
             found.append((sum(loss for loss, _ in each), scaled, [log for _, log in each]))
         _, self.scaled, logs = min(found)
         self.axes = axes[self.scaled]
         self.logarithm = dict(zip(self.columns, logs, strict=True))
 
-    def _fit_column(self, scaled: bool, column: int, data: Data) -> tuple[float, bool]:
+    def _fit_column(
+        self, scaled: bool, column: int, axes: Axes, near: Indices
+    ) -> tuple[float, bool]:
         """Fit the covariance of a column, and that of its logarithm if it varies by decades.
 
-        Returns minus the logarithm of the higher density, and whether it is that of the logarithm.
+        Slopes count while there are few. Returns minus the logarithm of the higher density of
+        values, and of slopes by the parameters, and whether it is that of the logarithm.
         """
+        data = self._data(axes, near, column)
+        if len(data.values) > PROCESS.learned:
+            data = data.with_last_slopes(0)
+        by = float(np.log(axes.rates(axes.outward(data.z[data.told]))).sum())
         y, key = data.y, (scaled, column)
         self.covariances[*key, False], loss = learned(
             self.covariances[*key, False], data, self.steps
         )
         if not (y.min() > 0.0 and y.max() > self.settings.decade * y.min()):
-            return loss, False
+            return loss + by, False
         logs = data.logarithms
         self.covariances[*key, True], other = learned(
             self.covariances[*key, True], logs, self.steps
         )
-        return min((loss, False), (other + logs.values_by_logarithms, True))
+        return min((loss + by, False), (other + logs.values_by_logarithms + by, True))
 
     def expected(self, site: Indices, x: Array) -> Array:
         """Expected values (R,) of outputs at points x (R, n)."""
