@@ -29,7 +29,7 @@ from aleator.fit.quadrature import (
     with_enough_nodes,
     with_other_optima,
 )
-from aleator.fit.question import Question
+from aleator.fit.question import Question, start_point
 from aleator.fit.regions import (
     REGIONS,
     draws,
@@ -60,8 +60,9 @@ from aleator.search import SearchResult
 from aleator.search.interface import OPTIMA
 from aleator.simulators import Runner
 from aleator.simulators.response_functions import completed, moving_parameters
+from aleator.simulators.slope_check import require_slopes
 from aleator.surrogates import ResponseSurface
-from aleator.surrogates.processes import PROCESSES, Processes
+from aleator.surrogates.processes import Processes, least_first_runs
 from aleator.surrogates.samples import Sites, features
 from aleator.surrogates.surface import Surface
 
@@ -269,14 +270,18 @@ class Emulation:
 
     def _begin(self) -> None:
         """The first runs; observations all of whose runs fail are left out."""
-        processes = self.processes
+        processes, question = self.processes, self.question
+        if processes.sloped:
+            start = np.clip(start_point(question.inputs), *question.inputs.box.T)
+            moving = moving_parameters(self.region)
+            require_slopes(question.runner, start, self.region, moving)
         processes.know(*earlier_runs(self.question, self.region))
         self.earlier = len(processes.x)
         if self.earlier:
             self.ledger.progress.update(f"the processes begin with {self.earlier:,} stored runs")
         # Of a budget a round is left that tests the processes.
-        slopes = processes.sloped * len(processes.box)
-        least = max(-(-PROCESSES.first // (1 + slopes)) * len(processes.conditions) - self.earlier, 0)
+        each = least_first_runs(processes.sloped * len(processes.box))
+        least = max(each * len(processes.conditions) - self.earlier, 0)
         account, reserve = self.question.runner.account, self.settings.fewest
         processes.begin(
             together=self.together, granted=lambda n: max(account.granted(n, reserve), least)
@@ -368,9 +373,7 @@ class Emulation:
         # What mostly earlier runs have made exact needs a test, but no runs to learn from.
         known = self.earlier > 0.5 * len(self.processes.x)
         tested = known and self.error.enough(len(self.question.ids), settings)
-        import os
         few = settings.fewest if tested else usual(len(self.processes.conditions), settings)
-        if self.processes.sloped and not tested: few = max(settings.fewest, int(float(os.environ.get("PART",".5"))*len(self.processes.conditions)))
         return max(self.together, few)
 
     def expected_runs(self, goal: float, calm: int = 0) -> float:

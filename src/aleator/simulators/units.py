@@ -256,8 +256,9 @@ class Form:
         """Values (count, W) of the first `count` runs; NaN where a run returned fewer values.
 
         `returned` is an array (count,) of numbers, a mapping from responses to such arrays, or a
-        list with the return value of each run. Slopes follow the values, where there are any. Raises SimulatorError for a wrong shape or type, a
-        missing response, and a series of the wrong length.
+        list with the return value of each run. Slopes follow the values, where there are any.
+        Raises SimulatorError for a wrong shape or type, a missing response, and a series of the
+        wrong length.
         """
         if not count:
             return np.empty((0, self.columns))

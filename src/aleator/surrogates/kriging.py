@@ -51,8 +51,8 @@ class ProcessSettings:
     noise: tuple[float, float] = (1e-5, 0.3)
     """Limits of the standard deviation of the noise of a run."""
     slopes: float = 3.0
-    """The noise of slopes by the scaled parameters, over that of values. Of 0.1, 0.3, 1, 3 and 10 it
-    predicted further runs of the wet clutch best, and others as well."""
+    """The noise of slopes by the scaled parameters, over that of values. Of 0.1, 0.3, 1, 3 and 10
+    it predicted further runs of the wet clutch best, and those of smooth simulators as well."""
     largest: float = 20.0
     """The largest size of an entry of A."""
     first: tuple[float, float, float] = (0.5, 0.1, 0.01)
@@ -240,9 +240,7 @@ class Covariance:
             SlopeCorrelations(runs.z, np.diag(self.scale), n, told, self.gaussian),
         )
 
-    def of_values(
-        self, outcomes: Array, runs: Data, settings: ProcessSettings = PROCESS
-    ) -> Array:
+    def of_values(self, outcomes: Array, runs: Data, settings: ProcessSettings = PROCESS) -> Array:
         """Covariances of all values of runs with their noise, over v.
 
         `outcomes` (M, M) are those of their outcomes without noise, which may be overwritten.
@@ -346,8 +344,10 @@ def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tupl
         by_mix += shared.by_mix(whole[:m, m:], whole[m:, m:])
         within, lines = whole * data.alike, data.lines
         across, inner = within[:m, m:], within[m:, m:]
-        by_own += 2.0 * c.individual**2 * float(
-            2.0 * (across * part.across).sum() + (inner * part.inner).sum()
+        by_own += (
+            2.0
+            * c.individual**2
+            * float(2.0 * (across * part.across).sum() + (inner * part.inner).sum())
         )
         by_scale += c.individual**2 * c.scale * np.diag(part.by_mix(across, inner))
         within[:m, :m] = 0.0
@@ -535,7 +535,7 @@ class ProcessPosterior:
     def _known(self, columns: Array, trend: Array) -> tuple[Array, Array]:
         """What the runs tell (M, R), and what the trend's uncertainty adds (T, R).
 
-        `columns` (M + n S, R) are the covariances with the runs, and `trend` (T, R) the trend's terms.
+        `columns` (M + n S, R) are the covariances with the runs, `trend` (T, R) the trend's terms.
         """
         known = _solved(self.factor.lower, columns)
         short = trend - self.factor.r.T @ (self.factor.q.T @ known)

@@ -52,6 +52,9 @@ class ProcessesSettings:
     values: int = 2400
     """The largest number of values and slopes of the runs of one group. The slopes of the earliest
     runs are left out."""
+    compared: int = 30
+    """Slopes are left out if the last new values, at least so many, lay nearer in the mean to what
+    is expected without them."""
     expected: int = 12
     """The number of runs of each experiment that is expected when the groups are made."""
     near: float = 2.0
@@ -87,7 +90,8 @@ PROCESSES = ProcessesSettings()
 class _Grouped:
     """The outputs of one column for experiments of similar conditions, with their process.
 
-    If `logarithm` is true, the process is that of the logarithms of the values.
+    If `logarithm` is true, the process is that of the logarithms of the values. If runs have
+    slopes, `plain` is the process that learns from the values alone.
     """
 
     sites: Indices
@@ -95,6 +99,7 @@ class _Grouped:
     cases: Indices
     posterior: ProcessPosterior
     logarithm: bool
+    plain: ProcessPosterior | None = None
 
     def transformed(self, y: Array) -> Array:
         """The values y (R,) on the scale of the process; NaN where they have no logarithm."""
@@ -168,7 +173,8 @@ class Processes:
     `run` makes runs of cases (distinct conditions). `conditions` (C, d) are the conditions of the
     cases in [-1, 1]. Output u is the value of column[u] under the conditions of case[u]. `box`
     (n, 2) is the region of the parameters. Values of a column beyond its `limits` count as these.
-    `sloped` says whether runs give slopes.
+    `sloped` says whether runs give slopes; they are left out once they contradict the values
+    (`contradicted`).
     """
 
     def __init__(
@@ -198,6 +204,8 @@ class Processes:
         self.scaled, self.logarithm = False, dict.fromkeys(self.columns, False)
         self.steps = PROCESS.steps[0]
         self.terms, self.fitted = 0, 0
+        self.missed, self.contradicted = np.empty((0, 2)), False
+        self.alone: dict[int, Covariance] = {}
         self.groups: list[_Grouped] = []
 
     @property
@@ -313,9 +321,17 @@ class Processes:
             key: tuple(one.stretched(ratios[key[0]]) for one in both)
             for key, both in self.covariances.items()
         }
+        self.alone = {c: one.stretched(ratios[self.scaled]) for c, one in self.alone.items()}
 
     def learn(self) -> None:
-        """Fit the covariance of each column, and condition its processes on the runs."""
+        """Fit the covariance of each column, and condition its processes on the runs.
+
+        Slopes are used until they contradict the values.
+        """
+        if self.sloped and self._misled:
+            self.sloped, self.contradicted, self.fitted = False, True, 0
+        if not self.sloped:
+            self.slopes[:] = np.nan
         near = self._near(self.axes)
         if len(near) >= self.settings.again * self.fitted:
             self._fit()
@@ -333,7 +349,11 @@ class Processes:
                 if sites.size:
                     own = data.take(some).with_last_slopes(self.settings.values)
                     posterior = ProcessPosterior.of(best, own)
-                    self.groups.append(_Grouped(sites, column, cases, posterior, log))
+                    plain = None
+                    if own.told.size:
+                        values = own.with_last_slopes(0)
+                        plain = ProcessPosterior.of(self.alone.get(column, best), values)
+                    self.groups.append(_Grouped(sites, column, cases, posterior, log, plain))
         self.steps = PROCESS.steps[1]
 
     def _near(self, axes: Axes) -> Indices:
@@ -364,6 +384,16 @@ class Processes:
         _, self.scaled, logs = min(found)
         self.axes = axes[self.scaled]
         self.logarithm = dict(zip(self.columns, logs, strict=True))
+        self.alone = {c: self._fit_alone(c, near) for c in self.columns} if self.sloped else {}
+
+    def _fit_alone(self, column: int, near: Indices) -> Covariance:
+        """The covariance of a column by values alone, where slopes count in that of both."""
+        data, log = self._data(self.axes, near, column), self.logarithm[column]
+        both = self.covariances[self.scaled, column, log]
+        if len(data.values) > PROCESS.learned:
+            return both[0]
+        values = data.with_last_slopes(0)
+        return learned(both, values.logarithms if log else values, self.steps)[0][0]
 
     def _fit_column(
         self, scaled: bool, column: int, axes: Axes, near: Indices
@@ -460,15 +490,33 @@ class Processes:
         return np.asarray(x[chosen])
 
     def _surprises(self, case: Indices, x: Array, y: Array) -> Array:
-        z, found = self.axes.inward(x), [np.empty(0)]
+        z, found, least = self.axes.inward(x), [np.empty(0)], np.finfo(float).tiny
         for group in self.groups:
             values = group.transformed(y[:, group.column])
             rows = np.flatnonzero(np.isin(case, group.cases) & np.isfinite(values))
             inputs = self._inputs(case[rows], z[rows])
             off = values[rows] - group.posterior.mean(*inputs)
+            if group.plain is not None:
+                other = values[rows] - group.plain.mean(*inputs)
+                both = np.abs([off, other]).T / max(float(group.plain.data.y.std()), least)
+                self.missed = np.vstack([self.missed, both])
             sd = group.posterior.deviation(*inputs)
             found.append(off / np.hypot(sd, np.sqrt(group.posterior.noise)))
         return np.concatenate(found)
+
+    @property
+    def _misled(self) -> bool:
+        """Whether the last new values lay nearer to what is expected without slopes."""
+        last = self.missed[-self.settings.compared :]
+        if len(last) < self.settings.compared:
+            return False
+        with_slopes, without = last.mean(axis=0)
+        return bool(with_slopes > max(without, self.settings.exact))
+
+    @property
+    def told(self) -> int:
+        """The number of runs whose slopes are used."""
+        return int(np.isfinite(self.slopes).all(axis=2).any(axis=1).sum()) if len(self.x) else 0
 
     def surface(self, where: Array, least: int = 0) -> Surface:
         """The polynomials fitted to the processes, with their errors at points where (J, n).
@@ -575,7 +623,16 @@ def first_process_runs(
     (1, 4)
     """
     least = max(-(-settings.least * (inputs + 1) // (1 + slopes)), together)
-    return max(-(-settings.first // (1 + slopes)), -(-least // cases))
+    return max(least_first_runs(slopes, settings), -(-least // cases))
+
+
+def least_first_runs(slopes: int, settings: ProcessesSettings = PROCESSES) -> int:
+    """The least number of first runs of each case, if each gives so many slopes of a value.
+
+    >>> [least_first_runs(slopes) for slopes in (0, 1, 2)]
+    [3, 2, 1]
+    """
+    return -(-settings.first // (1 + slopes))
 
 
 def _axes(box: Array) -> tuple[Axes, Axes]:

@@ -407,7 +407,7 @@ def expected_cost(
         cases = len(runner.cases)
         known = features(runner.cases.columns, cases).shape[1]
         together = enlarged(runner, propagation)
-        each = first_process_runs(cases, known + moving, together)
+        each = first_process_runs(cases, known + moving, together, moving * runner.sloped)
         low = each * cases + EMULATION.rounds * max(together, usual(cases)) + 1
         high, most = int(settings.process * low), propagation.max_runs * cases
         return Cost(min(low, most), min(high, most), False)

@@ -502,7 +502,9 @@ def _surfaces(surface: Document, experiments: int) -> str:
         stored = surface.get("stored", 0)
         begun = f" It began with {count(stored, 'stored run')}." if stored else ""
         told = f"The emulator moves the estimates by {off[0]} standard errors, log L by {off[1]}."
-        return told + begun
+        sloped = surface.get("slopes", 0)
+        slopes = f" {count(sloped, 'run')} gave derivatives." if sloped else ""
+        return told + begun + slopes
     converged, total = surface.get("converged"), surface.get("experiments", experiments)
     parts = [] if converged is None else [f"{int(converged)} of {total} surfaces converged"]
     known = [key for key in ("median_error", "worst_error") if surface.get(key) is not None]
