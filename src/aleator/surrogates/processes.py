@@ -53,8 +53,11 @@ class ProcessesSettings:
     """The largest number of values and slopes of the runs of one group. The slopes of the earliest
     runs are left out."""
     compared: int = 30
-    """Slopes are left out if the last new values, at least so many, lay nearer in the mean to what
-    is expected without them."""
+    """The number of last new values that are compared with what is expected with slopes and without
+    them."""
+    nearer: float = 0.33
+    """Slopes are left out if fewer than this share of these values lie as near to what is expected
+    with them."""
     expected: int = 12
     """The number of runs of each experiment that is expected when the groups are made."""
     near: float = 2.0
@@ -506,12 +509,12 @@ class Processes:
 
     @property
     def _misled(self) -> bool:
-        """Whether the last new values lay nearer to what is expected without slopes."""
+        """Whether most of the last new values lay nearer to what is expected without slopes."""
         last = self.missed[-self.settings.compared :]
         if len(last) < self.settings.compared:
             return False
-        with_slopes, without = last.mean(axis=0)
-        return bool(with_slopes > max(without, self.settings.exact))
+        nearer = last[:, 0] <= np.maximum(last[:, 1], self.settings.exact)
+        return bool(nearer.mean() < self.settings.nearer)
 
     @property
     def told(self) -> int:
