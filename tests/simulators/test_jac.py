@@ -108,7 +108,7 @@ def test_a_series_has_derivatives_of_each_row() -> None:
 )
 def test_derivatives_of_another_form_are_told(returned: Any, told: str) -> None:
     with pytest.raises(SimulatorError, match=told):
-        runner(lambda load, b, a: returned)([0], X[:1])
+        runner(lambda load, b, a: returned)([0], X[:1])  # noqa: ARG005  names are arguments
 
 
 def test_a_pair_without_jac_is_told() -> None:
@@ -169,7 +169,9 @@ def test_stored_runs_have_the_same_derivatives_to_the_last_bit(tmp_path: Path) -
     path = tmp_path / "runs.sqlite"
     first = stored(path, value, gradient).with_slopes([0, 1], X)
     again = stored(path, value, gradient)
-    assert all(np.array_equal(a, b) for a, b in zip(first, again.with_slopes([0, 1], X), strict=True))
+    assert all(
+        np.array_equal(a, b) for a, b in zip(first, again.with_slopes([0, 1], X), strict=True)
+    )
     assert again.fresh == 0
     # In another order of the parameters, and without derivatives.
     swapped = stored(path, value, gradient, names=["a", "b"])
@@ -200,5 +202,7 @@ def test_derivatives_are_exported_and_imported(tmp_path: Path) -> None:
     other = Store(tmp_path / "other.sqlite")
     assert read(other, tmp_path / "runs.csv").added == 2
     again = runner(value, gradient, store=other)
-    assert all(np.array_equal(a, b) for a, b in zip(first, again.with_slopes([0, 1], X), strict=True))
+    assert all(
+        np.array_equal(a, b) for a, b in zip(first, again.with_slopes([0, 1], X), strict=True)
+    )
     assert again.fresh == 0

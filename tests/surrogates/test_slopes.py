@@ -43,9 +43,10 @@ def test_the_process_is_that_of_a_dense_matrix_by_differences(gaussian: bool) ->
         return data.experiment[told], data.u[told] + by * np.eye(4)[2 + i]
 
     # Each known number is a sum of values of f + g at points, with weights.
-    sums = [((1.0, (data.experiment, data.u)),)]
-    for i in range(2):
-        sums.append(((0.5 / step, shifted(i, step)), (-0.5 / step, shifted(i, -step))))
+    sums = [
+        ((1.0, (data.experiment, data.u)),),
+        *(((0.5 / step, shifted(i, step)), (-0.5 / step, shifted(i, -step))) for i in range(2)),
+    ]
 
     def prior(a: tuple[Indices, Array], b: tuple[Indices, Array]) -> Array:
         wide = 1e3 * data.trend(a[1]) @ data.trend(b[1]).T

@@ -519,7 +519,8 @@ class Processes:
     @property
     def told(self) -> int:
         """The number of runs whose slopes are used."""
-        return int(np.isfinite(self.slopes).all(axis=2).any(axis=1).sum()) if len(self.x) else 0
+        known = np.all(np.isfinite(self.slopes), axis=2)
+        return int(np.count_nonzero(np.any(known, axis=1)))
 
     def surface(self, where: Array, least: int = 0) -> Surface:
         """The polynomials fitted to the processes, with their errors at points where (J, n).
