@@ -514,12 +514,18 @@ def _arguments(
     return tuple(required), tuple(optional), anything
 
 
-def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
+def as_simulator(
+    simulator: Simulator | Callable[..., Any],
+    vectorized: bool = False,
+    jac: bool | Callable[..., Any] = False,
+) -> Simulator:
     """A simulator unchanged, or a plain function as a simulator, called once a run or `vectorized`.
+
+    With `jac` it returns derivatives, too (see `FunctionSimulator`).
 
     >>> as_simulator(lambda load, stiffness: load / stiffness).vectorized
     False
     """
     if all(hasattr(simulator, member) for member in ("name", "block", "asks", "fingerprint")):
         return simulator  # type: ignore[return-value] # any class that fills the protocol
-    return FunctionSimulator(simulator, vectorized)
+    return FunctionSimulator(simulator, vectorized, jac=jac)

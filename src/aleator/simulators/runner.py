@@ -103,6 +103,7 @@ def as_runner(
     parameters: Sequence[str],
     vectorized: bool = False,
     executor: Executor | None = None,
+    jac: bool | Callable[..., Any] = False,
 ) -> Runner:
     """A runner for a simulator or a function (see `as_simulator`) on the experiments.
 
@@ -116,7 +117,7 @@ def as_runner(
     """
     if isinstance(simulator, Runner):
         return simulator
-    simulator = as_simulator(simulator, vectorized)
+    simulator = as_simulator(simulator, vectorized, jac)
     return Runner(simulator, experiments, parameters, executor=executor)
 
 
