@@ -36,11 +36,11 @@ def covariance(gaussian: bool) -> Covariance:
 def test_the_process_is_that_of_a_dense_matrix_by_differences(gaussian: bool) -> None:
     """Covariances with slopes are differences of those of values; no formula is used twice."""
     data, c = some_runs(12, 0.5), replace(covariance(gaussian), noise=0.05)
-    found, step, told = ProcessPosterior.of(c, data), 1e-3, data.told
-    assert 0 < told.size < 12
+    found, step, sloped = ProcessPosterior.of(c, data), 1e-3, data.sloped
+    assert 0 < sloped.size < 12
 
     def shifted(i: int, by: float) -> tuple[Indices, Array]:
-        return data.experiment[told], data.u[told] + by * np.eye(4)[2 + i]
+        return data.experiment[sloped], data.u[sloped] + by * np.eye(4)[2 + i]
 
     # Each known number is a sum of values of f + g at points, with weights.
     sums = [
@@ -56,11 +56,11 @@ def test_the_process_is_that_of_a_dense_matrix_by_differences(gaussian: bool) ->
         return np.vstack([sum(w * prior(a, b) for w, a in one) for one in sums])
 
     matrix = np.hstack([sum(w * known(a) for w, a in one) for one in sums])
-    noise = np.repeat([c.noise, PROCESS.slopes * c.noise], [12, 2 * told.size])
+    noise = np.repeat([c.noise, PROCESS.slopes * c.noise], [12, 2 * sloped.size])
     rng = np.random.default_rng(2)
     at = np.arange(5), np.hstack([CONDITIONS[:5], rng.uniform(-1.0, 1.0, (5, 2))])
     weights = np.linalg.solve(matrix + np.diag(noise**2), known(at))
-    values = np.concatenate([data.y, *data.slopes[told].T])
+    values = np.concatenate([data.y, *data.slopes[sloped].T])
     assert found.mean(*at) == pytest.approx(weights.T @ values, abs=2e-3)
     left = prior(at, at) - known(at).T @ weights
     assert found.joint(*at) / found.variance == pytest.approx(left, abs=2e-3)
@@ -72,7 +72,7 @@ def test_the_mean_has_the_values_and_slopes_of_the_runs(gaussian: bool) -> None:
     c = replace(covariance(gaussian), noise=1e-5)
     value, slope = ProcessPosterior.of(c, data).with_slope(data.experiment, data.u)
     assert value == pytest.approx(data.y, abs=1e-5)
-    assert slope[data.told] == pytest.approx(data.slopes[data.told], abs=1e-4)
+    assert slope[data.sloped] == pytest.approx(data.slopes[data.sloped], abs=1e-4)
 
 
 @pytest.mark.parametrize("gaussian", [False, True])
@@ -152,22 +152,22 @@ def test_slopes_that_contradict_the_values_are_left_out() -> None:
         return y, slopes * [1.0, 0.4]
 
     made = learned(wrong, sloped=True)
-    assert made.told == 60
+    assert made.sloped_runs == 60
     rng = np.random.default_rng(1)
     made.make(EVERYONE, BOX[:, 0] + rng.random((30, 2)) * np.diff(BOX, axis=1).T)
     made.learn()
     assert made.contradicted
-    assert made.told == 0
+    assert made.sloped_runs == 0
     right = learned(wavy, sloped=True)
     right.make(EVERYONE, made.x[-30:])
     right.learn()
     assert not right.contradicted
-    assert right.told == 90
+    assert right.sloped_runs == 90
 
 
 def test_the_last_slopes_of_very_many_runs_are_kept() -> None:
     data = some_runs(40, 1.0)
     kept = data.with_last_slopes(60)
     assert len(kept.values) == 60
-    assert kept.told.tolist() == list(range(30, 40))
-    assert not data.with_last_slopes(20).told.size
+    assert kept.sloped.tolist() == list(range(30, 40))
+    assert not data.with_last_slopes(20).sloped.size

@@ -93,20 +93,20 @@ class Data:
         return self.u[:, self.u.shape[1] - self.parameters :]
 
     @cached_property
-    def told(self) -> Indices:
+    def sloped(self) -> Indices:
         """The numbers (S,) of the runs whose slopes are known."""
         return np.flatnonzero(np.isfinite(self.slopes).all(axis=1))
 
     @property
     def values(self) -> Array:
         """The outcomes and the slopes, (M + n S,)."""
-        return np.concatenate([self.y, self.slopes[self.told].T.ravel()])
+        return np.concatenate([self.y, self.slopes[self.sloped].T.ravel()])
 
     def with_last_slopes(self, most: int) -> Data:
         """The runs with the slopes of the last of them, at most `most` values and slopes."""
         kept = max((most - len(self.y)) // self.parameters, 0)
         slopes = self.slopes.copy()
-        slopes[self.told[: max(self.told.size - kept, 0)]] = np.nan
+        slopes[self.sloped[: max(self.sloped.size - kept, 0)]] = np.nan
         return replace(self, slopes=slopes)
 
     @property
@@ -120,19 +120,19 @@ class Data:
 
         It is called on the latter: outcomes and slopes are both proportional to the outcome.
         """
-        return float(self.y.sum() + self.parameters * self.y[self.told].sum())
+        return float(self.y.sum() + self.parameters * self.y[self.sloped].sum())
 
     @property
     def alike(self) -> Flags:
         """Whether two of the values belong to the same experiment, (M + n S, M + n S)."""
-        rows = np.concatenate([np.arange(len(self.y)), np.tile(self.told, self.parameters)])
+        rows = np.concatenate([np.arange(len(self.y)), np.tile(self.sloped, self.parameters)])
         of = self.experiment[rows]
         return np.asarray(of[:, None] == of)
 
     @property
     def lines(self) -> Array:
         """The terms 1 and z, and their slopes, of all values (M + n S, 1 + n)."""
-        n, count = self.parameters, self.told.size
+        n, count = self.parameters, self.sloped.size
         slopes = np.hstack([np.zeros((n * count, 1)), np.repeat(np.eye(n), count, axis=0)])
         return np.vstack([np.insert(self.z, 0, 1.0, axis=1), slopes])
 
@@ -148,7 +148,7 @@ class Data:
     @property
     def trends(self) -> Array:
         """The terms of the trend, and their slopes, of all values (M + n S, T)."""
-        return np.vstack([self.trend(self.u), *self.trend_slopes(self.u[self.told])])
+        return np.vstack([self.trend(self.u), *self.trend_slopes(self.u[self.sloped])])
 
     def take(self, rows: Indices) -> Data:
         """The runs `rows` alone."""
@@ -221,12 +221,12 @@ class Covariance:
 
     def with_slopes(self, experiment: Indices, u: Array, runs: Data) -> Array:
         """Covariances (R, n S) of values at inputs u (R, D) with the slopes of runs, over v."""
-        n, told = len(self.scale), runs.told
-        a, b, own = u @ self.mix, runs.u[told] @ self.mix, self.mix[len(self.mix) - n :]
+        n, sloped = len(self.scale), runs.sloped
+        a, b, own = u @ self.mix, runs.u[sloped] @ self.mix, self.mix[len(self.mix) - n :]
         first = derivatives(squared_distances(a, b), self.gaussian)[0]
         out = -2.0 * first * ((own @ a.T)[:, :, None] - (own @ b.T)[:, None])
-        row, column = np.nonzero(experiment[:, None] == runs.experiment[told])
-        z, apart = u[row, -n:], u[row, -n:] - runs.z[told[column]]
+        row, column = np.nonzero(experiment[:, None] == runs.experiment[sloped])
+        z, apart = u[row, -n:], u[row, -n:] - runs.z[sloped[column]]
         first = derivatives(((apart * self.scale) ** 2).sum(axis=1), self.gaussian)[0]
         part = -2.0 * self.individual**2 * first * (apart * self.scale**2).T
         out[:, row, column] += part + self.line**2 * z.T
@@ -234,10 +234,10 @@ class Covariance:
 
     def slopes_of(self, runs: Data) -> tuple[SlopeCorrelations, SlopeCorrelations]:
         """The correlations with the slopes of runs, of f and of the smooth part of g."""
-        n, told = runs.parameters, runs.told
+        n, sloped = runs.parameters, runs.sloped
         return (
-            SlopeCorrelations(runs.u, self.mix, n, told, self.gaussian),
-            SlopeCorrelations(runs.z, np.diag(self.scale), n, told, self.gaussian),
+            SlopeCorrelations(runs.u, self.mix, n, sloped, self.gaussian),
+            SlopeCorrelations(runs.z, np.diag(self.scale), n, sloped, self.gaussian),
         )
 
     def of_values(self, outcomes: Array, runs: Data, settings: ProcessSettings = PROCESS) -> Array:
@@ -246,7 +246,7 @@ class Covariance:
         `outcomes` (M, M) are those of their outcomes without noise, which may be overwritten.
         """
         outcomes[np.diag_indices(len(outcomes))] += self.noise**2
-        if not runs.told.size:
+        if not runs.sloped.size:
             return outcomes
         line, (m, n) = self.line**2 * runs.lines @ runs.lines.T, outcomes.shape
         shared, own = (
@@ -339,7 +339,7 @@ def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tupl
     by_line = 2.0 * c.line**2 * float((gap * line).sum())
     by_scale = 4.0 * c.individual**2 * c.scale**2 * np.diag(moved(gap * own_slope, z, z))
     by_slopes = 0.0
-    if data.told.size:
+    if data.sloped.size:
         shared, part = c.slopes_of(data)
         by_mix += shared.by_mix(whole[:m, m:], whole[m:, m:])
         within, lines = whole * data.alike, data.lines
@@ -451,7 +451,7 @@ class ProcessPosterior:
         by_own = 2.0 * c.individual**2 * slope[:, None] * (z - t) * c.scale**2 + c.line**2 * t
         np.add.at(out, row, own * dual)
         np.add.at(by_z, row, by_own * dual[:, None])
-        if runs.told.size:
+        if runs.sloped.size:
             value, by = self._of_slopes(experiment, u)
             out, by_z = out + value, by_z + by
         out += runs.trend(u) @ self.beta
@@ -460,9 +460,9 @@ class ProcessPosterior:
 
     def _of_slopes(self, experiment: Indices, u: Array) -> tuple[Array, Array]:
         """The part of the slopes of the runs in the mean (R,) and in its slopes (R, n)."""
-        c, runs, n, told = self.covariance, self.data, self.data.parameters, self.data.told
+        c, runs, n, sloped = self.covariance, self.data, self.data.parameters, self.data.sloped
         dual = self.dual[len(runs.y) :].reshape(n, -1)
-        a, b, own = u @ c.mix, runs.u[told] @ c.mix, c.mix[len(c.mix) - n :]
+        a, b, own = u @ c.mix, runs.u[sloped] @ c.mix, c.mix[len(c.mix) - n :]
         squared = squared_distances(a, b)
         first, second, _ = derivatives(squared, c.gaussian)
         g, h = a @ own.T, b @ own.T
@@ -470,9 +470,9 @@ class ProcessPosterior:
         rate = -4.0 * second * along
         out = -2.0 * (first * along).sum(axis=1)
         by_z = g * rate.sum(axis=1)[:, None] - rate @ h - 2.0 * (first @ dual.T) @ (own @ own.T)
-        row, column = np.nonzero(experiment[:, None] == runs.experiment[told])
+        row, column = np.nonzero(experiment[:, None] == runs.experiment[sloped])
         z, by = u[row, -n:], dual.T[column]
-        apart = z - runs.z[told[column]]
+        apart = z - runs.z[sloped[column]]
         squared = ((apart * c.scale) ** 2).sum(axis=1)
         first, second, _ = derivatives(squared, c.gaussian)
         first, second, apart = first[:, None], second[:, None], apart * c.scale**2
@@ -528,7 +528,7 @@ class ProcessPosterior:
         """Covariances (R, M + n S) of the outcomes at inputs u (R, D) with all that is known."""
         runs = self.data
         out = self.covariance.between(experiment, u, runs.experiment, runs.u)
-        if not runs.told.size:
+        if not runs.sloped.size:
             return out
         return np.hstack([out, self.covariance.with_slopes(experiment, u, runs)])
 

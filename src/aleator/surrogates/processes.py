@@ -55,7 +55,7 @@ class ProcessesSettings:
     compared: int = 30
     """The number of last new values that are compared with what is expected with slopes and without
     them."""
-    nearer: float = 0.33
+    agreeing: float = 0.33
     """Slopes are left out if fewer than this share of these values lie as near to what is expected
     with them."""
     expected: int = 12
@@ -353,7 +353,7 @@ class Processes:
                     own = data.take(some).with_last_slopes(self.settings.values)
                     posterior = ProcessPosterior.of(best, own)
                     plain = None
-                    if own.told.size:
+                    if own.sloped.size:
                         values = own.with_last_slopes(0)
                         plain = ProcessPosterior.of(self.alone.get(column, best), values)
                     self.groups.append(_Grouped(sites, column, cases, posterior, log, plain))
@@ -409,7 +409,7 @@ class Processes:
         data = self._data(axes, near, column)
         if len(data.values) > PROCESS.learned:
             data = data.with_last_slopes(0)
-        by = float(np.log(axes.rates(axes.outward(data.z[data.told]))).sum())
+        by = float(np.log(axes.rates(axes.outward(data.z[data.sloped]))).sum())
         y, key = data.y, (scaled, column)
         self.covariances[*key, False], loss = learned(
             self.covariances[*key, False], data, self.steps
@@ -514,10 +514,10 @@ class Processes:
         if len(last) < self.settings.compared:
             return False
         nearer = last[:, 0] <= np.maximum(last[:, 1], self.settings.exact)
-        return bool(nearer.mean() < self.settings.nearer)
+        return bool(nearer.mean() < self.settings.agreeing)
 
     @property
-    def told(self) -> int:
+    def sloped_runs(self) -> int:
         """The number of runs whose slopes are used."""
         known = np.all(np.isfinite(self.slopes), axis=2)
         return int(np.count_nonzero(np.any(known, axis=1)))

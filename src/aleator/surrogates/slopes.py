@@ -72,13 +72,13 @@ class SlopeCorrelations:
     """The correlations of M values with slopes at some of their points, and of these slopes.
 
     The points are x (M, D), and `mix` is the module's M. Slopes by the last `parameters` entries of
-    x are those of the points `told` (S,); they are in order of the parameters.
+    x are those of the points `sloped` (S,); they are in order of the parameters.
     """
 
     x: Array
     mix: Array
     parameters: int
-    told: Indices
+    sloped: Indices
     gaussian: bool
 
     @cached_property
@@ -93,14 +93,14 @@ class SlopeCorrelations:
     @cached_property
     def _derivatives(self) -> tuple[Array, Array, Array]:
         """The first three derivatives of k between all points and those with slopes, (M, S)."""
-        squared = squared_distances(self._mixed, self._mixed[self.told])
+        squared = squared_distances(self._mixed, self._mixed[self.sloped])
         return derivatives(squared, self.gaussian)
 
     @cached_property
     def _apart(self) -> Array:
         """d (n, M, S)."""
         g = self._own @ self._mixed.T
-        return np.asarray(g[:, :, None] - g[:, None, self.told])
+        return np.asarray(g[:, :, None] - g[:, None, self.sloped])
 
     @property
     def across(self) -> Array:
@@ -111,10 +111,10 @@ class SlopeCorrelations:
     @property
     def inner(self) -> Array:
         """The correlations (n S, n S) of slopes with slopes."""
-        first, second, _ = (one[self.told] for one in self._derivatives)
-        apart, gram = self._apart[:, self.told], self._own @ self._own.T
+        first, second, _ = (one[self.sloped] for one in self._derivatives)
+        apart, gram = self._apart[:, self.sloped], self._own @ self._own.T
         out = (-4.0 * second * apart)[:, None] * apart - 2.0 * gram[..., None, None] * first
-        size = self.parameters * self.told.size
+        size = self.parameters * self.sloped.size
         return np.asarray(out.transpose(0, 2, 1, 3).reshape(size, size))
 
     def by_mix(self, across: Array, inner: Array) -> Array:
@@ -122,24 +122,24 @@ class SlopeCorrelations:
 
         The weights have the shapes of `across` and `inner`; those of the latter are symmetric.
         """
-        n, s, told, own = self.parameters, self.told.size, self.told, self._own
+        n, s, sloped, own = self.parameters, self.sloped.size, self.sloped, self._own
         across = 2.0 * across.reshape(-1, n, s).transpose(1, 0, 2)
         inner = inner.reshape(n, s, n, s).transpose(0, 2, 1, 3)
         apart, (first, second, third) = self._apart, self._derivatives
-        along = np.einsum("ijpq,jpq->ipq", inner, apart[:, told])
+        along = np.einsum("ijpq,jpq->ipq", inner, apart[:, sloped])
         # By squared distances.
         some = -2.0 * second * (across * apart).sum(axis=0)
-        some[told] -= 4.0 * third[told] * (along * apart[:, told]).sum(axis=0)
-        some[told] -= 2.0 * second[told] * np.einsum("ijpq,ij->pq", inner, own @ own.T)
+        some[sloped] -= 4.0 * third[sloped] * (along * apart[:, sloped]).sum(axis=0)
+        some[sloped] -= 2.0 * second[sloped] * np.einsum("ijpq,ij->pq", inner, own @ own.T)
         gap = np.zeros((len(self.x), len(self.x)))
-        gap[:, told] = some
+        gap[:, sloped] = some
         out = 2.0 * moved(gap + gap.T, self.x, self.x) @ self.mix
         # By d, the difference of g = x M W', and by W W'.
         by_apart = -2.0 * first * across
-        by_apart[:, told] -= 8.0 * second[told] * along
+        by_apart[:, sloped] -= 8.0 * second[sloped] * along
         by_g = by_apart.sum(axis=2).T
-        by_g[told] -= by_apart.sum(axis=1).T
-        by_gram = -2.0 * np.einsum("ijpq,pq->ij", inner, first[told])
+        by_g[sloped] -= by_apart.sum(axis=1).T
+        by_gram = -2.0 * np.einsum("ijpq,pq->ij", inner, first[sloped])
         out += self.x.T @ by_g @ own
         out[len(out) - n :] += by_g.T @ self._mixed + (by_gram + by_gram.T) @ own
         return np.asarray(out)
