@@ -5,7 +5,7 @@ identified by default settings as ones that are not vectorized. Each answer is c
 the same study where the simulator itself is integrated over. The error of alpha in the worst
 direction is sqrt(2 (L(exact) - L(found))) in standard errors, where L is the exact log-likelihood.
 The exact answers are kept in a file beside, RECORD-exact.jsonl, so that they are computed once;
-what RECORD.jsonl has already is not made again.
+what RECORD.jsonl has already is not made again. With `--jac` runs give derivatives, too.
 """
 
 from __future__ import annotations
@@ -90,14 +90,14 @@ def exact_answer(name: str, seed: int) -> Entry:
     return entry
 
 
-def judged(exact: Mapping[Key, Entry], name: str, seed: int) -> Entry:
-    """One study by default settings, held against its exact answer."""
+def judged(exact: Mapping[Key, Entry], name: str, seed: int, jac: bool = False) -> Entry:
+    """One study by default settings, held against its exact answer; `jac`: with derivatives."""
     study, best = BY_NAME[name], exact[name, seed]
     table = study.table(seed)
     began = time.process_time()
     try:
         found = identify(
-            study.slow,
+            study.sloped if jac else study.slow,
             table,
             study.inputs,
             noise=study.noise,
@@ -186,6 +186,7 @@ def main() -> None:
     parser.add_argument("--only", help=f"names, with commas between them: {', '.join(BY_NAME)}")
     parser.add_argument("--sets", type=int, default=SETS, help="data sets of each simulator")
     parser.add_argument("--seed", type=int, default=FIRST_SEED, help="seed of the first data set")
+    parser.add_argument("--jac", action="store_true", help="runs give derivatives, too")
     options = parser.parse_args()
     names = options.only.split(",") if options.only else [*BY_NAME]
     if unknown := set(names) - {*BY_NAME}:
@@ -194,7 +195,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     beside = options.record.with_name(f"{options.record.stem}-exact.jsonl")
     exact = kept(beside, keys, exact_answer)
-    known = kept(options.record, keys, partial(judged, exact))
+    known = kept(options.record, keys, partial(judged, exact, jac=options.jac))
     entries = {key: known[key] for key in keys}
     with pd.option_context("display.width", 260, "display.max_columns", 30):
         table = summary(entries, exact).to_string(index=False, float_format="%.3f")

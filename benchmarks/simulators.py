@@ -6,6 +6,7 @@ study, not the law that it was drawn from.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
@@ -81,6 +82,11 @@ class Studied:
         return self.exact
 
     @property
+    def sloped(self) -> FunctionSimulator:
+        """The simulator as one of which runs are dear and give derivatives."""
+        return FunctionSimulator(WithDifferences(self.simulator, self.inputs.names), jac=True)
+
+    @property
     def exact(self) -> FunctionSimulator:
         """The simulator as one that can be integrated over itself."""
         return FunctionSimulator(self.simulator, vectorized=True)
@@ -125,6 +131,43 @@ class Studied:
         return table.assign(
             **{name: y + sd * rng.standard_normal(len(table)) for name, y in values.items()}
         )
+
+
+@dataclass(frozen=True)
+class WithDifferences:
+    """One run of a simulator that takes arrays, with its derivatives by the parameters `names`.
+
+    They are differences of fourth order, exact to some 1e-10 for smooth simulators.
+    """
+
+    simulator: Callable[..., Simulated]
+    names: Sequence[str]
+    step: float = 1e-4
+
+    @property
+    def __signature__(self) -> inspect.Signature:
+        return inspect.signature(self.simulator)
+
+    def __call__(self, **cells: Any) -> tuple[Any, Any]:
+        """The outcome and its derivatives (n,), or mappings of these by response."""
+        n = len(self.names)
+        x = np.array([cells[name] for name in self.names], dtype=np.float64)
+        steps = self.step * np.maximum(np.abs(x), 0.1)
+        away = np.concatenate([np.zeros((1, n)), *([k * np.eye(n) for k in (1, -1, 2, -2)])])
+        points = dict(zip(self.names, (x + away * steps).T, strict=True))
+        some = {key: np.full(len(away), cell) for key, cell in cells.items()}
+        found = self.simulator(**{**some, **points})
+
+        def slopes(y: Array) -> Array:
+            up, down, up2, down2 = np.asarray(y)[1:].reshape(4, n)
+            return np.asarray((8.0 * (up - down) - (up2 - down2)) / (12.0 * steps))
+
+        if isinstance(found, Mapping):
+            return (
+                {key: float(y[0]) for key, y in found.items()},
+                {key: slopes(y) for key, y in found.items()},
+            )
+        return float(found[0]), slopes(found)
 
 
 def _noise(noise: Noise, of: Callable[[str, Free], Free | float], name: str) -> Noise:

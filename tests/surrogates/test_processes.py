@@ -35,11 +35,17 @@ def unexplained(index: Indices, x: Array) -> Array:
     return np.sin(EFFECTS[index, 0] + (z * (1.0 + EFFECTS[index, 1:])).sum(axis=1) * 1.5)
 
 
+def without_slopes(values: Array, parameters: int = 2) -> tuple[Array, Array]:
+    """What runs return that give no slopes."""
+    return values, np.full((*values.shape, parameters), np.nan)
+
+
 def learned(function: Run, each: int = 8, most: int = PROCESSES.together) -> Processes:
     """The processes of 30 conditions after `each` runs, in groups of at most `most` runs."""
     everyone = np.arange(len(CONDITIONS))
     made = Processes(
-        lambda case, x: function(case, x)[:, None], BOX, CONDITIONS, everyone, 0 * everyone,
+        lambda case, x: without_slopes(function(case, x)[:, None]),
+        BOX, CONDITIONS, everyone, 0 * everyone,
         settings=replace(PROCESSES, together=most, first=each),
     )  # fmt: skip
     made.begin()
@@ -68,7 +74,8 @@ def some_runs(count: int) -> Data:
     rng = np.random.default_rng(5)
     index = rng.integers(0, 6, count)
     u = np.hstack([CONDITIONS[index], rng.uniform(-1.0, 1.0, (count, 2))])
-    return Data(index, u, np.sin(u @ [1.0, -0.5, 2.0, 1.0]) + 0.1 * index, 2)
+    y = np.sin(u @ [1.0, -0.5, 2.0, 1.0]) + 0.1 * index
+    return Data(index, u, y, 2, np.full((count, 2), np.nan))
 
 
 # ------------------------------------------------------------------------ the process
@@ -139,7 +146,8 @@ def test_values_with_and_without_slopes_are_those_expected(front: Processes) -> 
 def test_a_linear_outcome_is_exact_after_one_run_more_than_it_has_terms() -> None:
     rng = np.random.default_rng(4)
     u = rng.uniform(-1.0, 1.0, (10, 4))
-    data = Data(np.arange(10), u, 3.0 + u @ [1.0, -2.0, 0.5, 4.0], 2)
+    y = 3.0 + u @ [1.0, -2.0, 0.5, 4.0]
+    data = Data(np.arange(10), u, y, 2, np.full((10, 2), np.nan))
     found = ProcessPosterior.of(Covariance.first(4, 2, gaussian=False), data)
     at = rng.uniform(-3.0, 3.0, (20, 4))
     assert found.mean(np.arange(20), at) == pytest.approx(3.0 + at @ [1.0, -2.0, 0.5, 4.0])
@@ -221,7 +229,9 @@ def test_coordinates_are_logarithmic_where_the_values_say_so(scaled: bool, power
             :, None
         ]
 
-    made = Processes(values, box, CONDITIONS, everyone, 0 * everyone)
+    made = Processes(
+        lambda case, x: without_slopes(values(case, x), 1), box, CONDITIONS, everyone, 0 * everyone
+    )
     made.begin()
     made.learn()
     assert made.axes.logarithmic.tolist() == [scaled]
@@ -248,7 +258,9 @@ def test_a_region_that_moves_keeps_the_runs() -> None:
 def test_outputs_of_one_run_have_a_process_each() -> None:
     case, column = np.repeat(np.arange(30), 2), np.tile([0, 1], 30)
     made = Processes(
-        lambda index, x: np.stack([moving_front(index, x), 100.0 * unit(x)[:, 0]], axis=1),
+        lambda index, x: without_slopes(
+            np.stack([moving_front(index, x), 100.0 * unit(x)[:, 0]], axis=1)
+        ),
         BOX, CONDITIONS, case, column, settings=replace(PROCESSES, first=8),
     )  # fmt: skip
     made.begin()

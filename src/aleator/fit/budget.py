@@ -12,7 +12,7 @@ from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
 from aleator.surrogates.adaptive import ROUNDS, first_runs
 from aleator.surrogates.choice import by_process
-from aleator.surrogates.processes import PROCESSES
+from aleator.surrogates.processes import least_first_runs
 
 if TYPE_CHECKING:
     from aleator.moments.propagation import Collocation
@@ -41,7 +41,8 @@ def spend(
             "leave the budget out, or choose response surfaces",
         )
     if by_process(propagation, moments):
-        least = PROCESSES.first * len(runner.cases) + EMULATION.fewest + 1
+        each = least_first_runs(runner.sloped * moving_parameters(inputs.box).size)
+        least = each * len(runner.cases) + EMULATION.fewest + (3 if runner.sloped else 1)
     else:
         first = first_runs(moving_parameters(inputs.box).size, propagation)
         least = (first + ROUNDS.reserved) * len(runner.cases)

@@ -233,6 +233,7 @@ def emulator_report(emulation: Emulation | None) -> dict[str, Any] | None:
         "log_likelihood_error": error.log_likelihood,
         "surprise": error.surprise,
         "stored": emulation.earlier,
+        "slopes": emulation.processes.sloped_runs,
         "together": emulation.together,
         "rounds": [
             {

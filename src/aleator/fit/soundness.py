@@ -44,11 +44,20 @@ def emulator_refusals(emulation: Emulation) -> list[Diagnostic]:
 
 
 def emulator_warnings(emulation: Emulation) -> list[Diagnostic]:
-    """A warning where the rounds of runs ended before the error of the estimates was small."""
-    error = emulation.error
-    if error.enough(len(emulation.question.ids)) or error.alpha > EMULATION.unknown:
-        return []
-    return [_ended_early(emulation)]
+    """Warnings where the rounds of runs ended early, and where derivatives were wrong."""
+    error, found = emulation.error, list[Diagnostic]()
+    if emulation.processes.contradicted:
+        found.append(
+            Diagnostic(
+                EMULATOR,
+                "the derivatives that the simulator gives contradict its values: new values were "
+                "expected better without them, and they are not used any more",
+                "hold them against differences of the values, or leave out jac",
+            )
+        )
+    if not (error.enough(len(emulation.question.ids)) or error.alpha > EMULATION.unknown):
+        found.append(_ended_early(emulation))
+    return found
 
 
 def _ended_early(emulation: Emulation) -> Diagnostic:

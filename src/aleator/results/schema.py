@@ -127,6 +127,7 @@ class Surfaces(DocumentEntry):
     log_likelihood_error: Number = None
     surprise: Number = None
     stored: int = 0
+    slopes: int = 0
     together: int = 0
     rounds: list[RoundEntry] = []
     against: str = ""

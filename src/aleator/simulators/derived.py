@@ -159,6 +159,11 @@ def derived(simulator: Simulator | Callable[..., Any], expressions: Mapping[str,
         if not isinstance(text, str):
             raise SimulatorError(f"derived {name} = {text!r} is no text", f'write {name} = "..."')
     inner = as_simulator(simulator)
+    if getattr(inner, "sloped", False):
+        raise SimulatorError(
+            "derived parameters and jac: the derivatives are by other parameters than the study's",
+            "compute the derived parameters in the function, or leave out jac",
+        )
     if isinstance(inner, FunctionSimulator):
         return DerivedFunction(inner, expressions)
     return Derived(inner, expressions)

@@ -202,7 +202,7 @@ class DirectRuns:
         simulator = self._simulator
         if not isinstance(simulator, FunctionSimulator) or simulator.vectorized:
             return getattr(simulator, "vectorized", False) is True
-        if simulator.timeout is not None:
+        if simulator.timeout is not None or simulator.sloped:
             return False
         count = self._settings.checked
         case = np.linspace(0, len(self._bound.cases) - 1, count).astype(np.intp)
@@ -237,7 +237,8 @@ class DirectRuns:
             if self._together is not None:
                 return self._together(case, x), {}
             returned = self._simulator(*self._bound.columns(case, x))
-            return self._form.some(case).shaped(self._simulator, returned, len(case)), {}
+            found = self._form.some(case).shaped(self._simulator, returned, len(case))
+            return found[:, : self._form.width], {}
         except (AleatorError, KeyboardInterrupt):
             raise
         except BaseException as error:
@@ -251,4 +252,4 @@ class DirectRuns:
         made = make(self._simulator, Batch.of(self._unmeasured, runs), np.inf)
         if made.stopped:
             raise made.stopped
-        return made.outcome, made.failures
+        return made.outcome[:, : self._form.width], made.failures

@@ -98,6 +98,7 @@ class RunCache:
         self.store, self.identity = store, Identity.of(bound.simulator)
         self._bound, names = bound, bound.parameters
         self._order = sorted(range(len(names)), key=lambda k: names[k])
+        self._width, self._slopes = bound.form.width, bound.form.slopes
         self._responses = units.names
         self._rows = units.rows[bound.cases.first]
         self._sizes = self._rows * len(units.responses)
@@ -121,7 +122,7 @@ class RunCache:
                     if message is not None:
                         failures[start + place] = Failure(message, attempts=attempts)
                         continue
-                    outcome[start + place] = self._read(value, outcome.shape[1])
+                    outcome[start + place] = self._read(value, int(runs.case[start + place]))
         worked = {k: failure for k, failure in failures.items() if np.isnan(outcome[k]).all()}
         return replace(runs, outcome=outcome, failures=worked)
 
@@ -146,12 +147,20 @@ class RunCache:
         x[:, self._order] = np.frombuffer(b"".join(x for _, x in keys), "<f8").reshape(-1, width)
         return Runs.planned(of, x, int(self._sizes.max()))
 
-    def _read(self, value: float | bytes | None, width: int) -> Array:
-        """The stored values of a run, padded with NaN; raises StoreError if they are damaged."""
-        values = np.full(width, np.nan)
+    def _read(self, value: float | bytes | None, case: int) -> Array:
+        """The stored values of a run, padded with NaN; raises StoreError if they are damaged.
+
+        A run may have been stored with slopes or without.
+        """
+        values, size = np.full(self._bound.form.columns, np.nan), int(self._sizes[case])
         try:
             found = np.frombuffer(value, "<f8") if isinstance(value, bytes) else np.array([value])
-            values[: len(found)] = found
+            values[:size] = found[:size]
+            if found.size > size:
+                slopes = found[size:].reshape(size, len(self._order))
+                if self._slopes:
+                    rates = values[self._width :].reshape(self._width, self._slopes)
+                    rates[:size, self._order] = slopes
         except (TypeError, ValueError):
             raise StoreError(
                 f"{self.store.path}: a run of '{self.identity.name}' is damaged",
@@ -182,12 +191,20 @@ class RunCache:
             raise
 
     def _values(self, made: Runs) -> list[float | bytes]:
-        """The outcome of each run as it is stored: a number, or the bytes of several numbers."""
+        """The outcome of each run as it is stored: a number, or the bytes of several numbers.
+
+        These are the values and, where the simulator gives them, the slopes of each value in the
+        alphabetical order of the parameters.
+        """
         sizes = self._sizes[made.case]
-        if np.all(sizes == 1):
+        if np.all(sizes == 1) and not self._slopes:
             return made.outcome[:, 0].tolist()  # type: ignore[no-any-return]
         whole = np.ascontiguousarray(made.outcome, dtype="<f8")
-        return [row[:size].tobytes() for row, size in zip(whole, sizes.tolist(), strict=True)]
+        rates = whole[:, self._width :].reshape(len(whole), self._width, self._slopes)
+        return [
+            row[:size].tobytes() + (rate[:size, self._order].tobytes() if self._slopes else b"")
+            for row, rate, size in zip(whole, rates, sizes.tolist(), strict=True)
+        ]
 
     def _keys(self, runs: Runs, named: bool) -> tuple[list[Case], list[tuple[int, bytes]]]:
         """The distinct cases of some runs, and for each run the number of its case and its x."""
@@ -228,7 +245,7 @@ class Execution:
         self._batching = batching
         self._bound, self._units, self._cache = bound, units, cache
         self._executor, self._retries = executor, retries
-        self.memory = Memory(len(bound.parameters), units.width)
+        self.memory = Memory(len(bound.parameters), bound.form.columns)
         self.fresh = self.tried = 0
         self.seconds = self.waited = 0.0
 

@@ -22,6 +22,7 @@ from aleator.simulators.protocol import (
     Columns,
     Returned,
     Simulator,
+    WithSlopes,
     describe,
     name_lists,
     one_by_one,
@@ -194,6 +195,13 @@ class FunctionSimulator:
     others and the parameters are floats; it returns an array (m,), or one number for all rows. For
     several responses the function returns a mapping from their names to such values.
 
+    `jac=True`: the function returns a pair, the outcome and its derivatives by the n parameters:
+    an array (n,) in the order of the study, or a mapping from the names of parameters to numbers.
+    In a series these are arrays (m, n), or a mapping to arrays (m,). For several responses both of
+    the pair are mappings. Or `jac` is a function with the same arguments that returns the
+    derivatives alone. A derivative that is NaN or left out is not known. Gaussian processes then
+    learn from values and slopes.
+
     Every argument is a condition or a parameter; an argument with a default may be neither. Every
     parameter of the study must be an argument. Conditions are passed only if the function names
     them (all of them if it has **kwargs). `version` replaces the source in the fingerprint: stored
@@ -201,8 +209,8 @@ class FunctionSimulator:
     (default 8192); last digits may depend on it. A call that takes longer than `timeout` seconds is
     stopped (see `limited`), and the run has failed.
 
-    Raises SimulatorError if `function` is not callable or has arguments without a name, and for a
-    series that is vectorized.
+    Raises SimulatorError if `function` is not callable or has arguments without a name, for a
+    series that is vectorized, and for `jac` with a function that is.
 
     >>> def model(load, stiffness):
     ...     return load / stiffness
@@ -211,6 +219,10 @@ class FunctionSimulator:
     ('load',)
     >>> simulator({"load": np.array([1.0, 2.0])}, {"stiffness": np.array([4.0, 4.0])})
     array([0.25, 0.5 ])
+    >>> def with_slope(load, stiffness):
+    ...     return load / stiffness, {"stiffness": -load / stiffness**2}
+    >>> FunctionSimulator(with_slope, jac=True)({"load": np.ones(1)}, {"stiffness": np.ones(1)})
+    [WithSlopes(value=1.0, slopes=array([-1.]))]
     """
 
     def __init__(
@@ -221,7 +233,13 @@ class FunctionSimulator:
         block: int | None = None,
         series: bool = False,
         timeout: float | None = None,
+        jac: bool | Callable[..., Any] = False,
     ) -> None:
+        if jac and vectorized:
+            raise SimulatorError(
+                "a vectorized function has no use for jac: it is integrated over itself",
+                "leave out jac; or vectorized, if a run takes long",
+            )
         if series and vectorized:
             raise SimulatorError(
                 "a function of series cannot be vectorized too",
@@ -237,6 +255,7 @@ class FunctionSimulator:
         self.function = function
         self.vectorized = vectorized
         self.series = series
+        self.jac = jac
         self.version = version
         self.timeout = checked_limit(timeout)
         self.block = block or (BLOCKS.arrays if vectorized else BLOCKS.single)
@@ -268,7 +287,12 @@ class FunctionSimulator:
     @property
     def options(self) -> tuple[Any, ...]:
         """The arguments that the class takes after `function`."""
-        return self.vectorized, self.version, self.block, self.series, self.timeout
+        return self.vectorized, self.version, self.block, self.series, self.timeout, self.jac
+
+    @property
+    def sloped(self) -> bool:
+        """Whether it returns derivatives beside each outcome."""
+        return bool(self.jac)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by reference if the function was named by one; else the function itself."""
@@ -313,21 +337,37 @@ class FunctionSimulator:
         with np.errstate(all="ignore"):  # Values that are not finite are reported later.
             if self.vectorized:
                 return self._timed({**conditions, **parameters})  # type: ignore[no-any-return]
-            return one_by_one(self._series if self.series else self._row, conditions, parameters)
+            names = tuple(parameters)
+            return one_by_one(lambda cells: self._run(cells, names), conditions, parameters)
 
-    def _row(self, cells: dict[str, Any]) -> Any:
-        return _answer(self._timed(cells), _scalar)
-
-    def _series(self, cells: dict[str, Any]) -> Any:
-        # The arrays are copied, because a function may change them and the next run needs them.
-        copies = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in cells.items()}
-        return _answer(self._timed(copies), _array)
+    def _run(self, cells: dict[str, Any], parameters: tuple[str, ...]) -> Any:
+        if self.series:
+            # The arrays are copied, as a function may change them and the next run needs them.
+            cells = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in cells.items()}
+        part = _array if self.series else _scalar
+        if not self.jac:
+            return _answer(self._timed(cells), part)
+        value, slopes = self._timed_pair(cells)
+        return with_slopes(self.name, _answer(value, part), slopes, parameters)
 
     def _timed(self, cells: Mapping[str, Any]) -> Any:
         if self.timeout is None:
             return self.function(**cells)
         with limited(self.timeout):
             return self.function(**cells)
+
+    def _timed_pair(self, cells: Mapping[str, Any]) -> tuple[Any, Any]:
+        """The outcome and its derivatives, as the user's functions return them."""
+        value = self._timed(cells)
+        if callable(self.jac):
+            return value, self.jac(**cells)
+        if not isinstance(value, tuple) or len(value) != 2:
+            raise SimulatorError(
+                f"simulator '{self.name}' returned {type(value).__name__} {value!r:.60}, and with "
+                "jac it is to return a pair",
+                "return outcome, derivatives; or leave out jac",
+            )
+        return value
 
     def fingerprint(self) -> str:
         """A hash that changes with the source of the function and of the modules beside it.
@@ -339,6 +379,8 @@ class FunctionSimulator:
         """
         kind = "series" if self.series else self.vectorized
         digest = hashlib.sha256(f"{self.name} {kind}".encode())
+        if callable(self.jac) and not self.version:
+            digest.update(source(self.jac).encode())
         if self.version:
             digest.update(f" version {self.version}".encode())
             return digest.hexdigest()
@@ -366,6 +408,47 @@ def _answer(value: Any, part: Callable[[Any], Any]) -> Any:
     return part(value)
 
 
+def with_slopes(name: str, value: Any, slopes: Any, parameters: tuple[str, ...]) -> WithSlopes:
+    """An outcome with its derivatives by the parameters, as arrays (n,) or (m, n) in their order.
+
+    >>> with_slopes("f", 1.0, {"a": 2.0}, ("b", "a")).slopes
+    array([nan,  2.])
+
+    Raises SimulatorError, with the `name` of the simulator, for derivatives of another form.
+    """
+
+    def array(found: Any) -> Array:
+        if isinstance(found, Mapping):
+            for other in found:
+                if other not in parameters:
+                    raise _wrong(f"a derivative by '{other}'{nearest(str(other), parameters)}")
+            given = [found.get(one, np.nan) for one in parameters]
+            found = np.stack(np.broadcast_arrays(*given), axis=-1)
+        try:
+            out = np.asarray(real_numbers(found), dtype=np.float64)
+        except (TypeError, ValueError):
+            raise _wrong(f"{type(found).__name__} {found!r:.60} as derivatives") from None
+        if len(parameters) == 1 and out.shape[-1:] != (1,):
+            out = out[..., None]
+        rows = np.shape(value if not isinstance(value, Mapping) else next(iter(value.values())))
+        if out.shape not in ((len(parameters),), (*rows, len(parameters))):
+            raise _wrong(f"derivatives of shape {out.shape}")
+        return out
+
+    def _wrong(what: str) -> SimulatorError:
+        return SimulatorError(
+            f"simulator '{name}' returned {what}; the parameters are {', '.join(parameters)}",
+            "return an array (n,) in this order, (m, n) in a series, or a mapping from names of "
+            "parameters; of several responses a mapping from their names to these",
+        )
+
+    if not isinstance(value, Mapping):
+        return WithSlopes(value, array(slopes))
+    if not isinstance(slopes, Mapping) or any(one not in slopes for one in value):
+        raise _wrong("no derivatives of some responses")
+    return WithSlopes(value, {one: array(slopes[one]) for one in value})
+
+
 def _array(value: Any) -> float | Array:
     """The returned value of a series: an array (m,), or one number for all rows."""
     if value is None or isinstance(value, (str, bytes)) or np.ndim(value) == 0:
@@ -387,6 +470,10 @@ def _scalar(value: Any) -> float:
         return value
     if value is None:
         raise TypeError("it returned None: is a return statement missing?")
+    if isinstance(value, tuple):
+        raise TypeError(
+            f"it returned {len(value)} values: if the second are derivatives, say jac = true"
+        )
     if np.ndim(value) != 0:
         raise TypeError(
             f"it returned an array of shape {np.shape(value)} instead of one number a run"
@@ -427,12 +514,18 @@ def _arguments(
     return tuple(required), tuple(optional), anything
 
 
-def as_simulator(simulator: Simulator | Callable[..., Any], vectorized: bool = False) -> Simulator:
+def as_simulator(
+    simulator: Simulator | Callable[..., Any],
+    vectorized: bool = False,
+    jac: bool | Callable[..., Any] = False,
+) -> Simulator:
     """A simulator unchanged, or a plain function as a simulator, called once a run or `vectorized`.
+
+    With `jac` it returns derivatives, too (see `FunctionSimulator`).
 
     >>> as_simulator(lambda load, stiffness: load / stiffness).vectorized
     False
     """
     if all(hasattr(simulator, member) for member in ("name", "block", "asks", "fingerprint")):
         return simulator  # type: ignore[return-value] # any class that fills the protocol
-    return FunctionSimulator(simulator, vectorized)
+    return FunctionSimulator(simulator, vectorized, jac=jac)

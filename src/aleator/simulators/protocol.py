@@ -31,6 +31,20 @@ class Blocks:
 BLOCKS = Blocks()
 
 Columns = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class WithSlopes:
+    """What one run returned, with its derivatives by the n parameters, in their order.
+
+    `value` is a number, an array (m,) of a series, or a mapping from responses to these. `slopes`
+    are an array (n,) or (m, n), or a mapping from responses to these; NaN where one is not known.
+    """
+
+    value: Any
+    slopes: Any
+
+
 Returned = NDArray[np.float64] | Mapping[str, NDArray[np.float64]] | list[Any]
 """What a call returned: an array (R,), an array for each response, or a list of R values."""
 
@@ -39,9 +53,9 @@ class Simulator(Protocol):
     """The user's deterministic model: from conditions and parameters to the outcome of a run.
 
     `FunctionSimulator` makes one from a function; other kinds of simulator have the same members.
-    One more member is optional: if `series` is true, one run makes all rows of an experiment.
+    Two more members are optional. If `series` is true, one run makes all rows of an experiment.
     Conditions that vary within any experiment are then object arrays (R,), whose entries are arrays
-    (m,).
+    (m,). If `sloped` is true, a call returns a list of `WithSlopes`.
     """
 
     @property

@@ -94,7 +94,8 @@ class StoredRun:
     """One run as the store has it; `number` is its number there, `time` is in seconds since 1970.
 
     `outcome` is a number or several values: row by row, and in each row one for each of the
-    `responses`, if the simulator named them. `rows` is the number of rows of a series, None if a
+    `responses`, if the simulator named them. After them the slopes of each value by the parameters
+    in alphabetical order may follow. `rows` is the number of rows of a series, None if a
     run makes one row. Raises a ValueError for values that no store can have.
     """
 
@@ -505,7 +506,7 @@ def _run(cells: Mapping[str | None, str | None], simulator: Identity | None) -> 
             else "it has an outcome and a failure"
         )
     count, size = len(np.atleast_1d(run.outcome)), (run.rows or 1) * max(1, len(run.responses))  # type: ignore[arg-type]
-    if run.outcome is not None and count != size:
+    if run.outcome is not None and count not in (size, size * (1 + len(run.parameters))):
         raise ValueError(
             f"column 'outcome': {count} values, and by its rows and responses there are {size}"
         )

@@ -103,6 +103,7 @@ def as_runner(
     parameters: Sequence[str],
     vectorized: bool = False,
     executor: Executor | None = None,
+    jac: bool | Callable[..., Any] = False,
 ) -> Runner:
     """A runner for a simulator or a function (see `as_simulator`) on the experiments.
 
@@ -116,7 +117,7 @@ def as_runner(
     """
     if isinstance(simulator, Runner):
         return simulator
-    simulator = as_simulator(simulator, vectorized)
+    simulator = as_simulator(simulator, vectorized, jac)
     return Runner(simulator, experiments, parameters, executor=executor)
 
 
@@ -189,7 +190,8 @@ class Runner:
         self._served = served = Units.of(experiments, getattr(self.simulator, "series", False))
         columns = served.columns(table, self.used_conditions, varying)
         self.cases = Cases.of(columns, len(served), served.rows if served.series else None)
-        form = Form.of(served, self.cases, self.ids)
+        sloped = getattr(self.simulator, "sloped", False) is True
+        form = Form.of(served, self.cases, self.ids, len(self.parameters) if sloped else 0)
         self._bound = bound = Bound(self.simulator, self.cases, self.parameters, form)
         self.cache = None if store is None else RunCache(store, bound, served)
         self._execution = Execution(bound, served, self.cache, executor, retries, batching)
@@ -309,7 +311,23 @@ class Runner:
         values beyond its last row are NaN. A value that no experiment measured may be anything that
         the simulator returned.
         """
-        return self._served.transformed(self._attempted(unit, x, most))
+        return self.with_slopes(unit, x, most)[0]
+
+    def with_slopes(
+        self, unit: ArrayLike, x: ArrayLike, most: float | None = None
+    ) -> tuple[Array, Array]:
+        """Values (R, W) as from `values`, and their derivatives by the parameters (R, W, n).
+
+        Those that the simulator did not give are NaN.
+        """
+        found, form = self._attempted(unit, x, most), self._bound.form
+        values = self._served.transformed(found[:, : form.width])
+        slopes = np.full((*values.shape, len(self.parameters)), np.nan)
+        if form.slopes:
+            given = found[:, form.width :].reshape(slopes.shape)
+            rates = self._served.rates(found[:, : form.width])
+            slopes = given * rates[..., None]
+        return values, slopes
 
     def straight(self, unit: ArrayLike, x: ArrayLike) -> Array:
         """Values (R, W) like those of `values`, by runs that are neither remembered nor stored.
@@ -324,6 +342,11 @@ class Runner:
             first = replace(Runs.planned(case[again], x[again]), outcome=values[again])
             self._compare(first, self._direct.again(first.case, first.x))
         return self._served.transformed(values)
+
+    @property
+    def sloped(self) -> bool:
+        """Whether runs give the derivatives of their values by the parameters."""
+        return bool(self._bound.form.slopes)
 
     @property
     def vectorized(self) -> bool:
@@ -358,9 +381,9 @@ class Runner:
 
     def _single(self, values: Array) -> Array:
         """Transformed outcomes (R,) of runs that have a single value."""
-        if values.shape[1] != 1:
+        if (width := self._served.width) != 1:
             raise SimulatorError(
-                f"a run of simulator '{self.simulator.name}' returns {values.shape[1]} values",
+                f"a run of simulator '{self.simulator.name}' returns {width} values",
                 "ask for `values`",
             )
         return self._served.transformed(values)[:, 0]
@@ -377,9 +400,10 @@ class Runner:
         first = self.values(at, point)[0]
         if np.all(np.isnan(first)):
             return
-        known = Runs.planned(self.cases.condition[at], point, len(first))
+        known = Runs.planned(self.cases.condition[at], point, self._bound.form.columns)
         for _ in range(1 + self.retries):
-            again = self._served.transformed(self._execution.again(known))
+            made = self._execution.again(known)[:, : len(first)]
+            again = self._served.transformed(made)
             if not np.all(np.isnan(again)) and differing(first[None], again) is None:
                 return
         column = int(
@@ -431,7 +455,10 @@ class Runner:
             self._compare(first, self._execution.again(first))
 
     def _compare(self, first: Runs, again: Array) -> None:
-        values, others = (self._served.transformed(part) for part in (first.outcome, again))
+        width = self._served.width
+        values, others = (
+            self._served.transformed(part[:, :width]) for part in (first.outcome, again)
+        )
         if found := differing(values, others):
             raise self._messages.not_repeatable(
                 first, found[0], float(values[found]), float(others[found])

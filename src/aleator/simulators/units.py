@@ -13,7 +13,7 @@ from aleator.core.types import Array, Flags, Indices
 from aleator.errors import SimulatorError, nearest
 from aleator.observations.responses import Response, Transform
 from aleator.observations.tables import real_numbers
-from aleator.simulators.protocol import Columns, Simulator
+from aleator.simulators.protocol import Columns, Simulator, WithSlopes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -161,8 +161,18 @@ class Units:
             return values
         seen, size = values.copy(), len(self.responses)
         for k, response in enumerate(self.responses):
-            seen[:, k::size] = response.transform(values[:, k::size])
+            part = slice(k, self.width, size)
+            seen[:, part] = response.transform(values[:, part])
         return seen
+
+    def rates(self, values: Array) -> Array:
+        """The derivatives (R, W) of the transforms at values in the simulator's units."""
+        out, size = np.ones_like(values), len(self.responses)
+        for k, response in enumerate(self.responses):
+            if response.transform is Transform.LOG:
+                with np.errstate(divide="ignore"):
+                    out[:, k::size] = 1.0 / values[:, k::size]
+        return out
 
 
 def _cut(column: NDArray[Any], starts: Indices, ends: Indices) -> NDArray[Any]:
@@ -172,8 +182,9 @@ def _cut(column: NDArray[Any], starts: Indices, ends: Indices) -> NDArray[Any]:
     return cells
 
 
-RunValue = float | Array | Mapping[str, Any]
-"""The return value of one run: a number, an array (m,) of a series, or one of these by response."""
+RunValue = float | Array | Mapping[str, Any] | WithSlopes
+"""The return value of one run: a number, an array (m,) of a series, or one of these by response.
+Each may have its slopes beside it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +193,8 @@ class Form:
 
     `rows` (R,) is the number of rows of each run, and `experiments` (R,) the id of its experiment;
     both are None if every run makes one row. `observed` (R, W) marks values that an experiment
-    measured; these must be finite. None means that all are measured.
+    measured; these must be finite. None means that all are measured. If the simulator gives the
+    derivatives of each value by `slopes` parameters, they follow the values: W slopes more columns.
     """
 
     responses: tuple[str, ...] = ("",)
@@ -190,9 +202,10 @@ class Form:
     rows: Indices | None = None
     observed: Flags | None = None
     experiments: NDArray[np.object_] | None = None
+    slopes: int = 0
 
     @classmethod
-    def of(cls, units: Units, cases: Cases, ids: Sequence[str]) -> Form:
+    def of(cls, units: Units, cases: Cases, ids: Sequence[str], slopes: int = 0) -> Form:
         """Which values a run under each of the distinct conditions returns."""
         observed = np.zeros((len(cases), units.width), dtype=np.bool_)
         observed[cases.condition[units.unit], units.column] = True
@@ -203,7 +216,13 @@ class Form:
             units.rows[cases.first] if units.series else None,
             None if np.all(observed) else observed,
             experiments if units.series else None,
+            slopes,
         )
+
+    @property
+    def columns(self) -> int:
+        """The number of values of a run and of their slopes."""
+        return self.width * (1 + self.slopes)
 
     def some(self, rows: slice | Indices) -> Form:
         """This form for the runs `rows` alone: which values they return."""
@@ -218,7 +237,7 @@ class Form:
 
     def missing(self, values: Array) -> Flags:
         """Which values (R, W) are measured by an experiment but not finite."""
-        wrong = ~np.isfinite(values)
+        wrong = ~np.isfinite(values[:, : self.width])
         return wrong if self.observed is None else wrong & self.observed
 
     def fault(self, run: int, column: int, value: float) -> str:
@@ -237,11 +256,12 @@ class Form:
         """Values (count, W) of the first `count` runs; NaN where a run returned fewer values.
 
         `returned` is an array (count,) of numbers, a mapping from responses to such arrays, or a
-        list with the return value of each run. Raises SimulatorError for a wrong shape or type, a
-        missing response, and a series of the wrong length.
+        list with the return value of each run. Slopes follow the values, where there are any.
+        Raises SimulatorError for a wrong shape or type, a missing response, and a series of the
+        wrong length.
         """
         if not count:
-            return np.empty((0, self.width))
+            return np.empty((0, self.columns))
         if self.rows is not None and not isinstance(returned, Mapping):
             returned = [*returned]
         if isinstance(returned, list):
@@ -254,8 +274,12 @@ class Form:
         return _numbers(simulator, returned, count)[:, None]
 
     def _listed(self, simulator: Simulator, answers: Sequence[RunValue]) -> Array:
-        values = np.full((len(answers), self.width), np.nan)
+        values = np.full((len(answers), self.columns), np.nan)
+        rates = values[:, self.width :].reshape(len(answers), self.width, self.slopes)
         for k, answer in enumerate(answers):
+            given: Any = ()
+            if isinstance(answer, WithSlopes):
+                answer, given = answer.value, answer.slopes
             if isinstance(answer, Mapping):
                 parts = self._of(simulator, answer)
             elif len(self.responses) == 1:
@@ -269,6 +293,9 @@ class Form:
                     raise self._wrong_length(simulator, k, j, np.shape(part)[0], rows)
                 number = part if isinstance(part, float) else _real(simulator, part)
                 values[k, j : rows * size : size] = number
+                if self.slopes:
+                    one = given[self.responses[j]] if isinstance(given, Mapping) else given
+                    rates[k, j : rows * size : size] = one
         return values
 
     def _of(self, simulator: Simulator, answer: Mapping[str, Any]) -> list[Any]:
@@ -309,7 +336,7 @@ class Form:
 def is_named(returned: Any) -> bool:
     """Whether the returned values have the names of their responses."""
     first = returned[0] if isinstance(returned, list) and returned else returned
-    return isinstance(first, Mapping)
+    return isinstance(first.value if isinstance(first, WithSlopes) else first, Mapping)
 
 
 def _numbers(simulator: Simulator, returned: object, count: int) -> Array:

@@ -176,9 +176,11 @@ def function(
     block: Annotated[int, Field(ge=1)] | None = None,
     series: bool = False,
     timeout: float | None = None,
+    jac: bool = False,
 ) -> FunctionSimulator:
     """A simulator that is a Python function, "file.py:name" relative to the study's folder."""
-    return FunctionSimulator.named(function, folder, vectorized, version, block, series, timeout)
+    options = (vectorized, version, block, series, timeout, jac)
+    return FunctionSimulator.named(function, folder, *options)
 
 
 # The ways to read the outcome of a program: the key of each way, its class and its further keys.

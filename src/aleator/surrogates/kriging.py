@@ -17,6 +17,7 @@ on A (Rasmussen and Williams 2006, sections 2.7 and 5.4).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, qr, solve_triangular
@@ -24,7 +25,15 @@ from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
 from aleator.core.threads import single_threaded
-from aleator.core.types import Array, Indices
+from aleator.core.types import Array, Flags, Indices
+from aleator.surrogates.slopes import (
+    SlopeCorrelations,
+    correlation,
+    derivatives,
+    moved,
+    squared_distances,
+    with_slope,
+)
 
 
 @dataclass(frozen=True)
@@ -41,6 +50,9 @@ class ProcessSettings:
     """Limits of the scales s of the parameters in the part that each experiment has of its own."""
     noise: tuple[float, float] = (1e-5, 0.3)
     """Limits of the standard deviation of the noise of a run."""
+    slopes: float = 3.0
+    """The noise of slopes by the scaled parameters, over that of values. Of 0.1, 0.3, 1, 3 and 10
+    it predicted further runs of the wet clutch best, and those of smooth simulators as well."""
     largest: float = 20.0
     """The largest size of an entry of A."""
     first: tuple[float, float, float] = (0.5, 0.1, 0.01)
@@ -48,7 +60,8 @@ class ProcessSettings:
     terms: float = 0.5
     """The largest number of terms of the trend, over the number of runs."""
     learned: int = 400
-    """The number of runs to which the parameters of the covariance are fitted."""
+    """The number of runs to which the parameters of the covariance are fitted. Slopes count in this
+    fit while all values and slopes are no more: with kinks they make the covariance too rough."""
     steps: tuple[int, int] = (60, 20)
     """The number of steps of the fit of the covariance, in the first round and in later rounds."""
     failed: float = 1e10
@@ -62,26 +75,86 @@ PROCESS = ProcessSettings()
 class Data:
     """Runs: the experiment (M,), the input u (M, D) and the outcome y (M,) of each run.
 
-    The last `parameters` columns of u are the parameters.
+    The last n = `parameters` columns of u are the parameters. `slopes` (M, n) are the derivatives
+    of the outcome by these, NaN where they are not known. All that is known of the runs are the
+    outcomes and then, parameter by parameter, the slopes of the S runs that have them: M + n S
+    `values`.
     """
 
     experiment: Indices
     u: Array
     y: Array
     parameters: int
+    slopes: Array
 
     @property
     def z(self) -> Array:
         """The parameters z (M, n) of the runs."""
         return self.u[:, self.u.shape[1] - self.parameters :]
 
+    @cached_property
+    def sloped(self) -> Indices:
+        """The numbers (S,) of the runs whose slopes are known."""
+        return np.flatnonzero(np.isfinite(self.slopes).all(axis=1))
+
+    @property
+    def values(self) -> Array:
+        """The outcomes and the slopes, (M + n S,)."""
+        return np.concatenate([self.y, self.slopes[self.sloped].T.ravel()])
+
+    def with_last_slopes(self, most: int) -> Data:
+        """The runs with the slopes of the last of them, at most `most` values and slopes."""
+        kept = max((most - len(self.y)) // self.parameters, 0)
+        slopes = self.slopes.copy()
+        slopes[self.sloped[: max(self.sloped.size - kept, 0)]] = np.nan
+        return replace(self, slopes=slopes)
+
+    @property
+    def logarithms(self) -> Data:
+        """The runs with the logarithm of each outcome."""
+        return replace(self, y=np.log(self.y), slopes=self.slopes / self.y[:, None])
+
+    @property
+    def values_by_logarithms(self) -> float:
+        """The logarithm of the determinant of the derivative of values by those of `logarithms`.
+
+        It is called on the latter: outcomes and slopes are both proportional to the outcome.
+        """
+        return float(self.y.sum() + self.parameters * self.y[self.sloped].sum())
+
+    @property
+    def alike(self) -> Flags:
+        """Whether two of the values belong to the same experiment, (M + n S, M + n S)."""
+        rows = np.concatenate([np.arange(len(self.y)), np.tile(self.sloped, self.parameters)])
+        of = self.experiment[rows]
+        return np.asarray(of[:, None] == of)
+
+    @property
+    def lines(self) -> Array:
+        """The terms 1 and z, and their slopes, of all values (M + n S, 1 + n)."""
+        n, count = self.parameters, self.sloped.size
+        slopes = np.hstack([np.zeros((n * count, 1)), np.repeat(np.eye(n), count, axis=0)])
+        return np.vstack([np.insert(self.z, 0, 1.0, axis=1), slopes])
+
     def trend(self, u: Array) -> Array:
         """The terms (R, T) of the trend at inputs u (R, D)."""
         return _trend(u, self.parameters, len(self.y))
 
+    def trend_slopes(self, u: Array) -> Array:
+        """The derivatives (n, R, T) of the terms of the trend by the parameters."""
+        trend, step = self.trend(u), np.eye(u.shape[1])[u.shape[1] - self.parameters :]
+        return np.stack([self.trend(u + one) - trend for one in step])  # It is linear in z.
+
+    @property
+    def trends(self) -> Array:
+        """The terms of the trend, and their slopes, of all values (M + n S, T)."""
+        return np.vstack([self.trend(self.u), *self.trend_slopes(self.u[self.sloped])])
+
     def take(self, rows: Indices) -> Data:
         """The runs `rows` alone."""
-        return replace(self, experiment=self.experiment[rows], u=self.u[rows], y=self.y[rows])
+        return Data(
+            self.experiment[rows], self.u[rows], self.y[rows], self.parameters, self.slopes[rows]
+        )
 
 
 @dataclass(frozen=True)
@@ -135,30 +208,10 @@ class Covariance:
             (float(np.log(low)), float(np.log(high))) for low, high in positive
         ]
 
-    def correlation(self, squared: Array) -> Array:
-        """The correlation k at squared distances, which are overwritten."""
-        np.maximum(squared, 0.0, out=squared)
-        if self.gaussian:
-            squared *= -0.5
-            return np.asarray(np.exp(squared, out=squared))
-        squared *= 5.0
-        r = np.sqrt(squared, out=squared)
-        return np.asarray((1.0 + r + r * r / 3.0) * np.exp(-r))
-
-    def with_slope(self, squared: Array) -> tuple[Array, Array]:
-        """The correlation k at squared distances, and its derivative by them."""
-        if self.gaussian:
-            value = self.correlation(squared)
-            return value, -0.5 * value
-        r = np.sqrt(5.0 * np.maximum(squared, 0.0))
-        decay = np.exp(-r)
-        slope = (1.0 + r) * decay
-        return slope + r * r / 3.0 * decay, (-5.0 / 6.0) * slope
-
     def between(self, experiment: Indices, u: Array, other: Indices, v: Array) -> Array:
         """Covariances (R, M) between two lists of inputs, without noise, over v."""
         n = len(self.scale)
-        out = self.correlation(_squared(u @ self.mix, v @ self.mix))
+        out = correlation(squared_distances(u @ self.mix, v @ self.mix), self.gaussian)
         alike, z, t = experiment[:, None] == other, u[:, -n:], v[:, -n:]
         if alike.all():
             out += self._own(z[:, None], t)
@@ -175,7 +228,48 @@ class Covariance:
         gaps = [(z[..., k] - t[..., k]) * scale for k, scale in enumerate(self.scale)]
         squared = np.asarray(sum(gap**2 for gap in gaps))
         product = sum(z[..., k] * t[..., k] for k in range(len(gaps)))
-        return self.individual**2 * self.correlation(squared) + self.line**2 * (1.0 + product)
+        own = self.individual**2 * correlation(squared, self.gaussian)
+        return own + self.line**2 * (1.0 + product)
+
+    def with_slopes(self, experiment: Indices, u: Array, runs: Data) -> Array:
+        """Covariances (R, n S) of values at inputs u (R, D) with the slopes of runs, over v."""
+        n, sloped = len(self.scale), runs.sloped
+        a, b, own = u @ self.mix, runs.u[sloped] @ self.mix, self.mix[len(self.mix) - n :]
+        first = derivatives(squared_distances(a, b), self.gaussian)[0]
+        out = -2.0 * first * ((own @ a.T)[:, :, None] - (own @ b.T)[:, None])
+        row, column = np.nonzero(experiment[:, None] == runs.experiment[sloped])
+        z, apart = u[row, -n:], u[row, -n:] - runs.z[sloped[column]]
+        first = derivatives(((apart * self.scale) ** 2).sum(axis=1), self.gaussian)[0]
+        part = -2.0 * self.individual**2 * first * (apart * self.scale**2).T
+        out[:, row, column] += part + self.line**2 * z.T
+        return np.asarray(out.transpose(1, 0, 2).reshape(len(u), -1))
+
+    def slopes_of(self, runs: Data) -> tuple[SlopeCorrelations, SlopeCorrelations]:
+        """The correlations with the slopes of runs, of f and of the smooth part of g."""
+        n, sloped = runs.parameters, runs.sloped
+        return (
+            SlopeCorrelations(runs.u, self.mix, n, sloped, self.gaussian),
+            SlopeCorrelations(runs.z, np.diag(self.scale), n, sloped, self.gaussian),
+        )
+
+    def of_values(self, outcomes: Array, runs: Data, settings: ProcessSettings = PROCESS) -> Array:
+        """Covariances of all values of runs with their noise, over v.
+
+        `outcomes` (M, M) are those of their outcomes without noise, which may be overwritten.
+        """
+        outcomes[np.diag_indices(len(outcomes))] += self.noise**2
+        if not runs.sloped.size:
+            return outcomes
+        line, (m, n) = self.line**2 * runs.lines @ runs.lines.T, outcomes.shape
+        shared, own = (
+            np.block([[np.zeros((m, n)), one.across], [one.across.T, one.inner]])
+            for one in self.slopes_of(runs)
+        )
+        out = shared + runs.alike * (self.individual**2 * own + line)
+        out[:m, :m] = outcomes
+        slopes = np.arange(m, len(out))
+        out[slopes, slopes] += (settings.slopes * self.noise) ** 2
+        return np.asarray(out)
 
     def prior(self, u: Array) -> Array:
         """Prior variances (R,) of f + g at inputs u (R, D), over v."""
@@ -183,18 +277,10 @@ class Covariance:
         return np.asarray(1.0 + self.individual**2 + self.line**2 * (1.0 + (z**2).sum(axis=1)))
 
 
-def _squared(a: Array, b: Array) -> Array:
-    """Squared distances (A, B) between the rows of two arrays."""
-    out = np.asarray(a @ (-2.0 * b).T)
-    out += (a**2).sum(axis=1)[:, None]
-    out += (b**2).sum(axis=1)
-    return out
-
-
 def _trend(u: Array, parameters: int, runs: int, settings: ProcessSettings = PROCESS) -> Array:
     """The terms 1, z, c and c_i z_j of the trend, (M, T); the first of them if runs are few."""
     c, z = u[:, : u.shape[1] - parameters], u[:, u.shape[1] - parameters :]
-    products = (c[:, :, None] * z[:, None, :]).reshape(len(u), -1)
+    products = (c[:, :, None] * z[:, None, :]).reshape(len(u), c.shape[1] * parameters)
     terms = np.hstack([np.ones((len(u), 1)), z, c, products])
     return terms[:, : max(1, int(settings.terms * runs))]
 
@@ -238,40 +324,52 @@ def _solved(lower: Array, columns: Array) -> Array:
 
 def _loss(covariance: Covariance, data: Data, settings: ProcessSettings) -> tuple[float, Array]:
     """Minus the log-posterior of a covariance, up to a constant, and its gradient by `vector`."""
-    c, u, z, y = covariance, data.u, data.z, data.y
+    c, u, z, m = covariance, data.u, data.z, len(data.y)
     mixed, stretched = u @ c.mix, z * c.scale
-    value, slope = c.with_slope(_squared(mixed, mixed))
+    value, slope = with_slope(squared_distances(mixed, mixed), c.gaussian)
     alike = data.experiment[:, None] == data.experiment
-    own, own_slope = (alike * part for part in c.with_slope(_squared(stretched, stretched)))
+    own, own_slope = (
+        alike * part for part in with_slope(squared_distances(stretched, stretched), c.gaussian)
+    )
     line = alike * (1.0 + z @ z.T)
-    matrix = value + c.individual**2 * own + c.line**2 * line
-    matrix[np.diag_indices(len(y))] += c.noise**2
-    trend = _trend(u, data.parameters, len(y))
+    values = data.values
+    matrix = c.of_values(value + c.individual**2 * own + c.line**2 * line, data)
     try:
-        factor = _Factor.of(matrix, trend)
+        factor = _Factor.of(matrix, data.trends)
     except LinAlgError:
         return settings.failed, np.zeros(c.vector.size)
-    white, _ = factor.whitened(y)
-    free = max(len(y) - trend.shape[1], 1)
+    white, _ = factor.whitened(values)
+    free = max(len(values) - factor.q.shape[1], 1)
     variance = max(float(white @ white) / free, np.finfo(float).tiny)
     dual = factor.back(white)
     loss = 0.5 * free * np.log(variance) + np.log(np.diag(factor.lower)).sum()
     loss += np.log(np.abs(np.diag(factor.r))).sum()
-    gap = 0.5 * (factor.precision - np.outer(dual, dual) / variance)
-    by_mix = 4.0 * _moved(gap * slope, u, u) @ c.mix
+    whole = 0.5 * (factor.precision - np.outer(dual, dual) / variance)
+    gap = whole[:m, :m]
+    by_mix = 4.0 * moved(gap * slope, u, u) @ c.mix
     by_own = 2.0 * c.individual**2 * float((gap * own).sum())
     by_line = 2.0 * c.line**2 * float((gap * line).sum())
-    by_scale = 4.0 * c.individual**2 * c.scale**2 * np.diag(_moved(gap * own_slope, z, z))
-    by_noise = 2.0 * c.noise**2 * np.trace(gap)
+    by_scale = 4.0 * c.individual**2 * c.scale**2 * np.diag(moved(gap * own_slope, z, z))
+    by_slopes = 0.0
+    if data.sloped.size:
+        shared, part = c.slopes_of(data)
+        by_mix += shared.by_mix(whole[:m, m:], whole[m:, m:])
+        within, lines = whole * data.alike, data.lines
+        across, inner = within[:m, m:], within[m:, m:]
+        by_own += (
+            2.0
+            * c.individual**2
+            * float(2.0 * (across * part.across).sum() + (inner * part.inner).sum())
+        )
+        by_scale += c.individual**2 * c.scale * np.diag(part.by_mix(across, inner))
+        within[:m, :m] = 0.0
+        by_line += 2.0 * c.line**2 * float((within @ lines * lines).sum())
+        by_slopes = settings.slopes**2 * float(np.diag(whole)[m:].sum())
+    by_noise = 2.0 * c.noise**2 * (np.trace(gap) + by_slopes)
     gradient = np.concatenate(
         [(by_mix + settings.ridge * c.mix).ravel(), [by_own, by_line, *by_scale, by_noise]]
     )
     return float(loss + 0.5 * settings.ridge * (c.mix**2).sum()), gradient
-
-
-def _moved(gap: Array, a: Array, b: Array) -> Array:
-    """Half the sum over all i, j of gap_ij (a_i - a_j)(b_i - b_j)', for a symmetric gap."""
-    return np.asarray(a.T @ (gap.sum(axis=1)[:, None] * b) - a.T @ gap @ b)
 
 
 @single_threaded
@@ -301,15 +399,15 @@ def learned(
         )  # fmt: skip
         found.append((float(end.fun), start.moved(end.x)))
     found.sort(key=lambda pair: pair[0])
-    return tuple(one for _, one in found), found[0][0] * len(data.y) / len(some.y)
+    return tuple(one for _, one in found), found[0][0] * len(data.values) / len(some.values)
 
 
 @dataclass(frozen=True)
 class ProcessPosterior:
     """The Gaussian process conditioned on M runs.
 
-    `dual` (M,) is P y, `beta` (T,) the trend, and `variance` the common variance v. `surprise`
-    (M,) are leave-one-out residuals over their expected standard deviations.
+    `dual` (M + n S,) is P y, with the values y of `Data`, `beta` (T,) the trend, and `variance` the
+    common variance v.
     """
 
     covariance: Covariance
@@ -318,22 +416,25 @@ class ProcessPosterior:
     dual: Array
     beta: Array
     variance: float
-    surprise: Array
 
     @classmethod
     @single_threaded
     def of(cls, covariance: Covariance, data: Data) -> ProcessPosterior:
         """The process conditioned on the runs; O(M^3)."""
-        matrix = covariance.between(data.experiment, data.u, data.experiment, data.u)
-        matrix[np.diag_indices(len(data.y))] += covariance.noise**2
-        factor = _Factor.of(matrix, data.trend(data.u))
-        white, along = factor.whitened(data.y)
+        of, values = data.experiment, data.values
+        matrix = covariance.of_values(covariance.between(of, data.u, of, data.u), data)
+        factor = _Factor.of(matrix, data.trends)
+        white, along = factor.whitened(values)
         dual = factor.back(white)
-        free = max(len(data.y) - factor.q.shape[1], 1)
+        free = max(len(values) - factor.q.shape[1], 1)
         variance = max(float(white @ white) / free, np.finfo(float).tiny)
-        surprise = dual / np.sqrt(np.diag(factor.precision) * variance)
         beta = solve_triangular(factor.r, along)
-        return cls(covariance, data, factor, dual, beta, variance, surprise)
+        return cls(covariance, data, factor, dual, beta, variance)
+
+    @property
+    def surprise(self) -> Array:
+        """Leave-one-out residuals (M + n S,) over their expected standard deviations; O(M^3)."""
+        return np.asarray(self.dual / np.sqrt(np.diag(self.factor.precision) * self.variance))
 
     @property
     def noise(self) -> float:
@@ -348,24 +449,50 @@ class ProcessPosterior:
     @single_threaded
     def with_slope(self, experiment: Indices, u: Array) -> tuple[Array, Array]:
         """Expected outcomes (R,) at inputs u (R, D), and their derivatives (R, n) by z; O(M R)."""
-        c, runs, n = self.covariance, self.data, self.data.parameters
-        mixed, other = u @ c.mix, runs.u @ c.mix
-        value, slope = c.with_slope(_squared(mixed, other))
-        out, rate = value @ self.dual, 2.0 * slope * self.dual
+        c, runs, n, m = self.covariance, self.data, self.data.parameters, len(self.data.y)
+        mixed, other, outcomes = u @ c.mix, runs.u @ c.mix, self.dual[:m]
+        value, slope = with_slope(squared_distances(mixed, other), c.gaussian)
+        out, rate = value @ outcomes, 2.0 * slope * outcomes
         by_mixed = mixed * rate.sum(axis=1)[:, None] - rate @ other
         by_z = by_mixed @ c.mix[len(c.mix) - n :].T
         # The part that each experiment has of its own.
         row, column = np.nonzero(experiment[:, None] == runs.experiment)
-        z, t, dual = u[row, -n:], runs.z[column], self.dual[column]
-        value, slope = c.with_slope((((z - t) * c.scale) ** 2).sum(axis=1))
+        z, t, dual = u[row, -n:], runs.z[column], outcomes[column]
+        value, slope = with_slope((((z - t) * c.scale) ** 2).sum(axis=1), c.gaussian)
         own = c.individual**2 * value + c.line**2 * (1.0 + (z * t).sum(axis=1))
         by_own = 2.0 * c.individual**2 * slope[:, None] * (z - t) * c.scale**2 + c.line**2 * t
         np.add.at(out, row, own * dual)
         np.add.at(by_z, row, by_own * dual[:, None])
-        # The trend is linear in z.
-        trend, step = runs.trend(u), np.eye(u.shape[1])[u.shape[1] - n :]
-        out += trend @ self.beta
-        by_z += np.column_stack([(runs.trend(u + one) - trend) @ self.beta for one in step])
+        if runs.sloped.size:
+            value, by = self._of_slopes(experiment, u)
+            out, by_z = out + value, by_z + by
+        out += runs.trend(u) @ self.beta
+        by_z += (runs.trend_slopes(u) @ self.beta).T
+        return out, by_z
+
+    def _of_slopes(self, experiment: Indices, u: Array) -> tuple[Array, Array]:
+        """The part of the slopes of the runs in the mean (R,) and in its slopes (R, n)."""
+        c, runs, n, sloped = self.covariance, self.data, self.data.parameters, self.data.sloped
+        dual = self.dual[len(runs.y) :].reshape(n, -1)
+        a, b, own = u @ c.mix, runs.u[sloped] @ c.mix, c.mix[len(c.mix) - n :]
+        squared = squared_distances(a, b)
+        first, second, _ = derivatives(squared, c.gaussian)
+        g, h = a @ own.T, b @ own.T
+        along = g @ dual - (h.T * dual).sum(axis=0)
+        rate = -4.0 * second * along
+        out = -2.0 * (first * along).sum(axis=1)
+        by_z = g * rate.sum(axis=1)[:, None] - rate @ h - 2.0 * (first @ dual.T) @ (own @ own.T)
+        row, column = np.nonzero(experiment[:, None] == runs.experiment[sloped])
+        z, by = u[row, -n:], dual.T[column]
+        apart = z - runs.z[sloped[column]]
+        squared = ((apart * c.scale) ** 2).sum(axis=1)
+        first, second, _ = derivatives(squared, c.gaussian)
+        first, second, apart = first[:, None], second[:, None], apart * c.scale**2
+        along = (apart * by).sum(axis=1, keepdims=True)
+        part = -4.0 * second * along * apart - 2.0 * first * c.scale**2 * by
+        np.add.at(out, row, -2.0 * c.individual**2 * (first * along)[:, 0])
+        np.add.at(out, row, c.line**2 * (z * by).sum(axis=1))
+        np.add.at(by_z, row, c.individual**2 * part + c.line**2 * by)
         return out, by_z
 
     @single_threaded
@@ -410,12 +537,17 @@ class ProcessPosterior:
         return self.variance * total, self.variance * alone
 
     def _between(self, experiment: Indices, u: Array) -> Array:
-        return self.covariance.between(experiment, u, self.data.experiment, self.data.u)
+        """Covariances (R, M + n S) of the outcomes at inputs u (R, D) with all that is known."""
+        runs = self.data
+        out = self.covariance.between(experiment, u, runs.experiment, runs.u)
+        if not runs.sloped.size:
+            return out
+        return np.hstack([out, self.covariance.with_slopes(experiment, u, runs)])
 
     def _known(self, columns: Array, trend: Array) -> tuple[Array, Array]:
         """What the runs tell (M, R), and what the trend's uncertainty adds (T, R).
 
-        `columns` (M, R) are the covariances with the runs, and `trend` (T, R) the trend's terms.
+        `columns` (M + n S, R) are the covariances with the runs, `trend` (T, R) the trend's terms.
         """
         known = _solved(self.factor.lower, columns)
         short = trend - self.factor.r.T @ (self.factor.q.T @ known)

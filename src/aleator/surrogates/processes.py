@@ -28,8 +28,9 @@ from aleator.surrogates.surface import (
     widened,
 )
 
-Runs = Callable[[Indices, Array], Array]
-"""A function that returns all values (R, W) of cases (R,) at points x (R, n); NaN for failures."""
+Runs = Callable[[Indices, Array], tuple[Array, Array]]
+"""A function that returns all values (R, W) of cases (R,) at points x (R, n); NaN for failures. It
+also returns their slopes (R, W, n); NaN where they are not known."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,15 @@ class ProcessesSettings:
     than this many errors."""
     together: int = 1600
     """The largest number of runs of one group of experiments, when the groups are made."""
+    values: int = 2400
+    """The largest number of values and slopes of the runs of one group. The slopes of the earliest
+    runs are left out."""
+    compared: int = 30
+    """The number of last new values that are compared with what is expected with slopes and without
+    them."""
+    agreeing: float = 0.33
+    """Slopes are left out if fewer than this share of these values lie as near to what is expected
+    with them."""
     expected: int = 12
     """The number of runs of each experiment that is expected when the groups are made."""
     near: float = 2.0
@@ -83,7 +93,8 @@ PROCESSES = ProcessesSettings()
 class _Grouped:
     """The outputs of one column for experiments of similar conditions, with their process.
 
-    If `logarithm` is true, the process is that of the logarithms of the values.
+    If `logarithm` is true, the process is that of the logarithms of the values. If runs have
+    slopes, `plain` is the process that learns from the values alone.
     """
 
     sites: Indices
@@ -91,6 +102,7 @@ class _Grouped:
     cases: Indices
     posterior: ProcessPosterior
     logarithm: bool
+    plain: ProcessPosterior | None = None
 
     def transformed(self, y: Array) -> Array:
         """The values y (R,) on the scale of the process; NaN where they have no logarithm."""
@@ -151,7 +163,7 @@ class ProcessMeans:
         z, (nodes, n) = self.axes.inward(x), x.shape[1:]
         for group in self.groups:
             rows = np.flatnonzero(np.isin(site, group.sites))
-            width = nodes * len(group.posterior.data.y)
+            width = nodes * len(group.posterior.dual)
             for some in blocks(rows.size, width, self.settings.block):
                 part = rows[some]
                 case = np.repeat(self.case[site[part]], nodes)
@@ -164,6 +176,8 @@ class Processes:
     `run` makes runs of cases (distinct conditions). `conditions` (C, d) are the conditions of the
     cases in [-1, 1]. Output u is the value of column[u] under the conditions of case[u]. `box`
     (n, 2) is the region of the parameters. Values of a column beyond its `limits` count as these.
+    `sloped` says whether runs give slopes; they are left out once they contradict the values
+    (`contradicted`).
     """
 
     def __init__(
@@ -174,13 +188,14 @@ class Processes:
         case: Indices,
         column: Indices,
         limits: Mapping[int, tuple[float, float]] | None = None,
+        sloped: bool = False,
         settings: ProcessesSettings = PROCESSES,
     ) -> None:
         self.run, self.axes, self.conditions = run, Axes.plain(box), conditions
-        self.limits = limits or {}
+        self.limits, self.sloped = limits or {}, sloped
         self.case, self.column, self.settings = case, column, settings
         self.of_run, self.x = np.empty(0, dtype=np.intp), np.empty((0, len(box)))
-        self.y = np.empty((0, 0))
+        self.y, self.slopes = np.empty((0, 0)), np.empty((0, 0, len(box)))
         self.clusters = _clusters(conditions, settings.together // settings.expected)
         n, inputs = len(box), conditions.shape[1] + len(box)
         first = tuple(Covariance.first(inputs, n, kind) for kind in (False, True))
@@ -192,6 +207,8 @@ class Processes:
         self.scaled, self.logarithm = False, dict.fromkeys(self.columns, False)
         self.steps = PROCESS.steps[0]
         self.terms, self.fitted = 0, 0
+        self.missed, self.contradicted = np.empty((0, 2)), False
+        self.alone: dict[int, Covariance] = {}
         self.groups: list[_Grouped] = []
 
     @property
@@ -263,7 +280,7 @@ class Processes:
         n, before = len(self.box), len(self.x)
         every, inputs = self.conditions.shape
         some = np.arange(every) if cases is None else np.array(cases)
-        each = first_process_runs(every, inputs + n, together, self.settings)
+        each = first_process_runs(every, inputs + n, together, n * self.sloped, self.settings)
         even = low_discrepancy(before + len(some) * each, n, fixed_shift(n))[before:]
         order = np.random.default_rng(0).permutation(some)
         case, z = np.repeat(order, each), clustered(even)
@@ -288,11 +305,13 @@ class Processes:
 
         Returns how far the new values lie from those expected, in standard deviations (S,).
         """
-        y = self.run(case, x)
-        for column, ends in self.limits.items():
-            y[:, column] = np.clip(y[:, column], *ends)
+        y, slopes = self.run(case, x)
+        for column, (low, high) in self.limits.items():
+            slopes[(y[:, column] < low) | (y[:, column] > high), column] = np.nan
+            y[:, column] = np.clip(y[:, column], low, high)
         surprises = self._surprises(case, x, y)
         self.y = np.vstack([self.y.reshape(-1, y.shape[1]), y])
+        self.slopes = np.vstack([self.slopes.reshape(-1, *slopes.shape[1:]), slopes])
         self.of_run, self.x = np.append(self.of_run, case), np.vstack([self.x, x])
         return surprises
 
@@ -305,9 +324,17 @@ class Processes:
             key: tuple(one.stretched(ratios[key[0]]) for one in both)
             for key, both in self.covariances.items()
         }
+        self.alone = {c: one.stretched(ratios[self.scaled]) for c, one in self.alone.items()}
 
     def learn(self) -> None:
-        """Fit the covariance of each column, and condition its processes on the runs."""
+        """Fit the covariance of each column, and condition its processes on the runs.
+
+        Slopes are used until they contradict the values.
+        """
+        if self.sloped and self._misled:
+            self.sloped, self.contradicted, self.fitted = False, True, 0
+        if not self.sloped:
+            self.slopes[:] = np.nan
         near = self._near(self.axes)
         if len(near) >= self.settings.again * self.fitted:
             self._fit()
@@ -317,14 +344,19 @@ class Processes:
         for column in self.columns:
             data = self._data(self.axes, near, column)
             log = self.logarithm[column] and bool(np.all(data.y > 0.0))
-            data = replace(data, y=np.log(data.y)) if log else data
+            data = data.logarithms if log else data
             best = self.covariances[self.scaled, column, log][0]
             for cases in self.clusters:
                 some = np.flatnonzero(np.isin(data.experiment, cases))
                 sites = np.flatnonzero((self.column == column) & np.isin(self.case, cases))
                 if sites.size:
-                    posterior = ProcessPosterior.of(best, data.take(some))
-                    self.groups.append(_Grouped(sites, column, cases, posterior, log))
+                    own = data.take(some).with_last_slopes(self.settings.values)
+                    posterior = ProcessPosterior.of(best, own)
+                    plain = None
+                    if own.sloped.size:
+                        values = own.with_last_slopes(0)
+                        plain = ProcessPosterior.of(self.alone.get(column, best), values)
+                    self.groups.append(_Grouped(sites, column, cases, posterior, log, plain))
         self.steps = PROCESS.steps[1]
 
     def _near(self, axes: Axes) -> Indices:
@@ -336,8 +368,10 @@ class Processes:
     def _data(self, axes: Axes, near: Indices, column: int) -> Data:
         """The runs `near` that have a value of the column."""
         rows = near[np.isfinite(self.y[near, column])]
-        inputs = self._inputs(self.of_run[rows], axes.inward(self.x[rows]))
-        return Data(*inputs, self.y[rows, column], len(self.box))
+        x = self.x[rows]
+        inputs = self._inputs(self.of_run[rows], axes.inward(x))
+        slopes = self.slopes[rows, column] / axes.rates(x)
+        return Data(*inputs, self.y[rows, column], len(self.box), slopes)
 
     def _fit(self) -> None:
         """Fit the covariances, with and without logarithms of the parameters.
@@ -348,30 +382,45 @@ class Processes:
         near = np.intersect1d(self._near(axes[0]), self._near(axes[1]))
         found = []
         for scaled in (False, True) if axes[1].logarithmic.any() else (False,):
-            each = [
-                self._fit_column(scaled, c, self._data(axes[scaled], near, c)) for c in self.columns
-            ]
+            each = [self._fit_column(scaled, c, axes[scaled], near) for c in self.columns]
             found.append((sum(loss for loss, _ in each), scaled, [log for _, log in each]))
         _, self.scaled, logs = min(found)
         self.axes = axes[self.scaled]
         self.logarithm = dict(zip(self.columns, logs, strict=True))
+        self.alone = {c: self._fit_alone(c, near) for c in self.columns} if self.sloped else {}
 
-    def _fit_column(self, scaled: bool, column: int, data: Data) -> tuple[float, bool]:
+    def _fit_alone(self, column: int, near: Indices) -> Covariance:
+        """The covariance of a column by values alone, where slopes count in that of both."""
+        data, log = self._data(self.axes, near, column), self.logarithm[column]
+        both = self.covariances[self.scaled, column, log]
+        if len(data.values) > PROCESS.learned:
+            return both[0]
+        values = data.with_last_slopes(0)
+        return learned(both, values.logarithms if log else values, self.steps)[0][0]
+
+    def _fit_column(
+        self, scaled: bool, column: int, axes: Axes, near: Indices
+    ) -> tuple[float, bool]:
         """Fit the covariance of a column, and that of its logarithm if it varies by decades.
 
-        Returns minus the logarithm of the higher density, and whether it is that of the logarithm.
+        Slopes count while there are few. Returns minus the logarithm of the higher density of
+        values, and of slopes by the parameters, and whether it is that of the logarithm.
         """
+        data = self._data(axes, near, column)
+        if len(data.values) > PROCESS.learned:
+            data = data.with_last_slopes(0)
+        by = float(np.log(axes.rates(axes.outward(data.z[data.sloped]))).sum())
         y, key = data.y, (scaled, column)
         self.covariances[*key, False], loss = learned(
             self.covariances[*key, False], data, self.steps
         )
         if not (y.min() > 0.0 and y.max() > self.settings.decade * y.min()):
-            return loss, False
-        logs = replace(data, y=np.log(y))
+            return loss + by, False
+        logs = data.logarithms
         self.covariances[*key, True], other = learned(
             self.covariances[*key, True], logs, self.steps
         )
-        return min((loss, False), (other + float(logs.y.sum()), True))
+        return min((loss + by, False), (other + logs.values_by_logarithms + by, True))
 
     def expected(self, site: Indices, x: Array) -> Array:
         """Expected values (R,) of outputs at points x (R, n)."""
@@ -444,15 +493,34 @@ class Processes:
         return np.asarray(x[chosen])
 
     def _surprises(self, case: Indices, x: Array, y: Array) -> Array:
-        z, found = self.axes.inward(x), [np.empty(0)]
+        z, found, least = self.axes.inward(x), [np.empty(0)], np.finfo(float).tiny
         for group in self.groups:
             values = group.transformed(y[:, group.column])
             rows = np.flatnonzero(np.isin(case, group.cases) & np.isfinite(values))
             inputs = self._inputs(case[rows], z[rows])
             off = values[rows] - group.posterior.mean(*inputs)
+            if group.plain is not None:
+                other = values[rows] - group.plain.mean(*inputs)
+                both = np.abs([off, other]).T / max(float(group.plain.data.y.std()), least)
+                self.missed = np.vstack([self.missed, both])
             sd = group.posterior.deviation(*inputs)
             found.append(off / np.hypot(sd, np.sqrt(group.posterior.noise)))
         return np.concatenate(found)
+
+    @property
+    def _misled(self) -> bool:
+        """Whether most of the last new values lay nearer to what is expected without slopes."""
+        last = self.missed[-self.settings.compared :]
+        if len(last) < self.settings.compared:
+            return False
+        nearer = last[:, 0] <= np.maximum(last[:, 1], self.settings.exact)
+        return bool(nearer.mean() < self.settings.agreeing)
+
+    @property
+    def sloped_runs(self) -> int:
+        """The number of runs whose slopes are used."""
+        known = np.all(np.isfinite(self.slopes), axis=2)
+        return int(np.count_nonzero(np.any(known, axis=1)))
 
     def surface(self, where: Array, least: int = 0) -> Surface:
         """The polynomials fitted to the processes, with their errors at points where (J, n).
@@ -542,16 +610,33 @@ def evenly(count: int, most: int) -> Indices:
 
 
 def first_process_runs(
-    cases: int, inputs: int, together: int = 0, settings: ProcessesSettings = PROCESSES
+    cases: int,
+    inputs: int,
+    together: int = 0,
+    slopes: int = 0,
+    settings: ProcessesSettings = PROCESSES,
 ) -> int:
     """The number of first runs of each case, for a process with so many inputs.
 
-    All cases have `together` runs or more.
+    All cases have `together` runs or more. A run that gives `slopes` derivatives of each value
+    counts as so many more.
 
     >>> first_process_runs(108, 7), first_process_runs(5, 7), first_process_runs(5, 7, 200)
     (3, 10, 40)
+    >>> first_process_runs(108, 7, slopes=2), first_process_runs(5, 7, slopes=2)
+    (1, 4)
     """
-    return max(settings.first, -(-max(settings.least * (inputs + 1), together) // cases))
+    least = max(-(-settings.least * (inputs + 1) // (1 + slopes)), together)
+    return max(least_first_runs(slopes, settings), -(-least // cases))
+
+
+def least_first_runs(slopes: int, settings: ProcessesSettings = PROCESSES) -> int:
+    """The least number of first runs of each case, if each gives so many slopes of a value.
+
+    >>> [least_first_runs(slopes) for slopes in (0, 1, 2)]
+    [3, 2, 1]
+    """
+    return -(-settings.first // (1 + slopes))
 
 
 def _axes(box: Array) -> tuple[Axes, Axes]:

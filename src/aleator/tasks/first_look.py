@@ -13,7 +13,7 @@ import pandas as pd
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import SimulatorError
-from aleator.fit.emulate import EMULATION, enlarged, usual
+from aleator.fit.emulate import confirming, enlarged, usual
 from aleator.fit.question import (
     grids_each,
     is_exact,
@@ -407,8 +407,8 @@ def expected_cost(
         cases = len(runner.cases)
         known = features(runner.cases.columns, cases).shape[1]
         together = enlarged(runner, propagation)
-        each = first_process_runs(cases, known + moving, together)
-        low = each * cases + EMULATION.rounds * max(together, usual(cases)) + 1
+        each = first_process_runs(cases, known + moving, together, moving * runner.sloped)
+        low = each * cases + confirming(runner.sloped) * max(together, usual(cases)) + 1
         high, most = int(settings.process * low), propagation.max_runs * cases
         return Cost(min(low, most), min(high, most), False)
     few = linear_runs(moving, propagation, plan.count)

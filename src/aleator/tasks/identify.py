@@ -58,13 +58,16 @@ def identify(
     best_law: bool = True,
     budget: Budget = UNLIMITED,
     units: Mapping[str, str] | None = None,
+    jac: bool | Callable[..., Any] = False,
 ) -> Identification:
     """Identify the law of the inputs from experiments, by maximum likelihood.
 
     alpha* = arg max sum_l log f_Yl(y_l | alpha) (paper, eq. (MLE)).
 
     `simulator` takes conditions and parameters by keyword and returns the outcome. It is called
-    with floats for each run, or with arrays of R runs if `vectorized`. `experiments` is an
+    with floats for each run, or with arrays of R runs if `vectorized`. With `jac=True` it returns a
+    pair, the outcome and its derivatives by the parameters, or `jac` is a function that returns
+    these (see `FunctionSimulator`); then fewer runs do. `experiments` is an
     `Experiments`, or a data frame whose column `outcome` is the measured outcome and whose other
     columns are conditions. With `noise` the likelihood is an integral over each experiment's own
     parameters. Without noise it is an integral over level sets, the parameters at which the
@@ -105,7 +108,7 @@ def identify(
         raise InputsError(f"the noise is {noise!r:.60}, not Noise", "write Noise(sd=...)")
     known = (*table.observations.names, *map(str, table.table.columns), *inputs.names)
     shown = checked_units(units, known)
-    runner = as_runner(simulator, table, inputs.names, vectorized, executor)
+    runner = as_runner(simulator, table, inputs.names, vectorized, executor, jac)
     runner.repeat_some()
     spend(budget, runner, inputs, propagation, density is not None)
     ledger = Ledger(runner, progress or Silent())

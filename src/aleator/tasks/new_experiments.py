@@ -503,7 +503,7 @@ class OneSurface:
         x, y = (np.concatenate(part) for part in zip(*(s.listed[1:] for s in both), strict=True))
         z = trend.surface.axes.inward(x)
         missed = y - trend.surface.evaluate(x)[0]
-        data = Data(_alike(z), z, missed, z.shape[1])
+        data = Data(_alike(z), z, missed, z.shape[1], np.full_like(z, np.nan))
         self.covariance = learned((self.covariance,), data, steps)[0][0]
         return Kriged(trend, ProcessPosterior.of(self.covariance, data))
 

@@ -499,10 +499,10 @@ def _simulator(
 def _surfaces(surface: Document, experiments: int) -> str:
     if surface.get("estimates_error") is not None:
         off = [to_three(surface.get(f"{of}_error")) for of in ("estimates", "log_likelihood")]
-        stored = surface.get("stored", 0)
-        begun = f" It began with {count(stored, 'stored run')}." if stored else ""
-        told = f"The emulator moves the estimates by {off[0]} standard errors, log L by {off[1]}."
-        return told + begun
+        more = f" It began with {count(n, 'stored run')}." if (n := surface.get("stored")) else ""
+        more += f" {count(n, 'run')} gave derivatives." if (n := surface.get("slopes")) else ""
+        by = f"by {off[0]} standard errors, log L by {off[1]}."
+        return f"The emulator moves the estimates {by}{more}"
     converged, total = surface.get("converged"), surface.get("experiments", experiments)
     parts = [] if converged is None else [f"{int(converged)} of {total} surfaces converged"]
     known = [key for key in ("median_error", "worst_error") if surface.get(key) is not None]
