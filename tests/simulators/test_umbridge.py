@@ -99,9 +99,7 @@ sd = {{lower = 0.05, upper = 0.5}}
 """
     Path("study.toml").write_text(text)
     done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")
-    stiffness = (
-        LOADS / TRAVELS
-    )  # a monotone outcome: the normal law of these, by maximum likelihood
+    stiffness = LOADS / TRAVELS  # monotone: the maximum is that of these
     alpha = read("out/identification.json")["alpha"]
     assert alpha["stiffness.mean"]["estimate"] == pytest.approx(stiffness.mean(), abs=2e-3)
     assert alpha["stiffness.sd"]["estimate"] == pytest.approx(stiffness.std(), abs=2e-3)
@@ -202,7 +200,7 @@ class Answers(BaseHTTPRequestHandler):
 
 ERROR = '{{"error": {{"type": "{}", "message": "{}"}}}}'
 CASES: dict[str, tuple[tuple[int, str, float], type[Exception], str]] = {
-    "refused": ((400, ERROR.format("InvalidInput", "stiffness < 0"), 0), RunFailed, "InvalidInput"),
+    "refused": ((400, ERROR.format("InvalidInput", "negative"), 0), RunFailed, "InvalidInput"),
     "error with 200": ((200, ERROR.format("Model", "diverged"), 0), RunFailed, "diverged"),
     "licence": (
         (500, ERROR.format("Model", "license server is down"), 0),

@@ -15,6 +15,7 @@ from rich.console import Console
 from aleator.cli.running import FILE, RESULT, make_place, require_at_most_one
 from aleator.errors import AleatorError, SimulatorError, nearest, short
 from aleator.results import documents
+from aleator.study.nonmem import has_records, subject_table
 from aleator.study.offers import (
     Offer,
     bound,
@@ -397,7 +398,8 @@ def new(
     Asks for what the options do not say, and proposes an answer. Columns are recognized by the
     inputs of the simulator. Each argument of a function without a default gets a law. Limits lie a
     factor of three below and above a default, or an FMU's start value. Nothing is simulated.
-    Without a terminal the proposals are taken.
+    Without a terminal the proposals are taken. A table of NONMEM (ID, TIME, DV, AMT, EVID, ...)
+    becomes a table of its observations, with the doses as conditions.
 
     \b
       aleator new springs.csv --function model.py:spring
@@ -411,7 +413,19 @@ def new(
     _require_free(output, force, questions)
     path = chosen_table(questions, table)
     sheet = sheet_of(path)
-    offer = bound(chosen_offer(questions, function, fmu, command), sheet.names)
+    offer = chosen_offer(questions, function, fmu, command)
+    if has_records(sheet.table):
+        spelled = (*offer.names, *(each.name for each in offer.returned))
+        subjects = subject_table(sheet, spelled)
+        path = output.with_name(f"{path.stem}_observations.csv")
+        _require_free(path, force, questions)
+        documents.write_text(subjects.text, path)
+        sheet = sheet_of(path)
+        outcome, id = outcome or subjects.outcomes, id or subjects.id
+        for line in subjects.notes:
+            click.echo(f"  {line}")
+        click.echo(f"Written: {short(path)}")
+    offer = bound(offer, sheet.names)
     outcomes = chosen_outcomes(questions, sheet, offer, outcome)
     roles = roles_of(sheet, offer, outcomes)
     named = chosen_id(questions, sheet, roles, id)

@@ -81,7 +81,7 @@ class UMBridgeSimulator:
 
     url: str
     model: str
-    inputs: Sequence[Part] | Sequence[Sequence[Part]]
+    inputs: Sequence[Part | Sequence[Part]]
     output: Place | Mapping[str, Place] = 0
     config: Mapping[str, Any] = field(default_factory=dict)
     timeout: float | None = None
