@@ -168,6 +168,14 @@ C,1,2,7.5,.,0,.,70
 
 
 @pytest.mark.usefixtures("folder")
+def test_observations_before_a_dose_at_the_same_time_are_told() -> None:
+    found = table("ID,TIME,DV,AMT\n1,0,.,9\n1,8,3,.\n1,8,.,9\n1,16,4,.", "doses")
+    assert found.notes[1].startswith("1 observations stand before a dose at the same time")
+    after = table("ID,TIME,DV,AMT\n1,0,.,9\n1,0,9,.\n1,8,.,9\n1,16,4,.", "doses")
+    assert len(after.notes) == 1
+
+
+@pytest.mark.usefixtures("folder")
 def test_each_compartment_has_a_column() -> None:
     text = "ID,TIME,DV,AMT,EVID,CMT\n1,0,.,9,1,1\n1,1,5,.,0,2\n1,1,80,.,0,3\n1,2,4,.,0,2"
     found = table(text)
@@ -225,6 +233,7 @@ def test_records_that_no_table_can_say_are_refused(case: str) -> None:
     [
         ("ID,TIME,DV,AMT\n1,0,.,9\n2,0,.,9\n2,1,5,.\n1,1,5,.", "row 5, column 'ID' ended"),
         ("ID,TIME,DV,AMT,EVID\n1,0,.,9,0\n1,1,5,.,0", "row 2, column 'EVID' is 0, and the record"),
+        ("ID,TIME,DV,AMT\n1,0,1,.\n1,0,.,9\n2,0,.,9\n2,0,8,.", "row 2, column 'TIME' is the time"),
         ("ID,TIME,DV,AMT\n1,0,.,9", "no record is an observation"),
         ("ID,TIME,DV,AMT\n1,0,.,9\n1,.,5,.", "row 3, column 'TIME' is blank"),
         ("ID,TIME,DV,AMT,BLQ\n1,0,.,9,0\n1,1,0,.,1", "row 3, column 'BLQ' is 1, and nothing says"),

@@ -118,6 +118,7 @@ class _Records:
         seen = self.used & (event == 0.0) & (self._numbers("MDV", 0.0) == 0.0) & ~self.dose
         self._refuse(event)
         self.measured: Flags = seen & np.isfinite(value)
+        self.before = self._before_doses()
         self.unmeasured = int(np.sum(seen & ~np.isfinite(value)))
         self.other = int(np.sum(self.used & ~seen & ~self.dose))
         self.cells, self.upper = self._cells(value)
@@ -189,8 +190,36 @@ class _Records:
         rows = np.flatnonzero(self.measured)
         if bounds := sum(self.cells[row][0] in "<>" or self.upper[row] != "" for row in rows):
             yield f"censored observations: {bounds}"
+        if self.before:
+            yield (
+                f"{self.before} observations stand before a dose at the same time: the simulator "
+                "must count a dose only after its time, t < time"
+            )
         if left := self.unmeasured + self.other + int(np.sum(~self.used)):
             yield f"left out: {left} records without a measured value"
+
+    def _before_doses(self) -> int:
+        """The number of observations that a dose at the same time follows.
+
+        Raises ExperimentsError if other observations follow a dose at the same time: the table of
+        experiments has the times, and not the order of the records.
+        """
+        time = self._numbers("TIME", np.nan)
+        given: dict[tuple[str, float], list[int]] = {}
+        for row in np.flatnonzero(self.dose):
+            given.setdefault((self.subject[row], time[row]), []).append(int(row))
+        before, after = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
+        for row in np.flatnonzero(self.measured):
+            doses = given.get((self.subject[row], time[row]), [])
+            before[row] = any(dose > row for dose in doses)
+            after[row] = any(dose < row for dose in doses)
+        if after.any():
+            self._none(
+                before, "TIME",
+                "is the time of a dose that follows, and other observations follow their dose",
+                "write a time shortly before the dose",
+            )  # fmt: skip
+        return int(before.sum())
 
     def _cells(self, value: Array) -> tuple[list[str], list[str]]:
         """The cell of the outcome in each record, and the upper end of an interval or ""."""
