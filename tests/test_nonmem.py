@@ -170,7 +170,7 @@ C,1,2,7.5,.,0,.,70
 @pytest.mark.usefixtures("folder")
 def test_observations_before_a_dose_at_the_same_time_are_told() -> None:
     found = table("ID,TIME,DV,AMT\n1,0,.,9\n1,8,3,.\n1,8,.,9\n1,16,4,.", "doses")
-    assert found.notes[1].startswith("1 observations stand before a dose at the same time")
+    assert found.notes[1].startswith("observations before a dose at the same time: 1; ")
     after = table("ID,TIME,DV,AMT\n1,0,.,9\n1,0,9,.\n1,8,.,9\n1,16,4,.", "doses")
     assert len(after.notes) == 1
 

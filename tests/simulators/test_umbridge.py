@@ -22,7 +22,7 @@ from aleator.errors import AleatorError, SimulatorError, SurroundingsError
 from aleator.simulators import ProcessPool, RunFailed
 
 pytest.importorskip("umbridge")
-LOADS = np.repeat([10.0, 20.0, 30.0], 6)
+LOADS = np.repeat([10.0, 20.0, 30.0], 4)
 TRAVELS = LOADS / np.random.default_rng(3).normal(2.0, 0.2, LOADS.size)
 
 
@@ -32,23 +32,28 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[str]:
-    port = free_port()
+def started(port: int) -> subprocess.Popen[bytes]:
+    """A server that answers at a port of this machine."""
     script = Path(__file__).with_name("umbridge_server.py")
     process = subprocess.Popen(
         [sys.executable, str(script), str(port)], stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    url = f"http://127.0.0.1:{port}"
+    for _ in range(400):
+        try:
+            urlopen(f"http://127.0.0.1:{port}/Info").close()
+            break
+        except OSError:
+            time.sleep(0.05)
+    return process
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[str]:
+    port = free_port()
+    process = started(port)
     try:
-        for _ in range(200):
-            try:
-                urlopen(f"{url}/Info").close()
-                break
-            except OSError:
-                time.sleep(0.05)
-        yield url
+        yield f"http://127.0.0.1:{port}"
     finally:
         process.kill()
         process.wait()
@@ -116,6 +121,29 @@ def test_workers_evaluate_beside_each_other(server: str) -> None:
         run = aleator.Runner(spring(server), table, ["stiffness"], executor=pool)
         found = run(range(LOADS.size), np.full((LOADS.size, 1), 2.0))
     np.testing.assert_array_equal(found, LOADS / 2.0)
+
+
+def test_a_server_that_is_gone_leaves_the_runs_that_were_made(tmp_path: Path) -> None:
+    port = free_port()
+    table = aleator.Experiments.from_frame(pd.DataFrame({"load": LOADS, "y": 1.0}), outcome="y")
+    process = started(port)
+    try:
+        with aleator.Store(tmp_path / "runs.sqlite") as store:
+            run = aleator.Runner(
+                spring(f"http://127.0.0.1:{port}"), table, ["stiffness"], store=store
+            )
+            run([0, 4], [[2.0], [2.0]])
+            process.kill()
+            process.wait()
+            with pytest.raises(SurroundingsError, match="gives no answer"):
+                run([4, 8], [[2.0], [2.0]])
+            assert not run.failures
+            process = started(port)
+            np.testing.assert_array_equal(run([4, 8], [[2.0], [2.0]]), LOADS[[4, 8]] / 2.0)
+            assert run.fresh == 3
+    finally:
+        process.kill()
+        process.wait()
 
 
 @pytest.mark.parametrize(("stiffness", "said"), [(60.0, "500 Internal"), (45.0, "nan")])

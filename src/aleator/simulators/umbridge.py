@@ -162,6 +162,8 @@ class UMBridgeSimulator:
                 raise fault from None
             failure = RunFailed(f"the server answered {error.kind}", error.text)
             raise printed(error.text, self.stop_on) or failure from None
+        except TimeoutError:
+            raise RunFailed(f"it was stopped after its {self.timeout:g} s") from None
         except (LookupError, TypeError, ValueError) as error:
             raise RunFailed(f"the server's output is not that of the model: {error}") from None
         return found if isinstance(self.output, Mapping) else found[""]
@@ -201,7 +203,13 @@ class UMBridgeSimulator:
         Raises SimulatorError if the server does not have the model, or is none of UM-Bridge.
         """
         try:
-            known = self._asked("Info")["models"]
+            about = self._asked("Info")
+            known = about["models"]
+            if about.get("protocolVersion") != 1.0:
+                raise SimulatorError(
+                    f"{self.url} speaks version {about.get('protocolVersion')} of UM-Bridge",
+                    "only version 1.0 is known: serve the model in that",
+                )
             if self.model not in known:
                 raise SimulatorError(
                     f"{self.url} has no model '{self.model}'{nearest(self.model, known)}",
@@ -211,6 +219,8 @@ class UMBridgeSimulator:
                 [*map(int, self._asked("InputSizes")["inputSizes"])],
                 [*map(int, self._asked("OutputSizes")["outputSizes"])],
             )
+        except TimeoutError as error:
+            raise self._unreached(error) from None
         except (_Refused, LookupError, TypeError, ValueError) as error:
             said = error.text if isinstance(error, _Refused) else repr(error)
             raise SimulatorError(
@@ -246,7 +256,7 @@ class UMBridgeSimulator:
     def _asked(self, question: str, **more: Any) -> Mapping[str, Any]:
         """The server's answer to a question of the protocol.
 
-        Raises _Refused for an error that it answers, RunFailed after `timeout` seconds, and
+        Raises _Refused for an error that it answers, TimeoutError after `timeout` seconds, and
         SurroundingsError if there is no answer.
         """
         body = {"name": self.model, "config": dict(self.config), **more}
@@ -262,7 +272,7 @@ class UMBridgeSimulator:
             if error.code in _UNAVAILABLE:
                 raise self._unreached(ConnectionError(f"{status}: {text[:200]}")) from None
         except TimeoutError:
-            raise RunFailed(f"it was stopped after its {self.timeout:g} s") from None
+            raise
         except URLError as error:
             reason = error.reason if isinstance(error.reason, OSError) else error
             raise self._unreached(reason) from None

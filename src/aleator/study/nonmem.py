@@ -192,8 +192,8 @@ class _Records:
             yield f"censored observations: {bounds}"
         if self.before:
             yield (
-                f"{self.before} observations stand before a dose at the same time: the simulator "
-                "must count a dose only after its time, t < time"
+                f"observations before a dose at the same time: {self.before}; the simulator must "
+                "count a dose only after its time, t < time"
             )
         if left := self.unmeasured + self.other + int(np.sum(~self.used)):
             yield f"left out: {left} records without a measured value"
