@@ -176,6 +176,12 @@ def test_observations_before_a_dose_at_the_same_time_are_told() -> None:
 
 
 @pytest.mark.usefixtures("folder")
+def test_a_value_below_a_limit_may_be_blank() -> None:
+    text = "ID,TIME,DV,AMT,BLQ,LLOQ\n1,0,.,9,0,.\n1,1,5,.,0,0.1\n1,2,.,.,1,0.1\n1,3,.,.,0,0.1"
+    assert [row.split(",")[2] for row in rows(text)[1:]] == ["5", "<0.1"]
+
+
+@pytest.mark.usefixtures("folder")
 def test_each_compartment_has_a_column() -> None:
     text = "ID,TIME,DV,AMT,EVID,CMT\n1,0,.,9,1,1\n1,1,5,.,0,2\n1,1,80,.,0,3\n1,2,4,.,0,2"
     found = table(text)
@@ -237,6 +243,8 @@ def test_records_that_no_table_can_say_are_refused(case: str) -> None:
         ("ID,TIME,DV,AMT\n1,0,.,9", "no record is an observation"),
         ("ID,TIME,DV,AMT\n1,0,.,9\n1,.,5,.", "row 3, column 'TIME' is blank"),
         ("ID,TIME,DV,AMT,BLQ\n1,0,.,9,0\n1,1,0,.,1", "row 3, column 'BLQ' is 1, and nothing says"),
+        ("ID,TIME,DV,MDV,CENS\n1,1,.,0,1\n1,2,2,0,0", "row 2, column 'DV' is blank, and CENS"),
+        ("ID,TIME,DV,MDV,CENS\n1,1,1,0,2\n1,2,2,0,0", "row 2, column 'CENS' is none of -1, 0"),
         ("ID,TIME,DV,MDV,CENS,LIMIT\n1,1,2,0,1,1\n1,2,2,0,1,.", "row 3, column 'LIMIT' is blank"),
     ],
 )

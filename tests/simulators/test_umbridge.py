@@ -21,7 +21,6 @@ import aleator
 from aleator.errors import AleatorError, SimulatorError, SurroundingsError
 from aleator.simulators import ProcessPool, RunFailed
 
-pytest.importorskip("umbridge")
 LOADS = np.repeat([10.0, 20.0, 30.0], 4)
 TRAVELS = LOADS / np.random.default_rng(3).normal(2.0, 0.2, LOADS.size)
 
@@ -34,6 +33,7 @@ def free_port() -> int:
 
 def started(port: int) -> subprocess.Popen[bytes]:
     """A server that answers at a port of this machine."""
+    pytest.importorskip("umbridge")
     script = Path(__file__).with_name("umbridge_server.py")
     process = subprocess.Popen(
         [sys.executable, str(script), str(port)], stdout=subprocess.DEVNULL,

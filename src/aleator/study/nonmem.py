@@ -117,9 +117,13 @@ class _Records:
         value = self._numbers("DV", np.nan)
         seen = self.used & (event == 0.0) & (self._numbers("MDV", 0.0) == 0.0) & ~self.dose
         self._refuse(event)
-        self.measured: Flags = seen & np.isfinite(value)
+        self.below = next((name for name in _BELOW if name in self.named), "")
+        self.flagged: Flags = self._numbers(self.below, 0.0) == 1.0
+        self.censored = self._numbers("CENS", 0.0)
+        bounded = self.flagged | (self.censored != 0.0)
+        self.measured: Flags = seen & (np.isfinite(value) | bounded)
         self.before = self._before_doses()
-        self.unmeasured = int(np.sum(seen & ~np.isfinite(value)))
+        self.unmeasured = int(np.sum(seen & ~self.measured))
         self.other = int(np.sum(self.used & ~seen & ~self.dose))
         self.cells, self.upper = self._cells(value)
         which = "DVID" if "DVID" in self.named else "CMT"
@@ -236,24 +240,25 @@ class _Records:
 
     def _bounds(self, value: Array) -> tuple[list[str], list[str]]:
         """The sign of each censored observation ("<" or ">", else ""), and its bound if told."""
-        signs = np.full(len(value), "", dtype="<U1")
-        bound = [""] * len(value)
-        if "CENS" in self.named:
-            censored = self._numbers("CENS", 0.0)
-            signs = np.where(censored == 1.0, "<", np.where(censored == -1.0, ">", ""))
-        below = next((name for name in _BELOW if name in self.named), None)
-        if below is not None:
-            limit = next((name for name in _LIMITS if name in self.named), None)
-            flagged = self._numbers(below, 0.0) == 1.0
-            signs = np.where(flagged, "<", signs)
-            limits = self._texts(limit) if limit else self.table.texts(self.named["DV"])
-            bound = [text if own else "" for own, text in zip(flagged, limits, strict=True)]
-            numbers = value if limit is None else self._numbers(limit, np.nan)
-            self._none(
-                self.measured & flagged & ~(np.isfinite(numbers) & (numbers != 0.0)), below,
-                "is 1, and nothing says below which limit the value is",
-                "add a column LLOQ with the limit of quantification",
-            )  # fmt: skip
+        signs = np.where(self.censored == 1.0, "<", np.where(self.censored == -1.0, ">", ""))
+        signs = np.where(self.flagged, "<", signs)
+        self._none(
+            self.measured & ~np.isin(self.censored, [-1.0, 0.0, 1.0]), "CENS",
+            "is none of -1, 0 and 1", "write 1 for a value below DV, -1 for one above it",
+        )  # fmt: skip
+        self._none(
+            self.measured & np.isnan(value) & (self.censored != 0.0), "DV",
+            "is blank, and CENS says that it is a bound", "write the limit",
+        )  # fmt: skip
+        limit = next((name for name in _LIMITS if name in self.named), "DV")
+        numbers = self._numbers(limit, np.nan)
+        self._none(
+            self.measured & self.flagged & ~(np.isfinite(numbers) & (numbers != 0.0)), self.below,
+            "is 1, and nothing says below which limit the value is",
+            "add a column LLOQ with the limit of quantification",
+        )  # fmt: skip
+        limits = zip(self.flagged, self._texts(limit), strict=True)
+        bound = [text if own else "" for own, text in limits]
         left = self.measured & (signs == "<")
         told = np.array([text != "" for text in self._texts("LIMIT")])
         self._none(
