@@ -186,7 +186,7 @@ def test_a_function_is_written_where_there_is_none() -> None:
     text = Path("model.py").read_text()
     assert "def simulate(time, observableParameter1_obs_a, observableParameter2_obs_a, k1" in text
     assert "obs_a = observableParameter1_obs_a*A+observableParameter2_obs_a" in text
-    assert "/ 'conversion.xml'" in text
+    assert 'parent / "conversion.xml"' in text
     written = tomllib.loads(Path("study.toml").read_text())
     assert written["simulator"] == {"function": "model.py:simulate", "series": True}
     assert load_study("study.toml").inputs.names == ("k1", "k2", "a0", "b0")

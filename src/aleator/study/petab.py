@@ -411,7 +411,7 @@ def _study(
     one = len(outcomes) == 1
     logs: object = "log" if one else dict.fromkeys(reading.logs, "log")
     lines = [
-        line("title", problem.stem, "printed above the report and its figures"),
+        line("title", problem.stem.strip("_"), "printed above the report and its figures"),
         "",
         "[experiments]",
         line("file", table, "a row for each measurement"),
@@ -455,7 +455,7 @@ def _function(
 
 from pathlib import Path
 
-MODEL = Path(__file__).parent / {model!r}
+MODEL = Path(__file__).parent / {written(model)}
 
 
 def {FUNCTION}({", ".join(arguments)}):
