@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from aleator.simulators.command import CommandSimulator as CommandSimulator
     from aleator.simulators.derived import derived as derived
     from aleator.simulators.fmu import FMUSimulator as FMUSimulator
+    from aleator.simulators.umbridge import UMBridgeSimulator as UMBridgeSimulator
     from aleator.surrogates import ResponseSurface as ResponseSurface
     from aleator.tasks.bootstrap import bootstrap as bootstrap
     from aleator.tasks.box import feasible_box as feasible_box
@@ -87,6 +88,7 @@ _HOMES = {
     "simulators.command": ["CommandSimulator"],
     "simulators.derived": ["derived"],
     "simulators.fmu": ["FMUSimulator"],
+    "simulators.umbridge": ["UMBridgeSimulator"],
     "laws": [
         "Normal", "TruncatedNormal", "Uniform", "Beta", "Gamma", "LogNormal", "Mixture", "ScipyLaw",
         "By", "Constant", "Free",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from rich.console import Console
 from aleator.cli.running import FILE, RESULT, make_place, require_at_most_one
 from aleator.errors import AleatorError, SimulatorError, nearest, short
 from aleator.results import documents
+from aleator.study.nonmem import has_records, subject_table
 from aleator.study.offers import (
     Offer,
     bound,
@@ -23,6 +24,7 @@ from aleator.study.offers import (
     offered_by_fmu,
     offered_by_function,
 )
+from aleator.study.petab import FUNCTION, petab_study
 from aleator.study.proposal import (
     Limits,
     laws_for,
@@ -345,7 +347,7 @@ SCHEMA = "study.schema.json"
 
 
 @click.command()
-@click.argument("table", type=FILE, metavar="[TABLE.csv]", required=False)
+@click.argument("table", type=FILE, metavar="[TABLE.csv|PROBLEM.yaml]", required=False)
 @click.option("--function", metavar="FILE.py:NAME", help="A Python function is the simulator.")
 @click.option("--fmu", type=FILE, metavar="FILE.fmu", help="An FMU is the simulator.")
 @click.option(
@@ -397,7 +399,9 @@ def new(
     Asks for what the options do not say, and proposes an answer. Columns are recognized by the
     inputs of the simulator. Each argument of a function without a default gets a law. Limits lie a
     factor of three below and above a default, or an FMU's start value. Nothing is simulated.
-    Without a terminal the proposals are taken.
+    Without a terminal the proposals are taken. A table of NONMEM (ID, TIME, DV, AMT, EVID, ...)
+    becomes a table of its observations, with the doses as conditions. Of a PEtab problem (YAML)
+    the whole study is written, and a file for the function that simulates its model.
 
     \b
       aleator new springs.csv --function model.py:spring
@@ -410,8 +414,25 @@ def new(
     questions = Questions(at_terminal() and not yes, output.parent)
     _require_free(output, force, questions)
     path = chosen_table(questions, table)
+    if path.suffix in (".yaml", ".yml"):
+        stated = {"--fmu": fmu, "--command": command, "--outcome": outcome, "--id": id,
+                  "--parameter": parameters, "--series": series}  # fmt: skip
+        _from_petab(path, function, output, stated, schema, force, questions)
+        return
     sheet = sheet_of(path)
-    offer = bound(chosen_offer(questions, function, fmu, command), sheet.names)
+    offer = chosen_offer(questions, function, fmu, command)
+    if has_records(sheet.table):
+        spelled = (*offer.names, *(each.name for each in offer.returned))
+        subjects = subject_table(sheet, spelled)
+        path = output.with_name(f"{path.stem}_observations.csv")
+        _require_free(path, force, questions)
+        documents.write_text(subjects.text, path)
+        sheet = sheet_of(path)
+        outcome, id = outcome or subjects.outcomes, id or subjects.id
+        for line in subjects.notes:
+            click.echo(f"  {line}")
+        click.echo(f"Written: {short(path)}")
+    offer = bound(offer, sheet.names)
     outcomes = chosen_outcomes(questions, sheet, offer, outcome)
     roles = roles_of(sheet, offer, outcomes)
     named = chosen_id(questions, sheet, roles, id)
@@ -430,6 +451,40 @@ def new(
         if lacking := [p.name for p in proposal.parameters if not p.complete]:
             said = " ".join(f"--parameter {name}=LOW:HIGH" for name in lacking)
             click.echo(f"Or add to the same command: {said} --force")
+    click.echo(f"Next: aleator check {short(output)}")
+
+
+def _from_petab(
+    problem: Path,
+    function: str | None,
+    output: Path,
+    stated: Mapping[str, object],
+    schema: bool,
+    force: bool,
+    questions: Questions,
+) -> None:
+    """Write the study of a PEtab problem, its table, and a function where there is none yet."""
+    if wrong := next((option for option, value in stated.items() if value), None):
+        raise AleatorError(
+            f"{wrong} has no meaning for a PEtab problem, whose tables say it", "leave it out"
+        )
+    table = output.with_name(f"{problem.stem.lstrip('_')}_measurements.csv")
+    stub = output.with_name("model.py")
+    _require_free(table, force, questions)
+    found = petab_study(problem, output.parent, table.name, function or f"{stub.name}:{FUNCTION}")
+    head = f"#:schema {SCHEMA}\n" if schema else ""
+    if schema:
+        documents.write_text(schema_text(), output.with_name(SCHEMA))
+    files = {table: found.table, output: head + found.study}
+    if function is None and not stub.exists():
+        files[stub] = found.function
+    for line in found.notes:
+        click.echo(f"  {line}")
+    for path, text in files.items():
+        documents.write_text(text, path)
+        click.echo(f"Written: {short(path)}")
+    if stub in files:
+        click.echo(f"Fill in: the function {FUNCTION} in {short(stub)}")
     click.echo(f"Next: aleator check {short(output)}")
 
 

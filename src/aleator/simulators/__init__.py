@@ -4,10 +4,10 @@ Three nouns. A `Simulator` computes an outcome from conditions and parameters. A
 only way to call one, for the rows of a table: it checks, counts and remembers runs. A `Store` is
 the file that keeps every run, by the simulator's fingerprint, the conditions and the parameters.
 
-Simulators are functions (`function`), programs (`command`), FMUs (`fmu`), and any of them with
-parameters that are computed from others (`derived`). Runs are made in batches (`dispatch`), in this
-process, by worker processes (`pool`) or by a cluster (`clusters`). `surroundings` distinguishes a
-fault of the machine from a failure of the simulator.
+Simulators are functions (`function`), programs (`command`), FMUs (`fmu`), models of a server
+(`umbridge`), and any of them with parameters that are computed from others (`derived`). Runs are
+made in batches (`dispatch`), in this process, by worker processes (`pool`) or by a cluster
+(`clusters`). `surroundings` distinguishes a fault of the machine from a failure of the simulator.
 """
 
 from aleator.simulators.function import FunctionSimulator, as_simulator, load_function

@@ -1,4 +1,4 @@
-"""The section `[simulator]` of study.toml: a Python function, a program or an FMU."""
+"""The section `[simulator]` of study.toml: a Python function, a program, an FMU or a server."""
 
 from __future__ import annotations
 
@@ -42,6 +42,7 @@ from aleator.simulators.fmu import (
 from aleator.simulators.fmu.description import Description, read_description
 from aleator.simulators.fmu.settings import columns_of
 from aleator.simulators.surroundings import STOP_ON
+from aleator.simulators.umbridge import UMBridgeSimulator
 from aleator.study.kinds import BY_FORM, Kinds, Section, fault
 
 _CROSSING = ("value", "direction", "after", "interpolation")
@@ -367,10 +368,43 @@ def fmu(
     )
 
 
+_Part = Annotated[Annotated[float, Tag("number")] | Annotated[str, Tag("text")], BY_FORM]
+_Vector = Annotated[
+    Annotated[float, Tag("number")]
+    | Annotated[str, Tag("text")]
+    | Annotated[list[_Part], Tag("list")],
+    BY_FORM,
+]
+_Place = Annotated[Annotated[int, Tag("number")] | Annotated[list[int], Tag("list")], BY_FORM]
+_Places = Annotated[
+    Annotated[int, Tag("number")]
+    | Annotated[list[int], Tag("list")]
+    | Annotated[dict[str, _Place], Tag("table")],
+    BY_FORM,
+]
+
+
+def umbridge(
+    umbridge: str,
+    model: str,
+    inputs: list[_Vector],
+    output: _Places = 0,
+    config: dict[str, Any] | None = None,
+    timeout: float | None = None,
+    stop_on: str = STOP_ON,
+    version: str = "",
+    series: bool = False,
+) -> UMBridgeSimulator:
+    """A simulator that is a model of an UM-Bridge server."""
+    return UMBridgeSimulator(
+        umbridge, model, inputs, output, config or {}, timeout, stop_on, version, series
+    )
+
+
 SIMULATORS: Kinds[Simulator] = Kinds(
     "aleator.simulators",
     "",
-    {"function": function, "command": command, "fmu": fmu},
+    {"function": function, "command": command, "fmu": fmu, "umbridge": umbridge},
     common=RunsSection,
 )
 """The kinds of simulator in `[simulator]`, each chosen by the key with its name."""
