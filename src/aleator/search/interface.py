@@ -23,7 +23,10 @@ class LogLikelihood:
     `each` (N,) are the log-densities of the experiments, `scores` (N, K) their derivatives by alpha
     or None, and `status` (N,) `Status` codes. Where hyperparameters have priors, `prior` is the sum
     of the logarithms of their densities and `prior_score` (K,) its derivative. A search maximizes
-    the `total` of log-likelihood and log prior, whose derivative is `score`.
+    the `total` of log-likelihood and log prior, whose derivative is `score`. Where experiments
+    share parameters, `cluster` (N,) is the number of the cluster of each: `each` and `status` are
+    then (U,), those of the clusters, and the scores of its experiments add up to the derivative of
+    a cluster's log-density.
     """
 
     each: Array
@@ -31,6 +34,17 @@ class LogLikelihood:
     status: NDArray[np.int64]
     prior: float = 0.0
     prior_score: Array | None = None
+    cluster: Indices | None = None
+
+    @property
+    def independent_scores(self) -> Array:
+        """The derivatives (U, K) of the independent terms `each`."""
+        assert self.scores is not None
+        if self.cluster is None:
+            return self.scores
+        found = np.zeros((len(self.each), self.scores.shape[1]))
+        np.add.at(found, self.cluster, self.scores)
+        return found
 
     @property
     def total(self) -> float:

@@ -12,6 +12,7 @@ from aleator.core.status import Status
 from aleator.core.types import Array, Flags
 from aleator.laws.hyperparameter import Hyperparameter, log_prior
 from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
+from aleator.likelihood.individual.levels import LevelRule, cluster_modes
 from aleator.likelihood.individual.modes import (
     MODES,
     Curved,
@@ -20,6 +21,7 @@ from aleator.likelihood.individual.modes import (
     Modes,
     ModeSettings,
     NodeRule,
+    Placed,
     highest,
     modes,
 )
@@ -32,7 +34,7 @@ from aleator.likelihood.individual.parameters import (
     scattered_density,
 )
 from aleator.likelihood.individual.predictors import Block, Layout, OnSurfaces, Predictor
-from aleator.likelihood.individual.rules import GaussHermite, Nodes, joined
+from aleator.likelihood.individual.rules import GaussHermite, Nodes
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.interface import LogLikelihood
 
@@ -65,11 +67,12 @@ class IndividualLikelihood:
         errors: MeasurementErrors,
         predictor: Predictor,
         layout: Layout,
-        rule: GaussHermite,
+        rule: GaussHermite | LevelRule,
     ) -> IndividualLikelihood:
         """The likelihood with nodes of the law itself, not yet adapted to the experiments."""
         classes = len(inputs.classes)
-        nodes = Nodes.of_the_law(layout.count, classes, inputs.scattering, rule)
+        first = rule if isinstance(rule, GaussHermite) else GaussHermite(1)
+        nodes = Nodes.of_the_law(layout.count, classes, inputs.scattering, first)
         return cls(inputs, errors, predictor, layout, rule, nodes)
 
     @property
@@ -90,6 +93,12 @@ class IndividualLikelihood:
         return self.layout.count
 
     @property
+    def independent(self) -> int:
+        """The number U of independent terms: of experiments, or of clusters of them."""
+        grouping = self.layout.grouping
+        return self.count if grouping is None else grouping.clusters
+
+    @property
     def region(self) -> Array:
         """The region (n, 2) in which simulated values are known.
 
@@ -104,8 +113,11 @@ class IndividualLikelihood:
         return self.layout.blocks(self.nodes.xi.shape[1])
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood and scores (N, K) at alpha (K,), with the present nodes."""
-        each, scores = np.zeros(self.count), np.zeros((self.count, alpha.size))
+        """The log-likelihood and scores (N, K) at alpha (K,), with the present nodes.
+
+        The scores of the experiments of a cluster add up to the derivative of its log-likelihood.
+        """
+        each, scores = np.zeros(self.independent), np.zeros((self.count, alpha.size))
         held = self._held
         for block in self.blocks:
             part = block.experiments
@@ -113,22 +125,24 @@ class IndividualLikelihood:
                 each[part], scores[part] = self._by_density(held, alpha, block)
                 continue
             found = self.at(alpha, block, self.nodes.xi[part])
-            each[part], share = mean_of(found.sums + self.nodes.log_weight[part])
+            each[block.independent], share = self.mean_over_nodes(block, found.sums)
             scores[part] = found.scores(share)
-        value = LogLikelihood(each, scores, _status(each))
+        grouping = self.layout.grouping
+        of = None if grouping is None else grouping.cluster
+        value = LogLikelihood(each, scores, _status(each), cluster=of)
         return value.believed(self.hyperparameters, alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood at alpha (K,) without its score, with the present nodes."""
-        each, held = np.zeros(self.count), self._held
+        each, held = np.zeros(self.independent), self._held
         for block in self.blocks:
-            part = block.experiments
+            part = block.independent
             if held is not None:
                 sums = self.sums_of(alpha, block, held.eta[block.rows])
-                total = sums + held.log_weights(alpha[: self.inputs.size], block)
+                each[part] = mean_of(sums + held.log_weights(alpha[: self.inputs.size], block))[0]
             else:
-                total = self.sums(alpha, block, self.nodes.xi[part]) + self.nodes.log_weight[part]
-            each[part] = mean_of(total)[0]
+                sums = self.sums(alpha, block, self.nodes.xi[block.experiments])
+                each[part] = self.mean_over_nodes(block, sums)[0]
         value = LogLikelihood(each, None, _status(each))
         return value.believed(self.hyperparameters, alpha)
 
@@ -145,7 +159,7 @@ class IndividualLikelihood:
         s, arrived = self.inputs.scattering, max(arrived, self.rule.arrived)
         if not s:
             return self
-        count, placed = classes * self.rule.size(s), list[tuple[slice, Array, Array]]()
+        count, placed = classes * self.rule.size(s), list[tuple[slice, Placed]]()
         peaks, information = self.nodes.peaks(self.rule.centers)
         x = np.zeros((self.count, classes, n))
         for block in self.layout.blocks(count):
@@ -154,11 +168,10 @@ class IndividualLikelihood:
             peaks[part], information[part] = found.z, found.information
             x[part] = self._individual(alpha, block, found.z[:, :, 0]).x
             valued = partial(self.log_density, alpha, block)
-            laws = IndividualLaws(curved, valued, found, part.start)
-            placed.append((part, *self.rule.place(laws)))
-        xi, log_weight = joined(placed, self.count, classes)
-        nodes = Nodes(xi, log_weight, peaks, information, x)
-        parameters = None
+            laws = IndividualLaws(curved, valued, found, part.start, block.clusters)
+            placed.append((part, self.rule.place(laws)))
+        nodes = Nodes.joined(placed, peaks, information, x)
+        xi, parameters = nodes.xi, None
         if self.rule.holds_parameters and holds(self.inputs, self.layout.size * xi.shape[1]):
             parameters = self._at_parameters(alpha, nodes)
         return replace(self, nodes=nodes, parameters=parameters)
@@ -179,8 +192,20 @@ class IndividualLikelihood:
         individual = self._individual(alpha, block, self.nodes.xi[block.experiments])
         terms = self._terms(alpha, block, self.predictor.values(block, individual.x))
         sums = individual.log_weight + block.summed(terms.value)
-        each, share = mean_of(sums + self.nodes.log_weight[block.experiments])
+        each, share = self.mean_over_nodes(block, sums)
         return each, share, individual, terms
+
+    def mean_over_nodes(self, block: Block, sums: Array) -> tuple[Array, Array]:
+        """The log-likelihood of each independent term of a block, and the nodes' shares (B, J).
+
+        `sums` (B, J) are log P(class) + sum_k log p(y_k | eta_k) at the present nodes.
+        """
+        part, shared = block.experiments, self.nodes.shared
+        total = sums + self.nodes.log_weight[part]
+        if block.clusters is None or shared is None:
+            return mean_of(total)
+        found = block.clusters.mean_of(total, shared[part])
+        return found.each, found.share
 
     def by(self, rule: NodeRule, alpha: Array) -> IndividualLikelihood:
         """This likelihood with another node rule, whose nodes are adapted to alpha."""
@@ -237,7 +262,13 @@ class IndividualLikelihood:
 
     def log_density(self, alpha: Array, block: Block, z: Array) -> Array:
         """The log-density (B, P), up to a constant, of variates z (B, P, s) given observations."""
-        return np.asarray(self.sums(alpha, block, z) - 0.5 * np.sum(z**2, axis=2))
+        law = 0.5 * np.sum(self._counted(block, z) * z**2, axis=2)
+        return np.asarray(self.sums(alpha, block, z) - law)
+
+    def _counted(self, block: Block, z: Array) -> Array:
+        """One (B, 1, s) for each variate z (B, P, s), but zero where another experiment has it."""
+        clusters = block.clusters
+        return np.ones((len(z), 1, z.shape[2])) if clusters is None else clusters.counted[:, None]
 
     @property
     def _held(self) -> Parameters | None:
@@ -286,6 +317,13 @@ class IndividualLikelihood:
             known = self.nodes.modes[block.experiments]
             return highest(curved, known, self.rule.centers, arrived, self.settings)
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
+        if block.clusters is not None:
+            tried = np.concatenate([last, np.zeros_like(last)], axis=1)
+            value = block.clusters.summed(self.log_density(alpha, block, tried))
+            best = np.argmax(value, axis=1)[block.clusters.top(0)]
+            start = np.take_along_axis(tried, best[:, None, None], axis=1)
+            found = cluster_modes(curved, start, block.clusters, 0, arrived, self.settings)
+            return Modes(found.z[:, :, None], found.information[:, :, None], found.value[..., None])
         around = np.concatenate(
             [np.zeros((1, s)), *(reach * np.eye(s) for reach in self.settings.starts)]
         )
@@ -318,8 +356,10 @@ class IndividualLikelihood:
         Its information is the Gauss-Newton approximation.
         """
         found, gradient, outer = self.of_observations(alpha, block, z)
-        value = found.sums - 0.5 * np.sum(z**2, axis=2)
-        return value, block.summed(gradient) - z, block.summed(outer) + np.eye(z.shape[2])
+        law = self._counted(block, z)
+        value = found.sums - 0.5 * np.sum(law * z**2, axis=2)
+        information = block.summed(outer) + law[..., None] * np.eye(z.shape[2])
+        return value, block.summed(gradient) - law * z, information
 
     def of_observations(
         self, alpha: Array, block: Block, z: Array
