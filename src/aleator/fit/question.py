@@ -22,6 +22,7 @@ from aleator.likelihood.individual import (
     GaussHermite,
     IndividualLikelihood,
     Layout,
+    LevelRule,
     Predictor,
 )
 from aleator.likelihood.level_sets import on_a_grid, searched
@@ -49,15 +50,19 @@ FIRST = (GaussHermite(1), GaussHermite(5), GaussHermite(3), GaussHermite(3))
 """The quadrature rule that a search begins with, for 0, 1, 2 and 3 scattering parameters."""
 FEWEST = GaussHermite(3, 1)
 """The quadrature rule that a search begins with, for four or more scattering parameters."""
+LEVEL_NODES = (5, 32)
+"""The Gauss-Hermite nodes of each variate of nested groups, and the pairs of points of crossed
+ones, with which a search begins."""
 
 
 def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
     """Whether the likelihood is the density of the outcomes, without measurement noise.
 
     This requires one uncensored outcome for each experiment, and the same law for all of them,
-    which is no mixture. Otherwise the likelihood is an integral over each experiment's parameters.
+    which is no mixture and has no levels. Otherwise the likelihood is an integral over each experiment's parameters.
     """
-    return noise is None and table.simple and not inputs.regressed and len(inputs.classes) == 1
+    alike = not inputs.individual_laws and len(inputs.classes) == 1
+    return noise is None and table.simple and alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +96,8 @@ class Choices:
         if not is_exact(table, inputs, noise):
             surfaces_alone(propagation, density)
             _require_noise(table, inputs, noise)
-        if inputs.regressed:
-            return replace(made, inputs=inputs.resolved(covariates(table, inputs.covariates)))
+        if inputs.individual_laws:
+            return replace(made, inputs=inputs.resolved(covariates(table, inputs.columns)))
         if made.exact:
             Model.of(inputs, propagation, density)
         return made
@@ -201,7 +206,8 @@ class Question:
     def layout(self) -> Layout:
         """The layout of the data: the simulator run and the experiment of each observation."""
         experiment = self.table.observations.experiment
-        return Layout(len(self.ids), experiment, self.unit, self.column)
+        shared = self.inputs.grouping
+        return Layout(len(self.ids), experiment, self.unit, self.column, grouping=shared)
 
     @cached_property
     def measured(self) -> Array:
@@ -211,10 +217,17 @@ class Question:
 
     def integral(self, predictor: Predictor) -> IndividualLikelihood:
         """The likelihood, with individual parameters integrated out by few nodes."""
-        variates = self.inputs.scattering
-        rule = FIRST[variates] if variates < len(FIRST) else FEWEST
-        errors = self.choices.errors
+        errors, rule = self.choices.errors, first_rule(self.inputs)
         return IndividualLikelihood.of(self.inputs, errors, predictor, self.layout, rule)
+
+
+def first_rule(inputs: Inputs) -> GaussHermite | LevelRule:
+    """The quadrature rule that a search begins with."""
+    grouping, variates = inputs.grouping, inputs.scattering
+    if grouping is not None:
+        variates = int(np.sum(grouping.of == len(grouping.names)))
+    rule = FIRST[variates] if variates < len(FIRST) else FEWEST
+    return rule if grouping is None else LevelRule.first(grouping, rule, *LEVEL_NODES)
 
 
 def start_point(inputs: Inputs) -> Array:
@@ -242,6 +255,12 @@ def varying_conditions(table: Experiments, requested: Sequence[str]) -> list[str
 def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> None:
     if noise is not None:
         return
+    if inputs.levels:
+        raise InputsError(
+            "parameters of levels need measurement noise: the experiments of a group share a draw, "
+            "so that their outcomes have no density by themselves",
+            "add noise: [noise] sd, or noise=Noise(...), which may be small",
+        )
     if table.simple and not inputs.regressed:
         raise InputsError(
             "the likelihood of a mixture is known with measurement noise only",

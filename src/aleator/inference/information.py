@@ -170,7 +170,9 @@ def infer(
     two more for each step that had the wrong size (see `Differences`). A hyperparameter on its
     limit has no standard error, and the errors of the others are conditional on it. With
     `by_scores` the information is the sum of the outer products of the experiments' scores instead,
-    which has the same mean (Berndt et al., 1974) and no difference errors.
+    which has the same mean (Berndt et al., 1974) and no difference errors. Experiments that share
+    parameters count together. There is no sandwich error where they are fewer than the
+    hyperparameters.
     """
     at_bound = tuple(side_of(value, h) for value, h in zip(alpha, hyperparameters, strict=True))
     identified = np.flatnonzero([h.free for h in hyperparameters])
@@ -180,7 +182,8 @@ def infer(
     scores = here.scores
     assert scores is not None
     # A prior counts like another measurement, with its curvature as information.
-    told = scores[:, identified].T @ scores[:, identified]
+    independent = here.independent[:, identified]
+    told = independent.T @ independent
     told = told + np.diag(curvatures(hyperparameters, alpha)[identified])
     full = told
     if not by_scores:
@@ -196,7 +199,8 @@ def infer(
     nothing = np.full(alpha.size, np.nan)
     standard_error, sandwich_error = nothing.copy(), nothing.copy()
     standard_error[free] = np.sqrt(np.diag(covariance))
-    sandwich_error[free] = np.sqrt(np.diag(sandwich))
+    if here.cluster is None or len(independent) > free.size:
+        sandwich_error[free] = np.sqrt(np.diag(sandwich))
     half = stats.norm.ppf(0.5 + INTERVALS.level / 2.0) * standard_error
     return Inference(
         standard_error,

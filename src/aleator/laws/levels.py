@@ -78,9 +78,7 @@ class Grouping:
     cluster: Indices
 
     @classmethod
-    def by(
-        cls, columns: Mapping[str, NDArray[Any]], levels: Sequence[str | None]
-    ) -> Grouping:
+    def by(cls, columns: Mapping[str, NDArray[Any]], levels: Sequence[str | None]) -> Grouping:
         """The groups of experiments by the labels (N,) in the column of each level.
 
         `levels` has the level of each scattering parameter, or None. Groups and clusters are
@@ -96,7 +94,7 @@ class Grouping:
         )
         return cls(
             names, group, tuple(numbered[name][1] for name in names),
-            np.array(of, dtype=np.intp), nested, group[0] if nested else _connected(group),
+            np.array(of, dtype=np.intp), nested, group[0] if nested else connected(group),
         )  # fmt: skip
 
     @cached_property
@@ -135,8 +133,12 @@ def _numbered(cells: NDArray[Any]) -> tuple[Indices, tuple[str, ...]]:
     return np.array(found, dtype=np.intp), tuple(number)
 
 
-def _connected(group: Indices) -> Indices:
-    """The connected component (N,) of each experiment, numbered in the order of appearance."""
+def connected(group: Indices) -> Indices:
+    """The smallest groups (N,) of experiments that no grouping in `group` (L, N) divides.
+
+    >>> connected(np.array([[0, 0, 1, 2], [0, 1, 1, 2]])).tolist()
+    [0, 0, 0, 1]
+    """
     found = np.arange(group.shape[1])
     while True:
         before = found

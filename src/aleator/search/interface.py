@@ -37,14 +37,24 @@ class LogLikelihood:
     cluster: Indices | None = None
 
     @property
-    def independent_scores(self) -> Array:
+    def independent(self) -> Array:
         """The derivatives (U, K) of the independent terms `each`."""
         assert self.scores is not None
-        if self.cluster is None:
-            return self.scores
-        found = np.zeros((len(self.each), self.scores.shape[1]))
-        np.add.at(found, self.cluster, self.scores)
-        return found
+        return self.scores if self.cluster is None else self.summed(self.cluster)[1]
+
+    def summed(self, group: Indices) -> tuple[Array, Array]:
+        """The log-densities (G,) of groups of experiments, and their derivatives (G, K).
+
+        `group` (N,) is the group of each experiment; no cluster is divided.
+        """
+        assert self.scores is not None
+        first = np.arange(len(group))
+        if self.cluster is not None:
+            first = np.unique(self.cluster, return_index=True)[1]
+        each, scores = (np.zeros((int(group.max()) + 1, *s)) for s in ((), self.scores.shape[1:]))
+        np.add.at(each, group[first], self.each)
+        np.add.at(scores, group, self.scores)
+        return each, scores
 
     @property
     def total(self) -> float:

@@ -14,7 +14,7 @@ from aleator.core.progress import Progress
 from aleator.core.status import Status
 from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, nearest
-from aleator.fit.question import DEFAULT_PROPAGATION, varying_conditions
+from aleator.fit.question import DEFAULT_PROPAGATION, first_rule, varying_conditions
 from aleator.fit.refine import under_law
 from aleator.fit.regions import draws, plausible_alphas
 from aleator.inference.alpha_draws import AlphaDraws
@@ -278,8 +278,14 @@ class Session:
             inputs,
             MeasurementErrors.of(self.noise, table),
             self._predictor(runner, x),
-            Layout(len(table.ids), table.observations.experiment, runner.unit, runner.column),
-            GaussHermite(nodes),
+            Layout(
+                len(table.ids),
+                table.observations.experiment,
+                runner.unit,
+                runner.column,
+                grouping=inputs.grouping,
+            ),
+            GaussHermite(nodes) if inputs.grouping is None else first_rule(inputs),
         )
 
     def _predictor(self, runner: Runner, x: Array) -> Predictor:

@@ -16,6 +16,8 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
+from scipy import special
+from scipy.stats import qmc
 
 from aleator.core.types import Array
 from aleator.laws.levels import Grouping
@@ -33,7 +35,6 @@ from aleator.likelihood.individual.rules import (
     RULES,
     GaussHermite,
     RuleSettings,
-    standard_points,
 )
 
 
@@ -168,7 +169,7 @@ class LevelRule(NodeRule):
         stages = Clusters.of(grouping, slice(0, grouping.cluster.size)).stages
         widths = tuple(stage.width for stage in stages)
         alone = int(np.sum(grouping.of == len(grouping.names)))
-        outer = few if grouping.nested else 2 * max(pairs, 2 * widths[0])
+        outer = few if grouping.nested else 2 * max(pairs, widths[0])
         return cls(inner, widths, alone, not grouping.nested, outer)
 
     @property
@@ -180,6 +181,15 @@ class LevelRule(NodeRule):
     def counts(self) -> tuple[int, ...]:
         """The number of nodes of a group at each stage."""
         return (self.outer,) if self.crossed else tuple(self.outer**width for width in self.widths)
+
+    def filled(self, count: int) -> LevelRule:
+        """This rule with about `count` nodes of an experiment, for the law of its parameters."""
+        if self.crossed:
+            within = self.inner.size(self.alone) if self.alone else 1
+            return replace(self, outer=max(self.outer, 2 * (count // (2 * within))))
+        each = int(count ** (1.0 / (sum(self.widths) + self.alone)))
+        inner = GaussHermite(each) if isinstance(self.inner, GaussHermite) else self.inner
+        return replace(self, inner=inner, outer=max(self.outer, each))
 
     def size(self, _: int, /) -> int:
         """The number J of nodes of an experiment."""
@@ -287,7 +297,10 @@ def balanced_points(pairs: int, dimensions: int) -> Array:
     >>> bool(np.allclose(t.T @ t / len(t), np.eye(3))), bool(np.allclose(t.sum(axis=0), 0.0))
     (True, True)
     """
-    t = standard_points(max(pairs, dimensions), dimensions)
+    # Scrambled, because the first points of a plain Sobol' sequence lie in a few planes.
+    count = max(pairs, dimensions)
+    sobol = qmc.Sobol(dimensions, rng=np.random.default_rng(dimensions))
+    t = special.ndtri(sobol.random_base2(int(np.ceil(np.log2(count))))[:count])
     values, vectors = np.linalg.eigh(t.T @ t / len(t))
     t = t @ (vectors / np.sqrt(values)) @ vectors.T
     found = np.concatenate([t, -t])

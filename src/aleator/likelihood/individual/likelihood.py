@@ -163,18 +163,21 @@ class IndividualLikelihood:
         peaks, information = self.nodes.peaks(self.rule.centers)
         x = np.zeros((self.count, classes, n))
         for block in self.layout.blocks(count):
-            part, curved = block.experiments, partial(self._curved, alpha, block)
-            found = self._modes(alpha, block, curved, arrived)
-            peaks[part], information[part] = found.z, found.information
-            x[part] = self._individual(alpha, block, found.z[:, :, 0]).x
-            valued = partial(self.log_density, alpha, block)
-            laws = IndividualLaws(curved, valued, found, part.start, block.clusters)
+            part, laws = block.experiments, self.laws(alpha, block, arrived)
+            peaks[part], information[part] = laws.modes.z, laws.modes.information
+            x[part] = self._individual(alpha, block, laws.modes.z[:, :, 0]).x
             placed.append((part, self.rule.place(laws)))
         nodes = Nodes.joined(placed, peaks, information, x)
         xi, parameters = nodes.xi, None
         if self.rule.holds_parameters and holds(self.inputs, self.layout.size * xi.shape[1]):
             parameters = self._at_parameters(alpha, nodes)
         return replace(self, nodes=nodes, parameters=parameters)
+
+    def laws(self, alpha: Array, block: Block, arrived: float = MODES.arrived) -> IndividualLaws:
+        """The individual laws of a block at alpha, with their modes, for a node rule."""
+        curved, valued = partial(self._curved, alpha, block), partial(self.log_density, alpha, block)
+        found = self._modes(alpha, block, curved, arrived)
+        return IndividualLaws(curved, valued, found, block.experiments.start, block.clusters)
 
     def distance(self, alpha: Array) -> float:
         """The distance of alpha from that of the nodes, which are valid up to a distance of 1.
@@ -206,6 +209,18 @@ class IndividualLikelihood:
             return mean_of(total)
         found = block.clusters.mean_of(total, shared[part])
         return found.each, found.share
+
+    def conditional(self, alpha: Array) -> Array:
+        """log p(y_l | the other experiments that share parameters with experiment l) (N,)."""
+        found = np.zeros(self.count)
+        for block in self.blocks:
+            part, shared = block.experiments, self.nodes.shared
+            total = self.sums(alpha, block, self.nodes.xi[part]) + self.nodes.log_weight[part]
+            if block.clusters is None or shared is None:
+                found[part] = mean_of(total)[0]
+            else:
+                found[part] = block.clusters.mean_of(total, shared[part]).conditional
+        return found
 
     def by(self, rule: NodeRule, alpha: Array) -> IndividualLikelihood:
         """This likelihood with another node rule, whose nodes are adapted to alpha."""
@@ -561,8 +576,11 @@ def expectation_step(
     if not np.isfinite(value) or not np.all(np.isfinite(square[counted])):
         return value, found
     for i in _known(inputs):
-        own = (mean[counted, i] - center[counted, i], square[counted, i], spread[counted, i])
-        _place(inputs, i, found, *own, counted, settings)
+        some = counted
+        if inputs.grouping is not None:
+            some = counted & (inputs.grouping.counted[:, inputs.scattered.index(i)] > 0.0)
+        own = (mean[some, i] - center[some, i], square[some, i], spread[some, i])
+        _place(inputs, i, found, *own, some, settings)
     _place_errors(errors, found[inputs.size :], slope / np.maximum(count, 1.0), settings)
     return value, found
 
