@@ -118,6 +118,15 @@ class Fit:
         """Log-densities (N,) of all experiments at alpha, with scores (N, K)."""
         return self._scored
 
+    def of_experiments(self) -> Array:
+        """The log-density (N,) of each experiment at alpha.
+
+        It is that given all others that share parameters with the experiment.
+        """
+        if isinstance(self.likelihood, IndividualsAt) and self.inputs.grouping is not None:
+            return self.likelihood.integral.conditional(self.alpha)
+        return self.scored().each
+
     def objective(self) -> Scored:
         """The log-likelihood as a function of alpha, for a search or a sampler."""
         return self.likelihood.objective()

@@ -102,15 +102,16 @@ class Session:
             surfaces = model.surfaces or ResponseSurface()
             responses = (Response(found.outcome, found.transform),)
             return cls(inputs, None, responses, experiments, runner, None, False, surfaces, model)
-        unresolved = inputs.regressed and inputs.covariate_model is None
+        made = inputs.regressed and inputs.covariate_model is None
+        unresolved = made or (bool(inputs.levels) and inputs.grouping is None)
         if noise is None or (experiments is None and unresolved):
-            lacking = "noise" if noise is None else "experiments, whose covariates make the law,"
+            lacking = "noise" if noise is None else "experiments, whose columns the laws follow,"
             raise AleatorError(
                 f"what can be asked of {source} needs the {lacking} too",
                 f"aleator.load(path, ..., {'noise' if noise is None else 'experiments'}=...)",
             )
         if experiments is not None and unresolved:
-            inputs = inputs.resolved(covariates(experiments, inputs.covariates))
+            inputs = inputs.resolved(covariates(experiments, inputs.columns))
         seen = tuple(Response(name, Transform(each)) for name, each in found.responses.items())
         surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
         on_simulator = found.propagation == DIRECT
@@ -202,8 +203,8 @@ class Session:
         runner, inputs = self.runner_on(conditions, "a prediction"), self.inputs
         assert inputs is not None
         known = None if of is None else self._measured(conditions, alpha, of)
-        if inputs.regressed and known is None:
-            inputs = inputs.resolved(covariates(conditions, inputs.covariates))
+        if inputs.individual_laws and known is None:
+            inputs, known = self._of_groups(conditions, alpha)
         return PredictionContext(
             conditions,
             inputs,
@@ -258,8 +259,8 @@ class Session:
         assert self.inputs is not None
         runner.progress = progress
         inputs, seen = self.inputs, candidates.observations
-        if inputs.regressed:
-            inputs = inputs.resolved(covariates(candidates, inputs.covariates))
+        if inputs.individual_laws:
+            inputs = inputs.resolved(_columns(candidates, inputs))
         table = table.with_observations(with_limits_of_test(seen, fit.table.observations))
         likely = plausible_alphas(fit.alpha, fit.inference, fit.hyperparameters)
         x = draws(inputs, [alpha, *likely], len(candidates.ids))
@@ -304,6 +305,36 @@ class Session:
             )
         which = [table.ids.index(name) for name in _named_by(table, conditions, of)]
         return MeasuredExperiments(self._adapted(table, alpha), np.array(which, dtype=np.intp))
+
+    def _of_groups(
+        self, conditions: Conditions, alpha: Array
+    ) -> tuple[Inputs, MeasuredExperiments | None]:
+        """The laws of new experiments, and these experiments if some are in a measured group.
+
+        They are then added to the measured ones, without observations.
+        """
+        inputs, table = self.inputs, self.experiments
+        assert inputs is not None
+        new = _columns(conditions, inputs)
+        alone = inputs.resolved(new)
+        if not inputs.levels or table is None:
+            return alone, None
+        count, old = len(table.ids), covariates(table, inputs.columns)
+        together = pd.concat([old, new], ignore_index=True)
+        grouping = inputs.resolved(together).grouping
+        assert grouping is not None
+        if not any(np.isin(own[count:], own[:count]).any() for own in grouping.group):
+            return alone, None
+        # New experiments stand behind the last one that shares a parameter with them.
+        last = np.full(grouping.clusters, count)
+        last[grouping.cluster[:count]] = np.arange(count)
+        order = np.argsort(
+            np.append(np.arange(count), last[grouping.cluster[count:]]), kind="stable"
+        )
+        place = np.argsort(order)
+        whole = inputs.resolved(together.iloc[order].reset_index(drop=True))
+        likelihood = self._adapted(table, alpha).among(whole, place[:count])
+        return whole, MeasuredExperiments(likelihood.adapted(alpha), place[count:])
 
     def _adapted(self, table: Experiments, alpha: Array, nodes: int = 7) -> IndividualLikelihood:
         """The likelihood of the measured experiments, made again if the fit was not kept.
@@ -360,6 +391,13 @@ def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
                 "name an experiment that was measured, or a column of the conditions with such",
             )
     return ids
+
+
+def _columns(conditions: Conditions, inputs: Inputs) -> pd.DataFrame:
+    """The columns that the laws follow; without that of a level each experiment is a new group."""
+    absent = [n for n in inputs.levels.values() if n not in conditions.table.columns]
+    found = covariates(conditions, [n for n in inputs.columns if n not in absent])
+    return found.assign(**{n: [f"new group {k}" for k in range(len(found))] for n in absent})
 
 
 def _text(cell: object) -> str:

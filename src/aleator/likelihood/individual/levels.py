@@ -10,7 +10,7 @@ level by level, if there are several. The parameters of crossed groups are integ
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import ClassVar
@@ -35,6 +35,7 @@ from aleator.likelihood.individual.rules import (
     RULES,
     GaussHermite,
     RuleSettings,
+    standard_points,
 )
 
 
@@ -140,6 +141,52 @@ def cluster_modes(
     return Modes(z, information, value)
 
 
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Nodes of all shared variates, and the modes z (B, P, s) of the others at each of them.
+
+    `information` (B, P, s, s) is that at the modes, and `shared` (B, P) are the log weights (see
+    `Placed`).
+    """
+
+    clusters: Clusters
+    z: Array
+    information: Array
+    shared: Array
+
+    @classmethod
+    def about(
+        cls, laws: IndividualLaws, points: Callable[[int, int], tuple[Array, Array]]
+    ) -> Paths:
+        """Nodes about the modes, stage by stage, each given those of the coarser stages.
+
+        `points` gives for a stage and its width the nodes t (P or 1, Q, width) for each of the P
+        nodes before, standard normal where the log-density is quadratic, and log weights (Q,).
+        """
+        clusters = laws.clusters
+        assert clusters is not None
+        z, information = laws.modes.z[:, :, 0], laws.modes.information[:, :, 0]
+        shared = np.zeros(z.shape[:2])
+        for depth, stage in enumerate(clusters.stages):
+            found = Eliminated.of(clusters, depth, np.zeros_like(z), information)
+            root = np.linalg.inv(np.linalg.cholesky(found.information))
+            t, log_w = points(depth, stage.width)
+            t = np.broadcast_to(t, (z.shape[1], *t.shape[1:]))
+            off = np.einsum("gpvw,pqv->gpqw", root, t).reshape(len(root), -1, stage.width)
+            z = np.repeat(z, log_w.size, axis=1) + found.completed(off, toward=False)
+            log_det = np.log(np.einsum("gpww->gpw", root)).sum(axis=2)
+            of_rule = log_det[..., None] + log_w + 0.5 * np.sum(t**2, axis=2)
+            shared = np.repeat(shared, log_w.size, axis=1)
+            first = np.unique(clusters.top(depth), return_index=True)[1]
+            shared[first] += of_rule.reshape(len(root), -1)
+            own = stage.variates
+            shared -= 0.5 * np.sum(clusters.counted[:, None, own] * z[..., own] ** 2, axis=2)
+            if clusters.free(depth + 1).size:
+                again = cluster_modes(laws.curved, z, clusters, depth + 1, MODES.near)
+                z, information = again.z, again.information
+        return cls(clusters, z, information, shared)
+
+
 @dataclass(frozen=True)
 class LevelRule(NodeRule):
     """Nodes of shared variates about the mode of a cluster, and in each nodes of its experiments.
@@ -182,14 +229,9 @@ class LevelRule(NodeRule):
         """The number of nodes of a group at each stage."""
         return (self.outer,) if self.crossed else tuple(self.outer**width for width in self.widths)
 
-    def filled(self, count: int) -> LevelRule:
-        """This rule with about `count` nodes of an experiment, for the law of its parameters."""
-        if self.crossed:
-            within = self.inner.size(self.alone) if self.alone else 1
-            return replace(self, outer=max(self.outer, 2 * (count // (2 * within))))
-        each = int(count ** (1.0 / (sum(self.widths) + self.alone)))
-        inner = GaussHermite(each) if isinstance(self.inner, GaussHermite) else self.inner
-        return replace(self, inner=inner, outer=max(self.outer, each))
+    def on(self, grouping: Grouping) -> LevelRule:
+        """This rule for other groups of the same levels."""
+        return replace(self.first(grouping, self.inner, self.outer, 0), outer=self.outer)
 
     def size(self, _: int, /) -> int:
         """The number J of nodes of an experiment."""
@@ -217,38 +259,16 @@ class LevelRule(NodeRule):
 
     def place(self, laws: IndividualLaws) -> Placed:
         """Nodes xi (B, J, s) of the experiments, with log weights (B, J), shared ones apart."""
-        clusters = laws.clusters
-        assert clusters is not None
-        z, information = laws.modes.z[:, :, 0], laws.modes.information[:, :, 0]
-        shared = np.zeros(z.shape[:2])
-        for depth, stage in enumerate(clusters.stages):
-            found = Eliminated.of(clusters, depth, np.zeros_like(z), information)
-            root = np.linalg.inv(np.linalg.cholesky(found.information))
-            t, log_w = self._points(stage.width)
-            off = np.einsum("gpvw,qv->gpqw", root, t)
-            moved = found.completed(off.reshape(len(off), -1, stage.width), toward=False)
-            z = np.repeat(z, len(t), axis=1) + moved
-            log_det = np.log(np.einsum("gpww->gpw", root)).sum(axis=2)
-            of_rule = (log_det[..., None] + log_w + 0.5 * np.sum(t**2, axis=1)).reshape(
-                len(off), -1
-            )
-            top = clusters.top(depth)
-            first = np.unique(top, return_index=True)[1]
-            shared = np.repeat(shared, len(t), axis=1)
-            shared[first] += of_rule
-            own = stage.variates
-            shared -= 0.5 * np.sum(clusters.counted[:, None, own] * z[..., own] ** 2, axis=2)
-            if clusters.free(depth + 1).size:
-                near = self.settings.modes.near
-                again = cluster_modes(laws.curved, z, clusters, depth + 1, near)
-                z, information = again.z, again.information
-        return self._within(laws, clusters, z, information, shared)
 
-    def _within(
-        self, laws: IndividualLaws, clusters: Clusters, z: Array, information: Array, shared: Array
-    ) -> Placed:
-        """The nodes of the experiments' own variates, for each node z (B, J', s) of the groups."""
-        own = clusters.alone
+        def points(_: int, width: int) -> tuple[Array, Array]:
+            t, log_w = self._points(width)
+            return t[None], log_w
+
+        return self._within(laws, Paths.about(laws, points))
+
+    def _within(self, laws: IndividualLaws, paths: Paths) -> Placed:
+        """The nodes of the experiments' own variates, for each node of the groups."""
+        own, z, shared = paths.clusters.alone, paths.z, paths.shared
         shared = shared.reshape(len(shared), *self.counts)
         if not own.size:
             return Placed(z, np.zeros(z.shape[:2]), shared)
@@ -262,11 +282,56 @@ class LevelRule(NodeRule):
             value, gradient, found = laws.curved(whole(z))
             return value, gradient[..., own], found[..., own[:, None], own]
 
-        about = information[..., own[:, None], own][:, :, None]
+        about = paths.information[..., own[:, None], own][:, :, None]
         known = Modes(z[..., own][:, :, None], about, np.zeros((*z.shape[:2], 1)))
         inner = IndividualLaws(curved, lambda x: laws.valued(whole(x)), known, laws.first)
         placed = self.inner.place(inner)
         return Placed(whole(placed.xi), placed.log_weight, shared)
+
+    def sample(self, laws: IndividualLaws, count: int) -> Placed:
+        """Points xi (B, J, s) of the variates of each experiment given all observations.
+
+        `count` points of the groups' variates, each with one point of the experiment's own, are
+        drawn from the normal laws about the modes (Sobol'); the log weights (B, J) make them a
+        sample (importance sampling). The integrals over the other experiments are those of `inner`.
+        """
+        clusters = laws.clusters
+        assert clusters is not None
+        widths = [stage.width for stage in clusters.stages]
+        t = standard_points(count, sum(widths) + clusters.alone.size)
+        ends = np.cumsum([0, *widths])
+
+        def points(depth: int, _: int) -> tuple[Array, Array]:
+            own = t[:, ends[depth] : ends[depth + 1]]
+            # Each point of the coarsest groups has one point of each finer group.
+            return (own[:, None], np.zeros(1)) if depth else (own[None], np.full(count, -log_count))
+
+        log_count = np.log(count)
+        paths = Paths.about(laws, points)
+        rule = replace(self, crossed=True, outer=count)
+        placed = rule._within(laws, paths)
+        assert placed.shared is not None
+        total = laws.valued(placed.xi) + 0.5 * np.sum(
+            clusters.counted[:, None] * placed.xi**2, axis=2
+        )
+        shape = (len(total), count, *(1 for _ in widths[1:]))
+        found = clusters.mean_of(total + placed.log_weight, placed.shared.reshape(shape))
+        path, given = found.path.reshape(len(total), count), found.given.reshape(len(total), count)
+        with np.errstate(divide="ignore"):
+            log_path = np.log(path)
+        own = clusters.alone
+        if not own.size:
+            return Placed(placed.xi, log_path)
+        root = np.linalg.inv(np.linalg.cholesky(paths.information[..., own[:, None], own]))
+        of_own, xi = t[:, ends[-1] :], paths.z.copy()
+        xi[..., own] += np.einsum("bpvw,pv->bpw", root, of_own)
+        value = laws.valued(xi) + 0.5 * np.sum(clusters.counted[:, None] * xi**2, axis=2)
+        log_weight = np.log(np.einsum("bpww->bpw", root)).sum(axis=2) + 0.5 * (
+            np.sum(of_own**2, axis=1) - np.sum(xi[..., own] ** 2, axis=2)
+        )
+        with np.errstate(invalid="ignore"):
+            log_weight = np.where(path > 0.0, log_path + value + log_weight - given, -np.inf)
+        return Placed(xi, log_weight)
 
     def _points(self, width: int) -> tuple[Array, Array]:
         """The nodes (Q, width) of a group about its mode, and their log weights (Q,)."""

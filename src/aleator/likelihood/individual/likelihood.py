@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.core.status import Status
-from aleator.core.types import Array, Flags
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws.hyperparameter import Hyperparameter, log_prior
 from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
 from aleator.likelihood.individual.levels import LevelRule, cluster_modes
@@ -175,7 +175,10 @@ class IndividualLikelihood:
 
     def laws(self, alpha: Array, block: Block, arrived: float = MODES.arrived) -> IndividualLaws:
         """The individual laws of a block at alpha, with their modes, for a node rule."""
-        curved, valued = partial(self._curved, alpha, block), partial(self.log_density, alpha, block)
+        curved, valued = (
+            partial(self._curved, alpha, block),
+            partial(self.log_density, alpha, block),
+        )
         found = self._modes(alpha, block, curved, arrived)
         return IndividualLaws(curved, valued, found, block.experiments.start, block.clusters)
 
@@ -225,6 +228,21 @@ class IndividualLikelihood:
     def by(self, rule: NodeRule, alpha: Array) -> IndividualLikelihood:
         """This likelihood with another node rule, whose nodes are adapted to alpha."""
         return self.ruled(rule).adapted(alpha)
+
+    def among(self, inputs: Inputs, place: Indices) -> IndividualLikelihood:
+        """This likelihood with further experiments, which have no observations.
+
+        The `inputs` are for all of them, and say which share parameters with measured ones. `place`
+        (N,) are the new numbers of the measured ones, in their order.
+        """
+        grouping, rule = inputs.grouping, self.rule
+        assert grouping is not None
+        assert isinstance(rule, LevelRule)
+        layout = replace(
+            self.layout, count=grouping.cluster.size, experiment=place[self.layout.experiment],
+            grouping=grouping, chosen=(), _blocks={},
+        )  # fmt: skip
+        return self.of(inputs, self.errors, self.predictor, layout, rule.on(grouping))
 
     def ruled(self, rule: NodeRule) -> IndividualLikelihood:
         """This likelihood with another node rule, whose nodes are not yet adapted."""

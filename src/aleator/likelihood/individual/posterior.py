@@ -100,17 +100,15 @@ def individual_points(
     """Points x (B, J, n) of the individual laws at alpha (K,), with weights (B, J) of sum one.
 
     They are importance points about the modes, about `count` for each class (see `proposed`). The
-    likelihood must be adapted to alpha. Where experiments share parameters they are nodes of the
-    level rule. A point whose run fails has the weight zero. Cost: a run for each point.
+    likelihood must be adapted to alpha. Where experiments share parameters they are
+    `LevelRule.sample`. A point whose run fails has the weight zero. Cost: a run for each point.
     """
     nodes, inputs, part = likelihood.nodes, likelihood.inputs, block.experiments
     if isinstance(likelihood.rule, LevelRule) and block.clusters is not None:
-        placed = likelihood.rule.filled(count).place(likelihood.laws(alpha, block))
-        assert placed.shared is not None
         with np.errstate(all="ignore"):
-            total = likelihood.sums(alpha, block, placed.xi) + placed.log_weight
-        share = block.clusters.mean_of(total, placed.shared).share
-        return inputs.individual(alpha[: inputs.size], placed.xi, part).x, share
+            found = likelihood.rule.sample(likelihood.laws(alpha, block), count)
+        share = mean_of(found.log_weight)[1]
+        return inputs.individual(alpha[: inputs.size], found.xi, part).x, share
     xi, log_weight = proposed(nodes.modes[part], nodes.information[part], count)
     with np.errstate(all="ignore"):
         share = mean_of(likelihood.sums(alpha, block, xi) + log_weight)[1]

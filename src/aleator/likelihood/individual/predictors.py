@@ -218,7 +218,7 @@ class Direct:
         nodes = x.shape[1]
         points = x[block.unit_owner].reshape(-1, x.shape[2])
         found = self.runner.straight(np.repeat(block.units, nodes), points)
-        whole = found.reshape(block.units.size, nodes, -1)
+        whole = found.reshape(block.units.size, nodes, found.shape[1])
         return whole[..., 0] if block.plain else np.asarray(whole[block.place, :, block.column])
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
@@ -228,7 +228,7 @@ class Direct:
         """
         points, gaps = self._points(x)
         found = self.values(block, points.reshape(len(x), -1, x.shape[2]))
-        parts = found.reshape(len(found), points.shape[1], -1)
+        parts = found.reshape(len(found), points.shape[1], x.shape[1])
         slopes = np.zeros((x.shape[2], len(found), x.shape[1]))
         for k, i in enumerate(self.moving):
             with np.errstate(invalid="ignore"):
