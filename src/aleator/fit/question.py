@@ -59,7 +59,8 @@ def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | No
     """Whether the likelihood is the density of the outcomes, without measurement noise.
 
     This requires one uncensored outcome for each experiment, and the same law for all of them,
-    which is no mixture and has no levels. Otherwise the likelihood is an integral over each experiment's parameters.
+    which is no mixture and has no levels. Otherwise the likelihood is an integral over each
+    experiment's parameters.
     """
     alike = not inputs.individual_laws and len(inputs.classes) == 1
     return noise is None and table.simple and alike

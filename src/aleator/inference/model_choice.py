@@ -219,8 +219,8 @@ def leave_one_out(
     and log p(y_l) at this point is computed to second order. The maximum is searched for instead
     where the step changes log p(y_l) by more than 0.1, where the experiment has more than half of
     the information in a direction, or where limits matter. Experiments that share parameters, or a
-    `group` (N,), are left out together, and count as one experiment here. Cost: 2 F evaluations, and about ten for
-    each such search.
+    `group` (N,), are left out together, and count as one experiment here. Cost: 2 F
+    evaluations, and about ten for each such search.
     """
     told = progress or Silent()
     group = fit.cluster if group is None else group

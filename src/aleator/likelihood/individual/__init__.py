@@ -8,8 +8,8 @@ about its modes, by piecewise Gauss-Legendre rules ("panels"), or as importance 
 the nodes to every alpha.
 """
 
-from aleator.likelihood.individual.likelihood import Following, IndividualLikelihood
 from aleator.likelihood.individual.levels import LevelRule
+from aleator.likelihood.individual.likelihood import Following, IndividualLikelihood
 from aleator.likelihood.individual.modes import NodeRule
 from aleator.likelihood.individual.panels import Panels, PlanePanels
 from aleator.likelihood.individual.posterior import (

@@ -33,6 +33,15 @@ class Stage:
         order = np.argsort(self.group, kind="stable")
         return order, np.unique(self.group[order], return_index=True)[1]
 
+    @cached_property
+    def unseen(self) -> Array:
+        """One (G, width) for each variate of a group that no member sees, else zero."""
+        found = np.zeros((int(self.group.max()) + 1, self.width))
+        if self.slot is not None:
+            found += 1.0
+            found[self.group[:, None], self.slot] = 0.0
+        return found
+
     def summed(self, values: Array) -> Array:
         """The sums (G, ...) of values (E, ...) over the members of each group."""
         order, first = self._sorted
@@ -60,10 +69,8 @@ class Stage:
         at, rows, columns = self.group[:, None], self.slot[:, :, None], self.slot[:, None]
         np.add.at(slopes, (at, self.slot), np.moveaxis(gradient, 1, 2))
         np.add.at(whole, (at[..., None], rows, columns), np.moveaxis(information, 1, 3))
-        unseen = np.ones((groups, self.width))
-        unseen[at, self.slot] = 0.0
         each = np.arange(self.width)
-        whole[:, each, each] += unseen[..., None]
+        whole[:, each, each] += self.unseen[..., None]
         return np.moveaxis(slopes, 2, 1), np.moveaxis(whole, 3, 1)
 
 

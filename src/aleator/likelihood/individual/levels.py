@@ -176,9 +176,11 @@ class Paths:
             z = np.repeat(z, log_w.size, axis=1) + found.completed(off, toward=False)
             log_det = np.log(np.einsum("gpww->gpw", root)).sum(axis=2)
             of_rule = log_det[..., None] + log_w + 0.5 * np.sum(t**2, axis=2)
+            of_rule = of_rule.reshape(len(root), -1)
+            of_rule -= 0.5 * np.einsum("gw,gpw->gp", stage.unseen, off**2)
             shared = np.repeat(shared, log_w.size, axis=1)
             first = np.unique(clusters.top(depth), return_index=True)[1]
-            shared[first] += of_rule.reshape(len(root), -1)
+            shared[first] += of_rule
             own = stage.variates
             shared -= 0.5 * np.sum(clusters.counted[:, None, own] * z[..., own] ** 2, axis=2)
             if clusters.free(depth + 1).size:
