@@ -22,7 +22,13 @@ from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
+from aleator.likelihood.individual import (
+    GaussHermite,
+    IndividualLikelihood,
+    Layout,
+    LevelRule,
+    Predictor,
+)
 from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors, Noise, noise_hyperparameters
 from aleator.observations.experiments import Conditions, Experiments, covariates, unmeasured
@@ -260,15 +266,33 @@ class Session:
         runner.progress = progress
         inputs, seen = self.inputs, candidates.observations
         if inputs.individual_laws:
+            self._require_new_groups(candidates)
             inputs = inputs.resolved(_columns(candidates, inputs))
         table = table.with_observations(with_limits_of_test(seen, fit.table.observations))
         likely = plausible_alphas(fit.alpha, fit.inference, fit.hyperparameters)
         x = draws(inputs, [alpha, *likely], len(candidates.ids))
         # Candidate experiments have as many quadrature nodes as the identification needed.
-        likelihood = replace(
-            self._integral(inputs, table, runner, x, 1), rule=fit.likelihood.integral.rule
-        )
+        rule, made = fit.likelihood.integral.rule, self._integral(inputs, table, runner, x, 1)
+        if isinstance(rule, LevelRule) and inputs.grouping is not None:
+            rule = rule.on(inputs.grouping)
+        likelihood = replace(made, rule=rule)
         return Fit.of_individuals(likelihood, alpha, fit.inference, table, fit.likelihood.fewest)
+
+    def _require_new_groups(self, candidates: Conditions) -> None:
+        """Raise InputsError where a candidate belongs to a group that was measured."""
+        assert self.experiments is not None
+        assert self.inputs is not None
+        for level in self.inputs.levels.values():
+            if level not in candidates.table.columns:
+                continue
+            known = {_text(cell) for cell in self.experiments.table[level]}
+            for name, cell in covariates(candidates, [level])[level].items():
+                if _text(cell) in known:
+                    raise InputsError(
+                        f"candidate '{name}' is of the {level} '{_text(cell)}', which was "
+                        "measured, and what it adds depends on the measured ones",
+                        f"let candidates be of new groups: give the column '{level}' other names",
+                    )
 
     def _integral(
         self, inputs: Inputs, table: Experiments, runner: Runner, x: Array, nodes: int

@@ -128,35 +128,35 @@ class Clusters:
 
         All are logarithms.
         """
-        given, part = log_sum(total.reshape(*shared.shape, -1))
-        value, parts = given + shared, list[Array]()
+        inner, part = log_sum(total.reshape(*shared.shape, -1))
+        value, parts = inner + shared, list[Array]()
         for stage in reversed(self.stages):
             value, own = log_sum(stage.summed(value))
             parts.append(own)
         path = np.ones(len(value))
         for stage, own in zip(self.stages, reversed(parts), strict=True):
             path = (path[..., None] * own)[stage.group]
-        return ClusterMean(value, (path[..., None] * part).reshape(total.shape), path, given)
+        return ClusterMean(value, (path[..., None] * part).reshape(total.shape), path, inner)
 
 
 @dataclass(frozen=True, eq=False)
 class ClusterMean:
     """The log-likelihoods `each` (U,) of clusters, and the `share` (B, J) of each node.
 
-    `path` (B, Q_1, ..., Q_L) are the shares of the nodes of shared variates, and `given` the
+    `path` (B, Q_1, ..., Q_L) are the shares of the nodes of shared variates, and `inner` the
     log-likelihood of each experiment at these.
     """
 
     each: Array
     share: Array
     path: Array
-    given: Array
+    inner: Array
 
     @property
     def conditional(self) -> Array:
         """log p(y_l | all other experiments of the cluster) (B,): the mean of 1/p given all."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            terms = np.where(self.path > 0.0, np.log(self.path) - self.given, -np.inf)
+            terms = np.where(self.path > 0.0, np.log(self.path) - self.inner, -np.inf)
         return -log_sum(terms.reshape(len(terms), -1))[0]
 
 

@@ -155,9 +155,7 @@ class Paths:
     shared: Array
 
     @classmethod
-    def about(
-        cls, laws: IndividualLaws, points: Callable[[int, int], tuple[Array, Array]]
-    ) -> Paths:
+    def of(cls, laws: IndividualLaws, points: Callable[[int, int], tuple[Array, Array]]) -> Paths:
         """Nodes about the modes, stage by stage, each given those of the coarser stages.
 
         `points` gives for a stage and its width the nodes t (P or 1, Q, width) for each of the P
@@ -233,7 +231,8 @@ class LevelRule(NodeRule):
 
     def on(self, grouping: Grouping) -> LevelRule:
         """This rule for other groups of the same levels."""
-        return replace(self.first(grouping, self.inner, self.outer, 0), outer=self.outer)
+        outer = self.outer // 2 if self.crossed else self.outer
+        return self.first(grouping, self.inner, outer, outer)
 
     def size(self, _: int, /) -> int:
         """The number J of nodes of an experiment."""
@@ -266,7 +265,7 @@ class LevelRule(NodeRule):
             t, log_w = self._points(width)
             return t[None], log_w
 
-        return self._within(laws, Paths.about(laws, points))
+        return self._within(laws, Paths.of(laws, points))
 
     def _within(self, laws: IndividualLaws, paths: Paths) -> Placed:
         """The nodes of the experiments' own variates, for each node of the groups."""
@@ -309,7 +308,7 @@ class LevelRule(NodeRule):
             return (own[:, None], np.zeros(1)) if depth else (own[None], np.full(count, -log_count))
 
         log_count = np.log(count)
-        paths = Paths.about(laws, points)
+        paths = Paths.of(laws, points)
         rule = replace(self, crossed=True, outer=count)
         placed = rule._within(laws, paths)
         assert placed.shared is not None
@@ -318,7 +317,7 @@ class LevelRule(NodeRule):
         )
         shape = (len(total), count, *(1 for _ in widths[1:]))
         found = clusters.mean_of(total + placed.log_weight, placed.shared.reshape(shape))
-        path, given = found.path.reshape(len(total), count), found.given.reshape(len(total), count)
+        path, given = found.path.reshape(len(total), count), found.inner.reshape(len(total), count)
         with np.errstate(divide="ignore"):
             log_path = np.log(path)
         own = clusters.alone
