@@ -104,8 +104,8 @@ def expected_scores(
     With one observation for each experiment the information is an integral over the outcome's
     density f: I = int s s' f dy. It is exact but for the distance of the nodes; values beyond a
     limit of the test count together. With several observations, or where experiments share
-    parameters and count together, virtual data sets are drawn and censored as the measured ones are. Cost: some 97 evaluations of the likelihood of the
-    experiments, or 400 for drawn data sets.
+    parameters and count together, virtual data sets are drawn and censored as the measured ones
+    are. Cost: some 97 evaluations of the likelihood of the experiments, or 400 for drawn data sets.
     """
     seen = fit.table.observations
     limits, alone = limits_of_tests(seen), np.array_equal(seen.experiment, np.arange(fit.count))

@@ -130,7 +130,8 @@ def embedded(
     a free hyperparameter, a constant in place of a law whose scale may be zero, no correlation, or
     a formula with fewer terms. Laws must be of the same family. Every experiment must have the same
     log-likelihood in both models, or all together that share parameters, so that different
-    simulators or codings of covariates are not taken as nested. Cost: an evaluation of the likelihood.
+    simulators or codings of covariates are not taken as nested. Cost: an evaluation of the
+    likelihood.
     """
     if not _same_families(smaller.inputs.laws, larger.inputs.laws):
         return None

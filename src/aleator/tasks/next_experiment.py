@@ -25,7 +25,7 @@ from aleator.inference.design import (
 )
 from aleator.inference.fit import Fit
 from aleator.laws import Hyperparameter
-from aleator.observations.experiments import Conditions, Experiments, unmeasured
+from aleator.observations.experiments import Conditions, unmeasured
 from aleator.results import printed
 from aleator.results.printed import number
 from aleator.results.values import Estimate
@@ -280,9 +280,10 @@ def next_experiments(
     relative standard error.
 
     `candidates` is a table like that of the experiments, without outcomes; rows with the same id
-    are one experiment. Experiments of a new group of a level, such as a batch, are one candidate. A candidate is chosen at most `repeat` times. The set is best under the
-    identified law, or with `laws` above 1 best on average over so many plausible laws. For a
-    hyperparameter on a limit the other end of its interval is assumed.
+    are one experiment. Experiments of a new group of a level, such as a batch, are one candidate. A
+    candidate is chosen at most `repeat` times. The set is best under the identified law, or with
+    `laws` above 1 best on average over so many plausible laws. For a hyperparameter
+    on a limit the other end of its interval is assumed.
 
     Runs are made for response surfaces of the candidates, by the Runner `simulator`, or in the same
     way as in the identification. Raises InputsError for an unknown name and for more experiments

@@ -124,7 +124,7 @@ class Clusters:
         return np.concatenate([*(stage.variates for stage in self.stages[depth:]), self.alone])
 
     def mean_of(self, total: Array, shared: Array) -> ClusterMean:
-        """The sums over nested nodes of terms `total` (B, J) with weights `shared` (see `Placed`).
+        """The sums over nested nodes of terms `total` (B, J) with weights `shared` (see `PlacedNodes`).
 
         All are logarithms.
         """

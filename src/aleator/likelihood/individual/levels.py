@@ -29,7 +29,7 @@ from aleator.likelihood.individual.modes import (
     Modes,
     ModeSettings,
     NodeRule,
-    Placed,
+    PlacedNodes,
 )
 from aleator.likelihood.individual.rules import (
     RULES,
@@ -146,7 +146,7 @@ class Paths:
     """Nodes of all shared variates, and the modes z (B, P, s) of the others at each of them.
 
     `information` (B, P, s, s) is that at the modes, and `shared` (B, P) are the log weights (see
-    `Placed`).
+    `PlacedNodes`).
     """
 
     clusters: Clusters
@@ -258,7 +258,7 @@ class LevelRule(NodeRule):
         own = self.inner.gap(gaps[1:], self.alone) if self.alone else 0.0
         return float(gaps[0] + own)
 
-    def place(self, laws: IndividualLaws) -> Placed:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Nodes xi (B, J, s) of the experiments, with log weights (B, J), shared ones apart."""
 
         def points(_: int, width: int) -> tuple[Array, Array]:
@@ -267,12 +267,12 @@ class LevelRule(NodeRule):
 
         return self._within(laws, Paths.of(laws, points))
 
-    def _within(self, laws: IndividualLaws, paths: Paths) -> Placed:
+    def _within(self, laws: IndividualLaws, paths: Paths) -> PlacedNodes:
         """The nodes of the experiments' own variates, for each node of the groups."""
         own, z, shared = paths.clusters.alone, paths.z, paths.shared
         shared = shared.reshape(len(shared), *self.counts)
         if not own.size:
-            return Placed(z, np.zeros(z.shape[:2]), shared)
+            return PlacedNodes(z, np.zeros(z.shape[:2]), shared)
 
         def whole(x: Array) -> Array:
             found = np.repeat(z, x.shape[1] // z.shape[1], axis=1)
@@ -287,9 +287,9 @@ class LevelRule(NodeRule):
         known = Modes(z[..., own][:, :, None], about, np.zeros((*z.shape[:2], 1)))
         inner = IndividualLaws(curved, lambda x: laws.valued(whole(x)), known, laws.first)
         placed = self.inner.place(inner)
-        return Placed(whole(placed.xi), placed.log_weight, shared)
+        return PlacedNodes(whole(placed.xi), placed.log_weight, shared)
 
-    def sample(self, laws: IndividualLaws, count: int) -> Placed:
+    def sample(self, laws: IndividualLaws, count: int) -> PlacedNodes:
         """Points xi (B, J, s) of the variates of each experiment given all observations.
 
         `count` points of the groups' variates, each with one point of the experiment's own, are
@@ -322,7 +322,7 @@ class LevelRule(NodeRule):
             log_path = np.log(path)
         own = clusters.alone
         if not own.size:
-            return Placed(placed.xi, log_path)
+            return PlacedNodes(placed.xi, log_path)
         root = np.linalg.inv(np.linalg.cholesky(paths.information[..., own[:, None], own]))
         of_own, xi = t[:, ends[-1] :], paths.z.copy()
         xi[..., own] += np.einsum("bpvw,pv->bpw", root, of_own)
@@ -332,7 +332,7 @@ class LevelRule(NodeRule):
         )
         with np.errstate(invalid="ignore"):
             log_weight = np.where(path > 0.0, log_path + value + log_weight - given, -np.inf)
-        return Placed(xi, log_weight)
+        return PlacedNodes(xi, log_weight)
 
     def _points(self, width: int) -> tuple[Array, Array]:
         """The nodes (Q, width) of a group about its mode, and their log weights (Q,)."""

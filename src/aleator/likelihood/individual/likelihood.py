@@ -21,7 +21,7 @@ from aleator.likelihood.individual.modes import (
     Modes,
     ModeSettings,
     NodeRule,
-    Placed,
+    PlacedNodes,
     highest,
     modes,
 )
@@ -159,7 +159,7 @@ class IndividualLikelihood:
         s, arrived = self.inputs.scattering, max(arrived, self.rule.arrived)
         if not s:
             return self
-        count, placed = classes * self.rule.size(s), list[tuple[slice, Placed]]()
+        count, placed = classes * self.rule.size(s), list[tuple[slice, PlacedNodes]]()
         peaks, information = self.nodes.peaks(self.rule.centers)
         x = np.zeros((self.count, classes, n))
         for block in self.layout.blocks(count):

@@ -222,7 +222,7 @@ class IndividualLaws:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class PlacedNodes:
     """The nodes xi (B, J, s) of B experiments, with log weights (B, J).
 
     Where experiments share variates, these have Q nodes at each of L stages, and J is a multiple of
@@ -283,7 +283,7 @@ class NodeRule(ABC):
         return float(sum(gaps))
 
     @abstractmethod
-    def place(self, laws: IndividualLaws) -> Placed:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Nodes xi (B, C J, s) of the experiments, class by class, and log weights (B, C J).
 
         int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) in each class. The log-density of

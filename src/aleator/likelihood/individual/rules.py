@@ -23,7 +23,7 @@ from aleator.likelihood.individual.modes import (
     IndividualLaws,
     ModeSettings,
     NodeRule,
-    Placed,
+    PlacedNodes,
     modes,
 )
 from aleator.likelihood.individual.panels import Panels
@@ -148,7 +148,7 @@ class GaussHermite(NodeRule):
         """
         return float(gaps[-1] if dimensions == 1 else sum(gaps))
 
-    def place(self, laws: IndividualLaws) -> Placed:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Nodes xi (B, C J, s) about the highest mode of each class, and their log weights.
 
         The coordinates are w = Q' xi with the eigenvectors Q of the information at the mode; the
@@ -185,7 +185,7 @@ class GaussHermite(NodeRule):
                 own, classes = self.settings.modes, highest.z.shape[1]
                 again = modes(laws.curved, z, whole, own.near, classes, own)
                 z, information = again.z, again.information
-        return Placed(z, log_weight - 0.5 * np.sum(z**2, axis=2))
+        return PlacedNodes(z, log_weight - 0.5 * np.sum(z**2, axis=2))
 
 
 def _more(nodes: int) -> int:
@@ -246,12 +246,12 @@ class ImportancePoints(NodeRule):
         needed = abs(gaps[0]) > enough and more <= self.settings.most_points
         return replace(self, count=more) if needed else None
 
-    def place(self, laws: IndividualLaws) -> Placed:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Points xi (B, C J, s) about the M modes of each class, and their log weights."""
         z = laws.modes.z
         shift = np.arange(laws.first, laws.first + len(z))
         own = laws.modes.information
-        return Placed(*proposed(z, own, self.count, shift, self.settings.wider))
+        return PlacedNodes(*proposed(z, own, self.count, shift, self.settings.wider))
 
 
 @lru_cache
@@ -349,12 +349,12 @@ class LawPoints(DenseRule):
         """The number J of points."""
         return self.count
 
-    def place(self, laws: IndividualLaws) -> Placed:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Points xi (B, C J, s), J for each of C mixture components, and log weights (B, C J)."""
         experiments, classes, _, s = laws.modes.z.shape
         own = shifted_points(self.count, s, laws.first + np.arange(experiments))
         xi = np.tile(own, (1, classes, 1))
-        return Placed(xi, np.full(xi.shape[:2], -np.log(self.count)))
+        return PlacedNodes(xi, np.full(xi.shape[:2], -np.log(self.count)))
 
 
 @dataclass(frozen=True)
@@ -399,7 +399,7 @@ class RidgePoints(NodeRule):
         needed = abs(gaps[0]) > enough and more <= self.settings.most_ridge_points
         return replace(self, count=more) if needed else None
 
-    def place(self, laws: IndividualLaws) -> Placed:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Points xi (B, C J, s) along the ridge through each class's highest mode, and log weights.
 
         The directions are the eigenvectors of the information at the mode. Points come in pairs
@@ -431,7 +431,7 @@ class RidgePoints(NodeRule):
         sides = [(ridge.z + side * step).reshape(shape) for side in (1.0, -1.0)]
         xi = np.concatenate(sides, axis=2).reshape(experiments, -1, s)
         log_rule = np.tile(of_rule.reshape(shape[:3]), (1, 1, 2)).reshape(experiments, -1)
-        return Placed(xi, log_rule - 0.5 * np.sum(xi**2, axis=2))
+        return PlacedNodes(xi, log_rule - 0.5 * np.sum(xi**2, axis=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -443,7 +443,7 @@ class Nodes:
     the `modes` (N, C, M, s), the highest first; `information` (N, C, M, s, s) is the information
     there. `x` (N, C, n) are the parameters at the highest modes, under the alpha to which the nodes
     are adapted. It is None for nodes of the law itself. `shared` has the weights of variates that
-    experiments share (see `Placed`).
+    experiments share (see `PlacedNodes`).
     """
 
     xi: Array
@@ -463,7 +463,7 @@ class Nodes:
 
     @classmethod
     def joined(
-        cls, parts: Sequence[tuple[slice, Placed]], modes: Array, information: Array, x: Array
+        cls, parts: Sequence[tuple[slice, PlacedNodes]], modes: Array, information: Array, x: Array
     ) -> Nodes:
         """The nodes of all N experiments from those of parts of them, about the given modes.
 
