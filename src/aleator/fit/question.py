@@ -35,6 +35,7 @@ from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Runs
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
+from aleator.surrogates.choice import by_process
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -50,9 +51,6 @@ FIRST = (GaussHermite(1), GaussHermite(5), GaussHermite(3), GaussHermite(3))
 """The quadrature rule that a search begins with, for 0, 1, 2 and 3 scattering parameters."""
 FEWEST = GaussHermite(3, 1)
 """The quadrature rule that a search begins with, for four or more scattering parameters."""
-LEVEL_NODES = (5, 32)
-"""The Gauss-Hermite nodes of each variate of nested groups, and the pairs of points of crossed
-ones, with which a search begins."""
 
 
 def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
@@ -95,8 +93,9 @@ class Choices:
         """
         made = cls(table, inputs, noise, propagation, density, search)
         if not is_exact(table, inputs, noise):
-            surfaces_alone(propagation, density)
+            surfaces = surfaces_alone(propagation, density)
             _require_noise(table, inputs, noise)
+            _require_processes(inputs, surfaces)
         if inputs.individual_laws:
             return replace(made, inputs=inputs.resolved(covariates(table, inputs.columns)))
         if made.exact:
@@ -228,7 +227,7 @@ def first_rule(inputs: Inputs) -> GaussHermite | LevelRule:
     if grouping is not None:
         variates = int(np.sum(grouping.of == len(grouping.names)))
     rule = FIRST[variates] if variates < len(FIRST) else FEWEST
-    return rule if grouping is None else LevelRule.first(grouping, rule, *LEVEL_NODES)
+    return rule if grouping is None else LevelRule.first(grouping, rule)
 
 
 def start_point(inputs: Inputs) -> Array:
@@ -272,6 +271,19 @@ def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> 
         "noise: without it no parameters explain all observations exactly",
         "add noise: [noise] sd, or noise=Noise(...)",
     )
+
+
+def _require_processes(inputs: Inputs, surfaces: ResponseSurface) -> None:
+    """Raise InputsError for polynomial surfaces of single experiments where some share parameters.
+
+    The check of these surfaces on the simulator takes experiments as independent.
+    """
+    if inputs.levels and surfaces.surfaces != "none" and not by_process(surfaces, moments=False):
+        raise InputsError(
+            "surfaces of each experiment's own, or with a tolerance, are for independent "
+            f"experiments, and some parameters belong to a level: {', '.join(inputs.levels)}",
+            'leave `surfaces` and `tolerance` out, or write surfaces = "process"',
+        )
 
 
 def surfaces_alone(

@@ -157,7 +157,7 @@ def test_three_nested_levels_in_any_order_of_rows() -> None:
         (0.4 - 0.3 * table.z)[~own], covariance[np.ix_(~own, ~own)]
     ).logpdf(table.y[~own])
     place = experiments.ids.index(str(table.id[first[4]]))
-    finer = held.by(LevelRule.first(likelihood.inputs.grouping, GaussHermite(5), 25, 32), alpha)  # type: ignore[arg-type]
+    finer = held.by(LevelRule.first(likelihood.inputs.grouping, GaussHermite(5), 25), alpha)  # type: ignore[arg-type]
     assert finer.conditional(alpha)[place] == pytest.approx(exact - rest, abs=1e-4)
 
 
@@ -283,11 +283,11 @@ def test_a_nonlinear_simulator_by_a_plain_integral() -> None:
     assert grouping is not None
     errors = []
     for nodes in (5, 11, 25):
-        rule = LevelRule.first(grouping, GaussHermite(nodes), nodes, 32)
+        rule = LevelRule.first(grouping, GaussHermite(nodes), nodes)
         errors.append(abs(likelihood.by(rule, alpha).evaluate(alpha).total - exact))
     assert errors[0] < 0.02
     assert errors[2] < 1e-5
-    fine = likelihood.by(LevelRule.first(grouping, GaussHermite(25), 15, 32), alpha)
+    fine = likelihood.by(LevelRule.first(grouping, GaussHermite(25), 15), alpha)
     free = [0, 1, 3, 4]
     assert fine(alpha).score[free] == pytest.approx(slope_of(fine, alpha, free), rel=1e-3, abs=1e-3)
 

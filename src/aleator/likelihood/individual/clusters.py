@@ -124,9 +124,9 @@ class Clusters:
         return np.concatenate([*(stage.variates for stage in self.stages[depth:]), self.alone])
 
     def mean_of(self, total: Array, shared: Array) -> ClusterMean:
-        """The sums over nested nodes of terms `total` (B, J) with weights `shared` (see `PlacedNodes`).
+        """The sums over nested nodes of terms `total` (B, J) with weights `shared`.
 
-        All are logarithms.
+        All are logarithms; see `PlacedNodes`.
         """
         inner, part = log_sum(total.reshape(*shared.shape, -1))
         value, parts = inner + shared, list[Array]()

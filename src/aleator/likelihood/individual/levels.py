@@ -32,11 +32,29 @@ from aleator.likelihood.individual.modes import (
     PlacedNodes,
 )
 from aleator.likelihood.individual.rules import (
-    RULES,
     GaussHermite,
-    RuleSettings,
     standard_points,
 )
+
+
+@dataclass(frozen=True)
+class LevelSettings:
+    """Settings of the nodes of shared parameters, with which a search begins.
+
+    `nodes`: the Gauss-Hermite nodes of each variate of nested groups; two give exact scores where
+    the simulator is linear. `pairs`: the least number of pairs of points for crossed levels.
+    `most_nodes` and `most_points`: the largest numbers of nodes of an experiment with nested and
+    with crossed levels. Chosen by `pytest tests/likelihood/individual/test_levels.py`, and the
+    largest numbers by judgement.
+    """
+
+    nodes: int = 5
+    pairs: int = 32
+    most_nodes: int = 3000
+    most_points: int = 5000
+
+
+LEVELS = LevelSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,21 +220,27 @@ class LevelRule(NodeRule):
     whether there is one stage for all levels.
     """
 
-    name: ClassVar[str] = "nested nodes of levels"
+    name: ClassVar[str] = "quadrature over levels"
     inner: NodeRule
     widths: tuple[int, ...]
     alone: int
     crossed: bool
     outer: int
-    settings: RuleSettings = field(default=RULES, repr=False)
+    settings: LevelSettings = field(default=LEVELS, repr=False)
 
     @classmethod
-    def first(cls, grouping: Grouping, inner: NodeRule, few: int, pairs: int) -> LevelRule:
-        """The rule with `few` nodes for a variate of nested levels, or `pairs` of points."""
+    def first(
+        cls,
+        grouping: Grouping,
+        inner: NodeRule,
+        nodes: int = LEVELS.nodes,
+        pairs: int = LEVELS.pairs,
+    ) -> LevelRule:
+        """The rule with these `nodes` of a variate of nested levels, or these `pairs` of points."""
         stages = Clusters.of(grouping, slice(0, grouping.cluster.size)).stages
         widths = tuple(stage.width for stage in stages)
         alone = int(np.sum(grouping.of == len(grouping.names)))
-        outer = few if grouping.nested else 2 * max(pairs, widths[0])
+        outer = nodes if grouping.nested else 2 * max(pairs, widths[0])
         return cls(inner, widths, alone, not grouping.nested, outer)
 
     @property
