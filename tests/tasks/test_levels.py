@@ -168,9 +168,8 @@ def test_a_new_measurement_of_a_known_machine_on_a_new_day(crossed: Identificati
     own = (table.machine == 1).to_numpy()
     same = [np.equal.outer(table[n].to_numpy(), table[n].to_numpy()) for n in ("day", "machine")]
     covariance = a**2 * same[0] + b**2 * same[1] + noise**2 * np.eye(24)
-    gain = np.linalg.solve(
-        covariance, np.stack([crossed.fit.table.observations.lower - m, b**2 * own], 1)
-    )
+    left = crossed.fit.table.observations.lower - m
+    gain = np.linalg.solve(covariance, np.stack([left, b**2 * own], axis=1))
     center = m + b**2 * own @ gain[:, 0]
     sd = np.sqrt(b**2 - b**2 * own @ gain[:, 1] + a**2 + noise**2)
     assert found["mean"].iloc[0] == pytest.approx(center, abs=0.02 * sd)
@@ -201,7 +200,7 @@ def test_what_levels_do_not_have_is_refused(crossed: Identification) -> None:
             simple, table.assign(day=["a", None, "b", "b"]), day, outcome="y", noise=Noise(0.1),
             verification=Check(0),
         )  # fmt: skip
+    component = Normal(0.0, 1.0)
+    mixture = aleator.Mixture((component, Normal(3.0, 1.0)))
     with pytest.raises(AleatorError, match="is a mixture"):
-        component = Normal(0.0, 1.0)
-        mixture = aleator.Mixture((component, Normal(3.0, 1.0)))
         Inputs({"m": mixture, "a": component}, levels={"a": "day"})

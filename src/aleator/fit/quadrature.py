@@ -376,8 +376,9 @@ def _nearest_of_integral(
     alpha, information = near.alpha, near.information
     nearest = following.nearest(alpha)
     held = nearest if nearest.distance(alpha) < NODE_ACCURACY.close else held.adapted(alpha)
-    if isinstance(held.rule, RidgePoints):
-        # Points fixed along one ridge give wrong, too high values beside it.
+    if isinstance(held.rule, RidgePoints | LevelRule):
+        # Points fixed along one ridge give wrong, too high values beside it, and fixed points of
+        # many shared parameters miss those that belong to another alpha.
         alpha = ascended(held.followed, alpha, hyperparameters, free, information).alpha
         return held.adapted(alpha), alpha
     if held.rule.centers > 1:
