@@ -192,6 +192,10 @@ def test_what_levels_do_not_have_is_refused(crossed: Identification) -> None:
         )  # fmt: skip
     with pytest.raises(InputsError, match="best possible law is one for independent"):
         aleator.ceiling(crossed)
+    with pytest.raises(InputsError, match="none can be drawn"):
+        aleator.bootstrap(crossed, replicates=2, kind="nonparametric")
+    with pytest.raises(InputsError, match="none can be left out"):
+        aleator.compare(one=crossed, other=crossed)
     candidate = pd.DataFrame({"day": ["new"], "machine": [1]})
     with pytest.raises(InputsError, match="is of the machine '1', which was measured"):
         aleator.next_experiments(crossed, candidate, count=1)

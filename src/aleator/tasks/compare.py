@@ -409,6 +409,12 @@ def compared(
     """The comparison of fits; `verdicts` has (sound, consistent) for each name."""
     require_same_data(fits, settings=settings)
     competitors, group = [], connected(np.array([fit.cluster for fit in fits.values()]))
+    if group.size > 1 and not np.any(group):
+        raise InputsError(
+            "all experiments share parameters, directly or through others, and none can be left "
+            "out of a model and predicted",
+            "compare the log-likelihoods and the numbers of hyperparameters in the reports",
+        )
     for name, fit in fits.items():
         progress.stage(f"{name}: leave one out")
         left_out = leave_one_out(fit, progress, group)
