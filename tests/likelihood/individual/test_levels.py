@@ -13,6 +13,7 @@ from aleator import By, Constant, Free, Inputs, Noise, Normal, TruncatedNormal
 from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.fit.question import first_rule
+from aleator.inference.calibration import sequential_pit
 from aleator.laws.levels import Grouping
 from aleator.likelihood.individual import (
     Direct,
@@ -320,3 +321,24 @@ def test_impossible_levels_are_refused(levels: dict[str, str], words: str) -> No
     laws = {"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0), "fixed": Constant(1.0)}
     with pytest.raises(InputsError, match=words):
         Inputs(laws, {("a", "b"): 0.5}, levels)
+
+
+def test_probabilities_given_all_earlier_values_of_the_batch() -> None:
+    """Rosenblatt's transform of a multivariate normal law, experiment after experiment."""
+    inputs = Inputs(
+        {
+            "mean": Constant(Free(0.0, 100.0)),
+            "a": Normal(0.0, Free(0.0, 100.0)),
+            "b": Normal(0.0, Free(0.0, 100.0)),
+        },
+        levels={"a": "batch"},
+    )
+    table = pd.read_csv(DATA / "pastes.csv")
+    likelihood, experiments = likelihood_of(table, inputs, "strength")
+    alpha = np.array([60.0, 0.0, 2.0, 0.0, 1.5, 0.8])
+    seen = experiments.observations
+    found = sequential_pit(likelihood.adapted(alpha), alpha, seen)
+    rows = table.iloc[seen.row]
+    covariance = 4.0 * same(rows.batch) + 2.25 * same(rows.id) + 0.64 * np.eye(60)
+    whitened = np.linalg.solve(np.linalg.cholesky(covariance), seen.lower - 60.0)
+    assert found == pytest.approx(stats.norm.cdf(whitened), abs=0.03)

@@ -105,6 +105,11 @@ class Clusters:
         stages = zip(shared, [*members, group[-1]], strict=True)
         return cls(tuple(Stage(of, own, of.size) for of, own in stages), alone, counted, every)
 
+    @property
+    def plain(self) -> bool:
+        """Whether there is one level, with one group in each cluster."""
+        return len(self.stages) == 1 and self.stages[0].slot is None
+
     def top(self, depth: int) -> Indices:
         """The group (B,) of each experiment at stage `depth`; beyond the last its own number."""
         found = np.arange(len(self.counted))

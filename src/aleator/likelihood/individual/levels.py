@@ -21,7 +21,7 @@ from scipy.stats import qmc
 
 from aleator.core.types import Array
 from aleator.laws.levels import Grouping
-from aleator.likelihood.individual.clusters import Clusters
+from aleator.likelihood.individual.clusters import Clusters, log_sum
 from aleator.likelihood.individual.modes import (
     MODES,
     Curved,
@@ -312,6 +312,22 @@ class LevelRule(NodeRule):
         inner = IndividualLaws(curved, lambda x: laws.valued(whole(x)), known, laws.first)
         placed = self.inner.place(inner)
         return PlacedNodes(whole(placed.xi), placed.log_weight, shared)
+
+    def at_points(self, laws: IndividualLaws, clusters: Clusters, xi: Array) -> Array:
+        """The log-likelihoods (B, P) of experiments at shared variates, those of xi (B, P, s).
+
+        The experiments' own variates are integrated out by `inner`, about the modes that are sought
+        from xi.
+        """
+        z, information = xi, np.zeros((*xi.shape, xi.shape[2]))
+        if clusters.alone.size:
+            found = cluster_modes(laws.curved, xi, clusters, len(clusters.stages), MODES.near)
+            z, information = found.z, found.information
+        paths = Paths(clusters, z, information, np.zeros(xi.shape[:2]))
+        placed = self._within(laws, paths)
+        counted = clusters.counted[:, None]
+        total = laws.valued(placed.xi) + 0.5 * np.sum(counted * placed.xi**2, axis=2)
+        return log_sum((total + placed.log_weight).reshape(*xi.shape[:2], -1))[0]
 
     def sample(self, laws: IndividualLaws, count: int) -> PlacedNodes:
         """Points xi (B, J, s) of the variates of each experiment given all observations.
