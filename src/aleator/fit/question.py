@@ -22,6 +22,7 @@ from aleator.likelihood.individual import (
     GaussHermite,
     IndividualLikelihood,
     Layout,
+    LevelRule,
     Predictor,
 )
 from aleator.likelihood.level_sets import on_a_grid, searched
@@ -34,6 +35,7 @@ from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Runs
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
+from aleator.surrogates.choice import by_process
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -55,9 +57,11 @@ def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | No
     """Whether the likelihood is the density of the outcomes, without measurement noise.
 
     This requires one uncensored outcome for each experiment, and the same law for all of them,
-    which is no mixture. Otherwise the likelihood is an integral over each experiment's parameters.
+    which is no mixture and has no levels. Otherwise the likelihood is an integral over each
+    experiment's parameters.
     """
-    return noise is None and table.simple and not inputs.regressed and len(inputs.classes) == 1
+    alike = not inputs.individual_laws and len(inputs.classes) == 1
+    return noise is None and table.simple and alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +93,11 @@ class Choices:
         """
         made = cls(table, inputs, noise, propagation, density, search)
         if not is_exact(table, inputs, noise):
-            surfaces_alone(propagation, density)
+            surfaces = surfaces_alone(propagation, density)
             _require_noise(table, inputs, noise)
-        if inputs.regressed:
-            return replace(made, inputs=inputs.resolved(covariates(table, inputs.covariates)))
+            _require_processes(inputs, surfaces)
+        if inputs.individual_laws:
+            return replace(made, inputs=inputs.resolved(covariates(table, inputs.columns)))
         if made.exact:
             Model.of(inputs, propagation, density)
         return made
@@ -201,7 +206,8 @@ class Question:
     def layout(self) -> Layout:
         """The layout of the data: the simulator run and the experiment of each observation."""
         experiment = self.table.observations.experiment
-        return Layout(len(self.ids), experiment, self.unit, self.column)
+        shared = self.inputs.grouping
+        return Layout(len(self.ids), experiment, self.unit, self.column, grouping=shared)
 
     @cached_property
     def measured(self) -> Array:
@@ -211,10 +217,17 @@ class Question:
 
     def integral(self, predictor: Predictor) -> IndividualLikelihood:
         """The likelihood, with individual parameters integrated out by few nodes."""
-        variates = self.inputs.scattering
-        rule = FIRST[variates] if variates < len(FIRST) else FEWEST
-        errors = self.choices.errors
+        errors, rule = self.choices.errors, first_rule(self.inputs)
         return IndividualLikelihood.of(self.inputs, errors, predictor, self.layout, rule)
+
+
+def first_rule(inputs: Inputs) -> GaussHermite | LevelRule:
+    """The quadrature rule that a search begins with."""
+    grouping, variates = inputs.grouping, inputs.scattering
+    if grouping is not None:
+        variates = int(np.sum(grouping.of == len(grouping.names)))
+    rule = FIRST[variates] if variates < len(FIRST) else FEWEST
+    return rule if grouping is None else LevelRule.first(grouping, rule)
 
 
 def start_point(inputs: Inputs) -> Array:
@@ -242,6 +255,12 @@ def varying_conditions(table: Experiments, requested: Sequence[str]) -> list[str
 def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> None:
     if noise is not None:
         return
+    if inputs.levels:
+        raise InputsError(
+            "parameters of levels need measurement noise: the experiments of a group share a draw, "
+            "so that their outcomes have no density by themselves",
+            "add noise: [noise] sd, or noise=Noise(...), which may be small",
+        )
     if table.simple and not inputs.regressed:
         raise InputsError(
             "the likelihood of a mixture is known with measurement noise only",
@@ -252,6 +271,19 @@ def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> 
         "noise: without it no parameters explain all observations exactly",
         "add noise: [noise] sd, or noise=Noise(...)",
     )
+
+
+def _require_processes(inputs: Inputs, surfaces: ResponseSurface) -> None:
+    """Raise InputsError for polynomial surfaces of single experiments where some share parameters.
+
+    The check of these surfaces on the simulator takes experiments as independent.
+    """
+    if inputs.levels and surfaces.surfaces != "none" and not by_process(surfaces, moments=False):
+        raise InputsError(
+            "surfaces of each experiment's own, or with a tolerance, are for independent "
+            f"experiments, and some parameters belong to a level: {', '.join(inputs.levels)}",
+            'leave `surfaces` and `tolerance` out, or write surfaces = "process"',
+        )
 
 
 def surfaces_alone(

@@ -143,6 +143,9 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
     found = individual_parameters(likelihood, alpha)
     pit = sequential_pit(likelihood, alpha, table.observations)
     columns = tuple(question.runner.cases.columns)
+    each, status = at.each, at.status
+    if inputs.grouping is not None:
+        each, status = likelihood.conditional(alpha), status[inputs.grouping.cluster]
     shrinkage = zip(names, found.shrinkage, strict=True)
     return {
         "log_likelihood": _with_nodes(
@@ -150,7 +153,7 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
         ),
         "density": likelihood.name,
         "propagation": "response_surface" if surfaces or emulation else DIRECT,
-        "experiments": _individuals(table, at.each, at.status, found, names),
+        "experiments": _individuals(table, each, status, found, names),
         "surface": emulator_report(emulation)
         or surface_report(
             None if surfaces is None else surfaces.surface(), "under the law", "the noise"

@@ -456,8 +456,8 @@ class IndividualsAt:
 
     @property
     def _alone(self) -> bool:
-        """Whether each experiment has one observation only."""
-        return self._observations == self.count
+        """Whether each experiment has one observation only, and shares no parameters."""
+        return self._observations == self.count and self.inputs.grouping is None
 
     def _adapted(self, integral: IndividualLikelihood, alpha: Array) -> IndividualLikelihood:
         return integral if self.kept else integral.adapted(alpha)

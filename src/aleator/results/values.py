@@ -187,8 +187,9 @@ class IndividualReport(Plain):
 
     The individual law is the law of the experiment's parameters given its observations. `mode`,
     `mean` and `sd` describe it, by the name of the parameter. `log_density` is the logarithm of the
-    joint density of all observations. If a parameter has a mixture law, `components` has the
-    probability of each component given the observations (latent classes).
+    joint density of all observations; with levels it is that given all other experiments that share
+    parameters with this one, and the sum is not the log-likelihood. If a parameter has a mixture
+    law, `components` has the probability of each component given the observations (latent classes).
     """
 
     id: str

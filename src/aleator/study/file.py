@@ -287,8 +287,8 @@ def load_study(path: str | Path) -> Study:
 
 def _check(study: Study, file: StudyFile) -> None:
     """Check that formulas and derived quantities name existing columns; else raise StudyError."""
-    if study.inputs.regressed:
-        names = _made(study.file, "parameters", lambda: study.inputs.covariates)
+    if study.inputs.individual_laws:
+        names = _made(study.file, "parameters", lambda: study.inputs.columns)
         table = covariates(study.experiments, names)
         _made(study.file, "parameters", lambda: study.inputs.resolved(table))
     known = (*map(str, study.experiments.conditions.columns), *study.inputs.names)
@@ -332,9 +332,15 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     elif file.noise is not None:
         errors = noise("noise", file.noise)
     laws = {name: built(f"parameters.{name}", law) for name, law in file.parameters.items()}
-    inputs = made("parameters", lambda: Inputs(laws))
+    sections = {name: law.keys for name, law in file.parameters.items()}
+    levels = {
+        name: keys.level
+        for name, keys in sections.items()
+        if isinstance(keys, LawSection) and keys.level
+    }
+    inputs = made("parameters", lambda: Inputs(laws, levels=levels))
     if file.correlation:
-        inputs = made("correlation", lambda: Inputs(laws, pairs(file.correlation)))
+        inputs = made("correlation", lambda: Inputs(laws, pairs(file.correlation), levels))
     experiments = table.read(folder, columns_of(errors))
     if errors is not None:
         made("noise", lambda: MeasurementErrors.of(errors, experiments))

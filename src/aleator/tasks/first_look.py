@@ -226,8 +226,8 @@ def planned_look(
     conditions are run if that makes at most 500 runs. Otherwise some are chosen evenly over the
     measured values, with the least and the largest.
     """
-    if inputs.regressed:
-        inputs = inputs.resolved(covariates(table, inputs.covariates))
+    if inputs.individual_laws:
+        inputs = inputs.resolved(covariates(table, inputs.columns))
     region = first_region(inputs, inputs.hyperparameters, len(table.ids))
     moving = moving_parameters(region)
     x, star = _points(region, moving, settings)

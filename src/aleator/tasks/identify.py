@@ -114,9 +114,7 @@ def identify(
     answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
     result = result_of(answer, table, verification, ledger)
     found = Identification.of(replace(result, units=shown), _session(answer, table))
-    return _judged(
-        found, (*runner.used_conditions, *inputs.covariates), consistency, best_law, ledger
-    )
+    return _judged(found, (*runner.used_conditions, *inputs.columns), consistency, best_law, ledger)
 
 
 def _judged(

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.core.status import Status
-from aleator.core.types import Array, Flags
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws.hyperparameter import Hyperparameter, log_prior
 from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
+from aleator.likelihood.individual.levels import LevelRule, cluster_modes
 from aleator.likelihood.individual.modes import (
     MODES,
     Curved,
@@ -20,6 +21,7 @@ from aleator.likelihood.individual.modes import (
     Modes,
     ModeSettings,
     NodeRule,
+    PlacedNodes,
     highest,
     inner,
     modes,
@@ -33,7 +35,7 @@ from aleator.likelihood.individual.parameters import (
     scattered_density,
 )
 from aleator.likelihood.individual.predictors import Block, Layout, OnSurfaces, Predictor
-from aleator.likelihood.individual.rules import GaussHermite, Nodes, joined
+from aleator.likelihood.individual.rules import GaussHermite, Nodes
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.interface import LogLikelihood
 
@@ -66,11 +68,12 @@ class IndividualLikelihood:
         errors: MeasurementErrors,
         predictor: Predictor,
         layout: Layout,
-        rule: GaussHermite,
+        rule: GaussHermite | LevelRule,
     ) -> IndividualLikelihood:
         """The likelihood with nodes of the law itself, not yet adapted to the experiments."""
         classes = len(inputs.classes)
-        nodes = Nodes.of_the_law(layout.count, classes, inputs.scattering, rule)
+        first = rule if isinstance(rule, GaussHermite) else GaussHermite(1)
+        nodes = Nodes.of_the_law(layout.count, classes, inputs.scattering, first)
         return cls(inputs, errors, predictor, layout, rule, nodes)
 
     @property
@@ -91,6 +94,12 @@ class IndividualLikelihood:
         return self.layout.count
 
     @property
+    def independent(self) -> int:
+        """The number U of independent terms: of experiments, or of clusters of them."""
+        grouping = self.layout.grouping
+        return self.count if grouping is None else grouping.clusters
+
+    @property
     def region(self) -> Array:
         """The region (n, 2) in which simulated values are known.
 
@@ -105,8 +114,11 @@ class IndividualLikelihood:
         return self.layout.blocks(self.nodes.xi.shape[1])
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood and scores (N, K) at alpha (K,), with the present nodes."""
-        each, scores = np.zeros(self.count), np.zeros((self.count, alpha.size))
+        """The log-likelihood and scores (N, K) at alpha (K,), with the present nodes.
+
+        The scores of the experiments of a cluster add up to the derivative of its log-likelihood.
+        """
+        each, scores = np.zeros(self.independent), np.zeros((self.count, alpha.size))
         held = self._held
         for block in self.blocks:
             part = block.experiments
@@ -114,22 +126,24 @@ class IndividualLikelihood:
                 each[part], scores[part] = self._by_density(held, alpha, block)
                 continue
             found = self.at(alpha, block, self.nodes.xi[part])
-            each[part], share = mean_of(found.sums + self.nodes.log_weight[part])
+            each[block.independent], share = self.mean_over_nodes(block, found.sums)
             scores[part] = found.scores(share)
-        value = LogLikelihood(each, scores, _status(each))
+        grouping = self.layout.grouping
+        of = None if grouping is None else grouping.cluster
+        value = LogLikelihood(each, scores, _status(each), cluster=of)
         return value.believed(self.hyperparameters, alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood at alpha (K,) without its score, with the present nodes."""
-        each, held = np.zeros(self.count), self._held
+        each, held = np.zeros(self.independent), self._held
         for block in self.blocks:
-            part = block.experiments
+            part = block.independent
             if held is not None:
                 sums = self.sums_of(alpha, block, held.eta[block.rows])
-                total = sums + held.log_weights(alpha[: self.inputs.size], block)
+                each[part] = mean_of(sums + held.log_weights(alpha[: self.inputs.size], block))[0]
             else:
-                total = self.sums(alpha, block, self.nodes.xi[part]) + self.nodes.log_weight[part]
-            each[part] = mean_of(total)[0]
+                sums = self.sums(alpha, block, self.nodes.xi[block.experiments])
+                each[part] = self.mean_over_nodes(block, sums)[0]
         value = LogLikelihood(each, None, _status(each))
         return value.believed(self.hyperparameters, alpha)
 
@@ -146,23 +160,28 @@ class IndividualLikelihood:
         s, arrived = self.inputs.scattering, max(arrived, self.rule.arrived)
         if not s:
             return self
-        count, placed = classes * self.rule.size(s), list[tuple[slice, Array, Array]]()
+        count, placed = classes * self.rule.size(s), list[tuple[slice, PlacedNodes]]()
         peaks, information = self.nodes.peaks(self.rule.centers)
         x = np.zeros((self.count, classes, n))
         for block in self.layout.blocks(count):
-            part, curved = block.experiments, partial(self._curved, alpha, block)
-            found = self._modes(alpha, block, curved, arrived)
-            peaks[part], information[part] = found.z, found.information
-            x[part] = self._individual(alpha, block, found.z[:, :, 0]).x
-            valued = partial(self.log_density, alpha, block)
-            laws = IndividualLaws(curved, valued, found, part.start)
-            placed.append((part, *self.rule.place(laws)))
-        xi, log_weight = joined(placed, self.count, classes)
-        nodes = Nodes(xi, log_weight, peaks, information, x)
-        parameters = None
+            part, laws = block.experiments, self.laws(alpha, block, arrived)
+            peaks[part], information[part] = laws.modes.z, laws.modes.information
+            x[part] = self._individual(alpha, block, laws.modes.z[:, :, 0]).x
+            placed.append((part, self.rule.place(laws)))
+        nodes = Nodes.joined(placed, peaks, information, x)
+        xi, parameters = nodes.xi, None
         if self.rule.holds_parameters and holds(self.inputs, self.layout.size * xi.shape[1]):
             parameters = self._at_parameters(alpha, nodes)
         return replace(self, nodes=nodes, parameters=parameters)
+
+    def laws(self, alpha: Array, block: Block, arrived: float = MODES.arrived) -> IndividualLaws:
+        """The individual laws of a block at alpha, with their modes, for a node rule."""
+        curved, valued = (
+            partial(self._curved, alpha, block),
+            partial(self.log_density, alpha, block),
+        )
+        found = self._modes(alpha, block, curved, arrived)
+        return IndividualLaws(curved, valued, found, block.experiments.start, block.clusters)
 
     def distance(self, alpha: Array) -> float:
         """The distance of alpha from that of the nodes, which are valid up to a distance of 1.
@@ -180,12 +199,51 @@ class IndividualLikelihood:
         individual = self._individual(alpha, block, self.nodes.xi[block.experiments])
         terms = self._terms(alpha, block, self.predictor.values(block, individual.x))
         sums = individual.log_weight + block.summed(terms.value)
-        each, share = mean_of(sums + self.nodes.log_weight[block.experiments])
+        each, share = self.mean_over_nodes(block, sums)
         return each, share, individual, terms
+
+    def mean_over_nodes(self, block: Block, sums: Array) -> tuple[Array, Array]:
+        """The log-likelihood of each independent term of a block, and the nodes' shares (B, J).
+
+        `sums` (B, J) are log P(class) + sum_k log p(y_k | eta_k) at the present nodes.
+        """
+        part, shared = block.experiments, self.nodes.shared
+        total = sums + self.nodes.log_weight[part]
+        if block.clusters is None or shared is None:
+            return mean_of(total)
+        found = block.clusters.mean_of(total, shared[part])
+        return found.each, found.share
+
+    def conditional(self, alpha: Array) -> Array:
+        """log p(y_l | the other experiments that share parameters with experiment l) (N,)."""
+        found = np.zeros(self.count)
+        for block in self.blocks:
+            part, shared = block.experiments, self.nodes.shared
+            total = self.sums(alpha, block, self.nodes.xi[part]) + self.nodes.log_weight[part]
+            if block.clusters is None or shared is None:
+                found[part] = mean_of(total)[0]
+            else:
+                found[part] = block.clusters.mean_of(total, shared[part]).conditional
+        return found
 
     def by(self, rule: NodeRule, alpha: Array) -> IndividualLikelihood:
         """This likelihood with another node rule, whose nodes are adapted to alpha."""
         return self.ruled(rule).adapted(alpha)
+
+    def among(self, inputs: Inputs, place: Indices) -> IndividualLikelihood:
+        """This likelihood with further experiments, which have no observations.
+
+        The `inputs` are for all of them, and say which share parameters with measured ones. `place`
+        (N,) are the new numbers of the measured ones, in their order.
+        """
+        grouping, rule = inputs.grouping, self.rule
+        assert grouping is not None
+        assert isinstance(rule, LevelRule)
+        layout = replace(
+            self.layout, count=grouping.cluster.size, experiment=place[self.layout.experiment],
+            grouping=grouping, chosen=(), _blocks={},
+        )  # fmt: skip
+        return self.of(inputs, self.errors, self.predictor, layout, rule.on(grouping))
 
     def ruled(self, rule: NodeRule) -> IndividualLikelihood:
         """This likelihood with another node rule, whose nodes are not yet adapted."""
@@ -238,7 +296,12 @@ class IndividualLikelihood:
 
     def log_density(self, alpha: Array, block: Block, z: Array) -> Array:
         """The log-density (B, P), up to a constant, of variates z (B, P, s) given observations."""
-        return np.asarray(self.sums(alpha, block, z) - 0.5 * inner(z, z))
+        return np.asarray(self.sums(alpha, block, z) - 0.5 * inner(self._counted(block, z), z))
+
+    def _counted(self, block: Block, z: Array) -> Array:
+        """The variates z (B, P, s), but zero where another experiment counts them."""
+        clusters = block.clusters
+        return z if clusters is None else clusters.counted[:, None] * z
 
     @property
     def _held(self) -> Parameters | None:
@@ -287,6 +350,13 @@ class IndividualLikelihood:
             known = self.nodes.modes[block.experiments]
             return highest(curved, known, self.rule.centers, arrived, self.settings)
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
+        if block.clusters is not None:
+            tried = np.concatenate([last, np.zeros_like(last)], axis=1)
+            value = block.clusters.summed(self.log_density(alpha, block, tried))
+            best = np.argmax(value, axis=1)[block.clusters.top(0)]
+            start = np.take_along_axis(tried, best[:, None, None], axis=1)
+            found = cluster_modes(curved, start, block.clusters, 0, arrived, self.settings)
+            return Modes(found.z[:, :, None], found.information[:, :, None], found.value[..., None])
         around = np.concatenate(
             [np.zeros((1, s)), *(reach * np.eye(s) for reach in self.settings.starts)]
         )
@@ -319,8 +389,11 @@ class IndividualLikelihood:
         Its information is the Gauss-Newton approximation.
         """
         found, gradient, outer = self.of_observations(alpha, block, z)
-        value = found.sums - 0.5 * inner(z, z)
-        return value, block.summed(gradient) - z, block.summed(outer) + np.eye(z.shape[2])
+        own, law = self._counted(block, z), np.eye(z.shape[2])
+        if block.clusters is not None:
+            law = block.clusters.counted[:, None, :, None] * law
+        value = found.sums - 0.5 * inner(own, z)
+        return value, block.summed(gradient) - own, block.summed(outer) + law
 
     def of_observations(
         self, alpha: Array, block: Block, z: Array
@@ -522,8 +595,11 @@ def expectation_step(
     if not np.isfinite(value) or not np.all(np.isfinite(square[counted])):
         return value, found
     for i in _known(inputs):
-        own = (mean[counted, i] - center[counted, i], square[counted, i], spread[counted, i])
-        _place(inputs, i, found, *own, counted, settings)
+        some = counted
+        if inputs.grouping is not None:
+            some = counted & (inputs.grouping.counted[:, inputs.scattered.index(i)] > 0.0)
+        own = (mean[some, i] - center[some, i], square[some, i], spread[some, i])
+        _place(inputs, i, found, *own, some, settings)
     _place_errors(errors, found[inputs.size :], slope / np.maximum(count, 1.0), settings)
     return value, found
 
