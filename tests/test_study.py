@@ -29,8 +29,9 @@ from aleator.moments.expansion import Hyperbolic, TotalDegree
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.projection import Projection, Regression
 from aleator.moments.propagation import Collocation
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.model import StudentError
+from aleator.observations.noise import Noise
 from aleator.search import GradientMultistart
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface

@@ -24,8 +24,9 @@ from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors, Noise, noise_hyperparameters
+from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
 from aleator.observations.experiments import Conditions, Experiments, covariates, unmeasured
+from aleator.observations.noise import Noise
 from aleator.observations.responses import Response, Transform, with_limits_of_test
 from aleator.results.law import JointLaw
 from aleator.results.result import Result

@@ -27,7 +27,6 @@ from aleator.likelihood.individual.parameters import (
     FOLLOWING,
     FollowingSettings,
     Parameters,
-    distance,
     holds,
     scattered_density,
 )
@@ -257,7 +256,10 @@ class IndividualLikelihood:
         there = np.isfinite(nodes.log_weight)
         density = scattered_density(inputs, alpha[: inputs.size], x[there])
         log_weight = np.where(np.isfinite(density), nodes.log_weight[there] - density, -np.inf)
-        return Parameters(inputs, self.predictor, alpha, there, x[there], log_weight, eta)
+        of_errors = self.errors.hyperparameters
+        return Parameters(
+            inputs, self.predictor, of_errors, alpha, there, x[there], log_weight, eta
+        )
 
     def _by_density(self, held: Parameters, alpha: Array, block: Block) -> tuple[Array, Array]:
         """The log-likelihoods (B,) and scores (B, K) with nodes stored as parameter values."""
@@ -333,8 +335,7 @@ class IndividualLikelihood:
         by_xi = found.individual.by_variates()[block.owner]
         slopes = np.einsum("nmp,mpns->mps", found.slopes, by_xi)
         of_errors = alpha[self.inputs.size :]
-        curvature = self.errors.curvature(of_errors, found.eta, block.rows)
-        outer = curvature[..., None, None] * slopes[..., :, None] * slopes[..., None, :]
+        outer = self.errors.information(of_errors, found.eta, slopes, block.rows)
         return found, found.terms.d_eta[..., None] * slopes, outer
 
 
@@ -380,7 +381,7 @@ class Following:
         nearest, share, settings = self.nearest(alpha), 1.0, self._settings
         while (
             nearest.parameters is not None
-            and distance(nearest.inputs, alpha, alpha + share * (ahead - alpha), settings) > 1.0
+            and nearest.parameters.between(alpha, alpha + share * (ahead - alpha)) > 1.0
         ):
             share *= settings.shorter
         return share
