@@ -94,8 +94,8 @@ class Derivatives(NamedTuple):
     """Derivatives of the log-density of errors u (m, J) of scale one with correlations R.
 
     `solved` is R^-1 u, minus the derivative by u. `by_scale` is the derivative of the log-density
-    of the errors themselves by the logarithm of each scale. The sums of `by_values` over an experiment
-    are the derivatives by the hyperparameters of the correlation. All are (m, J).
+    of the errors themselves by the logarithm of each scale. The sums of `by_values` over an
+    experiment are the derivatives by the hyperparameters of the correlation. All are (m, J).
     """
 
     solved: Array

@@ -247,8 +247,8 @@ def _places(chain: Chain) -> list[Indices]:
 def _recursion(step: Array, source: Array, backward: bool = False) -> Array:
     """x (m, p, J) with x_k = step_k x_(k-1) + source_k.
 
-    Backward it is x_k = step_(k+1)' x_(k+1) + source_k. It is one banded triangular system, whose cost is linear in m. `step` is (m, p, p, C), with one
-    column for all J or one for each.
+    Backward it is x_k = step_(k+1)' x_(k+1) + source_k. It is one banded triangular system, whose
+    cost is linear in m. `step` is (m, p, p, C), with one column for all J or one for each.
     """
     m, p, _, columns = step.shape
     bands = np.zeros((2 * p, columns, m, p))
