@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -47,6 +48,19 @@ class Chain:
             order = self.order[which] - which.start
             self._parts[key] = Chain(self.owner[which], self.gap[which], order)
         return self._parts[key]
+
+    def cut(self, first: int, blocks: Sequence[slice]) -> list[slice]:
+        """Blocks of observations from number `first` on, with their ends moved back.
+
+        They become the beginnings of experiments. Blocks within one experiment are joined.
+        """
+        if not blocks:
+            return []
+        ends = self.starts[
+            np.searchsorted(self.starts, [first + b.stop for b in blocks[:-1]], side="right") - 1
+        ]
+        every = np.unique([0, *(ends - first).clip(0), blocks[-1].stop])
+        return [slice(int(a), int(b)) for a, b in pairwise(every)]
 
     def take(self, values: Array) -> Array:
         """Values (m, ...) of the observations in the order of the chain."""
@@ -117,8 +131,11 @@ class Whitening(Protocol):
     def expected(self, u: Array) -> Array:
         """The mean of each error given the earlier ones, a linear function of these."""
 
+    def solved(self, u: Array) -> Array:
+        """R^-1 u, minus the derivative of the log-density by u."""
+
     def derivatives(self, u: Array) -> Derivatives:
-        """The derivatives of the log-density of errors u."""
+        """The derivatives of the log-density of errors u by all that it depends on."""
 
     def drawn(self, z: Array) -> Array:
         """Errors L z from independent standard normal variates z."""
@@ -163,11 +180,6 @@ def recurrence(factor: Array, values: Array) -> Array:
     return np.asarray(dtbtrs(bands, values, uplo="L", diag="U")[0])
 
 
-def _later(values: Array) -> Array:
-    """Values (m, J) moved up by one row, with zeros at the end."""
-    return np.concatenate([values[1:], np.zeros((1, values.shape[1]))])
-
-
 def _earlier(values: Array) -> Array:
     """Values (m, J) moved down by one row, with zeros at the beginning."""
     return np.concatenate([np.zeros((1, values.shape[1])), values[:-1]])
@@ -189,13 +201,18 @@ class MarkovWhitening:
         """The factor times the error before."""
         return self.factor * _earlier(u)
 
+    def solved(self, u: Array) -> Array:
+        """R^-1 u, each from an error and its two neighbours."""
+        pull = (u - self.factor * _earlier(u)) / self.root**2
+        pull[:-1] -= self.factor[1:] * pull[1:]
+        return pull
+
     def derivatives(self, u: Array) -> Derivatives:
         """The derivatives, each from an error and its two neighbours."""
         before = _earlier(u)
-        w = (u - self.factor * before) / self.root
-        pull = w / self.root
-        solved = pull - _later(self.factor * pull)
-        by_factor = self.factor * (1.0 - w**2) / self.root**2 + pull * before
+        pull = (u - self.factor * before) / self.root**2
+        by_factor = self.factor / self.root**2 + pull * (before - self.factor * pull)
+        solved = self.solved(u)
         return Derivatives(solved, u * solved - 1.0, tuple(by_factor * s for s in self.slopes))
 
     def drawn(self, z: Array) -> Array:
@@ -367,14 +384,16 @@ class SymmetricWhitening:
         running = recurrence(np.where(self.chain.first, 0.0, 1.0), u)
         return self._weight * (running - u)
 
+    def solved(self, u: Array) -> Array:
+        """R^-1 u in closed form (Sherman and Morrison, 1950)."""
+        return np.asarray((u - self.rho * self._share * self.chain.totals(u)) / (1.0 - self.rho))
+
     def derivatives(self, u: Array) -> Derivatives:
-        """The derivatives in closed form (Sherman and Morrison, 1950)."""
-        rho, total = self.rho, self.chain.totals
-        count = np.repeat(self.chain.sizes, self.chain.sizes)[:, None]
-        share = 1.0 / (1.0 + (count - 1.0) * rho)
-        solved = (u - rho * share * total(u)) / (1.0 - rho)
-        diagonal = (1.0 - rho * share) / (1.0 - rho)
-        by_rho = 0.5 * (solved * (total(solved) - solved) - (share - diagonal))
+        """The derivatives in closed form."""
+        share, solved = self._share, self.solved(u)
+        diagonal = (1.0 - self.rho * share) / (1.0 - self.rho)
+        others = self.chain.totals(solved) - solved
+        by_rho = 0.5 * (solved * others - (share - diagonal))
         return Derivatives(solved, u * solved - 1.0, (by_rho,))
 
     def drawn(self, z: Array) -> Array:
@@ -383,6 +402,12 @@ class SymmetricWhitening:
         own = self.root * z
         running = recurrence(factor, own)
         return own + self._weight * np.where(self.chain.first, 0.0, _earlier(running))
+
+    @cached_property
+    def _share(self) -> Array:
+        """The sums (m, 1) of the rows of R^-1, 1/(1 + (n - 1) rho) for n errors."""
+        count = np.repeat(self.chain.sizes, self.chain.sizes)[:, None]
+        return np.asarray(1.0 / (1.0 + (count - 1.0) * self.rho))
 
     @cached_property
     def _weight(self) -> Array:

@@ -89,11 +89,11 @@ class GaussianProcess:
 class FilteredErrors:
     """The Kalman filter of errors u = load f + z, with a process f and z standard normal.
 
-    There are m errors in the order of a chain, p states, and C columns of loads `load` (m, C): one,
+    There are m errors in the order of a chain, p states, and C columns of loads `load` (C, m): one,
     or as many as columns of errors. `steps` (m,) are the distances tau between neighbours, and
     `drift` (m, p, p) moves the state by them, zero where an experiment begins. `offset`
-    (m, p, p, C) is the predicted covariance of the state less the stationary one, `variance`
-    (m, C) that of each error given the earlier ones, and `gain` (m, p, C) what an error adds to the
+    (C, m, p, p) is the predicted covariance of the state less the stationary one, `variance`
+    (C, m) that of each error given the earlier ones, and `gain` (C, m, p) what an error adds to the
     expected state.
     """
 
@@ -109,7 +109,10 @@ class FilteredErrors:
 
     @classmethod
     def of(cls, chain: Chain, sd: float, length: float, load: Array, p: int) -> FilteredErrors:
-        """The filter of a process of p states; a loop over the places of the longest experiment."""
+        """The filter of a process of p states, for loads (m, C).
+
+        It is a loop over the places of the longest experiment.
+        """
         steps = np.where(chain.first[:, 0], 0.0, np.sqrt(2.0 * p - 1.0) * chain.gap / length)
         drift, whole = _drifts(steps, p), STATIONARY[p - 1]
         drift[chain.first[:, 0]] = 0.0
@@ -126,97 +129,96 @@ class FilteredErrors:
             gain[rows] = k = predicted[..., 0] * (h / s)[..., None]
             offset[rows] = before
             after = before - (k * s[..., None])[..., None] * k[..., None, :]
-        return cls(
-            chain, sd, length, load, steps, drift,
-            np.moveaxis(offset, 1, -1), variance, np.moveaxis(gain, 1, -1),
-        )  # fmt: skip
+        parts = (np.ascontiguousarray(a.swapaxes(0, 1)) for a in (load, offset, variance, gain))
+        load, offset, variance, gain = parts
+        return cls(chain, sd, length, load, steps, drift, offset, variance, gain)
 
     @cached_property
     def root(self) -> Array:
         """The standard deviation (m, C) of each error given the earlier ones."""
-        return np.sqrt(self.variance)
+        return np.sqrt(self.variance).T
 
     def expected(self, u: Array) -> Array:
         """The load times the expected process."""
-        return self.load * self._states(u)[:, 0]
+        return (self.load * self._states(u)[..., 0]).T
+
+    def solved(self, u: Array) -> Array:
+        """R^-1 u, by the expected states and their adjoint."""
+        return self._adjoint(u, self._states(u))[1].T
 
     def drawn(self, z: Array) -> Array:
         """Errors from innovations: the state that each adds to moves on, and loads the next."""
         innovation = self.root * z
-        added = self._moved(self.gain * innovation[:, None])
-        moving = np.broadcast_to(self.drift[..., None], (*self.drift.shape, self.load.shape[1]))
-        return self.load * _recursion(moving, added)[:, 0] + innovation
+        moving = np.broadcast_to(self.drift, (*self.load.shape, *self.drift.shape[1:]))
+        states = _recursion(moving, self._added * _before(innovation))
+        return (self.load * states[..., 0]).T + innovation
 
     def derivatives(self, u: Array) -> Derivatives:
         """The derivatives by the adjoint of the filter.
 
         With the adjoint r of the expected state and the expectation N of r r', the derivative by
-        the predicted covariance is (r r' - N)/2. `solved` is a = R^-1 u, and `inverse` the diagonal
-        of R^-1.
+        the predicted covariance is (r r' - N)/2.
         """
-        states = self._states(u)
-        pull = (u - self.load * states[:, 0]) / self.variance
-        source = np.zeros(states.shape)
-        source[:, 0] = self.load * pull
-        adjoint = _recursion(self._step, source, backward=True)
-        later = np.concatenate([self._back(adjoint[1:], 1), np.zeros((1, *adjoint.shape[1:]))])
-        solved = pull - np.sum(self.gain * later, axis=1)
+        states, generator = self._states(u), _generator(self.drift.shape[1])
+        adjoint, solved = self._adjoint(u, states)
         squares, inverse = self._expected_squares
-        along = np.einsum("ab,mbcj->macj", self._generator, self.offset)
-        wide = np.broadcast_to(along, (*along.shape[:-1], u.shape[1]))
-        by_step = (
-            np.einsum("maj,ab,mbj->mj", adjoint, self._generator, states)
-            + np.einsum("maj,mabj,mbj->mj", adjoint, wide, adjoint, optimize=True)
-            - np.einsum("mabj,mbaj->mj", squares, along)
-        )
-        by_sd = (solved * (u - solved) - (1.0 - inverse)) / self.sd
-        by_length = -self.steps[:, None] * by_step / self.length
-        return Derivatives(solved, solved**2 - inverse, (by_sd, by_length))
+        along = generator @ self.offset
+        turned = (along @ adjoint[..., None])[..., 0] + states @ generator.T
+        by_step = np.sum(adjoint * turned, axis=-1)
+        by_step -= np.einsum("cmab,cmba->cm", squares, along)
+        by_sd = (solved * (u.T - solved) - (1.0 - inverse)) / self.sd
+        by_length = -self.steps * by_step / self.length
+        return Derivatives(solved.T, (solved**2 - inverse).T, (by_sd.T, by_length.T))
+
+    def _states(self, u: Array) -> Array:
+        """The expected states (J, m, p) given the earlier errors."""
+        return _recursion(self._step, self._added * _before(u))
+
+    def _adjoint(self, u: Array, states: Array) -> tuple[Array, Array]:
+        """The derivatives (J, m, p) by the expected states, and R^-1 u (J, m)."""
+        pull = (u.T - self.load * states[..., 0]) / self.variance
+        source = np.zeros(states.shape)
+        source[..., 0] = self.load * pull
+        adjoint = _recursion(self._step, source, backward=True)
+        pull[:, :-1] -= np.sum(self._added[:, 1:] * adjoint[:, 1:], axis=-1)
+        return adjoint, pull
+
+    @cached_property
+    def _added(self) -> Array:
+        """What the error before adds to the expected state (C, m, p), per unit of the error."""
+        moved = np.einsum("mab,cmb->cma", self.drift[1:], self.gain[:, :-1])
+        return np.concatenate([np.zeros((len(moved), 1, moved.shape[2])), moved], axis=1)
+
+    @cached_property
+    def _step(self) -> Array:
+        """The matrices (C, m, p, p) that move the expected state from one error to the next."""
+        drift = np.broadcast_to(self.drift, (len(self.load), *self.drift.shape)).copy()
+        drift[:, 1:, :, 0] -= self._added[:, 1:] * self.load[:, :-1, None]
+        drift[:, 0] = 0.0
+        return drift
 
     @cached_property
     def _expected_squares(self) -> tuple[Array, Array]:
-        """The expectation N (m, p, p, C) of r r', and the diagonal (m, C) of R^-1."""
-        step, gain = np.moveaxis(self._step, -1, 1), np.moveaxis(self.gain, -1, 1)
-        moved = (self.drift[1:, None] @ gain[:-1, ..., None])[..., 0]
-        found, inverse = np.zeros(step.shape), 1.0 / self.variance
-        found[..., 0, 0] = self.load**2 * inverse
+        """The expectation N (C, m, p, p) of r r', and the diagonal (C, m) of R^-1."""
+        step, added = self._step.swapaxes(0, 1), self._added.swapaxes(0, 1)
+        found, inverse = np.zeros(step.shape), 1.0 / self.variance.T
+        found[..., 0, 0] = self.load.T**2 * inverse
         later: Indices | None = None
         for rows in reversed(_places(self.chain)):
             if later is not None:
                 own, after = rows[: len(later)], found[later]
-                forward = step[later]
+                forward, by = step[later], added[later, :, :, None]
                 found[own] += forward.swapaxes(-1, -2) @ after @ forward
-                by = moved[own]
-                inverse[own] += np.einsum("bca,bcad,bcd->bc", by, after, by)
+                inverse[own] += (by.swapaxes(-1, -2) @ after @ by)[..., 0, 0]
             later = rows
-        return np.moveaxis(found, 1, -1), inverse
+        return found.swapaxes(0, 1), inverse.T
 
-    def _states(self, u: Array) -> Array:
-        """The expected states (m, p, J) given the earlier errors."""
-        return _recursion(self._step, self._moved(self.gain * u[:, None]))
 
-    def _moved(self, after: Array) -> Array:
-        """States (m, p, J) after each error, moved to the next error."""
-        first = np.zeros((1, *after.shape[1:]))
-        return np.concatenate([first, np.einsum("mab,mbj->maj", self.drift[1:], after[:-1])])
-
-    def _back(self, adjoint: Array, first: int) -> Array:
-        """The adjoint at errors from number `first` on, moved to the errors before."""
-        return np.asarray(np.einsum("mab,maj->mbj", self.drift[first:], adjoint))
-
-    @cached_property
-    def _step(self) -> Array:
-        """The matrices (m, p, p, C) that move the expected state from one error to the next."""
-        p, columns = self.drift.shape[1], self.load.shape[1]
-        kept = np.broadcast_to(np.eye(p)[..., None], (len(self.load), p, p, columns)).copy()
-        kept[:, :, 0] -= self.gain * self.load[:, None]
-        return np.concatenate(
-            [np.zeros((1, p, p, columns)), np.einsum("mab,mbcj->macj", self.drift[1:], kept[:-1])]
-        )
-
-    @property
-    def _generator(self) -> Array:
-        return _generator(self.drift.shape[1])
+def _before(u: Array) -> Array:
+    """The errors (m, J) before each, zero before the first of all, as (J, m, 1)."""
+    found = np.zeros((u.shape[1], len(u), 1))
+    found[:, 1:, 0] = u[:-1].T
+    return found
 
 
 def _generator(p: int) -> Array:
@@ -245,21 +247,18 @@ def _places(chain: Chain) -> list[Indices]:
 
 
 def _recursion(step: Array, source: Array, backward: bool = False) -> Array:
-    """x (m, p, J) with x_k = step_k x_(k-1) + source_k.
+    """x (J, m, p) with x_k = step_k x_(k-1) + source_k.
 
     Backward it is x_k = step_(k+1)' x_(k+1) + source_k. It is one banded triangular system, whose
-    cost is linear in m. `step` is (m, p, p, C), with one column for all J or one for each.
+    cost is linear in m. `step` is (C, m, p, p), with one column for all J or one for each.
     """
-    m, p, _, columns = step.shape
+    columns, m, p, _ = step.shape
     bands = np.zeros((2 * p, columns, m, p))
     for a in range(p):
         for b in range(p):
-            bands[p + a - b, :, :-1, b] = -step[1:, a, b].T
-    shape = (columns, -1, m, p)
-    values = np.moveaxis(source, -1, 0).reshape(shape).transpose(0, 2, 3, 1)
+            bands[p + a - b, :, :-1, b] = -step[:, 1:, a, b]
+    values = source.reshape(-1, columns * m * p).T
     found = dtbtrs(
-        bands.reshape(2 * p, -1), values.reshape(columns * m * p, -1),
-        uplo="L", trans="T" if backward else "N", diag="U",
-    )[0]  # fmt: skip
-    parts = found.reshape(columns, m, p, -1).transpose(1, 2, 0, 3)
-    return np.asarray(parts.reshape(m, p, -1))
+        bands.reshape(2 * p, -1), values, uplo="L", trans="T" if backward else "N", diag="U"
+    )[0]
+    return np.asarray(found.T.reshape(source.shape))
