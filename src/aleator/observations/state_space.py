@@ -120,7 +120,7 @@ class FilteredErrors:
         offset, gain = np.zeros((*shape, p, p)), np.empty((*shape, p))
         variance = np.empty(shape)
         after = np.zeros((chain.sizes.size, shape[1], p, p))
-        for rows in _places(chain):
+        for rows in places(chain):
             own = drift[rows, None]
             before = own @ after[: len(own)] @ own.swapaxes(-1, -2)
             predicted = before + whole
@@ -204,7 +204,7 @@ class FilteredErrors:
         found, inverse = np.zeros(step.shape), 1.0 / self.variance.T
         found[..., 0, 0] = self.load.T**2 * inverse
         later: Indices | None = None
-        for rows in reversed(_places(self.chain)):
+        for rows in reversed(places(self.chain)):
             if later is not None:
                 own, after = rows[: len(later)], found[later]
                 forward, by = step[later], added[later, :, :, None]
@@ -238,7 +238,7 @@ def _drifts(steps: Array, p: int) -> Array:
     return np.asarray(np.exp(-steps)[:, None, None] * sum(terms))
 
 
-def _places(chain: Chain) -> list[Indices]:
+def places(chain: Chain) -> list[Indices]:
     """The rows of the first, second, ... errors of all experiments, the longest first."""
     longest = np.argsort(-chain.sizes, kind="stable")
     starts, sizes = chain.starts[longest], chain.sizes[longest]
