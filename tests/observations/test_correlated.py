@@ -163,7 +163,7 @@ def test_residuals_are_whitened_and_draws_are_coloured(tie: str, scale: str) -> 
     """Phi^-1 of the probabilities given the earlier ones is L^-1 e; draws from z are L z."""
     noise, values = given(tie, scale)
     errors, y = of(TABLE, noise), TABLE["y"].to_numpy()
-    u = errors.cdf_given_earlier(values, y[:, None], ETA, EVERY)
+    u = errors.conditional_cdf(values, y[:, None], ETA, EVERY)
     z = RNG.standard_normal(ETA.shape)
     drawn = errors.drawn(values, stats.norm.cdf(z), ETA, EVERY) - ETA
     marginal = errors.scale(values, ETA, EVERY)
@@ -207,10 +207,10 @@ def test_parts_of_the_table_are_as_the_whole() -> None:
     errors = of(TABLE, noise)
     whole, part = (errors.terms(values, ETA[r], r) for r in (EVERY, slice(5, 13)))
     np.testing.assert_allclose(part.value, whole.value[5:13], rtol=1e-12)
-    (chain,) = (p.chain for p in errors.parts)
-    assert chain is not None
-    assert chain.cut(0, [slice(0, 7), slice(7, 9), slice(9, 16)]) == [slice(0, 6), slice(6, 16)]
-    assert chain.cut(5, [slice(0, 4), slice(4, 8)]) == [slice(0, 1), slice(1, 8)]
+    (serial,) = (p.serial for p in errors.parts)
+    assert serial is not None
+    assert serial.cut(0, [slice(0, 7), slice(7, 9), slice(9, 16)]) == [slice(0, 6), slice(6, 16)]
+    assert serial.cut(5, [slice(0, 4), slice(4, 8)]) == [slice(0, 1), slice(1, 8)]
 
 
 @pytest.mark.parametrize("tie", ["AR(1)", "symmetry", "process 2"])
@@ -235,11 +235,11 @@ def test_blank_cells_of_a_wide_table_are_steps_and_rows_of_another_response_are_
     ).assign(t=range(4))
     read = Experiments.from_frame(wide, outcome=["a", "b"], id="id")
     errors = MeasurementErrors.of({"a": noise, "b": noise}, read)
-    assert [p.chain.gap.tolist() for p in errors.parts if p.chain] == [[0, 2, 1], [0, 1, 2]]
+    assert [p.serial.gap.tolist() for p in errors.parts if p.serial] == [[0, 2, 1], [0, 1, 2]]
     long = pd.DataFrame({"id": 1, "what": ["a", "b", "a", "b"], "y": [1.0, 2.0, 3.0, 4.0]})
     read = Experiments.from_frame(long, outcome="y", response="what", id="id")
     errors = MeasurementErrors.of({"a": noise, "b": noise}, read)
-    assert [p.chain.gap.tolist() for p in errors.parts if p.chain] == [[0, 1], [0, 1]]
+    assert [p.serial.gap.tolist() for p in errors.parts if p.serial] == [[0, 1], [0, 1]]
 
 
 def test_the_process_costs_twice_as_much_for_twice_the_rows(monkeypatch) -> None:
@@ -259,8 +259,8 @@ def test_the_process_costs_twice_as_much_for_twice_the_rows(monkeypatch) -> None
         errors = of(table, Noise(FREE, correlation=GaussianProcess("time", FREE, FREE)))
         errors.terms(np.array([1.0, 1.0, 3.0]), np.zeros((rows, 2)), slice(0, rows))
         (part,) = errors.parts
-        assert part.chain is not None
-        cost.append(np.array([sum(numbers), len(state_space.places(part.chain))]))
+        assert part.serial is not None
+        cost.append(np.array([sum(numbers), len(state_space.places(part.serial))]))
     assert (cost[1] / cost[0]).tolist() == [2.0, 2.0]
 
 

@@ -412,7 +412,7 @@ def observation_reports(
     every = slice(0, len(seen))
     of_errors = alpha[likelihood.inputs.size :]
     scale = likelihood.errors.scale(of_errors, predicted[:, None], every)[:, 0]
-    given = likelihood.errors.residuals(of_errors, predicted[:, None], every)
+    given = likelihood.errors.conditional(of_errors, predicted[:, None], every)
     location, spread = (part[:, 0] for part in given)
     nearest = np.clip(location, seen.lower, seen.upper)
     with np.errstate(invalid="ignore"):

@@ -166,7 +166,7 @@ def _cdf(
 ) -> Array:
     """P(value <= y | earlier values, eta) (m, J) at eta (m, J); y may be infinite. Zero for NaN."""
     inside = np.where(np.isfinite(y), y, 0.0)
-    found = likelihood.errors.cdf_given_earlier(of_errors, inside[:, None], eta, rows)
+    found = likelihood.errors.conditional_cdf(of_errors, inside[:, None], eta, rows)
     found = np.where(np.isfinite(y)[:, None], found, (y > 0.0)[:, None])
     return np.where(np.isnan(found), 0.0, found)
 

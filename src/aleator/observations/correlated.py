@@ -17,19 +17,18 @@ from aleator.laws import Free, Hyperparameter, Specification, resolve
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class SerialOrder:
     """The order of the m observations of a response, experiment by experiment.
 
-    All arrays are in the order of the chain. `owner` (m,) is the experiment of each observation,
-    `gap` (m,) its distance to the one before, zero for the first of an experiment. `order` (m,) is
-    its place among the observations of the response, whose experiments follow each other in the
-    same way.
+    All arrays are in serial order. `owner` (m,) is the experiment of each observation, `gap` (m,)
+    its distance to the one before, zero for the first of an experiment. `order` (m,) is its place
+    among the observations of the response, whose experiments follow each other in the same way.
     """
 
     owner: Indices
     gap: Array
     order: Indices
-    _parts: dict[tuple[int, int], Chain] = field(default_factory=dict, repr=False)
+    _parts: dict[tuple[int, int], SerialOrder] = field(default_factory=dict, repr=False)
     _kept: dict[bytes, Whitening] = field(default_factory=dict, repr=False)
 
     def kept(self, key: bytes, make: Callable[[], Whitening]) -> Whitening:
@@ -39,14 +38,14 @@ class Chain:
             self._kept[key] = make()
         return self._kept[key]
 
-    def part(self, which: slice) -> Chain:
-        """The chain of the observations `which` of whole experiments; cached."""
+    def part(self, which: slice) -> SerialOrder:
+        """The order of the observations `which` of whole experiments; cached."""
         key = (which.start, which.stop)
         if key == (0, self.owner.size):
             return self
         if key not in self._parts:
             order = self.order[which] - which.start
-            self._parts[key] = Chain(self.owner[which], self.gap[which], order)
+            self._parts[key] = SerialOrder(self.owner[which], self.gap[which], order)
         return self._parts[key]
 
     def cut(self, first: int, blocks: Sequence[slice]) -> list[slice]:
@@ -63,11 +62,11 @@ class Chain:
         return [slice(int(a), int(b)) for a, b in pairwise(every)]
 
     def take(self, values: Array) -> Array:
-        """Values (m, ...) of the observations in the order of the chain."""
+        """Values (m, ...) of the observations in serial order."""
         return values if self.straight else values[self.order]
 
     def back(self, values: Array) -> Array:
-        """Values (m, ...) in the order of the chain, brought into that of the observations."""
+        """Values (m, ...) in serial order, brought into that of the observations."""
         if self.straight:
             return values
         found = np.empty_like(values)
@@ -76,7 +75,7 @@ class Chain:
 
     @cached_property
     def straight(self) -> bool:
-        """Whether the chain has the order of the observations."""
+        """Whether this is the order of the observations themselves."""
         return bool(np.array_equal(self.order, np.arange(self.order.size)))
 
     @cached_property
@@ -118,7 +117,7 @@ class Derivatives(NamedTuple):
 
 
 class Whitening(Protocol):
-    """The factor L of the correlations R = L L' of errors u (m, J), in the order of a chain.
+    """The factor L of the correlations R = L L' of errors u (m, J), in serial order.
 
     Each error is normal given the earlier ones of its experiment, with the mean `expected` and the
     standard deviation `root` (m, 1) or (m, J), the diagonal of L.
@@ -162,10 +161,10 @@ class ErrorCorrelation(Protocol):
     def marginal(self, values: Sequence[float], scale: Array) -> Array:
         """The standard deviation of each single error, where the noise has the given scale."""
 
-    def whitening(self, values: Sequence[float], chain: Chain, scale: Array) -> Whitening:
+    def whitening(self, values: Sequence[float], serial: SerialOrder, scale: Array) -> Whitening:
         """The factor of the correlations of errors that are divided by their scale.
 
-        `scale` is (m, 1) or (m, J), in the order of the chain.
+        `scale` is (m, 1) or (m, J), in serial order.
         """
 
 
@@ -269,11 +268,16 @@ class AR1:
         """The scale itself."""
         return scale
 
-    def whitening(self, values: Sequence[float], chain: Chain, scale: Array) -> MarkovWhitening:  # noqa: ARG002
+    def whitening(
+        self,
+        values: Sequence[float],
+        serial: SerialOrder,
+        scale: Array,  # noqa: ARG002
+    ) -> MarkovWhitening:
         """The factors rho^step."""
-        rho, steps = float(values[0]), chain.gap[:, None]
-        factor = np.where(chain.first, 0.0, rho**steps)
-        slope = np.where(chain.first, 0.0, steps * rho ** np.maximum(steps - 1.0, 0.0))
+        rho, steps = float(values[0]), serial.gap[:, None]
+        factor = np.where(serial.first, 0.0, rho**steps)
+        slope = np.where(serial.first, 0.0, steps * rho ** np.maximum(steps - 1.0, 0.0))
         return MarkovWhitening(factor, np.sqrt(1.0 - factor**2), (slope,))
 
 
@@ -311,11 +315,16 @@ class CAR1:
         """The scale itself."""
         return scale
 
-    def whitening(self, values: Sequence[float], chain: Chain, scale: Array) -> MarkovWhitening:  # noqa: ARG002
+    def whitening(
+        self,
+        values: Sequence[float],
+        serial: SerialOrder,
+        scale: Array,  # noqa: ARG002
+    ) -> MarkovWhitening:
         """The factors exp(-gap/length)."""
-        away = np.where(chain.first, np.inf, chain.gap[:, None] / float(values[0]))
+        away = np.where(serial.first, np.inf, serial.gap[:, None] / float(values[0]))
         factor = np.exp(-away)
-        slope = factor * np.where(chain.first, 0.0, away) / float(values[0])
+        slope = factor * np.where(serial.first, 0.0, away) / float(values[0])
         return MarkovWhitening(factor, np.sqrt(-np.expm1(-2.0 * away)), (slope,))
 
 
@@ -362,9 +371,14 @@ class CompoundSymmetry:
         """The scale itself."""
         return scale
 
-    def whitening(self, values: Sequence[float], chain: Chain, scale: Array) -> SymmetricWhitening:  # noqa: ARG002
+    def whitening(
+        self,
+        values: Sequence[float],
+        serial: SerialOrder,
+        scale: Array,  # noqa: ARG002
+    ) -> SymmetricWhitening:
         """The factor of the matrix with ones on the diagonal and rho elsewhere."""
-        return SymmetricWhitening(float(values[0]), chain)
+        return SymmetricWhitening(float(values[0]), serial)
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,46 +386,46 @@ class SymmetricWhitening:
     """Correlations rho of any two errors of an experiment."""
 
     rho: float
-    chain: Chain
+    serial: SerialOrder
 
     @cached_property
     def root(self) -> Array:
         """sqrt(1 - n rho c) after n errors, with the weight c = rho/(1 + (n - 1) rho) of each."""
-        return np.sqrt(1.0 - self.chain.before * self.rho * self._weight)
+        return np.sqrt(1.0 - self.serial.before * self.rho * self._weight)
 
     def expected(self, u: Array) -> Array:
         """The weighted sum of the earlier errors."""
-        running = recurrence(np.where(self.chain.first, 0.0, 1.0), u)
+        running = recurrence(np.where(self.serial.first, 0.0, 1.0), u)
         return self._weight * (running - u)
 
     def solved(self, u: Array) -> Array:
         """R^-1 u in closed form (Sherman and Morrison, 1950)."""
-        return np.asarray((u - self.rho * self._share * self.chain.totals(u)) / (1.0 - self.rho))
+        return np.asarray((u - self.rho * self._share * self.serial.totals(u)) / (1.0 - self.rho))
 
     def derivatives(self, u: Array) -> Derivatives:
         """The derivatives in closed form."""
         share, solved = self._share, self.solved(u)
         diagonal = (1.0 - self.rho * share) / (1.0 - self.rho)
-        others = self.chain.totals(solved) - solved
+        others = self.serial.totals(solved) - solved
         by_rho = 0.5 * (solved * others - (share - diagonal))
         return Derivatives(solved, u * solved - 1.0, (by_rho,))
 
     def drawn(self, z: Array) -> Array:
         """Errors from their running sum, which is a recurrence of order one."""
-        factor = np.where(self.chain.first, 0.0, 1.0 + self._weight)
+        factor = np.where(self.serial.first, 0.0, 1.0 + self._weight)
         own = self.root * z
         running = recurrence(factor, own)
-        return own + self._weight * np.where(self.chain.first, 0.0, _earlier(running))
+        return own + self._weight * np.where(self.serial.first, 0.0, _earlier(running))
 
     @cached_property
     def _share(self) -> Array:
         """The sums (m, 1) of the rows of R^-1, 1/(1 + (n - 1) rho) for n errors."""
-        count = np.repeat(self.chain.sizes, self.chain.sizes)[:, None]
+        count = np.repeat(self.serial.sizes, self.serial.sizes)[:, None]
         return np.asarray(1.0 / (1.0 + (count - 1.0) * self.rho))
 
     @cached_property
     def _weight(self) -> Array:
-        return np.asarray(self.rho / (1.0 + (self.chain.before - 1.0) * self.rho))
+        return np.asarray(self.rho / (1.0 + (self.serial.before - 1.0) * self.rho))
 
 
 def _within(rho: Hyperparameter, least: float) -> None:

@@ -13,8 +13,7 @@ from aleator.core.blocks import blocks
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError
 from aleator.laws import Hyperparameter
-from aleator.observations.chains import chain_of, numbers_of
-from aleator.observations.correlated import Chain, Whitening
+from aleator.observations.correlated import SerialOrder, Whitening
 from aleator.observations.model import (
     HALF_LOG_2_PI,
     NUMERICS,
@@ -26,6 +25,7 @@ from aleator.observations.model import (
 )
 from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations, require_responses
+from aleator.observations.serial_order import numbers_of, serial_order
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
@@ -78,7 +78,7 @@ class ResponseErrors:
 
     `rows` (m,) are their positions among all observations, in ascending order; `lower` and `upper`
     (m, 1) are their bounds; `sds` (m, 1) are their known standard deviations, and `covariate`
-    (m, 1) that of the variance function, if columns give them. `chain` is their order where their
+    (m, 1) that of the variance function, if columns give them. `serial` is their order where their
     errors are correlated. In all methods `values` are the values of `noise.hyperparameters`,
     `which` selects k of the m observations, those of whole experiments where the errors are
     correlated, and eta (k, J) are J simulated values of each.
@@ -90,7 +90,7 @@ class ResponseErrors:
     upper: Array
     sds: Array | None = None
     covariate: Array | None = None
-    chain: Chain | None = None
+    serial: SerialOrder | None = None
 
     def scale(self, values: Sequence[float], eta: Array, which: slice) -> ErrorScale:
         """The scale of the errors with its derivatives, each (), (k, 1) or (k, J)."""
@@ -136,7 +136,7 @@ class ResponseErrors:
         are those of the whole experiment. Without `scores` those by the `values` may be left out.
         """
         with np.errstate(all="ignore"):
-            if self.chain is not None:
+            if self.serial is not None:
                 return _finite(self._correlated(values, eta, which, scores))
             scale, seen = self._seen(values, eta, which)
             by_scale = seen.d_scale
@@ -150,34 +150,32 @@ class ResponseErrors:
 
     def log_density(self, values: Sequence[float], eta: Array, which: slice) -> Array:
         """log p (k, J) of `terms`, without its derivatives."""
-        if self.chain is None:
+        if self.serial is None:
             return self.terms(values, eta, which)[0]
         with np.errstate(all="ignore"):
             found = _normal(*self._whitened(values, eta, which))
             scale = self.scale(values, eta, which).value
-            return self._possible(self.chain.part(which).back(found), eta, scale)
+            return self._possible(self.serial.part(which).back(found), eta, scale)
 
-    def given_earlier(
-        self, values: Sequence[float], eta: Array, which: slice
-    ) -> tuple[Array, Array]:
+    def conditional(self, values: Sequence[float], eta: Array, which: slice) -> tuple[Array, Array]:
         """Location and scale (k, J) of each value, given the earlier ones of its experiment."""
-        if self.chain is None:
+        if self.serial is None:
             return eta, np.broadcast_to(self.scale(values, eta, which).value, eta.shape)
         with np.errstate(all="ignore"):
             u, scale, whitening = self._whitened(values, eta, which)
-            chain = self.chain.part(which)
-            moved = chain.back(scale * whitening.expected(u))
-            return eta + moved, chain.back(np.broadcast_to(scale * whitening.root, eta.shape))
+            serial = self.serial.part(which)
+            moved = serial.back(scale * whitening.expected(u))
+            return eta + moved, serial.back(np.broadcast_to(scale * whitening.root, eta.shape))
 
     def drawn(self, values: Sequence[float], probability: Array, eta: Array, which: slice) -> Array:
         """Measured values (k, J) from independent uniform random `probability` (k, J)."""
-        if self.chain is None:
+        if self.serial is None:
             scale = self.scale(values, eta, which).value
             return self.model(values).quantile(probability, eta, scale)
         _, scale, whitening = self._whitened(values, eta, which)
-        chain, normal = self.chain.part(which), self.model(values)
-        z = normal.quantile(chain.take(probability), np.zeros(1), np.ones(1))
-        return eta + chain.back(scale * whitening.drawn(z))
+        serial, normal = self.serial.part(which), self.model(values)
+        z = normal.quantile(serial.take(probability), np.zeros(1), np.ones(1))
+        return eta + serial.back(scale * whitening.drawn(z))
 
     def information(
         self, values: Sequence[float], eta: Array, slopes: Array, which: slice
@@ -187,16 +185,16 @@ class ResponseErrors:
         `slopes` (k, J, s) are the derivatives of eta in these directions. It is the Gauss-Newton
         approximation; correlated errors have the information beyond that of the earlier ones.
         """
-        if self.chain is None:
+        if self.serial is None:
             curvature = self.curvature(values, eta, which)
             return curvature[..., None, None] * slopes[..., :, None] * slopes[..., None, :]
         with np.errstate(all="ignore"):
             _, scale, whitening = self._whitened(values, eta, which)
-            chain, found = self.chain.part(which), np.empty(slopes.shape)
+            serial, found = self.serial.part(which), np.empty(slopes.shape)
             for d in range(slopes.shape[2]):
-                own = chain.take(slopes[..., d]) / scale
+                own = serial.take(slopes[..., d]) / scale
                 own = np.where(np.isfinite(own), own, 0.0)
-                found[..., d] = chain.back((own - whitening.expected(own)) / whitening.root)
+                found[..., d] = serial.back((own - whitening.expected(own)) / whitening.root)
             outer = found[..., :, None] * found[..., None, :]
             by_eta = self.scale(values, eta, which)
             if by_eta.d_eta is not None:
@@ -208,15 +206,15 @@ class ResponseErrors:
         self, values: Sequence[float], eta: Array, which: slice, scores: bool
     ) -> list[Array]:
         """`terms` of correlated errors, by those given the earlier ones of their experiment."""
-        assert self.chain is not None
+        assert self.serial is not None
         u, scale, whitening = self._whitened(values, eta, which)
-        chain, own = self.chain.part(which), self.scale(values, eta, which)
-        value = self._possible(chain.back(_normal(u, scale, whitening)), eta, own.value)
+        serial, own = self.serial.part(which), self.scale(values, eta, which)
+        value = self._possible(serial.back(_normal(u, scale, whitening)), eta, own.value)
         if not scores and own.d_eta is None:
-            return [value, chain.back(whitening.solved(u) / scale)]
+            return [value, serial.back(whitening.solved(u) / scale)]
         found = whitening.derivatives(u)
         parts = [found.solved / scale, found.by_scale / scale, *found.by_values]
-        by_eta, by_scale, *by_ties = (chain.back(part) for part in parts)
+        by_eta, by_scale, *by_ties = (serial.back(part) for part in parts)
         if own.d_eta is not None:
             by_eta = by_eta + by_scale * own.d_eta
         by_values = [by_scale if d is None else by_scale * d for d in own.d_values]
@@ -229,20 +227,20 @@ class ResponseErrors:
     def _whitened(
         self, values: Sequence[float], eta: Array, which: slice
     ) -> tuple[Array, Array, Whitening]:
-        """Errors over their scale (k, J), the scale, and its whitening, in the order of the chain.
+        """Errors over their scale (k, J), the scale, and its whitening, in serial order.
 
-        An error that is not finite is zero, because a sum over the chain would not be finite.
+        An error that is not finite is zero, because a sum over all would not be finite.
         """
-        assert self.chain is not None
+        assert self.serial is not None
         assert self.noise.correlation is not None
-        chain, scale = self.chain.part(which), self.scale(values, eta, which).value
+        serial, scale = self.serial.part(which), self.scale(values, eta, which).value
         if scale.ndim < 2:
             scale = np.full((len(eta), 1), float(scale))
-        scale = chain.take(np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0))
-        u = chain.take(self.upper[which] - eta) / scale
+        scale = serial.take(np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0))
+        u = serial.take(self.upper[which] - eta) / scale
         u = np.where(np.abs(u) < NUMERICS.farthest, u, 0.0)
         ties = self.noise.correlation
-        return u, scale, ties.whitening(self._ties(values), chain, scale)
+        return u, scale, ties.whitening(self._ties(values), serial, scale)
 
     def _ties(self, values: Sequence[float]) -> Sequence[float]:
         """The values of the hyperparameters of the correlation."""
@@ -376,8 +374,8 @@ class MeasurementErrors:
             lower, upper = seen.lower[rows, None], seen.upper[rows, None]
             known = _sds_of_column(noises[name], name, experiments, seen.row[rows])
             covariate = _covariate_of_column(noises[name], name, experiments, seen.row[rows])
-            chain = chain_of(noises[name].correlation, name, experiments, rows)
-            parts.append(ResponseErrors(noises[name], rows, lower, upper, known, covariate, chain))
+            serial = serial_order(noises[name].correlation, name, experiments, rows)
+            parts.append(ResponseErrors(noises[name], rows, lower, upper, known, covariate, serial))
         return cls(tuple(parts), seen.names)
 
     @cached_property
@@ -485,7 +483,7 @@ class MeasurementErrors:
             found[at] = part.drawn(mine, probability[at], eta[at], which)
         return found
 
-    def cdf_given_earlier(self, values: Array, y: Array, eta: Array, rows: slice) -> Array:
+    def conditional_cdf(self, values: Array, y: Array, eta: Array, rows: slice) -> Array:
         """Probability (m, J) of a value up to y, given the earlier ones of its experiment and eta.
 
         `rows` are those of whole experiments. The earlier values are the measured ones.
@@ -493,16 +491,16 @@ class MeasurementErrors:
         found, y = np.empty(eta.shape), np.broadcast_to(y, eta.shape)
         for part, first, at, mine in self._parts(values, rows):
             which = slice(first, first + len(at))
-            location, scale = part.given_earlier(mine, eta[at], which)
+            location, scale = part.conditional(mine, eta[at], which)
             found[at] = part.model(mine).cdf(y[at], location, scale)
         return found
 
-    def residuals(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array]:
+    def conditional(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array]:
         """Location and scale (m, J) of each value, given the earlier ones of its experiment."""
         found = np.empty((2, *eta.shape))
         for part, first, at, mine in self._parts(values, rows):
             which = slice(first, first + len(at))
-            found[:, at] = part.given_earlier(mine, eta[at], which)
+            found[:, at] = part.conditional(mine, eta[at], which)
         return found[0], found[1]
 
     @cached_property
@@ -513,8 +511,8 @@ class MeasurementErrors:
         """
         found = np.arange(sum(len(part.rows) for part in self.parts))
         for part in self.parts:
-            if part.chain is not None:
-                found[part.rows] = part.rows[part.chain.order]
+            if part.serial is not None:
+                found[part.rows] = part.rows[part.serial.order]
         return None if np.array_equal(found, np.arange(found.size)) else found
 
     def moments(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array, Array, Array]:
@@ -590,8 +588,8 @@ def _blocks(
     """
     adjoin = len(at) > 0 and at[-1] - at[0] + 1 == len(at)
     cut = blocks(len(at), nodes, NUMERICS.together)
-    if part.chain is not None:
-        cut = part.chain.cut(first, cut)
+    if part.serial is not None:
+        cut = part.serial.cut(first, cut)
     for some in cut:
         yield some, slice(at[0] + some.start, at[0] + some.stop) if adjoin else at[some]
 

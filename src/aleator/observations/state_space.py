@@ -20,7 +20,7 @@ from aleator.core.types import Array, Indices
 from aleator.errors import InputsError
 from aleator.laws import Hyperparameter, Specification, resolve
 from aleator.laws.hyperparameter import LIMITS
-from aleator.observations.correlated import Chain, Derivatives, Whitening
+from aleator.observations.correlated import Derivatives, SerialOrder, Whitening
 
 STATIONARY = (
     np.eye(1),
@@ -78,18 +78,18 @@ class GaussianProcess:
         """The standard deviation of the process and the independent error together."""
         return np.hypot(scale, float(values[0]))
 
-    def whitening(self, values: Sequence[float], chain: Chain, scale: Array) -> Whitening:
+    def whitening(self, values: Sequence[float], serial: SerialOrder, scale: Array) -> Whitening:
         """The Kalman filter, kept for the next call with the same values."""
         (sd, length), states = map(float, values), round(self.smoothness + 0.5)
         key = np.array([sd, length, states]).tobytes() + np.ascontiguousarray(scale).tobytes()
-        return chain.kept(key, lambda: FilteredErrors.of(chain, sd, length, sd / scale, states))
+        return serial.kept(key, lambda: FilteredErrors.of(serial, sd, length, sd / scale, states))
 
 
 @dataclass(frozen=True, eq=False)
 class FilteredErrors:
     """The Kalman filter of errors u = load f + z, with a process f and z standard normal.
 
-    There are m errors in the order of a chain, p states, and C columns of loads `load` (C, m): one,
+    There are m errors in serial order, p states, and C columns of loads `load` (C, m): one,
     or as many as columns of errors. `steps` (m,) are the distances tau between neighbours, and
     `drift` (m, p, p) moves the state by them, zero where an experiment begins. `offset`
     (C, m, p, p) is the predicted covariance of the state less the stationary one, `variance`
@@ -97,7 +97,7 @@ class FilteredErrors:
     expected state.
     """
 
-    chain: Chain
+    serial: SerialOrder
     sd: float
     length: float
     load: Array
@@ -108,19 +108,21 @@ class FilteredErrors:
     gain: Array
 
     @classmethod
-    def of(cls, chain: Chain, sd: float, length: float, load: Array, p: int) -> FilteredErrors:
+    def of(
+        cls, serial: SerialOrder, sd: float, length: float, load: Array, p: int
+    ) -> FilteredErrors:
         """The filter of a process of p states, for loads (m, C).
 
         It is a loop over the places of the longest experiment.
         """
-        steps = np.where(chain.first[:, 0], 0.0, np.sqrt(2.0 * p - 1.0) * chain.gap / length)
+        steps = np.where(serial.first[:, 0], 0.0, np.sqrt(2.0 * p - 1.0) * serial.gap / length)
         drift, whole = _drifts(steps, p), STATIONARY[p - 1]
-        drift[chain.first[:, 0]] = 0.0
+        drift[serial.first[:, 0]] = 0.0
         shape = load.shape
         offset, gain = np.zeros((*shape, p, p)), np.empty((*shape, p))
         variance = np.empty(shape)
-        after = np.zeros((chain.sizes.size, shape[1], p, p))
-        for rows in places(chain):
+        after = np.zeros((serial.sizes.size, shape[1], p, p))
+        for rows in places(serial):
             own = drift[rows, None]
             before = own @ after[: len(own)] @ own.swapaxes(-1, -2)
             predicted = before + whole
@@ -131,7 +133,7 @@ class FilteredErrors:
             after = before - (k * s[..., None])[..., None] * k[..., None, :]
         parts = (np.ascontiguousarray(a.swapaxes(0, 1)) for a in (load, offset, variance, gain))
         load, offset, variance, gain = parts
-        return cls(chain, sd, length, load, steps, drift, offset, variance, gain)
+        return cls(serial, sd, length, load, steps, drift, offset, variance, gain)
 
     @cached_property
     def root(self) -> Array:
@@ -204,7 +206,7 @@ class FilteredErrors:
         found, inverse = np.zeros(step.shape), 1.0 / self.variance.T
         found[..., 0, 0] = self.load.T**2 * inverse
         later: Indices | None = None
-        for rows in reversed(places(self.chain)):
+        for rows in reversed(places(self.serial)):
             if later is not None:
                 own, after = rows[: len(later)], found[later]
                 forward, by = step[later], added[later, :, :, None]
@@ -238,10 +240,10 @@ def _drifts(steps: Array, p: int) -> Array:
     return np.asarray(np.exp(-steps)[:, None, None] * sum(terms))
 
 
-def places(chain: Chain) -> list[Indices]:
+def places(serial: SerialOrder) -> list[Indices]:
     """The rows of the first, second, ... errors of all experiments, the longest first."""
-    longest = np.argsort(-chain.sizes, kind="stable")
-    starts, sizes = chain.starts[longest], chain.sizes[longest]
+    longest = np.argsort(-serial.sizes, kind="stable")
+    starts, sizes = serial.starts[longest], serial.sizes[longest]
     counts = np.searchsorted(-sizes, -np.arange(sizes[0]), side="left")
     return [starts[:count] + k for k, count in enumerate(counts)]
 

@@ -198,6 +198,13 @@ class Session:
                 f"of '{of}': one outcome says too little of the parameters of its experiment",
                 "predict new experiments: leave `of` out",
             )
+        noises = self.noise.values() if isinstance(self.noise, Mapping) else [self.noise]
+        if of is not None and noise and any(n and n.correlation for n in noises):
+            raise InputsError(
+                f"of '{of}': further errors of this experiment hang together with those that were "
+                "measured, and their law given these is not computed",
+                "predict without the errors (noise=False, --no-noise), or predict new experiments",
+            )
         if isinstance(conditions, pd.DataFrame):
             conditions = Conditions.from_frame(conditions, responses=self.responses)
         runner, inputs = self.runner_on(conditions, "a prediction"), self.inputs

@@ -9,7 +9,7 @@ import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import ExperimentsError, nearest
-from aleator.observations.correlated import Chain, ErrorCorrelation
+from aleator.observations.correlated import ErrorCorrelation, SerialOrder
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
@@ -59,12 +59,12 @@ def _number(cell: object) -> float:
         return np.nan
 
 
-def chain_of(
+def serial_order(
     correlation: ErrorCorrelation | None,
     response: str,
     experiments: Experiments | Conditions,
     rows: Indices,
-) -> Chain | None:
+) -> SerialOrder | None:
     """The order of the observations `rows` (m,) of a response, along which errors are correlated.
 
     None without a correlation. Without a column they have the order of the rows, and each row of an
@@ -106,7 +106,7 @@ def chain_of(
     if fault is not None:
         at, problem, remedy = fault
         raise refused(int(order[~first][at]), problem, remedy)
-    return Chain(owner, gap, order)
+    return SerialOrder(owner, gap, order)
 
 
 def _steps(experiments: Experiments | Conditions, rows: Indices) -> Array:
