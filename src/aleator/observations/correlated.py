@@ -98,6 +98,15 @@ class SerialOrder:
         """The number of earlier observations of the experiment (m, 1)."""
         return (np.arange(self.owner.size) - np.repeat(self.starts, self.sizes))[:, None]
 
+    @cached_property
+    def alike(self) -> tuple[Indices, ...]:
+        """The rows (B, n) of B experiments with the same n gaps, for each such pattern of gaps."""
+        found = dict[bytes, list[Indices]]()
+        for start, count in zip(self.starts, self.sizes, strict=True):
+            rows = np.arange(start, start + count)
+            found.setdefault(self.gap[rows].tobytes(), []).append(rows)
+        return tuple(np.array(rows) for rows in found.values())
+
     def totals(self, values: Array) -> Array:
         """The sum of values (m, J) over the experiment, at each of its observations (m, J)."""
         return np.repeat(np.add.reduceat(values, self.starts, axis=0), self.sizes, axis=0)

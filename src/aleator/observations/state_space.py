@@ -8,7 +8,7 @@ Sarkka, 2010), and the derivatives from its adjoint recursions (de Jong, 1989; K
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb, factorial
@@ -82,7 +82,77 @@ class GaussianProcess:
         """The Kalman filter, kept for the next call with the same values."""
         (sd, length), states = map(float, values), round(self.smoothness + 0.5)
         key = np.array([sd, length, states]).tobytes() + np.ascontiguousarray(scale).tobytes()
-        return serial.kept(key, lambda: FilteredErrors.of(serial, sd, length, sd / scale, states))
+        load, alike = sd / scale, serial.alike
+        if load.shape[1] > 1 or np.ptp(load) > 0.0 or len(alike) > len(serial.sizes) // 8:
+            return serial.kept(key, lambda: FilteredErrors.of(serial, sd, length, load, states))
+        return serial.kept(key, lambda: AlikeErrors.of(serial, sd, length, load, states))
+
+
+@dataclass(frozen=True, eq=False)
+class AlikeErrors:
+    """The Kalman filter of errors of experiments at the same places of the column, of equal scale.
+
+    Each pattern of places has a filter of one experiment, and the rows (B, n) of its B experiments,
+    whose errors are further columns.
+    """
+
+    parts: tuple[tuple[FilteredErrors, Indices], ...]
+    size: int
+
+    @classmethod
+    def of(cls, serial: SerialOrder, sd: float, length: float, load: Array, p: int) -> AlikeErrors:
+        """The filters of all patterns, for an equal load (m, 1)."""
+        parts = []
+        for rows in serial.alike:
+            first = rows[0]
+            own = SerialOrder(serial.owner[first], serial.gap[first], np.arange(first.size))
+            parts.append((FilteredErrors.of(own, sd, length, load[first], p), rows))
+        return cls(tuple(parts), len(load))
+
+    @cached_property
+    def root(self) -> Array:
+        """The standard deviation (m, 1) of each error given the earlier ones."""
+        found = np.empty((self.size, 1))
+        for part, rows in self.parts:
+            found[rows] = part.root
+        return found
+
+    def expected(self, u: Array) -> Array:
+        """The expected process of each experiment."""
+        return self._each(FilteredErrors.expected, u)
+
+    def solved(self, u: Array) -> Array:
+        """R^-1 u of each experiment."""
+        return self._each(FilteredErrors.solved, u)
+
+    def drawn(self, z: Array) -> Array:
+        """Errors of each experiment."""
+        return self._each(FilteredErrors.drawn, z)
+
+    def derivatives(self, u: Array) -> Derivatives:
+        """The derivatives of each experiment."""
+        found = [np.empty(u.shape) for _ in range(4)]
+        for part, rows in self.parts:
+            solved, by_scale, by_values = part.derivatives(_columns(u, rows))
+            for whole, values in zip(found, (solved, by_scale, *by_values), strict=True):
+                whole[rows] = _experiments(values, rows)
+        return Derivatives(found[0], found[1], (found[2], found[3]))
+
+    def _each(self, method: Callable[[FilteredErrors, Array], Array], u: Array) -> Array:
+        found = np.empty(u.shape)
+        for part, rows in self.parts:
+            found[rows] = _experiments(method(part, _columns(u, rows)), rows)
+        return found
+
+
+def _columns(u: Array, rows: Indices) -> Array:
+    """Errors (m, J) in rows (B, n) as (n, B J)."""
+    return u[rows].swapaxes(0, 1).reshape(rows.shape[1], -1)
+
+
+def _experiments(values: Array, rows: Indices) -> Array:
+    """Values (n, B J) as (B, n, J)."""
+    return values.reshape(rows.shape[1], len(rows), -1).swapaxes(0, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +222,7 @@ class FilteredErrors:
         """Errors from innovations: the state that each adds to moves on, and loads the next."""
         innovation = self.root * z
         moving = np.broadcast_to(self.drift, (*self.load.shape, *self.drift.shape[1:]))
-        states = _recursion(moving, self._added * _before(innovation))
+        states = _recursion(_bands(moving), self._added * _before(innovation))
         return (self.load * states[..., 0]).T + innovation
 
     def derivatives(self, u: Array) -> Derivatives:
@@ -165,7 +235,9 @@ class FilteredErrors:
         adjoint, solved = self._adjoint(u, states)
         squares, inverse = self._expected_squares
         along = generator @ self.offset
-        turned = (along @ adjoint[..., None])[..., 0] + states @ generator.T
+        turned = states @ generator.T
+        for b in range(len(generator)):
+            turned += along[..., b] * adjoint[..., b, None]
         by_step = np.sum(adjoint * turned, axis=-1)
         by_step -= np.einsum("cmab,cmba->cm", squares, along)
         by_sd = (solved * (u.T - solved) - (1.0 - inverse)) / self.sd
@@ -174,14 +246,14 @@ class FilteredErrors:
 
     def _states(self, u: Array) -> Array:
         """The expected states (J, m, p) given the earlier errors."""
-        return _recursion(self._step, self._added * _before(u))
+        return _recursion(self._system, self._added * _before(u))
 
     def _adjoint(self, u: Array, states: Array) -> tuple[Array, Array]:
         """The derivatives (J, m, p) by the expected states, and R^-1 u (J, m)."""
         pull = (u.T - self.load * states[..., 0]) / self.variance
         source = np.zeros(states.shape)
         source[..., 0] = self.load * pull
-        adjoint = _recursion(self._step, source, backward=True)
+        adjoint = _recursion(self._system, source, backward=True)
         pull[:, :-1] -= np.sum(self._added[:, 1:] * adjoint[:, 1:], axis=-1)
         return adjoint, pull
 
@@ -198,6 +270,10 @@ class FilteredErrors:
         drift[:, 1:, :, 0] -= self._added[:, 1:] * self.load[:, :-1, None]
         drift[:, 0] = 0.0
         return drift
+
+    @cached_property
+    def _system(self) -> Array:
+        return _bands(self._step)
 
     @cached_property
     def _expected_squares(self) -> tuple[Array, Array]:
@@ -248,19 +324,25 @@ def places(serial: SerialOrder) -> list[Indices]:
     return [starts[:count] + k for k, count in enumerate(counts)]
 
 
-def _recursion(step: Array, source: Array, backward: bool = False) -> Array:
-    """x (J, m, p) with x_k = step_k x_(k-1) + source_k.
+def _bands(step: Array) -> Array:
+    """The bands (2 p, C m p) of the system of `_recursion` below its diagonal of ones.
 
-    Backward it is x_k = step_(k+1)' x_(k+1) + source_k. It is one banded triangular system, whose
-    cost is linear in m. `step` is (C, m, p, p), with one column for all J or one for each.
+    `step` (C, m, p, p) are the matrices, in one column for all errors or one for each.
     """
     columns, m, p, _ = step.shape
     bands = np.zeros((2 * p, columns, m, p))
     for a in range(p):
         for b in range(p):
             bands[p + a - b, :, :-1, b] = -step[:, 1:, a, b]
-    values = source.reshape(-1, columns * m * p).T
-    found = dtbtrs(
-        bands.reshape(2 * p, -1), values, uplo="L", trans="T" if backward else "N", diag="U"
-    )[0]
+    return bands.reshape(2 * p, -1)
+
+
+def _recursion(bands: Array, source: Array, backward: bool = False) -> Array:
+    """x (J, m, p) with x_k = step_k x_(k-1) + source_k.
+
+    Backward it is x_k = step_(k+1)' x_(k+1) + source_k. It is one banded triangular system, whose
+    cost is linear in m.
+    """
+    values = source.reshape(-1, bands.shape[1]).T
+    found = dtbtrs(bands, values, uplo="L", trans="T" if backward else "N", diag="U")[0]
     return np.asarray(found.T.reshape(source.shape))
