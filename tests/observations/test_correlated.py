@@ -87,15 +87,16 @@ SCALES: dict[str, tuple[Noise, list[float], Callable[[Array, Place], Array]]] = 
         Noise(FREE, relative=FREE), [0.5, 0.3], lambda v, at: np.hypot(v[0], v[1] * at.eta),
     ),
     "power": (
-        Noise(FREE, variance=PowerVariance()), [0.5, 0.7], lambda v, at: v[0] * at.eta ** v[1],
+        Noise(FREE, variance=PowerVariance(at=2.0)), [0.5, 0.7],
+        lambda v, at: v[0] * (at.eta / 2.0) ** v[1],
     ),
     "power of a column": (
         Noise(FREE, variance=PowerVariance(of="time")), [0.5, 0.7],
         lambda v, at: v[0] * at.t ** v[1],
     ),
     "exponential": (
-        Noise(FREE, variance=ExponentialVariance(Free(-1.0, 1.0))), [0.5, 0.3],
-        lambda v, at: v[0] * np.exp(v[1] * at.eta),
+        Noise(FREE, variance=ExponentialVariance(Free(-1.0, 1.0), at=2.0)), [0.5, 0.3],
+        lambda v, at: v[0] * np.exp(v[1] * (at.eta - 2.0)),
     ),
 }  # fmt: skip
 
@@ -330,6 +331,8 @@ def test_a_column_of_a_variance_has_no_zero() -> None:
         (lambda: CAR1("time", Free()), "length"),
         (lambda: GaussianProcess("time", 0.1, 1.0, 2.0), "smoothness"),
         (lambda: ExponentialVariance(Free()), "rate"),
+        (lambda: PowerVariance(at=0.0), "at = 0"),
+        (lambda: ExponentialVariance(0.1, at=np.inf), "at = inf"),
     ],
 )
 def test_what_is_no_noise_is_refused(make, words: str) -> None:

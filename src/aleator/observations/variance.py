@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from aleator.core.types import Array, Flags
+from aleator.errors import InputsError
 from aleator.laws import Free, Hyperparameter, Specification, resolve
 
 
@@ -51,13 +52,14 @@ DEFAULT_EXPONENT = Free(-2.0, 2.0)
 
 @dataclass(frozen=True)
 class PowerVariance:
-    """A scale that is a power of the simulated value, or of a column: sd |v|^exponent.
+    """A scale that is a power of the simulated value, or of a column: sd |v/at|^exponent.
 
     It is `varPower` of nlme (Pinheiro and Bates, 2000, section 5.2.1). `exponent`, the
     hyperparameter `noise.exponent`, is a number or `Free(lower, upper)`, by default between -2 and
     2. `of` names a column of the table without zeros; left out, v is the simulated value. The `sd`
-    of the noise is the scale at |v| = 1. Raises InputsError for limits that are not finite or out
-    of order. Where v is zero, so is the scale, and a measured value has no density there.
+    of the noise is the scale where |v| is `at`. Far from the values v, it is hardly told apart from
+    the exponent. Raises InputsError for limits that are not finite or out of order, and where `at`
+    is not positive. Where v is zero, so is the scale, and a measured value has no density there.
 
     >>> found = PowerVariance(0.5).factor(0.5, np.array([4.0]))
     >>> [part.tolist() for part in found]
@@ -66,9 +68,12 @@ class PowerVariance:
 
     exponent: Specification = DEFAULT_EXPONENT
     of: str | None = None
+    at: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the exponent; InputsError if not valid."""
+        """Check the arguments; InputsError if they are not valid."""
+        if not 0.0 < self.at < np.inf:
+            raise InputsError(f"variance: at = {self.at}", "give a number > 0")
         _ = self.hyperparameter
 
     @cached_property
@@ -82,20 +87,20 @@ class PowerVariance:
         return np.asarray(cells != 0.0)
 
     def factor(self, value: float, covariate: Array) -> VarianceFactor:
-        """|v|^exponent with the derivatives of its logarithm, exponent/v and log |v|."""
-        size = np.abs(covariate)
-        log = np.log(size)
+        """|v/at|^exponent with the derivatives of its logarithm, exponent/v and log |v/at|."""
+        log = np.log(np.abs(covariate) / self.at)
         return VarianceFactor(np.exp(value * log), value / covariate, log)
 
 
 @dataclass(frozen=True)
 class ExponentialVariance:
-    """A scale that grows exponentially with the simulated value, or a column: sd exp(rate v).
+    """A scale that grows with the simulated value, or a column: sd exp(rate (v - at)).
 
     It is `varExp` of nlme (Pinheiro and Bates, 2000, section 5.2.1). `rate`, the hyperparameter
     `noise.rate`, is a number or `Free(lower, upper)`, in units of 1/v; both limits are needed. `of`
     names a column of the table; left out, v is the simulated value. The `sd` of the noise is the
-    scale at v = 0. Raises InputsError for limits that are missing, not finite or out of order.
+    scale where v is `at`. Raises InputsError for limits that are missing, not finite or out of
+    order.
 
     >>> found = ExponentialVariance(0.5).factor(0.5, np.array([2.0]))
     >>> [part.tolist() for part in found]
@@ -104,9 +109,12 @@ class ExponentialVariance:
 
     rate: Specification
     of: str | None = None
+    at: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the rate; InputsError if not valid."""
+        """Check the arguments; InputsError if they are not valid."""
+        if not np.isfinite(self.at):
+            raise InputsError(f"variance: at = {self.at}", "give a finite number")
         _ = self.hyperparameter
 
     @cached_property
@@ -119,7 +127,6 @@ class ExponentialVariance:
         return np.isfinite(cells)
 
     def factor(self, value: float, covariate: Array) -> VarianceFactor:
-        """exp(rate v) with the derivatives of its logarithm, the rate and v."""
-        return VarianceFactor(
-            np.exp(value * covariate), np.broadcast_to(value, covariate.shape), covariate
-        )
+        """exp(rate (v - at)) with the derivatives of its logarithm, the rate and v - at."""
+        away = covariate - self.at
+        return VarianceFactor(np.exp(value * away), np.broadcast_to(value, away.shape), away)
