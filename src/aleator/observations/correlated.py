@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
@@ -14,6 +14,8 @@ from scipy.linalg.lapack import dtbtrs
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.laws import Free, Hyperparameter, Specification, resolve
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +31,16 @@ class SerialOrder:
     gap: Array
     order: Indices
     _parts: dict[tuple[int, int], SerialOrder] = field(default_factory=dict, repr=False)
-    _kept: dict[bytes, Whitening] = field(default_factory=dict, repr=False)
+    _kept: dict[bytes, Any] = field(default_factory=dict, repr=False)
+    _shared: dict[bytes, Any] = field(default_factory=dict, repr=False)
 
-    def kept(self, key: bytes, make: Callable[[], Whitening]) -> Whitening:
+    def kept(self, key: bytes, make: Callable[[], T]) -> T:
         """What `make` returned for the same key in the last call, or else returns now."""
-        if key not in self._kept:
-            self._kept.clear()
-            self._kept[key] = make()
-        return self._kept[key]
+        return _remembered(self._kept, 1, key, make)
+
+    def shared(self, key: bytes, make: Callable[[], T]) -> T:
+        """What `make` returned for one of the last keys, in any part of the whole order."""
+        return _remembered(self._shared, 64, key, make)
 
     def part(self, which: slice) -> SerialOrder:
         """The order of the observations `which` of whole experiments; cached."""
@@ -45,7 +49,8 @@ class SerialOrder:
             return self
         if key not in self._parts:
             order = self.order[which] - which.start
-            self._parts[key] = SerialOrder(self.owner[which], self.gap[which], order)
+            own = self.owner[which], self.gap[which], order
+            self._parts[key] = SerialOrder(*own, _shared=self._shared)
         return self._parts[key]
 
     def cut(self, first: int, blocks: Sequence[slice]) -> list[slice]:
@@ -175,6 +180,16 @@ class ErrorCorrelation(Protocol):
 
         `scale` is (m, 1) or (m, J), in serial order.
         """
+
+
+def _remembered(known: dict[bytes, Any], most: int, key: bytes, make: Callable[[], T]) -> T:
+    """The value of a key, made if it is not known; all are forgotten where there are too many."""
+    if key not in known:
+        if len(known) >= most:
+            known.clear()
+        known[key] = make()
+    found: T = known[key]
+    return found
 
 
 def recurrence(factor: Array, values: Array) -> Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import comb, factorial
 
 import numpy as np
@@ -104,9 +104,11 @@ class AlikeErrors:
         """The filters of all patterns, for an equal load (m, 1)."""
         parts = []
         for rows in serial.alike:
-            first = rows[0]
-            own = SerialOrder(serial.owner[first], serial.gap[first], np.arange(first.size))
-            parts.append((FilteredErrors.of(own, sd, length, load[first], p), rows))
+            first, every = rows[0], np.arange(rows.shape[1])
+            own = SerialOrder(serial.owner[first], serial.gap[first], every)
+            key = np.array([sd, length, load[0, 0], p, *own.gap]).tobytes()
+            make = partial(FilteredErrors.of, own, sd, length, load[first], p)
+            parts.append((serial.shared(key, make), rows))
         return cls(tuple(parts), len(load))
 
     @cached_property
