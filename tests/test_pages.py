@@ -208,8 +208,7 @@ def test_what_a_page_links_to_is_there(page: Path) -> None:
 
 
 NO_MODULES = {"aleator.stdout", "aleator.stderr", "aleator.run"} | {
-    kinds.group
-    for kinds in (*OF_NOISE, LAWS, DENSITIES, SEARCHES, PROPAGATIONS, RULES, SIMULATORS)
+    kinds.group for kinds in (*OF_NOISE, LAWS, DENSITIES, SEARCHES, PROPAGATIONS, RULES, SIMULATORS)
 }
 """Files of a run, and groups of entry points."""
 
