@@ -28,8 +28,9 @@ from aleator.likelihood.individual import (
 from aleator.likelihood.level_sets import on_a_grid, searched
 from aleator.likelihood.level_sets.lines import CROSSINGS
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, covariates
+from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Runs

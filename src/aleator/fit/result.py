@@ -413,12 +413,14 @@ def observation_reports(
     """
     seen, predicted = table.observations, found.predicted
     every = slice(0, len(seen))
-    scale = likelihood.errors.scale(alpha[likelihood.inputs.size :], predicted[:, None], every)
-    scale = np.broadcast_to(scale, (len(seen), 1))[:, 0]
-    nearest = np.clip(predicted, seen.lower, seen.upper)
+    of_errors = alpha[likelihood.inputs.size :]
+    scale = likelihood.errors.scale(of_errors, predicted[:, None], every)[:, 0]
+    given = likelihood.errors.conditional(of_errors, predicted[:, None], every)
+    location, spread = (part[:, 0] for part in given)
+    nearest = np.clip(location, seen.lower, seen.upper)
     with np.errstate(invalid="ignore"):
         # An infinite prediction satisfies every censoring bound below it.
-        residual = np.where(nearest == predicted, 0.0, (nearest - predicted) / scale)
+        residual = np.where(nearest == location, 0.0, (nearest - location) / spread)
     names = varying_conditions(table, requested)
     columns = {name: table.conditions[name].to_numpy()[seen.row].tolist() for name in names}
     return tuple(

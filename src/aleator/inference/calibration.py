@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binom, kstwo
 
-from aleator.core.types import Array
+from aleator.core.types import Array, Indices
 from aleator.inference.information import INTERVALS
 from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, LevelRule
 from aleator.likelihood.individual.clusters import Clusters
@@ -116,7 +116,8 @@ def _of_block(
     prior = individual.log_weight + log_weight
     least = settings.impossible
     possible = np.where(np.isnan(terms), least, np.maximum(terms, least))
-    known = mean_of(_before(possible, block) + prior[block.owner])[1]
+    order = _order(likelihood, block)
+    known = mean_of(_before(possible, block, order) + prior[block.owner])[1]
     effective = 1.0 / np.maximum(np.sum(known**2, axis=1), np.finfo(float).tiny)
     low, high = np.sum(known * below, axis=1), np.sum(known * above, axis=1)
     enough = effective > min(settings.effective, settings.least * count)
@@ -139,8 +140,9 @@ def _stages(
     with np.errstate(all="ignore"):
         _, scores, outer = likelihood.of_observations(alpha, block, z)
     known = np.isfinite(outer.sum(axis=(2, 3)) + scores.sum(axis=2))
-    scores = _before(np.where(known[..., None], scores, 0.0), block) - z[block.owner]
-    information = _before(np.where(known[..., None, None], outer, 0.0), block) + np.eye(s)
+    order = _order(likelihood, block)
+    scores = _before(np.where(known[..., None], scores, 0.0), block, order) - z[block.owner]
+    information = _before(np.where(known[..., None, None], outer, 0.0), block, order) + np.eye(s)
     size = np.linalg.slogdet(information)[1]
     count = np.bincount(block.owner, minlength=experiments)
     rows = block.starts[:, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)
@@ -211,18 +213,27 @@ def _approximations(mode: Array, information: Array, stages: int) -> tuple[Array
     return np.asarray(np.linalg.solve(stage, pull)[:, None, ..., 0]), stage[:, None]
 
 
-def _before(terms: Array, block: Block) -> Array:
+def _order(likelihood: IndividualLikelihood, block: Block) -> Indices:
+    """The observations (m,) of a block in the order in which they are given each other."""
+    sequence = likelihood.errors.sequence
+    if sequence is None:
+        return np.arange(block.owner.size)
+    return np.asarray(sequence[block.rows] - block.rows.start)
+
+
+def _before(terms: Array, block: Block, order: Indices) -> Array:
     """For each observation (m, ...) the sum of the terms of the earlier ones of its experiment."""
-    running = np.cumsum(terms, axis=0) - terms
-    return np.asarray(running - running[block.starts[block.owner]])
+    running = np.empty(terms.shape)
+    running[order] = np.cumsum(terms[order], axis=0) - terms[order]
+    return np.asarray(running - running[order[block.starts]][block.owner])
 
 
 def _cdf(
     likelihood: IndividualLikelihood, of_errors: Array, y: Array, eta: Array, rows: slice
 ) -> Array:
-    """P(value <= y) (m, J) at simulated values eta (m, J); y may be infinite. Zero for eta NaN."""
+    """P(value <= y | earlier values, eta) (m, J) at eta (m, J); y may be infinite. Zero for NaN."""
     inside = np.where(np.isfinite(y), y, 0.0)
-    found = likelihood.errors.cdf(of_errors, inside[:, None], eta, rows)
+    found = likelihood.errors.conditional_cdf(of_errors, inside[:, None], eta, rows)
     found = np.where(np.isfinite(y)[:, None], found, (y > 0.0)[:, None])
     return np.where(np.isnan(found), 0.0, found)
 

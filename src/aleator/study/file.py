@@ -27,9 +27,10 @@ from aleator.inference.check import Check
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.model import ObservationModel
+from aleator.observations.noise import Noise
 from aleator.results.units import checked_units
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
@@ -38,6 +39,7 @@ from aleator.simulators.fmu import FMUSimulator
 from aleator.study.kinds import FAULT, ChosenKind, LawSection, in_toml
 from aleator.study.sections import (
     ExperimentsSection,
+    NoiseSection,
     StudyFile,
     columns_of,
     pairs,
@@ -321,7 +323,11 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
             made(f"{key}.sd", lambda: Noise(sd))
         if relative is not None:
             made(f"{key}.relative", lambda: Noise(relative=relative))
-        return made(key, lambda: Noise(sd, kind, relative))
+        keys = choice.keys
+        assert isinstance(keys, NoiseSection)
+        variance = keys.variance and built(f"{key}.variance", keys.variance)
+        ties = keys.correlation and built(f"{key}.correlation", keys.correlation)
+        return made(key, lambda: Noise(sd, kind, relative, variance, ties))
 
     table, runs = file.experiments, file.simulator.keys
     assert isinstance(runs, RunsSection)

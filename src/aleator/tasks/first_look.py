@@ -26,8 +26,9 @@ from aleator.fit.regions import first_region
 from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, covariates
+from aleator.observations.noise import Noise
 from aleator.simulators import Runner
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface

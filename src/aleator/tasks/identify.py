@@ -21,8 +21,8 @@ from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
-from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
+from aleator.observations.noise import Noise
 from aleator.results.units import checked_units
 from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner

@@ -30,8 +30,9 @@ from aleator.likelihood.individual import (
     Predictor,
 )
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors, Noise, noise_hyperparameters
+from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
 from aleator.observations.experiments import Conditions, Experiments, covariates, unmeasured
+from aleator.observations.noise import Noise
 from aleator.observations.responses import Response, Transform, with_limits_of_test
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
@@ -203,6 +204,13 @@ class Session:
             raise InputsError(
                 f"of '{of}': one outcome says too little of the parameters of its experiment",
                 "predict new experiments: leave `of` out",
+            )
+        noises = self.noise.values() if isinstance(self.noise, Mapping) else [self.noise]
+        if of is not None and noise and any(n and n.correlation for n in noises):
+            raise InputsError(
+                f"of '{of}': further errors of this experiment hang together with those that were "
+                "measured, and their law given these is not computed",
+                "predict without the errors (noise=False, --no-noise), or predict new experiments",
             )
         if isinstance(conditions, pd.DataFrame):
             conditions = Conditions.from_frame(conditions, responses=self.responses)

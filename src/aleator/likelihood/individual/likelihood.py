@@ -30,7 +30,6 @@ from aleator.likelihood.individual.parameters import (
     FOLLOWING,
     FollowingSettings,
     Parameters,
-    distance,
     holds,
     scattered_density,
 )
@@ -270,11 +269,14 @@ class IndividualLikelihood:
         """
         return Following(self, self.settings.arrived)
 
-    def at(self, alpha: Array, block: Block, xi: Array) -> Evaluated:
-        """The simulated values of a block at variates xi (B, J, s), with slopes and error terms."""
+    def at(self, alpha: Array, block: Block, xi: Array, scores: bool = True) -> Evaluated:
+        """The simulated values of a block at variates xi (B, J, s), with slopes and error terms.
+
+        Without `scores` derivatives by the hyperparameters of the errors may be left out.
+        """
         individual = self._individual(alpha, block, xi)
         eta, slopes = self.predictor.with_slopes(block, individual.x)
-        return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta), block)
+        return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta, scores), block)
 
     def sums(self, alpha: Array, block: Block, xi: Array) -> Array:
         """The sums log P(class) + sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
@@ -284,7 +286,8 @@ class IndividualLikelihood:
 
     def sums_of(self, alpha: Array, block: Block, eta: Array) -> Array:
         """The sums sum_k log p(y_k | eta_k) (B, J) for simulated values eta (m, J)."""
-        return block.summed(self._terms(alpha, block, eta).value)
+        of_errors = alpha[self.inputs.size :]
+        return block.summed(self.errors.log_density(of_errors, eta, block.rows))
 
     def at_point(self, x: Array) -> tuple[Array, Array]:
         """The simulated values (M,) of all experiments at one point x (n,), with slopes (M, n)."""
@@ -321,7 +324,10 @@ class IndividualLikelihood:
         there = np.isfinite(nodes.log_weight)
         density = scattered_density(inputs, alpha[: inputs.size], x[there])
         log_weight = np.where(np.isfinite(density), nodes.log_weight[there] - density, -np.inf)
-        return Parameters(inputs, self.predictor, alpha, there, x[there], log_weight, eta)
+        of_errors = self.errors.hyperparameters
+        return Parameters(
+            inputs, self.predictor, of_errors, alpha, there, x[there], log_weight, eta
+        )
 
     def _by_density(self, held: Parameters, alpha: Array, block: Block) -> tuple[Array, Array]:
         """The log-likelihoods (B,) and scores (B, K) with nodes stored as parameter values."""
@@ -334,8 +340,8 @@ class IndividualLikelihood:
     def _individual(self, alpha: Array, block: Block, xi: Array) -> Individual:
         return self.inputs.individual(alpha[: self.inputs.size], xi, block.experiments)
 
-    def _terms(self, alpha: Array, block: Block, eta: Array) -> Terms:
-        return self.errors.terms(alpha[self.inputs.size :], eta, block.rows)
+    def _terms(self, alpha: Array, block: Block, eta: Array, scores: bool = True) -> Terms:
+        return self.errors.terms(alpha[self.inputs.size :], eta, block.rows, scores)
 
     def _modes(self, alpha: Array, block: Block, curved: Curved, arrived: float) -> Modes:
         """The modes (B, C, M, s) about which the rule places its nodes.
@@ -403,12 +409,11 @@ class IndividualLikelihood:
         The information (m, P, s, s) is the Gauss-Newton approximation. The simulated values are
         returned first.
         """
-        found = self.at(alpha, block, z)
+        found = self.at(alpha, block, z, scores=False)
         by_xi = found.individual.by_variates()[block.owner]
         slopes = np.einsum("nmp,mpns->mps", found.slopes, by_xi)
         of_errors = alpha[self.inputs.size :]
-        curvature = self.errors.curvature(of_errors, found.eta, block.rows)
-        outer = curvature[..., None, None] * slopes[..., :, None] * slopes[..., None, :]
+        outer = self.errors.information(of_errors, found.eta, slopes, block.rows)
         return found, found.terms.d_eta[..., None] * slopes, outer
 
 
@@ -454,7 +459,7 @@ class Following:
         nearest, share, settings = self.nearest(alpha), 1.0, self._settings
         while (
             nearest.parameters is not None
-            and distance(nearest.inputs, alpha, alpha + share * (ahead - alpha), settings) > 1.0
+            and nearest.parameters.between(alpha, alpha + share * (ahead - alpha)) > 1.0
         ):
             share *= settings.shorter
         return share
