@@ -75,6 +75,7 @@ class Choices:
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION
     density: Density | None = None
     search: Search = DEFAULT_SEARCH
+    restricted: bool = False
 
     @classmethod
     def of(
@@ -85,14 +86,21 @@ class Choices:
         propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
         density: Density | None = None,
         search: Search = DEFAULT_SEARCH,
+        *,
+        restricted: bool = False,
     ) -> Choices:
         """Checked choices; laws that depend on covariates get the covariates of the table.
 
         Raises InputsError for combinations that have no likelihood: a density method, collocation
         or nodes of the law together with noise, several observations of an experiment without
-        noise, and no scattering parameter.
+        noise, the restricted likelihood without noise, and no scattering parameter.
         """
-        made = cls(table, inputs, noise, propagation, density, search)
+        made = cls(table, inputs, noise, propagation, density, search, restricted)
+        if restricted and noise is None:
+            raise InputsError(
+                "the restricted likelihood is known with measurement noise only",
+                "add noise, or leave `restricted` out",
+            )
         if not is_exact(table, inputs, noise):
             surfaces = surfaces_alone(propagation, density)
             _require_noise(table, inputs, noise)
@@ -218,8 +226,11 @@ class Question:
 
     def integral(self, predictor: Predictor) -> IndividualLikelihood:
         """The likelihood, with individual parameters integrated out by few nodes."""
-        errors, rule = self.choices.errors, first_rule(self.inputs)
-        return IndividualLikelihood.of(self.inputs, errors, predictor, self.layout, rule)
+        choices, rule = self.choices, first_rule(self.inputs)
+        return IndividualLikelihood.of(
+            self.inputs, choices.errors, predictor, self.layout, rule,
+            restricted=choices.restricted,
+        )  # fmt: skip
 
 
 def first_rule(inputs: Inputs) -> GaussHermite | LevelRule:

@@ -29,7 +29,7 @@ from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.inference.surface_diagnostics import surface_report
 from aleator.laws import Hyperparameter
-from aleator.laws.hyperparameter import has_prior
+from aleator.laws.hyperparameter import has_prior, log_prior
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
     IndividualLikelihood,
@@ -90,7 +90,11 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     failing = surfaces or emulation or isinstance(likelihood, Problem)
     return Result(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
-        log_likelihood=replace(log_likelihood, log_prior=prior_of(reviewed.at, hyperparameters)),
+        log_likelihood=replace(
+            log_likelihood,
+            log_prior=log_prior(hyperparameters, alpha) if has_prior(hyperparameters) else None,
+            restricted=reviewed.at.total if question.choices.restricted else None,
+        ),
         propagation_reason=certain.refined.reason,
         sound=reviewed.sound,
         warnings=(*reviewed.warnings, *notes),
@@ -246,11 +250,6 @@ def emulator_report(emulation: Emulation | None) -> dict[str, Any] | None:
             for one in emulation.told
         ],
     }
-
-
-def prior_of(at: LogLikelihood, hyperparameters: Sequence[Hyperparameter]) -> float | None:
-    """The log prior density at the estimate; None where no hyperparameter has a prior."""
-    return at.prior if has_prior(hyperparameters) else None
 
 
 def experiment_reports(

@@ -138,7 +138,8 @@ class LogLikelihoodReport(Plain):
     With a verification it combines the difference of the two values with the standard error of that
     difference; without one it is the change by a finer quadrature; None if neither is known.
     `log_prior` is the log prior density, if a hyperparameter has a prior: then the sum of
-    log-likelihood and log prior was maximized.
+    log-likelihood and log prior was maximized. `restricted` is the restricted log-likelihood, if
+    this was maximized.
     """
 
     estimated: float
@@ -146,6 +147,7 @@ class LogLikelihoodReport(Plain):
     verified_standard_error: float | None
     log_prior: float | None = None
     error: float | None = None
+    restricted: float | None = None
 
     def __post_init__(self) -> None:
         impossible = self.estimated == -math.inf

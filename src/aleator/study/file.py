@@ -159,7 +159,8 @@ class Study:
     """A study file, read and checked: the arguments of `aleator.identify`, and their origin.
 
     `file` is the study file, `sha256` the hash of its bytes, and `store` the file of the
-    simulator's runs, which need not exist. A failed run is repeated `retries` times; a share of
+    simulator's runs, which need not exist. `restricted` says that the restricted likelihood is
+    maximized. A failed run is repeated `retries` times; a share of
     failures above `max_failed` stops a study. `units` has the units of outcomes, conditions and
     parameters; a unit in the study file takes precedence over the unit in an FMU.
     """
@@ -176,6 +177,7 @@ class Study:
     density: Density | None
     search: Search
     verification: Check
+    restricted: bool
     table: ExperimentsSection
     store: Path
     retries: int
@@ -368,6 +370,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         density=built("density", file.density),
         search=built("search", file.search),
         verification=made("verification", file.verification.build),
+        restricted=file.likelihood.restricted,
         table=table,
         store=folder / runs.store,
         retries=runs.retries,

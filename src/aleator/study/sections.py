@@ -432,6 +432,12 @@ class VerificationSection(Section):
         return Check(self.samples)
 
 
+class LikelihoodSection(Section):
+    """`[likelihood]`: what is maximized, the likelihood or the restricted likelihood (REML)."""
+
+    restricted: bool = False
+
+
 class StudyFile(Section):
     """The whole of study.toml: its sections, with the defaults of those that it lacks."""
 
@@ -451,3 +457,4 @@ class StudyFile(Section):
     density: Annotated[ChosenKind[Any], PlainValidator(DENSITIES.read)] = DENSITIES.read({})
     search: Annotated[ChosenKind[Search], PlainValidator(SEARCHES.read)] = SEARCHES.read({})
     verification: VerificationSection = VerificationSection()
+    likelihood: LikelihoodSection = LikelihoodSection()

@@ -475,6 +475,13 @@ def _check(
         raise InputsError(f"compare: {len(models)} models", "give two or more")
     if bootstrap < 0:
         raise InputsError(f"compare: {bootstrap} data sets", "choose 0 or more; 200 tell a lot")
+    for name, model in models.items():
+        if model.log_likelihood.restricted is not None:
+            raise InputsError(
+                f"compare: model '{name}' has the maximum of the restricted likelihood, which is "
+                "that of other data in a model with other means or constants",
+                "identify it without `restricted`",
+            )
     for pair in nested:
         for name in pair:
             if name not in models:

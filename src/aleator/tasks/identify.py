@@ -58,6 +58,7 @@ def identify(
     best_law: bool = True,
     budget: Budget = UNLIMITED,
     units: Mapping[str, str] | None = None,
+    restricted: bool = False,
 ) -> Identification:
     """Identify the law of the inputs from experiments, by maximum likelihood.
 
@@ -80,7 +81,8 @@ def identify(
     is then the best one within the budget, with a warning about what more runs would improve. With
     a store, Gaussian processes begin with the runs that it has when the study is identified first;
     later runs change nothing. `units` of outcomes, conditions and parameters are only
-    displayed.
+    displayed. `restricted` maximizes the restricted likelihood (REML), for variances from few
+    experiments.
 
     Raises AleatorError for input that cannot be used. Numerical failures are statuses and warnings
     on the result. Cost: the runs of the surfaces and of the check, and some milliseconds for each
@@ -109,7 +111,9 @@ def identify(
     runner.repeat_some()
     spend(budget, runner, inputs, propagation, density is not None)
     ledger = Ledger(runner, progress or Silent())
-    choices = Choices.of(table, inputs, noise, propagation, density, search)
+    choices = Choices.of(
+        table, inputs, noise, propagation, density, search, restricted=restricted
+    )  # fmt: skip
     choices.require_enough()
     answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
     result = result_of(answer, table, verification, ledger)

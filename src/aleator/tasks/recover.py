@@ -199,6 +199,7 @@ def recover(
     seed: int = 0,
     workers: int = 1,
     progress: Progress | None = None,
+    restricted: bool = False,
 ) -> Recovery:
     """Identify data sets simulated under the law `truth`, and compare the estimates with it.
 
@@ -226,7 +227,9 @@ def recover(
     runner = runner_on(simulator, experiments, inputs.names, vectorized)
     if not isinstance(experiments, Experiments):
         experiments = _unmeasured(experiments, noise)
-    choices = Choices.of(experiments, inputs, noise, propagation, density, search)
+    choices = Choices.of(
+        experiments, inputs, noise, propagation, density, search, restricted=restricted
+    )  # fmt: skip
     hyperparameters = choices.hyperparameters
     alpha = _checked(truth, hyperparameters, replicates)
     progress.stage("virtual experiments")

@@ -34,6 +34,7 @@ from aleator.likelihood.individual.parameters import (
     scattered_density,
 )
 from aleator.likelihood.individual.predictors import Block, Layout, OnSurfaces, Predictor
+from aleator.likelihood.individual.restricted import restricted
 from aleator.likelihood.individual.rules import GaussHermite, Nodes
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.interface import LogLikelihood
@@ -48,7 +49,8 @@ class IndividualLikelihood:
     fixed, so that a call gives a smooth function of alpha with an exact score (Fisher's identity).
     With mixtures the integral is a sum over the classes, each with its own nodes. `adapted` returns
     a new likelihood with nodes adapted to another alpha. The quadrature is poor at an alpha that is
-    far from the one to which the nodes were adapted.
+    far from the one to which the nodes were adapted. If `restricted` is true, locations are
+    integrated out (see `aleator.likelihood.individual.restricted`).
     """
 
     inputs: Inputs
@@ -59,6 +61,7 @@ class IndividualLikelihood:
     nodes: Nodes
     parameters: Parameters | None = None
     settings: ModeSettings = MODES
+    restricted: bool = False
 
     @classmethod
     def of(
@@ -68,12 +71,14 @@ class IndividualLikelihood:
         predictor: Predictor,
         layout: Layout,
         rule: GaussHermite | LevelRule,
+        *,
+        restricted: bool = False,
     ) -> IndividualLikelihood:
         """The likelihood with nodes of the law itself, not yet adapted to the experiments."""
         classes = len(inputs.classes)
         first = rule if isinstance(rule, GaussHermite) else GaussHermite(1)
         nodes = Nodes.of_the_law(layout.count, classes, inputs.scattering, first)
-        return cls(inputs, errors, predictor, layout, rule, nodes)
+        return cls(inputs, errors, predictor, layout, rule, nodes, restricted=restricted)
 
     @property
     def name(self) -> str:
@@ -117,6 +122,12 @@ class IndividualLikelihood:
 
         The scores of the experiments of a cluster add up to the derivative of its log-likelihood.
         """
+        if self.restricted:
+            return restricted(self._scored, alpha, self.hyperparameters, slope=True)
+        return self._scored(alpha)
+
+    def _scored(self, alpha: Array) -> LogLikelihood:
+        """The log-likelihood and scores at alpha (K,), before locations are integrated out."""
         each, scores = np.zeros(self.independent), np.zeros((self.count, alpha.size))
         held = self._held
         for block in self.blocks:
@@ -134,6 +145,8 @@ class IndividualLikelihood:
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood at alpha (K,) without its score, with the present nodes."""
+        if self.restricted:
+            return restricted(self._scored, alpha, self.hyperparameters, slope=False)
         each, held = np.zeros(self.independent), self._held
         for block in self.blocks:
             part = block.independent
@@ -443,12 +456,13 @@ class Following:
         """The total log-likelihoods (A,) at alphas (A, K), with nodes adapted to each."""
         return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
 
-    def expectation_step(self, alpha: Array) -> tuple[float, Array]:
+    def expectation_step(self, alpha: Array) -> tuple[float, Array] | None:
         """The log-likelihood at alpha, and the alpha after a step of the EM algorithm.
 
-        See the function of this name.
+        See the function of this name. None for the restricted likelihood.
         """
-        return expectation_step(self._adapted(alpha), alpha)
+        adapted = self._adapted(alpha)
+        return None if adapted.restricted else expectation_step(adapted, alpha)
 
     def reach(self, alpha: Array, ahead: Array) -> float:
         """The largest allowed share of a step from alpha (K,) to the point `ahead` (K,).
