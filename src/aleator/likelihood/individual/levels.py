@@ -38,7 +38,7 @@ from aleator.likelihood.individual.rules import (
 
 
 @dataclass(frozen=True)
-class LevelSettings:
+class SharedNodes:
     """Settings of the nodes of shared parameters, with which a search begins.
 
     `nodes`: the Gauss-Hermite nodes of each variate of nested groups; two give exact scores where
@@ -54,7 +54,7 @@ class LevelSettings:
     most_points: int = 5000
 
 
-LEVELS = LevelSettings()
+SHARED = SharedNodes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,15 +226,15 @@ class LevelRule(NodeRule):
     alone: int
     crossed: bool
     outer: int
-    settings: LevelSettings = field(default=LEVELS, repr=False)
+    settings: SharedNodes = field(default=SHARED, repr=False)
 
     @classmethod
     def first(
         cls,
         grouping: Grouping,
         inner: NodeRule,
-        nodes: int = LEVELS.nodes,
-        pairs: int = LEVELS.pairs,
+        nodes: int = SHARED.nodes,
+        pairs: int = SHARED.pairs,
     ) -> LevelRule:
         """The rule with these `nodes` of a variate of nested levels, or these `pairs` of points."""
         stages = Clusters.of(grouping, slice(0, grouping.cluster.size)).stages
