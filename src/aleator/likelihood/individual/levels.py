@@ -325,9 +325,8 @@ class LevelRule(NodeRule):
             z, information = found.z, found.information
         paths = Paths(clusters, z, information, np.zeros(xi.shape[:2]))
         placed = self._within(laws, paths)
-        counted = clusters.counted[:, None]
-        total = laws.valued(placed.xi) + 0.5 * np.sum(counted * placed.xi**2, axis=2)
-        return log_sum((total + placed.log_weight).reshape(*xi.shape[:2], -1))[0]
+        total = _of_observations(laws, clusters, placed.xi) + placed.log_weight
+        return log_sum(total.reshape(*xi.shape[:2], -1))[0]
 
     def sample(self, laws: IndividualLaws, count: int) -> PlacedNodes:
         """Points xi (B, J, s) of the variates of each experiment given all observations.
@@ -352,9 +351,7 @@ class LevelRule(NodeRule):
         rule = replace(self, crossed=True, outer=count)
         placed = rule._within(laws, paths)
         assert placed.shared is not None
-        total = laws.valued(placed.xi) + 0.5 * np.sum(
-            clusters.counted[:, None] * placed.xi**2, axis=2
-        )
+        total = _of_observations(laws, clusters, placed.xi)
         shape = (len(total), count, *(1 for _ in widths[1:]))
         found = clusters.mean_of(total + placed.log_weight, placed.shared.reshape(shape))
         path, given = found.path.reshape(len(total), count), found.inner.reshape(len(total), count)
@@ -366,7 +363,7 @@ class LevelRule(NodeRule):
         root = np.linalg.inv(np.linalg.cholesky(paths.information[..., own[:, None], own]))
         of_own, xi = t[:, ends[-1] :], paths.z.copy()
         xi[..., own] += np.einsum("bpvw,pv->bpw", root, of_own)
-        value = laws.valued(xi) + 0.5 * np.sum(clusters.counted[:, None] * xi**2, axis=2)
+        value = _of_observations(laws, clusters, xi)
         log_weight = np.log(np.einsum("bpww->bpw", root)).sum(axis=2) + 0.5 * (
             np.sum(of_own**2, axis=1) - np.sum(xi[..., own] ** 2, axis=2)
         )
@@ -390,6 +387,12 @@ class LevelRule(NodeRule):
     @property
     def _most(self) -> int:
         return self.settings.most_points if self.crossed else self.settings.most_nodes
+
+
+def _of_observations(laws: IndividualLaws, clusters: Clusters, xi: Array) -> Array:
+    """The log-likelihood (B, P) of each experiment at variates xi (B, P, s), without their law."""
+    law = 0.5 * np.sum(clusters.counted[:, None] * xi**2, axis=2)
+    return np.asarray(laws.valued(xi) + law)
 
 
 @lru_cache
