@@ -426,8 +426,10 @@ def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
 
 
 def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnostic]:
-    """Refusals of a result where the observations of an experiment have no density."""
+    """Refusals of a result where the observations of an experiment, or a cluster, have none."""
     words = np.array(statuses(honest.status, honest.each))
+    if honest.cluster is not None:
+        words = words[honest.cluster]
     refusals = []
     for status in (s for s in Status if s is not Status.SOLVED):
         what, _, remedy = status.explanation.partition(": ")

@@ -38,7 +38,7 @@ from aleator.likelihood.individual.rules import (
 
 
 @dataclass(frozen=True)
-class LevelSettings:
+class SharedNodes:
     """Settings of the nodes of shared parameters, with which a search begins.
 
     `nodes`: the Gauss-Hermite nodes of each variate of nested groups; two give exact scores where
@@ -54,7 +54,7 @@ class LevelSettings:
     most_points: int = 5000
 
 
-LEVELS = LevelSettings()
+SHARED = SharedNodes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,15 +226,15 @@ class LevelRule(NodeRule):
     alone: int
     crossed: bool
     outer: int
-    settings: LevelSettings = field(default=LEVELS, repr=False)
+    settings: SharedNodes = field(default=SHARED, repr=False)
 
     @classmethod
     def first(
         cls,
         grouping: Grouping,
         inner: NodeRule,
-        nodes: int = LEVELS.nodes,
-        pairs: int = LEVELS.pairs,
+        nodes: int = SHARED.nodes,
+        pairs: int = SHARED.pairs,
     ) -> LevelRule:
         """The rule with these `nodes` of a variate of nested levels, or these `pairs` of points."""
         stages = Clusters.of(grouping, slice(0, grouping.cluster.size)).stages
@@ -325,9 +325,8 @@ class LevelRule(NodeRule):
             z, information = found.z, found.information
         paths = Paths(clusters, z, information, np.zeros(xi.shape[:2]))
         placed = self._within(laws, paths)
-        counted = clusters.counted[:, None]
-        total = laws.valued(placed.xi) + 0.5 * np.sum(counted * placed.xi**2, axis=2)
-        return log_sum((total + placed.log_weight).reshape(*xi.shape[:2], -1))[0]
+        total = _of_observations(laws, clusters, placed.xi) + placed.log_weight
+        return log_sum(total.reshape(*xi.shape[:2], -1))[0]
 
     def sample(self, laws: IndividualLaws, count: int) -> PlacedNodes:
         """Points xi (B, J, s) of the variates of each experiment given all observations.
@@ -352,9 +351,7 @@ class LevelRule(NodeRule):
         rule = replace(self, crossed=True, outer=count)
         placed = rule._within(laws, paths)
         assert placed.shared is not None
-        total = laws.valued(placed.xi) + 0.5 * np.sum(
-            clusters.counted[:, None] * placed.xi**2, axis=2
-        )
+        total = _of_observations(laws, clusters, placed.xi)
         shape = (len(total), count, *(1 for _ in widths[1:]))
         found = clusters.mean_of(total + placed.log_weight, placed.shared.reshape(shape))
         path, given = found.path.reshape(len(total), count), found.inner.reshape(len(total), count)
@@ -366,7 +363,7 @@ class LevelRule(NodeRule):
         root = np.linalg.inv(np.linalg.cholesky(paths.information[..., own[:, None], own]))
         of_own, xi = t[:, ends[-1] :], paths.z.copy()
         xi[..., own] += np.einsum("bpvw,pv->bpw", root, of_own)
-        value = laws.valued(xi) + 0.5 * np.sum(clusters.counted[:, None] * xi**2, axis=2)
+        value = _of_observations(laws, clusters, xi)
         log_weight = np.log(np.einsum("bpww->bpw", root)).sum(axis=2) + 0.5 * (
             np.sum(of_own**2, axis=1) - np.sum(xi[..., own] ** 2, axis=2)
         )
@@ -390,6 +387,12 @@ class LevelRule(NodeRule):
     @property
     def _most(self) -> int:
         return self.settings.most_points if self.crossed else self.settings.most_nodes
+
+
+def _of_observations(laws: IndividualLaws, clusters: Clusters, xi: Array) -> Array:
+    """The log-likelihood (B, P) of each experiment at variates xi (B, P, s), without their law."""
+    law = 0.5 * np.sum(clusters.counted[:, None] * xi**2, axis=2)
+    return np.asarray(laws.valued(xi) + law)
 
 
 @lru_cache
