@@ -227,6 +227,30 @@ def test_experiments_at_the_same_places_share_a_filter(p: int) -> None:
     np.testing.assert_allclose(one, other, atol=1e-9)
 
 
+@pytest.mark.parametrize("p", [1, 2, 3])
+def test_a_long_curve_with_equal_gaps_has_a_steady_filter(p: int) -> None:
+    """600 rows against the normal law, and against a scale that is not the same everywhere."""
+    rows = 600
+    table = pd.DataFrame({"id": 0, "time": np.linspace(0.0, 60.0, rows), "sd": 0.5, "y": 0.0})
+    table.loc[0, "sd"] = 0.5 * (1.0 + 1e-13)
+    process = GaussianProcess("time", FREE, FREE, p - 0.5)
+    regular, other = (of(table, Noise(sd, correlation=process)) for sd in (FREE, "sd"))
+    eta, every = RNG.standard_normal((rows, 2)), slice(0, rows)
+    one = regular.terms(np.array([0.5, 0.7, 0.9]), eta, every)
+    two = other.terms(np.array([0.7, 0.9]), eta, every)
+    (part,) = regular.parts
+    assert part.serial is not None
+    load = np.full((rows, 1), 1.4)
+    assert state_space.FilteredErrors.of(part.serial, 0.7, 0.9, load, p).settled < 200
+    np.testing.assert_allclose(one.value, two.value, rtol=1e-9)
+    np.testing.assert_allclose(one.d_eta, two.d_eta, rtol=1e-8, atol=1e-9)
+    for (_, by), (_, wanted) in zip(one.d_values[1:], two.d_values, strict=True):
+        np.testing.assert_allclose(by, wanted, rtol=1e-7, atol=1e-8)
+    covariance = 0.25 * np.eye(rows) + 0.49 * matern(distances(table["time"].to_numpy()) / 0.9, p)
+    exact = stats.multivariate_normal.logpdf(-eta.T, cov=covariance)
+    np.testing.assert_allclose(one.value.sum(axis=0), exact, rtol=1e-10)
+
+
 def test_parts_of_the_table_are_as_the_whole() -> None:
     """Blocks of whole experiments give the same values, however the array is cut."""
     noise, values = given("process 3", "relative")

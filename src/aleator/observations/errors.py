@@ -44,6 +44,7 @@ def _sds_of_column(
     return numbers_of(
         noise.column, f"noise of '{response}': sd", "the sd of the measurement error", experiments,
         rows, lambda cells: cells > 0.0, "write a number > 0 there",
+        "; a number or limits need no column",
     )  # fmt: skip
 
 
@@ -221,8 +222,8 @@ class ResponseErrors:
         return [value, by_eta, *by_values, *by_ties]
 
     def _possible(self, value: Array, eta: Array, scale: Array) -> Array:
-        """log p (k, J), minus infinity where eta is not a number or the scale is zero."""
-        return np.where(np.isfinite(eta) & (scale > 0.0), value, -np.inf)
+        """log p (k, J), minus infinity where eta or the scale is none that can be."""
+        return np.where(np.isfinite(eta) & (scale > 0.0) & np.isfinite(scale), value, -np.inf)
 
     def _whitened(
         self, values: Sequence[float], eta: Array, which: slice

@@ -101,12 +101,6 @@ class Noise:
         return self.sd if isinstance(self.sd, str) else None
 
     @property
-    def follows_eta(self) -> bool:
-        """Whether the scale depends on the simulated value."""
-        by_eta = self.variance is not None and self.variance.of is None
-        return by_eta or self.relative is not None
-
-    @property
     def hyperparameter(self) -> Hyperparameter:
         """The hyperparameter `noise.sd` of simple noise, which has no other.
 

@@ -23,10 +23,12 @@ def numbers_of(
     rows: Indices,
     admissible: Callable[[Array], Flags],
     remedy: str,
+    otherwise: str = "",
 ) -> Array:
     """The numbers (m, 1) in a column of the table, in these rows (m,).
 
-    `key` names the key of the study, and `meaning` the column, in messages. Raises
+    `key` names the key of the study, and `meaning` the column, in messages; `otherwise` is what to
+    do without a column. Raises
     ExperimentsError, which names the row, for a column that is absent, and for a cell that is no
     finite number or not `admissible`.
     """
@@ -35,7 +37,7 @@ def numbers_of(
         columns = [*map(str, table.columns)]
         raise ExperimentsError(
             f"{key} = '{column}' is not a column{nearest(column, columns)}",
-            f"the columns are {', '.join(columns)}; a number or limits need no column",
+            f"the columns are {', '.join(columns)}{otherwise}",
         )
     cells = table[column].to_numpy()[rows]
     found = np.array([_number(cell) for cell in cells]) if cells.dtype == object else cells

@@ -166,7 +166,7 @@ class FilteredErrors:
     `drift` (m, p, p) moves the state by them, zero where an experiment begins. `offset`
     (C, m, p, p) is the predicted covariance of the state less the stationary one, `variance`
     (C, m) that of each error given the earlier ones, and `gain` (C, m, p) what an error adds to the
-    expected state.
+    expected state. From the row `settled` on, which may be m, the filter is the same.
     """
 
     serial: SerialOrder
@@ -178,6 +178,7 @@ class FilteredErrors:
     offset: Array
     variance: Array
     gain: Array
+    settled: int
 
     @classmethod
     def of(
@@ -185,7 +186,8 @@ class FilteredErrors:
     ) -> FilteredErrors:
         """The filter of a process of p states, for loads (m, C).
 
-        It is a loop over the places of the longest experiment.
+        It is a loop over the places of the longest experiment, which ends where the filter of a
+        single one with equal gaps is steady.
         """
         steps = np.where(serial.first[:, 0], 0.0, np.sqrt(2.0 * p - 1.0) * serial.gap / length)
         drift, whole = _drifts(steps, p), STATIONARY[p - 1]
@@ -194,18 +196,23 @@ class FilteredErrors:
         offset, gain = np.zeros((*shape, p, p)), np.empty((*shape, p))
         variance = np.empty(shape)
         after = np.zeros((serial.sizes.size, shape[1], p, p))
-        for rows in places(serial):
+        steady, settled = _steady(serial, load), len(load)
+        for k, rows in enumerate(places(serial)):
             own = drift[rows, None]
             before = own @ after[: len(own)] @ own.swapaxes(-1, -2)
             predicted = before + whole
             h = load[rows]
             variance[rows] = s = h * h * predicted[..., 0, 0] + 1.0
-            gain[rows] = k = predicted[..., 0] * (h / s)[..., None]
+            gain[rows] = own_gain = predicted[..., 0] * (h / s)[..., None]
             offset[rows] = before
-            after = before - (k * s[..., None])[..., None] * k[..., None, :]
+            if steady and k > 1 and _same(before[0], offset[k - 1]):
+                settled = k
+                offset[k:], variance[k:], gain[k:] = before[0], s[0], own_gain[0]
+                break
+            after = before - (own_gain * s[..., None])[..., None] * own_gain[..., None, :]
         parts = (np.ascontiguousarray(a.swapaxes(0, 1)) for a in (load, offset, variance, gain))
         load, offset, variance, gain = parts
-        return cls(serial, sd, length, load, steps, drift, offset, variance, gain)
+        return cls(serial, sd, length, load, steps, drift, offset, variance, gain, settled)
 
     @cached_property
     def root(self) -> Array:
@@ -283,15 +290,32 @@ class FilteredErrors:
         step, added = self._step.swapaxes(0, 1), self._added.swapaxes(0, 1)
         found, inverse = np.zeros(step.shape), 1.0 / self.variance.T
         found[..., 0, 0] = self.load.T**2 * inverse
-        later: Indices | None = None
-        for rows in reversed(places(self.serial)):
-            if later is not None:
-                own, after = rows[: len(later)], found[later]
-                forward, by = step[later], added[later, :, :, None]
-                found[own] += forward.swapaxes(-1, -2) @ after @ forward
-                inverse[own] += (by.swapaxes(-1, -2) @ after @ by)[..., 0, 0]
-            later = rows
+        every = places(self.serial)
+        k = len(every) - 2
+        while k >= 0:
+            later = every[k + 1]
+            own, after = every[k][: len(later)], found[later]
+            forward, by = step[later], added[later, :, :, None]
+            found[own] += forward.swapaxes(-1, -2) @ after @ forward
+            inverse[own] += (by.swapaxes(-1, -2) @ after @ by)[..., 0, 0]
+            if k > self.settled and _same(found[k], found[k + 1]):
+                found[self.settled : k], inverse[self.settled : k] = found[k], inverse[k]
+                k = self.settled
+            k -= 1
         return found.swapaxes(0, 1), inverse.T
+
+
+def _steady(serial: SerialOrder, load: Array, equal: float = 1e-10) -> bool:
+    """Whether the filter tends to a steady one: of one experiment with equal gaps and one load."""
+    gaps = serial.gap[1:]
+    if serial.sizes.size > 1 or load.shape[1] > 1 or gaps.size < 2 or np.ptp(load) > 0.0:
+        return False
+    return bool(np.ptp(gaps) <= equal * gaps[0])
+
+
+def _same(values: Array, others: Array, equal: float = 1e-14) -> bool:
+    """Whether two matrices are the same but for rounding errors."""
+    return bool(np.max(np.abs(values - others)) <= equal * np.max(np.abs(values)))
 
 
 def _before(u: Array) -> Array:
