@@ -25,6 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 from aleator import (
+    AR1,
     Check,
     Free,
     Inputs,
@@ -301,6 +302,14 @@ def _moving_average(rng: np.random.Generator) -> pd.DataFrame:
     return drawn(rng, plan, errors=((u[:, 1:] + u[:, :-1]) / np.sqrt(2.0)).ravel())
 
 
+def _autoregressive(rng: np.random.Generator) -> pd.DataFrame:
+    """20 series of ten values whose neighbours are correlated by 0.5."""
+    plan = experiments(rng, 10)[:200]
+    lags = np.abs(np.subtract.outer(np.arange(10), np.arange(10)))
+    root = np.linalg.cholesky(0.5**lags)
+    return drawn(rng, plan, errors=(rng.standard_normal((20, 10)) @ root.T).ravel())
+
+
 def _every_second(data: pd.DataFrame, seed: int) -> Consistency:
     return plain(data.iloc[::2].reset_index(drop=True), seed)
 
@@ -419,6 +428,10 @@ CASES: Mapping[str, Case] = {
     ),
     "errors that depend on each other": Case(
         _moving_average, plain, _every_second, frozenset({("neighbours", None), ("groups", ORDER)})
+    ),
+    "errors of AR(1)": Case(
+        _autoregressive, plain, identified(Normal(WIDE, NARROW), Noise(NARROW, correlation=AR1())),
+        frozenset({("neighbours", None)}), slow=True,
     ),
     "subjects by a column": Case(
         _subjects(True), plain, _by_subject, frozenset({("groups", "panel")})

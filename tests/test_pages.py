@@ -21,11 +21,13 @@ import aleator
 from aleator.cli import main
 from aleator.study.kinds import LAWS, Kinds, Section
 from aleator.study.sections import (
+    CORRELATIONS,
     DENSITIES,
     OBSERVATIONS,
     PROPAGATIONS,
     RULES,
     SEARCHES,
+    VARIANCES,
     ExperimentsSection,
     StudyFile,
     VerificationSection,
@@ -149,9 +151,10 @@ def test_the_studies_of_a_page_are_those_that_it_runs(name: str) -> None:
     assert blocks(page, "python") == models
 
 
+OF_NOISE: tuple[Kinds[Any], ...] = (OBSERVATIONS, CORRELATIONS, VARIANCES)
 KEYED = [
     ("study.md", kinds, kind)
-    for kinds in (LAWS, OBSERVATIONS, DENSITIES, SEARCHES, PROPAGATIONS, RULES)
+    for kinds in (*OF_NOISE, LAWS, DENSITIES, SEARCHES, PROPAGATIONS, RULES)
     for kind in kinds.built_in
 ] + [
     ("study.md" if kind == "function" else "simulators.md", SIMULATORS, kind)
@@ -205,8 +208,7 @@ def test_what_a_page_links_to_is_there(page: Path) -> None:
 
 
 NO_MODULES = {"aleator.stdout", "aleator.stderr", "aleator.run"} | {
-    kinds.group
-    for kinds in (LAWS, OBSERVATIONS, DENSITIES, SEARCHES, PROPAGATIONS, RULES, SIMULATORS)
+    kinds.group for kinds in (*OF_NOISE, LAWS, DENSITIES, SEARCHES, PROPAGATIONS, RULES, SIMULATORS)
 }
 """Files of a run, and groups of entry points."""
 

@@ -29,8 +29,12 @@ from aleator.moments.expansion import Hyperbolic, TotalDegree
 from aleator.moments.maximum_entropy import MaximumEntropy
 from aleator.moments.projection import Projection, Regression
 from aleator.moments.propagation import Collocation
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.correlated import AR1, CAR1, CompoundSymmetry
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.model import StudentError
+from aleator.observations.noise import Noise
+from aleator.observations.state_space import GaussianProcess
+from aleator.observations.variance import ExponentialVariance, PowerVariance
 from aleator.search import GradientMultistart
 from aleator.study import Study, load_study
 from aleator.surrogates import ResponseSurface
@@ -354,6 +358,36 @@ def test_a_column_of_known_sds_is_no_condition(tables: Path) -> None:
     assert study.noise == Noise("error")
 
 
+def test_errors_that_hang_together_and_variance_functions(tables: Path) -> None:
+    noise = """[noise.height]
+sd = {lower = 0.01, upper = 1}
+correlation = "ar1"
+variance = "power"
+[noise.mass]
+sd = 0.1
+correlation = {kind = "gaussian_process", along = "time", sd = 0.1, length = {lower = 1, upper = 9}}
+variance = {kind = "exponential", of = "time", rate = 0.5}
+"""
+    wide = WIDE[: WIDE.index("censored")]
+    study = with_noise(tables, wide, noise)
+    assert study.noise == {
+        "height": Noise(Free(0.01, 1.0), variance=PowerVariance(), correlation=AR1()),
+        "mass": Noise(
+            0.1,
+            variance=ExponentialVariance(0.5, of="time"),
+            correlation=GaussianProcess("time", 0.1, Free(1.0, 9.0)),
+        ),
+    }
+    assert [h.name for h in study.hyperparameters[2:]] == [
+        "noise.height.sd", "noise.height.exponent", "noise.height.rho", "noise.mass.sd",
+        "noise.mass.rate", "noise.mass.process_sd", "noise.mass.length",
+    ]  # fmt: skip
+    one = "[noise]\nsd = 1\ncorrelation = {kind = 'compound_symmetry', rho = 0.5}"
+    assert with_noise(tables, PLAIN, one).noise == Noise(1, correlation=CompoundSymmetry(0.5))
+    one = "[noise]\nsd = 1\ncorrelation = {kind = 'car1', along = 'time', length = 2.0}"
+    assert with_noise(tables, PLAIN, one).noise == Noise(1, correlation=CAR1("time", 2.0))
+
+
 def test_new_conditions_may_be_series(tables: Path) -> None:
     study = with_noise(tables, WIDE, NOISES)
     (tables / "new.csv").write_text("plant,time\nX,1\nY,1\nX,2\n")
@@ -399,6 +433,31 @@ WRONG_TABLES = {
         ["wide.csv: row 5, column 'spare'", "experiment 'A'"],
     ),
     "df of a normal error": (PLAIN, "[noise]\nsd = 1\ndf = 4", ["'noise.df'", "student_t"]),
+    "no such correlation": (
+        PLAIN, '[noise]\nsd = 1\ncorrelation = "ar2"', ["'noise.correlation", '"ar2"', "ar1"],
+    ),
+    "no length": (
+        PLAIN, '[noise]\nsd = 1\ncorrelation = "car1"', ["noise.correlation", "along", "length"],
+    ),
+    "a key of another correlation": (
+        PLAIN, '[noise]\nsd = 1\ncorrelation = {kind = "ar1", length = 1}',
+        ["noise.correlation", "length", "car1"],
+    ),
+    "a correlation of one": (
+        PLAIN, '[noise]\nsd = 1\ncorrelation = {kind = "ar1", rho = 1}',
+        ["'noise.correlation': rho is 1", "(-1, 1)"],
+    ),
+    "a formula of rho": (
+        PLAIN, '[noise]\nsd = 1\ncorrelation = {kind = "ar1", rho = "1 + time"}',
+        ["noise", "rho", "formula"],
+    ),
+    "correlated bounds": (
+        WIDE, NOISES.replace("relative = 0.05", 'correlation = "ar1"'),
+        ["wide.csv: row 4", "experiment 'B'", "only a bound"],
+    ),
+    "a variance without an sd": (
+        PLAIN, '[noise]\nrelative = 0.1\nvariance = "power"', ["noise", "sd", "relative"],
+    ),
     "no df": (PLAIN, '[noise]\nkind = "student_t"\nsd = 1', ["'noise.df' is missing"]),
 }  # fmt: skip
 

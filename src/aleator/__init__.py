@@ -33,11 +33,17 @@ if TYPE_CHECKING:
     from aleator.moments.projection import Projection as Projection
     from aleator.moments.projection import Regression as Regression
     from aleator.moments.propagation import Collocation as Collocation
-    from aleator.observations.errors import Noise as Noise
+    from aleator.observations.correlated import AR1 as AR1
+    from aleator.observations.correlated import CAR1 as CAR1
+    from aleator.observations.correlated import CompoundSymmetry as CompoundSymmetry
     from aleator.observations.experiments import Conditions as Conditions
     from aleator.observations.experiments import Experiments as Experiments
     from aleator.observations.model import StudentError as StudentError
+    from aleator.observations.noise import Noise as Noise
     from aleator.observations.outcomes import Censoring as Censoring
+    from aleator.observations.state_space import GaussianProcess as GaussianProcess
+    from aleator.observations.variance import ExponentialVariance as ExponentialVariance
+    from aleator.observations.variance import PowerVariance as PowerVariance
     from aleator.search import CMAES as CMAES
     from aleator.search import CustomSearch as CustomSearch
     from aleator.search import DifferentialEvolution as DifferentialEvolution
@@ -82,7 +88,10 @@ _HOMES = {
     "tasks.ceiling": ["ceiling"],
     "observations.experiments": ["Experiments", "Conditions"],
     "observations.outcomes": ["Censoring"],
-    "observations.errors": ["Noise"],
+    "observations.noise": ["Noise"],
+    "observations.correlated": ["AR1", "CAR1", "CompoundSymmetry"],
+    "observations.state_space": ["GaussianProcess"],
+    "observations.variance": ["PowerVariance", "ExponentialVariance"],
     "observations.model": ["StudentError"],
     "simulators": ["Runner", "Store", "Budget"],
     "simulators.command": ["CommandSimulator"],

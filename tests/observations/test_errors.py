@@ -10,9 +10,10 @@ from scipy import integrate, stats
 from aleator.core.types import Array
 from aleator.errors import ExperimentsError, InputsError
 from aleator.laws import Free
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.observations.model import NUMERICS, NormalError, Observed, StudentError
+from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations, Response
 
 ENDS = [
@@ -114,7 +115,9 @@ def test_curvature_is_the_second_difference_where_that_is_positive(
     eta, at, h = np.tile(ETA, (len(ENDS), 1)), np.array(values), 1e-5
     above, below = (errors.terms(at, eta + s, rows).d_eta for s in (h, -h))
     wanted = np.maximum((below - above) / (2 * h), 0.0)
-    np.testing.assert_allclose(errors.curvature(at, eta, rows), wanted, rtol=1e-4, atol=1e-4)
+    along = np.ones((*eta.shape, 1))
+    found = errors.information(at, eta, along, rows)[..., 0, 0]
+    np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize(("noise", "values"), NOISES.values(), ids=NOISES)
@@ -188,7 +191,8 @@ def test_values_that_a_simulator_may_return_and_nobody_meant(
         np.testing.assert_allclose(found.value[1, [2, 4]], of.logcdf(2.0))
     for part in (found.d_eta, *(by for _, by in found.d_values)):
         assert np.all(np.isfinite(part))
-    assert np.all(np.isfinite(errors.curvature(values, eta, slice(0, 4))))
+    along = np.ones((*eta.shape, 1))
+    assert np.all(np.isfinite(errors.information(values, eta, along, slice(0, 4))))
 
 
 class Logistic:

@@ -97,8 +97,9 @@ def check(
     )
     value = work.study
     Choices.of(
-        value.experiments, value.inputs, value.noise, value.propagation, value.density
-    ).require_enough()
+        value.experiments, value.inputs, value.noise, value.propagation, value.density,
+        restricted=value.restricted,
+    ).require_enough()  # fmt: skip
     with work.running() as (runner, progress):
         plan = planned_look(runner, value.experiments, value.inputs)
         options.say(

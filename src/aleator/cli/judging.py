@@ -317,6 +317,7 @@ def recover(
             propagation=value.propagation,
             density=value.density,
             search=value.search,
+            restricted=value.restricted,
             replicates=replicates,
             seed=value.seed,
             workers=options.workers or os.cpu_count() or 1,

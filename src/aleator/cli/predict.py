@@ -73,7 +73,8 @@ def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
     """
     tested, new = value.experiments.table, table.table
     columns = [*table.conditions, *value.inputs.covariates]
-    names = [name for name in dict.fromkeys(columns) if name in tested and name in new]
+    levels = value.inputs.levels.values()
+    names = [n for n in dict.fromkeys(columns) if n in tested and n in new and n not in levels]
     found = compared(tested[names], new[names])
     every = [
         f"note: beyond the tested conditions: {place}: {why}"
@@ -297,7 +298,7 @@ def predict(
         make_place(output, value.file)
     with (
         running(value, options, table) as runner,
-        running(value, options) if of else nullcontext() as measured,
+        running(value, options) if of or value.inputs.levels else nullcontext() as measured,
         shown(options.quiet) as progress,
     ):
         answer = _identification(value, document, table, runner, measured, of)

@@ -246,6 +246,7 @@ def identified(
         density=study.density,
         search=study.search,
         verification=study.verification,
+        restricted=study.restricted,
         seed=study.seed,
         progress=progress,
         best_law=best_law,

@@ -554,7 +554,7 @@ class Emulation:
 
     def _climbed(self, likelihood: AnyLikelihood, alpha: Array) -> Maximum:
         """The maximum reached from alpha (K,), with the quadrature nodes of the rounds."""
-        if isinstance(likelihood, IndividualLikelihood):
+        if isinstance(likelihood, IndividualLikelihood) and likelihood.layout.grouping is None:
             likelihood = likelihood.ruled(self._rule(likelihood))
             if likelihood.inputs.scattering > 1 and several_modes(likelihood, alpha):
                 likelihood = likelihood.ruled(ImportancePoints(self.settings.points))

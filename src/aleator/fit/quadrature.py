@@ -14,12 +14,14 @@ import numpy as np
 
 from aleator.core.types import Array, Indices
 from aleator.inference.diagnostics import EXPERIMENTS
+from aleator.inference.information import observed_information
 from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.likelihood.individual import (
     Following,
     GaussHermite,
     ImportancePoints,
     IndividualLikelihood,
+    LevelRule,
     NodeRule,
     PlanePanels,
     RidgePoints,
@@ -28,7 +30,7 @@ from aleator.likelihood.individual.rules import RULES
 from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, SearchResult
 from aleator.search.interface import OPTIMA, one_hill
-from aleator.search.newton import ascended, outer
+from aleator.search.newton import ascended, outer, positive
 
 
 @dataclass(frozen=True)
@@ -156,11 +158,14 @@ def _integral_with_enough_nodes(
 ) -> Maximum:
     """Maximize, adapt the nodes, and add more of them, until the log-likelihood does not change.
 
-    It does not change if more nodes alter it by less than `enough`. The first nodes lie around one
+    It does not change if more nodes alter it by less than `enough`. Parameters of levels have a
+    rule of their own. Otherwise the first nodes lie around one
     mode of each experiment's integrand; with more than four scattering parameters they lie along
     its ridge. If other modes count, or too many nodes would be needed, importance points replace
     them. With two scattering parameters a piecewise Gauss-Legendre rule replaces them.
     """
+    if isinstance(likelihood.rule, LevelRule):
+        return _refined(likelihood, alpha, enough)
     variates = likelihood.inputs.scattering
     many = variates > NODE_ACCURACY.products
     end = _refined(likelihood.ruled(RidgePoints()) if many else _scoring(likelihood), alpha, enough)
@@ -378,14 +383,15 @@ def _nearest_of_integral(
     )
     if not free.size:
         return held, alpha
-    information = _outer(held(alpha).scores, free, hyperparameters)
+    information = _information(held, alpha, free)
     following = held.continued
     near = ascended(following, alpha, hyperparameters, free, information, NODE_ACCURACY.rough)
     alpha, information = near.alpha, near.information
     nearest = following.nearest(alpha)
     held = nearest if nearest.distance(alpha) < NODE_ACCURACY.close else held.adapted(alpha)
-    if isinstance(held.rule, RidgePoints):
-        # Points fixed along one ridge give wrong, too high values beside it.
+    if isinstance(held.rule, RidgePoints | LevelRule):
+        # Points fixed along one ridge give wrong, too high values beside it, and fixed points of
+        # many shared parameters miss those that belong to another alpha.
         alpha = ascended(held.followed, alpha, hyperparameters, free, information).alpha
         return held.adapted(alpha), alpha
     if held.rule.centers > 1:
@@ -423,6 +429,20 @@ def _climbed_with_points(
         if held.evaluate(alpha).total < before + NODE_ACCURACY.rough:
             break
     return held, alpha
+
+
+def _information(held: IndividualLikelihood, alpha: Array, free: Indices) -> Array:
+    """The information (F, F) with which a quasi-Newton ascent from alpha begins.
+
+    Scores of experiments that share parameters depend on each other, and their outer products are
+    no estimate of it; it is then the difference of scores.
+    """
+    here, hyperparameters = held(alpha), held.hyperparameters
+    if here.cluster is None:
+        return _outer(here.scores, free, hyperparameters)
+    assert here.scores is not None
+    own = here.scores[:, free]
+    return positive(observed_information(held.followed, alpha, hyperparameters, free, own))
 
 
 def _outer(scores: Array | None, free: Indices, hyperparameters: Sequence[Hyperparameter]) -> Array:

@@ -22,18 +22,21 @@ from aleator.likelihood.individual import (
     GaussHermite,
     IndividualLikelihood,
     Layout,
+    LevelRule,
     Predictor,
 )
 from aleator.likelihood.level_sets import on_a_grid, searched
 from aleator.likelihood.level_sets.lines import CROSSINGS
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, covariates
+from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Runs
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
+from aleator.surrogates.choice import by_process
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -55,9 +58,11 @@ def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | No
     """Whether the likelihood is the density of the outcomes, without measurement noise.
 
     This requires one uncensored outcome for each experiment, and the same law for all of them,
-    which is no mixture. Otherwise the likelihood is an integral over each experiment's parameters.
+    which is no mixture and has no levels. Otherwise the likelihood is an integral over each
+    experiment's parameters.
     """
-    return noise is None and table.simple and not inputs.regressed and len(inputs.classes) == 1
+    alike = not inputs.individual_laws and len(inputs.classes) == 1
+    return noise is None and table.simple and alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +75,7 @@ class Choices:
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION
     density: Density | None = None
     search: Search = DEFAULT_SEARCH
+    restricted: bool = False
 
     @classmethod
     def of(
@@ -80,19 +86,27 @@ class Choices:
         propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
         density: Density | None = None,
         search: Search = DEFAULT_SEARCH,
+        *,
+        restricted: bool = False,
     ) -> Choices:
         """Checked choices; laws that depend on covariates get the covariates of the table.
 
         Raises InputsError for combinations that have no likelihood: a density method, collocation
         or nodes of the law together with noise, several observations of an experiment without
-        noise, and no scattering parameter.
+        noise, the restricted likelihood without noise, and no scattering parameter.
         """
-        made = cls(table, inputs, noise, propagation, density, search)
+        made = cls(table, inputs, noise, propagation, density, search, restricted)
+        if restricted and noise is None:
+            raise InputsError(
+                "the restricted likelihood is known with measurement noise only",
+                "add noise, or leave `restricted` out",
+            )
         if not is_exact(table, inputs, noise):
-            surfaces_alone(propagation, density)
+            surfaces = surfaces_alone(propagation, density)
             _require_noise(table, inputs, noise)
-        if inputs.regressed:
-            return replace(made, inputs=inputs.resolved(covariates(table, inputs.covariates)))
+            _require_processes(inputs, surfaces)
+        if inputs.individual_laws:
+            return replace(made, inputs=inputs.resolved(covariates(table, inputs.columns)))
         if made.exact:
             Model.of(inputs, propagation, density)
         return made
@@ -201,7 +215,8 @@ class Question:
     def layout(self) -> Layout:
         """The layout of the data: the simulator run and the experiment of each observation."""
         experiment = self.table.observations.experiment
-        return Layout(len(self.ids), experiment, self.unit, self.column)
+        shared = self.inputs.grouping
+        return Layout(len(self.ids), experiment, self.unit, self.column, grouping=shared)
 
     @cached_property
     def measured(self) -> Array:
@@ -211,10 +226,20 @@ class Question:
 
     def integral(self, predictor: Predictor) -> IndividualLikelihood:
         """The likelihood, with individual parameters integrated out by few nodes."""
-        variates = self.inputs.scattering
-        rule = FIRST[variates] if variates < len(FIRST) else FEWEST
-        errors = self.choices.errors
-        return IndividualLikelihood.of(self.inputs, errors, predictor, self.layout, rule)
+        choices, rule = self.choices, first_rule(self.inputs)
+        return IndividualLikelihood.of(
+            self.inputs, choices.errors, predictor, self.layout, rule,
+            restricted=choices.restricted,
+        )  # fmt: skip
+
+
+def first_rule(inputs: Inputs) -> GaussHermite | LevelRule:
+    """The quadrature rule that a search begins with."""
+    grouping, variates = inputs.grouping, inputs.scattering
+    if grouping is not None:
+        variates = int(np.sum(grouping.of == len(grouping.names)))
+    rule = FIRST[variates] if variates < len(FIRST) else FEWEST
+    return rule if grouping is None else LevelRule.first(grouping, rule)
 
 
 def start_point(inputs: Inputs) -> Array:
@@ -242,6 +267,12 @@ def varying_conditions(table: Experiments, requested: Sequence[str]) -> list[str
 def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> None:
     if noise is not None:
         return
+    if inputs.levels:
+        raise InputsError(
+            "parameters of levels need measurement noise: the experiments of a group share a draw, "
+            "so that their outcomes have no density by themselves",
+            "add noise: [noise] sd, or noise=Noise(...), which may be small",
+        )
     if table.simple and not inputs.regressed:
         raise InputsError(
             "the likelihood of a mixture is known with measurement noise only",
@@ -252,6 +283,19 @@ def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> 
         "noise: without it no parameters explain all observations exactly",
         "add noise: [noise] sd, or noise=Noise(...)",
     )
+
+
+def _require_processes(inputs: Inputs, surfaces: ResponseSurface) -> None:
+    """Raise InputsError for polynomial surfaces of single experiments where some share parameters.
+
+    The check of these surfaces on the simulator takes experiments as independent.
+    """
+    if inputs.levels and surfaces.surfaces != "none" and not by_process(surfaces, moments=False):
+        raise InputsError(
+            "surfaces of each experiment's own, or with a tolerance, are for independent "
+            f"experiments, and some parameters belong to a level: {', '.join(inputs.levels)}",
+            'leave `surfaces` and `tolerance` out, or write surfaces = "process"',
+        )
 
 
 def surfaces_alone(

@@ -29,7 +29,7 @@ from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.inference.surface_diagnostics import surface_report
 from aleator.laws import Hyperparameter
-from aleator.laws.hyperparameter import has_prior
+from aleator.laws.hyperparameter import has_prior, log_prior
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
     IndividualLikelihood,
@@ -90,7 +90,11 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     failing = surfaces or emulation or isinstance(likelihood, Problem)
     return Result(
         alpha=estimates_of(alpha, hyperparameters, inference, profile),
-        log_likelihood=replace(log_likelihood, log_prior=prior_of(reviewed.at, hyperparameters)),
+        log_likelihood=replace(
+            log_likelihood,
+            log_prior=log_prior(hyperparameters, alpha) if has_prior(hyperparameters) else None,
+            restricted=reviewed.at.total if question.choices.restricted else None,
+        ),
         propagation_reason=certain.refined.reason,
         sound=reviewed.sound,
         warnings=(*reviewed.warnings, *notes),
@@ -143,6 +147,9 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
     found = individual_parameters(likelihood, alpha)
     pit = sequential_pit(likelihood, alpha, table.observations)
     columns = tuple(question.runner.cases.columns)
+    each, status = at.each, at.status
+    if inputs.grouping is not None:
+        each, status = likelihood.conditional(alpha), status[inputs.grouping.cluster]
     shrinkage = zip(names, found.shrinkage, strict=True)
     return {
         "log_likelihood": _with_nodes(
@@ -150,7 +157,7 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
         ),
         "density": likelihood.name,
         "propagation": "response_surface" if surfaces or emulation else DIRECT,
-        "experiments": _individuals(table, at.each, at.status, found, names),
+        "experiments": _individuals(table, each, status, found, names),
         "surface": emulator_report(emulation)
         or surface_report(
             None if surfaces is None else surfaces.surface(), "under the law", "the noise"
@@ -244,11 +251,6 @@ def emulator_report(emulation: Emulation | None) -> dict[str, Any] | None:
             for one in emulation.told
         ],
     }
-
-
-def prior_of(at: LogLikelihood, hyperparameters: Sequence[Hyperparameter]) -> float | None:
-    """The log prior density at the estimate; None where no hyperparameter has a prior."""
-    return at.prior if has_prior(hyperparameters) else None
 
 
 def experiment_reports(
@@ -411,12 +413,14 @@ def observation_reports(
     """
     seen, predicted = table.observations, found.predicted
     every = slice(0, len(seen))
-    scale = likelihood.errors.scale(alpha[likelihood.inputs.size :], predicted[:, None], every)
-    scale = np.broadcast_to(scale, (len(seen), 1))[:, 0]
-    nearest = np.clip(predicted, seen.lower, seen.upper)
+    of_errors = alpha[likelihood.inputs.size :]
+    scale = likelihood.errors.scale(of_errors, predicted[:, None], every)[:, 0]
+    given = likelihood.errors.conditional(of_errors, predicted[:, None], every)
+    location, spread = (part[:, 0] for part in given)
+    nearest = np.clip(location, seen.lower, seen.upper)
     with np.errstate(invalid="ignore"):
         # An infinite prediction satisfies every censoring bound below it.
-        residual = np.where(nearest == predicted, 0.0, (nearest - predicted) / scale)
+        residual = np.where(nearest == location, 0.0, (nearest - location) / spread)
     names = varying_conditions(table, requested)
     columns = {name: table.conditions[name].to_numpy()[seen.row].tolist() for name in names}
     return tuple(

@@ -348,7 +348,12 @@ def _grouped(
 def _with_noise(likelihood: IndividualLikelihood, of_laws: Array, rmse: float) -> Array:
     """All hyperparameters (K,): those of the laws, then a measurement error of size `rmse`."""
     errors = likelihood.errors.hyperparameters
-    sizes = [float(np.clip(rmse, h.lower, h.upper)) if h.log else h.start for h in errors]
+    sizes = [
+        float(np.clip(rmse, h.lower, h.upper))
+        if h.log and not h.name.endswith(".length")
+        else h.start
+        for h in errors
+    ]
     return np.concatenate([of_laws, sizes])
 
 

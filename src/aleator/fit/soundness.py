@@ -184,6 +184,7 @@ class Reviewed:
         made, exact = inferred.refined.surfaces, isinstance(likelihood, Problem)
         notes = [
             *diagnostics.count_warnings(len(ids), inference),
+            *diagnostics.group_warnings(likelihood.inputs, hyperparameters, inference),
             *diagnostics.once_warnings(inferred.search_result),
             *diagnostics.bound_warnings(hyperparameters, inference, profile),
             *diagnostics.weak_directions(inference, hyperparameters),

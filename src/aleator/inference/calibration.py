@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binom, kstwo
 
-from aleator.core.types import Array
+from aleator.core.types import Array, Indices
 from aleator.inference.information import INTERVALS
-from aleator.likelihood.individual import IndividualLikelihood
+from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, LevelRule
+from aleator.likelihood.individual.clusters import Clusters
+from aleator.likelihood.individual.levels import Eliminated
 from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.individual.rules import proposed
@@ -30,8 +32,10 @@ class CalibrationSettings:
     effective number of points is below `effective`, or below the share `least` of the points where
     these are few. Half of the points are drawn from the law, half from normal approximations of the
     parameters' law given the first, more, and finally all observations (`stages` approximations);
-    `pytest tests/inference/test_fit.py` measures the error. A bin of the histogram should hold
-    `each` values; `bins` are the least and the largest number of bins.
+    `pytest tests/inference/test_fit.py` measures the error. Where experiments share parameters,
+    `within` Gauss-Hermite nodes of each variate integrate over the parameters of the earlier
+    experiments of a group. A bin of the histogram should hold `each` values; `bins` are the least
+    and the largest number of bins.
     """
 
     points: int = 1024
@@ -40,6 +44,7 @@ class CalibrationSettings:
     impossible: float = -1e5
     """The log-density that is used for an impossible observation."""
     stages: int = 4
+    within: int = 3
     seed: int = 20
     """Seed of the random values that censored observations get between their bounds."""
     bins: tuple[int, int] = (2, 20)
@@ -63,15 +68,18 @@ def sequential_pit(
     are independent and uniform, however strongly the observations of one experiment depend on each
     other. A censored observation gets a random probability between those of its bounds. Computed by
     importance sampling of each experiment's parameters: half of the points are drawn from the law,
-    half from its normal approximation given the observations. The result is NaN where hardly any
-    point agrees with the earlier observations. `points` is the number of points of each experiment
-    (None: that of the settings); it is reduced where there are many observations.
+    half from its normal approximation given the observations. The earlier observations are those of
+    the experiment; with one level also those of the earlier experiments of the group. The result is
+    NaN where hardly any point agrees with the earlier observations. `points` is the number of
+    points of each experiment (None: that of the settings); it is reduced where there are many
+    observations.
     """
     rng = np.random.default_rng(settings.seed)
     share = rng.random(len(seen))
     found = np.full(len(seen), np.nan)
     count = _points(len(seen), points, settings)
-    for block in likelihood.layout.blocks(count):
+    nested = likelihood.layout.grouping is not None
+    for block in likelihood.layout.blocks(count * (1 + settings.within * nested)):
         part = share[block.rows]
         found[block.rows] = _of_block(likelihood, alpha, seen, block, part, count, settings)
     return found
@@ -92,7 +100,10 @@ def _of_block(
     settings: CalibrationSettings,
 ) -> Array:
     rows, part = block.rows, block.experiments
-    xi, log_weight = proposed(*_stages(likelihood, alpha, block, settings.stages), count)
+    if block.clusters is not None and block.clusters.plain:
+        xi, log_weight = _in_clusters(likelihood, alpha, block, block.clusters, count, settings)
+    else:
+        xi, log_weight = proposed(*_stages(likelihood, alpha, block, settings.stages), count)
     inputs, of_errors = likelihood.inputs, alpha[likelihood.inputs.size :]
     with np.errstate(all="ignore"):
         individual = inputs.individual(alpha[: inputs.size], xi, part)
@@ -105,7 +116,8 @@ def _of_block(
     prior = individual.log_weight + log_weight
     least = settings.impossible
     possible = np.where(np.isnan(terms), least, np.maximum(terms, least))
-    known = mean_of(_before(possible, block) + prior[block.owner])[1]
+    order = _order(likelihood, block)
+    known = mean_of(_before(possible, block, order) + prior[block.owner])[1]
     effective = 1.0 / np.maximum(np.sum(known**2, axis=1), np.finfo(float).tiny)
     low, high = np.sum(known * below, axis=1), np.sum(known * above, axis=1)
     enough = effective > min(settings.effective, settings.least * count)
@@ -128,8 +140,9 @@ def _stages(
     with np.errstate(all="ignore"):
         _, scores, outer = likelihood.of_observations(alpha, block, z)
     known = np.isfinite(outer.sum(axis=(2, 3)) + scores.sum(axis=2))
-    scores = _before(np.where(known[..., None], scores, 0.0), block) - z[block.owner]
-    information = _before(np.where(known[..., None, None], outer, 0.0), block) + np.eye(s)
+    order = _order(likelihood, block)
+    scores = _before(np.where(known[..., None], scores, 0.0), block, order) - z[block.owner]
+    information = _before(np.where(known[..., None, None], outer, 0.0), block, order) + np.eye(s)
     size = np.linalg.slogdet(information)[1]
     count = np.bincount(block.owner, minlength=experiments)
     rows = block.starts[:, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)
@@ -144,18 +157,83 @@ def _stages(
     return (z[:, :, None] + step).reshape(whole), stage.reshape(*whole, s)
 
 
-def _before(terms: Array, block: Block) -> Array:
+def _in_clusters(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    block: Block,
+    clusters: Clusters,
+    count: int,
+    settings: CalibrationSettings,
+) -> tuple[Array, Array]:
+    """Points xi (B, J, s) of experiments in groups, and log weights (B, J) by earlier experiments.
+
+    The parameters of a group have the same points in all its experiments. A weight has the
+    likelihood of the group's earlier experiments at the point, integrated over their own
+    parameters.
+    """
+    laws = likelihood.laws(alpha, block)
+    (stage,), own, members = clusters.stages, clusters.alone, clusters.top(0)
+    z, information = laws.modes.z[:, 0], laws.modes.information[:, 0]
+    about = Eliminated.of(clusters, 0, np.zeros_like(z), information).information
+    mode = z[np.unique(members, return_index=True)[1], 0][:, stage.variates]
+    b, log_b = proposed(*_approximations(mode, about[:, 0], settings.stages), count)
+    xi = np.repeat(z, b.shape[1], axis=1)
+    xi[..., stage.variates] = b[members]
+    inner = LevelRule(
+        GaussHermite(settings.within), (stage.width,), own.size, crossed=True, outer=b.shape[1]
+    )
+    total = np.maximum(inner.at_points(laws, clusters, xi), settings.impossible)
+    order, before = np.argsort(members, kind="stable"), np.empty_like(total)
+    running = np.cumsum(total[order], axis=0) - total[order]
+    before[order] = running - running[np.searchsorted(members[order], members[order])]
+    log_weight = log_b[members] + before
+    if own.size:
+        curved = information[:, 0][:, own[:, None], own]
+        x, log_x = proposed(*_approximations(z[:, 0, own], curved, settings.stages), count)
+        # Points of the groups and of the experiments are independent of each other.
+        mixed = np.random.default_rng(settings.seed).permutation(x.shape[1])
+        xi[..., own] = x[:, mixed]
+        log_weight = log_weight + log_x[:, mixed]
+    return xi, np.asarray(log_weight)
+
+
+def _approximations(mode: Array, information: Array, stages: int) -> tuple[Array, Array]:
+    """Normal approximations of laws with a mode (B, s) and information (B, s, s) there.
+
+    They are those given a growing share of the observations: the determinant of the information
+    grows by equal factors. The centers are (B, 1, M, s), the information (B, 1, M, s, s).
+    """
+    eye = np.eye(mode.shape[1])
+    size = np.exp(np.linalg.slogdet(information)[1] / mode.shape[1])[:, None]
+    known = np.maximum(size - 1.0, np.finfo(float).eps)
+    share = np.minimum((size ** (np.arange(1, stages + 1) / stages) - 1.0) / known, 1.0)
+    share = np.where(size > 1.0 + 1e-6, share, 1.0)[..., None, None]
+    stage = eye + share * (information[:, None] - eye)
+    pull = share * (information @ mode[..., None])[:, None]
+    return np.asarray(np.linalg.solve(stage, pull)[:, None, ..., 0]), stage[:, None]
+
+
+def _order(likelihood: IndividualLikelihood, block: Block) -> Indices:
+    """The observations (m,) of a block in the order in which they are given each other."""
+    sequence = likelihood.errors.sequence
+    if sequence is None:
+        return np.arange(block.owner.size)
+    return np.asarray(sequence[block.rows] - block.rows.start)
+
+
+def _before(terms: Array, block: Block, order: Indices) -> Array:
     """For each observation (m, ...) the sum of the terms of the earlier ones of its experiment."""
-    running = np.cumsum(terms, axis=0) - terms
-    return np.asarray(running - running[block.starts[block.owner]])
+    running = np.empty(terms.shape)
+    running[order] = np.cumsum(terms[order], axis=0) - terms[order]
+    return np.asarray(running - running[order[block.starts]][block.owner])
 
 
 def _cdf(
     likelihood: IndividualLikelihood, of_errors: Array, y: Array, eta: Array, rows: slice
 ) -> Array:
-    """P(value <= y) (m, J) at simulated values eta (m, J); y may be infinite. Zero for eta NaN."""
+    """P(value <= y | earlier values, eta) (m, J) at eta (m, J); y may be infinite. Zero for NaN."""
     inside = np.where(np.isfinite(y), y, 0.0)
-    found = likelihood.errors.cdf(of_errors, inside[:, None], eta, rows)
+    found = likelihood.errors.conditional_cdf(of_errors, inside[:, None], eta, rows)
     found = np.where(np.isfinite(y)[:, None], found, (y > 0.0)[:, None])
     return np.where(np.isnan(found), 0.0, found)
 

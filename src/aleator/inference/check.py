@@ -29,7 +29,8 @@ from aleator.likelihood.individual.likelihood import mean_of
 from aleator.likelihood.individual.posterior import values_under_law
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.level_sets import LevelLikelihood
-from aleator.observations.errors import MeasurementErrors, Noise, ResponseErrors
+from aleator.observations.errors import MeasurementErrors, ResponseErrors
+from aleator.observations.noise import Noise
 from aleator.simulators import Runner
 from aleator.surrogates import AdaptiveSurfaces
 

@@ -518,8 +518,9 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
         case "neighbours" if several:
             return (
                 f"observations that follow each other in an experiment err {alike}",
-                "the errors are not independent, or the simulator's curve has another shape: mend "
-                "the simulator, or leave out observations that are too close",
+                "the errors are not independent, or the simulator's curve has another shape: let "
+                'errors be correlated, [noise] correlation = "ar1" or "gaussian_process", or mend '
+                "the simulator",
             )
         case "neighbours":
             return (

@@ -103,13 +103,13 @@ def expected_scores(
 
     With one observation for each experiment the information is an integral over the outcome's
     density f: I = int s s' f dy. It is exact but for the distance of the nodes; values beyond a
-    limit of the test count together. With several observations, virtual data sets are drawn and
-    censored as the measured ones are. Cost: some 97 evaluations of the likelihood of the
-    experiments, or 400 for drawn data sets.
+    limit of the test count together. With several observations, or where experiments share
+    parameters and count together, virtual data sets are drawn and censored as the measured ones
+    are. Cost: some 97 evaluations of the likelihood of the experiments, or 400 for drawn data sets.
     """
     seen = fit.table.observations
-    limits = limits_of_tests(seen)
-    if limits is None or not np.array_equal(seen.experiment, np.arange(fit.count)):
+    limits, alone = limits_of_tests(seen), np.array_equal(seen.experiment, np.arange(fit.count))
+    if limits is None or not alone or fit.inputs.grouping is not None:
         return _over_draws(fit, rng, progress, settings)
     return _over_outcomes(fit, *ends_of(seen, limits), progress, settings)
 
@@ -153,12 +153,10 @@ def _simpson(count: int) -> Array:
 def _over_draws(
     fit: Fit, rng: np.random.Generator, progress: Progress, settings: DesignSettings
 ) -> Scores:
-    scores = np.empty((settings.draws, fit.count, fit.alpha.size))
+    scores = np.empty((settings.draws, int(fit.cluster.max()) + 1, fit.alpha.size))
     for r in range(settings.draws):
         progress.update(f"virtual data set {r + 1} of {settings.draws}", r, settings.draws)
-        found = fit.drawn(rng).scored()
-        assert found.scores is not None
-        scores[r] = found.scores
+        scores[r] = fit.drawn(rng).scored().independent
     return Scores(scores, np.full(scores.shape[:2], 1.0 / settings.draws), None)
 
 

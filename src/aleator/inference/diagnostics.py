@@ -86,6 +86,33 @@ def count_warnings(
     ]
 
 
+def group_warnings(
+    inputs: Inputs,
+    hyperparameters: Sequence[Hyperparameter],
+    inference: Inference,
+    settings: EstimateSettings = ESTIMATES,
+) -> list[Diagnostic]:
+    """Warnings where a level has too few groups for the laws of its parameters."""
+    found, grouping = list[Diagnostic](), inputs.grouping
+    if grouping is None:
+        return found
+    moved = [hyperparameters[k].name.partition(".")[0] for k in inference.identified.tolist()]
+    for level, labels in zip(grouping.names, grouping.labels, strict=True):
+        free = sum(inputs.levels.get(name) == level for name in moved)
+        if len(labels) < settings.experiments * free:
+            found.append(
+                Diagnostic(
+                    "experiments",
+                    f"level '{level}' has {len(labels)} groups for {free} free "
+                    f"hyperparameter{'s' * (free > 1)}: "
+                    "their intervals are too short, and standard deviations tend to be too small",
+                    f"fix some, or measure more groups ({2 * settings.experiments} for each is a "
+                    "start)",
+                )
+            )
+    return found
+
+
 def search_refusals(
     inference: Inference,
     hyperparameters: Sequence[Hyperparameter],
@@ -399,8 +426,10 @@ def statuses(codes: NDArray[np.int64], log_density: Array) -> list[str]:
 
 
 def density_refusals(honest: LogLikelihood, ids: Sequence[str]) -> list[Diagnostic]:
-    """Refusals of a result where the observations of an experiment have no density."""
+    """Refusals of a result where the observations of an experiment, or a cluster, have none."""
     words = np.array(statuses(honest.status, honest.each))
+    if honest.cluster is not None:
+        words = words[honest.cluster]
     refusals = []
     for status in (s for s in Status if s is not Status.SOLVED):
         what, _, remedy = status.explanation.partition(": ")

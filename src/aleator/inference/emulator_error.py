@@ -15,7 +15,7 @@ import numpy as np
 from aleator.core.types import Array, Indices
 from aleator.inference.check import smoothed
 from aleator.likelihood.individual import IndividualLikelihood, Layout
-from aleator.likelihood.individual.likelihood import Evaluated, mean_of
+from aleator.likelihood.individual.likelihood import Evaluated
 from aleator.likelihood.individual.predictors import Block, Predictor
 from aleator.likelihood.problem import Problem
 
@@ -81,8 +81,7 @@ def functional(
     parts = []
     for block in likelihood.blocks:
         found = likelihood.at(alpha, block, likelihood.nodes.xi[block.experiments])
-        log_weight = likelihood.nodes.log_weight[block.experiments]
-        share = mean_of(found.sums + log_weight)[1]
+        share = likelihood.mean_over_nodes(block, found.sums)[1]
         x = found.individual.x[..., moving]
         middle = np.einsum("bj,bjn->bn", share, x)
         off = [by * spread[k] * np.eye(moving.size)[k] for k in aside for by in (1.0, -1.0)]
@@ -92,7 +91,7 @@ def functional(
             points, np.hstack([_thinned(share, settings.sites * terms), rest]), settings
         )
         step = settings.step * scatter[of[block.rows]]
-        slopes = _slopes(likelihood, alpha, block, found, log_weight, local, moving, step)
+        slopes = _slopes(likelihood, alpha, block, found, local, moving, step)
         slopes = slopes[..., [*free, alpha.size]]
         weights = np.einsum(
             "msq,mqk->msk", (local.value * local.share[..., None])[block.owner], slopes
@@ -119,7 +118,6 @@ def _slopes(
     alpha: Array,
     block: Block,
     found: Evaluated,
-    log_weight: Array,
     local: _Polynomials,
     moving: Indices,
     step: Array,
@@ -127,11 +125,18 @@ def _slopes(
     """Derivatives (m, Q, K + 1) of scores and log-densities by the errors' coefficients."""
 
     def scored(one: Evaluated) -> Array:
-        each, share = mean_of(one.sums + log_weight)
-        return np.column_stack([one.scores(share), each])
+        each, share = likelihood.mean_over_nodes(block, one.sums)
+        scores = one.scores(share)
+        if block.clusters is not None:
+            scores = block.clusters.summed(scores)
+        return np.column_stack([scores, each])
 
     base, nodes = scored(found), found.eta.shape[1]
-    rank = np.arange(len(block.owner)) - block.starts[block.owner]
+    # The values of one observation of each independent term are moved at a time.
+    term = block.owner if block.clusters is None else block.clusters.top(0)[block.owner]
+    order = np.argsort(term, kind="stable")
+    rank = np.empty(term.size, dtype=np.intp)
+    rank[order] = np.arange(term.size) - np.searchsorted(term[order], term[order])
     out = np.zeros((len(block.owner), local.value.shape[2], base.shape[1]))
     for place in range(int(rank.max(initial=-1)) + 1):
         rows = np.flatnonzero(rank == place)
@@ -143,7 +148,7 @@ def _slopes(
             slopes[np.ix_(moving, rows)] += along.transpose(2, 0, 1)
             terms = likelihood.errors.terms(alpha[likelihood.inputs.size :], eta, block.rows)
             moved = scored(replace(found, eta=eta, slopes=slopes, terms=terms))
-            out[rows, q] = (moved - base)[own] / step[rows, None]
+            out[rows, q] = (moved - base)[term[rows]] / step[rows, None]
     return out
 
 

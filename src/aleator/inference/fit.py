@@ -6,12 +6,13 @@ experiments all take a `Fit` and nothing else.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from aleator.core.types import Array
+from aleator.core.types import Array, Indices
 from aleator.inference.information import Inference
 from aleator.inference.likelihood_at import IndividualsAt, LikelihoodAt, OutcomesAt
 from aleator.laws.hyperparameter import LIMITS, Hyperparameter, limits_of
@@ -99,9 +100,32 @@ class Fit:
         """The number N of experiments."""
         return self.likelihood.count
 
+    @property
+    def cluster(self) -> Indices:
+        """The number (N,) of the cluster of each experiment; clusters are independent.
+
+        Experiments that share parameters are in one cluster; otherwise each is one.
+        """
+        grouping = self.inputs.grouping
+        return np.arange(self.count) if grouping is None else grouping.cluster
+
+    @property
+    def cluster_names(self) -> tuple[str, ...]:
+        """The names of the clusters: the id of an experiment, or of the first of several."""
+        return names_of(self.cluster, self.table.ids)
+
     def scored(self) -> LogLikelihood:
         """Log-densities (N,) of all experiments at alpha, with scores (N, K)."""
         return self._scored
+
+    def of_experiments(self) -> Array:
+        """The log-density (N,) of each experiment at alpha.
+
+        It is that given all others that share parameters with the experiment.
+        """
+        if isinstance(self.likelihood, IndividualsAt) and self.inputs.grouping is not None:
+            return self.likelihood.integral.conditional(self.alpha)
+        return self.scored().each
 
     def objective(self) -> Scored:
         """The log-likelihood as a function of alpha, for a search or a sampler."""
@@ -135,17 +159,35 @@ class Fit:
         return self.likelihood.scored()
 
 
+def names_of(group: Indices, ids: Sequence[str]) -> tuple[str, ...]:
+    """The names of groups of experiments, by the id of the first and the number of the others.
+
+    >>> names_of(np.array([0, 1, 0]), ["a", "b", "c"])
+    ('a and 1 more', 'b')
+    """
+    first, count = np.unique(group, return_index=True, return_counts=True)[1:]
+    return tuple(
+        ids[k] if others == 1 else f"{ids[k]} and {others - 1} more"
+        for k, others in zip(first.tolist(), count.tolist(), strict=True)
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """A log-likelihood in which experiment l counts `weights[l]` times; `weights` is (N,)."""
+    """A log-likelihood in which experiment l counts `weights[l]` times; `weights` is (N,).
+
+    The experiments of a cluster have one weight.
+    """
 
     objective: Scored
     weights: Array
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The weighted log-likelihood and its scores at alpha (K,)."""
-        found, counted = self.objective(alpha), self.weights > 0.0
-        each = np.where(counted, self.weights * found.each, 0.0)
+        found, counted, own = self.objective(alpha), self.weights > 0.0, self.weights
+        if found.cluster is not None:
+            own = own[np.unique(found.cluster, return_index=True)[1]]
+        each = np.where(own > 0.0, own * found.each, 0.0)
         scores = found.scores
         if scores is not None:
             scores = np.where(counted[:, None], self.weights[:, None] * scores, 0.0)

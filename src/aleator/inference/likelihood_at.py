@@ -351,7 +351,7 @@ class IndividualsAt:
         """Observations drawn under the law and the noise of alpha, censored like those seen."""
         eta = self._simulated(rng)
         uniform = rng.random(eta.shape)
-        y = self.integral.errors.quantile(self._of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
+        y = self.integral.errors.drawn(self._of_errors, uniform, eta, slice(0, len(seen)))[:, 0]
         return censored_alike(seen, y, rng)
 
     def probabilities(self, seen: Observations, points: int | None) -> Array:
@@ -456,8 +456,8 @@ class IndividualsAt:
 
     @property
     def _alone(self) -> bool:
-        """Whether each experiment has one observation only."""
-        return self._observations == self.count
+        """Whether each experiment has one observation only, and shares no parameters."""
+        return self._observations == self.count and self.inputs.grouping is None
 
     def _adapted(self, integral: IndividualLikelihood, alpha: Array) -> IndividualLikelihood:
         return integral if self.kept else integral.adapted(alpha)

@@ -204,7 +204,10 @@ def summed_error(each: Array) -> float:
 
 
 def leave_one_out(
-    fit: Fit, progress: Progress | None = None, settings: LeaveOneOutSettings = LEAVE_ONE_OUT
+    fit: Fit,
+    progress: Progress | None = None,
+    group: Indices | None = None,
+    settings: LeaveOneOutSettings = LEAVE_ONE_OUT,
 ) -> LeaveOneOut:
     """log p(y_l | alpha_-l) of each experiment, alpha_-l being the maximum of the others; no runs.
 
@@ -215,20 +218,21 @@ def leave_one_out(
 
     and log p(y_l) at this point is computed to second order. The maximum is searched for instead
     where the step changes log p(y_l) by more than 0.1, where the experiment has more than half of
-    the information in a direction, or where limits matter. Cost: 2 F evaluations, and about ten for
-    each such search.
+    the information in a direction, or where limits matter. Experiments that share parameters, or a
+    `group` (N,), are left out together, and count as one experiment here. Cost: 2 F
+    evaluations, and about ten for each such search.
     """
     told = progress or Silent()
-    local = _Local.of(fit, settings)
+    group = fit.cluster if group is None else group
+    local = _Local.of(fit, group, settings)
     each, alpha, trusted = local.stepped()
-    arrived = np.ones(fit.count, dtype=bool)
+    arrived = np.ones(each.size, dtype=bool)
     again = np.flatnonzero(~trusted)
     for done, l in enumerate(again.tolist()):
         told.update(f"refit {done + 1} of {again.size}", done, again.size)
-        weights = np.ones(fit.count)
-        weights[l] = 0.0
-        end = refitted(fit, weights)
-        each[l], alpha[l], arrived[l] = end.fit.scored().each[l], end.fit.alpha, end.arrived
+        end = refitted(fit, (group != l).astype(float))
+        left = end.fit.scored().summed(group)[0]
+        each[l], alpha[l], arrived[l] = left[l], end.fit.alpha, end.arrived
     return LeaveOneOut(each, alpha, local.leverage, ~trusted, arrived)
 
 
@@ -254,21 +258,21 @@ class _Local:
     settings: LeaveOneOutSettings = LEAVE_ONE_OUT
 
     @classmethod
-    def of(cls, fit: Fit, settings: LeaveOneOutSettings) -> _Local:
+    def of(cls, fit: Fit, group: Indices, settings: LeaveOneOutSettings) -> _Local:
         moving, alpha = fit.inference.identified, fit.alpha
         found = fit.scored()
-        assert found.scores is not None
-        scores = found.scores[:, moving]
+        each, scores = found.summed(group)
+        scores = scores[:, moving]
         own = [fit.hyperparameters[k] for k in moving]
         sides = [side_of(value, h) for value, h in zip(alpha[moving], own, strict=True)]
         inside = np.array([side is None for side in sides], dtype=np.bool_)
-        information = informations(fit, scores)
+        information = informations(fit, scores, group)
         believed, curvature = (
             found.score[moving] - scores.sum(axis=0),
             curvatures(own, alpha[moving]),
         )
         return cls(
-            alpha, own, moving, inside, found.each, scores, information, believed, curvature,
+            alpha, own, moving, inside, each, scores, information, believed, curvature,
             settings,
         )  # fmt: skip
 
@@ -341,23 +345,24 @@ class _Local:
         return found
 
 
-def informations(fit: Fit, scores: Array) -> Array:
-    """The information -d2 log p(y_l) / d alpha2 (N, F, F) of each experiment, from scores (N, F).
+def informations(fit: Fit, scores: Array, group: Indices | None = None) -> Array:
+    """The information -d2 log p(y_l) / d alpha2 (N, F, F) of each group of experiments.
+
+    `scores` (N, F) are those of the groups, and `group` has the group of each experiment; None
+    stands for the clusters.
 
     It is computed by finite differences of the scores (see `Differences`). The sum over experiments
     is the observed information.
     """
-    moving = fit.inference.identified
+    moving, own = fit.inference.identified, fit.cluster if group is None else group
 
     def scored(point: Array) -> Array:
         alpha = fit.alpha.copy()
         alpha[moving] = point
-        at = fit.at(alpha).scored().scores
-        assert at is not None
-        return np.asarray(at[:, moving])
+        return fit.at(alpha).scored().summed(own)[1][:, moving]
 
     if not moving.size:
-        return np.zeros((fit.count, 0, 0))
+        return np.zeros((len(scores), 0, 0))
     limits, known = limits_of(fit.hyperparameters, moving), np.sum(scores**2, axis=0)
     found = DIFFERENCES.bends(scored, fit.alpha[moving], *limits, known).transpose(1, 0, 2)
     return np.asarray(0.5 * (found + found.transpose(0, 2, 1)))

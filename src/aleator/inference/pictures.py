@@ -372,7 +372,7 @@ def _chosen(fit: Fit, middle: Array, settings: PictureSettings) -> list[tuple[in
     Of each, the first, the middle and the last observation are taken.
     """
     seen = fit.table.observations
-    each, found = np.nan_to_num(fit.scored().each, nan=-np.inf), []
+    each, found = np.nan_to_num(fit.of_experiments(), nan=-np.inf), []
     for response in range(len(seen.responses)):
         rows = np.flatnonzero(seen.response == response)
         of = seen.experiment[rows]

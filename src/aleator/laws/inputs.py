@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -17,32 +17,14 @@ from aleator.errors import InputsError, require_filled
 from aleator.laws.correlation import Correlation, Pair, between
 from aleator.laws.covariates import CovariateModel, Table, variables
 from aleator.laws.hyperparameter import Hyperparameter, Specification
-from aleator.laws.law import NUMERICS, Law, Standard, Tabulated
+from aleator.laws.images import IMAGES, image_at
+from aleator.laws.law import Law, Standard
+from aleator.laws.levels import Grouping, checked_levels
 from aleator.laws.marginals import Normal
 from aleator.laws.mixture import Mixture
 
 STANDARD_NORMAL: Law = Normal(0.0, 1.0)
 """The law of the standard normal variate whose image a correlated parameter is."""
-
-
-@dataclass(frozen=True)
-class Images:
-    """Settings for mapping very many standard normal variates to parameters by a table of the law.
-
-    The values are chosen by tests/laws/test_images.py. knots: the number of knots of the table,
-    which are 1/160 apart. worth: the table is made for at least this number of variates per knot,
-    because it costs less from there on. exact: the largest error between knots that is accepted,
-    relative to the distance between the law's quartiles. region: the probability left out at either
-    end of the region of a law; for a normal law the region then ends at 5.2 sds.
-    """
-
-    knots: int = 3041
-    worth: int = 4
-    exact: float = 1e-9
-    region: float = 1e-7
-
-
-IMAGES = Images()
 
 
 class Inputs:
@@ -71,12 +53,21 @@ class Inputs:
     Laws may follow covariates (see `By`), so that each experiment has a law of its own. `resolved`
     then applies them to a table of covariates, and `Individual` evaluates them. Methods that need
     one law for all experiments raise InputsError.
+
+    `levels` names the column of the table by which a parameter is grouped: experiments with the
+    same entry share one draw of it. Levels are nested, as casks within batches, or crossed.
+    `resolved` takes the groups from a table too.
+
+    >>> batches = Inputs({"a": Normal(0.0, 1.0), "b": Normal(0.0, 2.0)}, levels={"b": "batch"})
+    >>> batches.columns, batches.individual_laws
+    (('batch',), True)
     """
 
     def __init__(
         self,
         laws: Mapping[str, Law],
         correlation: Mapping[Pair, Specification] | None = None,
+        levels: Mapping[str, str] | None = None,
     ) -> None:
         if not laws:
             raise InputsError("no parameter is given", "name at least one parameter with a law")
@@ -97,7 +88,9 @@ class Inputs:
                     "mixture",
                     "take the correlation away, or a law of one component",
                 )
+        self.levels = checked_levels(self.laws, [*(correlation or {})], levels or {})
         self.covariate_model: CovariateModel | None = None
+        self.grouping: Grouping | None = None
 
     def law(self, i: int) -> Law:
         """The law of parameter i."""
@@ -125,6 +118,16 @@ class Inputs:
         found = [variables(h.by.formula, h.name) for h in self._own if h.by is not None]
         return tuple(dict.fromkeys(name for names in found for name in names))
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of the table that the laws need: covariates, and levels of parameters."""
+        return tuple(dict.fromkeys([*self.covariates, *self.levels.values()]))
+
+    @property
+    def individual_laws(self) -> bool:
+        """Whether experiments differ in their laws, or share parameters: `resolved` says how."""
+        return self.regressed or bool(self.levels)
+
     def resolved(self, covariates: Table) -> Inputs:
         """The joint laws of experiments with these covariates; each row is one experiment.
 
@@ -133,7 +136,7 @@ class Inputs:
         result has the same coefficients and is for the experiments of the new table. Raises
         InputsError for an unknown name in a formula, a missing value, a level that only one
         experiment has, columns that are linearly dependent and, in a new table, a level that the
-        first one does not have.
+        first one does not have. A level whose column the table lacks makes each experiment a group.
 
         >>> from aleator.laws import By, Normal
         >>> import pandas as pd
@@ -144,9 +147,13 @@ class Inputs:
         >>> [values.tolist() for values in inputs.values(np.array([1.0, 2.0, 0.5]), slice(1, 3))]
         [[[[3.0], [5.0]], [[0.5], [0.5]]]]
         """
-        if not self.regressed:
+        if not self.individual_laws:
             return self
         found = copy(self)
+        if self.levels:
+            found.grouping = self._grouped(covariates)
+        if not self.regressed:
+            return found
         # The cached hyperparameters are those of the laws without a table.
         found.__dict__.pop("hyperparameters", None)
         known = self.covariate_model
@@ -154,6 +161,12 @@ class Inputs:
             CovariateModel.of(self._own, covariates) if known is None else known.at(covariates)
         )
         return found
+
+    def _grouped(self, table: Table) -> Grouping:
+        """The groups of the experiments; without the column of a level each is a group."""
+        alone, levels = np.arange(len(table)), dict.fromkeys(self.levels.values())
+        columns = {n: np.asarray(table[n]) if n in table else alone for n in levels}
+        return Grouping.by(columns, [self.levels.get(self.names[i]) for i in self.scattered])
 
     @property
     def size(self) -> int:
@@ -558,9 +571,12 @@ def parameters_at(
 
 
 def drawn(inputs: Inputs, alpha: Array, count: int, rng: np.random.Generator) -> Array:
-    """Random parameters (N, n) of N = `count` experiments, each drawn from its own law."""
-    classes = len(inputs.classes)
-    xi = np.repeat(rng.standard_normal((count, 1, inputs.scattering)), classes, axis=1)
+    """Random parameters (N, n) of N = `count` experiments, each drawn from its own law.
+
+    Experiments of a group share the parameters of its level.
+    """
+    classes, xi = len(inputs.classes), rng.standard_normal((count, 1, inputs.scattering))
+    xi = np.repeat(xi if inputs.grouping is None else inputs.grouping.shared(xi), classes, axis=1)
     found = Individual.of(inputs, alpha, xi, slice(0, count))
     if classes == 1:
         return found.x[:, 0]
@@ -646,44 +662,6 @@ def _standard(law: Law, values: Array, theta: Array) -> Standard:
     return Standard(
         found.x.reshape(shape), found.dtheta.reshape(shape), found.dvalues.reshape(*shape, -1)
     )
-
-
-def image_at(inputs: Inputs, i: int, values: Array, theta: Array, *, often: bool = False) -> Array:
-    """The parameter x(theta) of the law of parameter i at variates theta of any shape.
-
-    For very many variates x is interpolated in a table (cubic Hermite) if that is as exact as the
-    law itself. A law whose quantile function has kinks or is infinite is evaluated directly.
-    Variates beyond 9.5, where there is no probability, count as 9.5. `often` says that this law
-    will be evaluated many times, so that a table is worth its cost.
-    """
-    law = inputs.law(i)
-    if isinstance(law, Normal):
-        return np.asarray(
-            values[0] + values[1] * np.clip(theta, -NUMERICS.farthest, NUMERICS.farthest)
-        )
-    table = (
-        _table(inputs, i, values.tobytes())
-        if often or theta.size >= IMAGES.worth * IMAGES.knots
-        else None
-    )
-    if table is None:
-        found = law.standard(values, theta.ravel())
-        return np.asarray(found.x.reshape(theta.shape))
-    return table(np.clip(theta, -NUMERICS.farthest, NUMERICS.farthest))
-
-
-@lru_cache(maxsize=64)
-def _table(inputs: Inputs, i: int, values: bytes) -> Tabulated | None:
-    """The table of a law with these values (k,), or None where a table would not be exact."""
-    law, own, knots = inputs.law(i), np.frombuffer(values), Tabulated.knots(IMAGES.knots)
-    middle = 0.5 * (knots[:-1] + knots[1:])
-    with np.errstate(all="ignore"):
-        found, between = law.standard(own, knots), law.standard(own, middle).x
-        table = Tabulated(found.x, found.dtheta)
-        quartiles = table(special.ndtri(np.array([0.25, 0.75])))
-        error = np.max(np.abs(table(middle) - between))
-    exact = table.finite and error <= IMAGES.exact * (quartiles[1] - quartiles[0])
-    return table if exact else None
 
 
 def law_region(inputs: Inputs, alphas: list[Array], tail: float = IMAGES.region) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -11,110 +11,24 @@ import numpy as np
 
 from aleator.core.blocks import blocks
 from aleator.core.types import Array, Flags, Indices
-from aleator.errors import ExperimentsError, InputsError, nearest, require_filled
-from aleator.laws import Hyperparameter, Specification, resolve
+from aleator.errors import ExperimentsError
+from aleator.laws import Hyperparameter
+from aleator.observations.correlated import SerialOrder, Whitening
 from aleator.observations.model import (
+    HALF_LOG_2_PI,
     NUMERICS,
-    NormalError,
     ObservationModel,
     Observed,
     is_curved,
     is_shaped,
     observed,
 )
+from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations, require_responses
+from aleator.observations.serial_order import numbers_of, serial_order
 
 if TYPE_CHECKING:
     from aleator.observations.experiments import Conditions, Experiments
-
-
-@dataclass(frozen=True)
-class Noise:
-    """The measurement error of a response: measured value = simulated value eta + error.
-
-    The errors of different observations are independent. Their density p(y | eta, scale) is given
-    by `kind`, by default Normal(0, scale^2), with
-
-        scale^2 = sd^2 + (relative eta)^2
-
-    `sd`, in the unit of the response, is a number (known), `Free(lower, upper)` (to be identified,
-    both limits needed), or the name of a column that holds a known sd for each row. `relative` is a
-    share of eta, known or free. One of the two may be left out. The scale is the standard deviation
-    if the errors are normal, but not for every kind. With a "log" transform, eta and the sd are
-    those of the logarithm.
-
-    Raises InputsError where neither is given, where one is zero, where limits are missing or out of
-    order, or where `kind` lacks a member of `ObservationModel`.
-
-    >>> Noise(0.002).hyperparameter.name
-    'noise.sd'
-    >>> from aleator.laws import Free
-    >>> [h.name for h in Noise(Free(0.1, 1.0), relative=0.05).hyperparameters]
-    ['noise.sd', 'noise.relative']
-    """
-
-    sd: Specification | str | None = None
-    kind: ObservationModel = field(default_factory=NormalError)
-    relative: Specification | None = None
-
-    def __post_init__(self) -> None:
-        """Check all arguments; InputsError if they are not valid."""
-        if self.sd is None and self.relative is None:
-            raise InputsError("noise: neither sd nor relative is given", "give one of them")
-        for name, value in (("sd", self.sd), ("relative", self.relative)):
-            if value == 0:
-                raise InputsError(f"noise: {name} = 0 is no noise", "leave the noise out")
-        require_filled(self.kind, ObservationModel, "noise")
-        _ = self.hyperparameters
-
-    @property
-    def normal(self) -> bool:
-        """Whether the error is normal; then moments and densities with it have a closed form."""
-        return isinstance(self.kind, NormalError)
-
-    @property
-    def simple(self) -> bool:
-        """Whether one standard deviation, known or free, describes the whole noise."""
-        plain = self.sd is not None and not isinstance(self.sd, str)
-        return plain and self.relative is None and not self.shapes
-
-    @cached_property
-    def shapes(self) -> tuple[Hyperparameter, ...]:
-        """The free shape hyperparameters of the kind, named without the prefix `noise.`."""
-        return self.kind.shapes if is_shaped(self.kind) else ()
-
-    @property
-    def column(self) -> str | None:
-        """The name of the column of known sds, or None if the sd is not given by a column."""
-        return self.sd if isinstance(self.sd, str) else None
-
-    @property
-    def hyperparameter(self) -> Hyperparameter:
-        """The hyperparameter `noise.sd` of simple noise, which has no other.
-
-        Raises InputsError for noise that is not `simple`.
-        """
-        if not self.simple:
-            raise InputsError(
-                "this noise is not one standard deviation, known or free, and more is known to the "
-                "integral over individual parameters only",
-                "give the noise by one sd: Noise(sd), without relative, a column or a free shape",
-            )
-        return self.hyperparameters[0]
-
-    @cached_property
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
-        """All hyperparameters of the noise, known or free.
-
-        They are `noise.sd` (unless it is a column), `noise.relative` if given, then the free shapes
-        of the kind.
-        """
-        found = []
-        if self.sd is not None and not isinstance(self.sd, str):
-            found.append(resolve("sd", self.sd, (None, None), positive=True))
-        if self.relative is not None:
-            found.append(resolve("relative", self.relative, (None, None), positive=True))
-        return tuple(h.named("noise") for h in (*found, *self.shapes))
 
 
 def _sds_of_column(
@@ -127,46 +41,36 @@ def _sds_of_column(
     """
     if noise.column is None:
         return None
-    table = experiments.table
-    if noise.column not in table.columns:
-        columns = [*map(str, table.columns)]
-        raise ExperimentsError(
-            f"noise of '{response}': sd = '{noise.column}' is not a column"
-            f"{nearest(noise.column, columns)}",
-            f"the columns are {', '.join(columns)}; a number or limits need no column",
-        )
-    cells = table[noise.column].to_numpy()[rows]
-    sds = np.array([_number(cell) for cell in cells]) if cells.dtype == object else cells
-    bad = np.flatnonzero(~((sds > 0.0) & np.isfinite(sds)))
-    if bad.size:
-        row = int(rows[bad[0]])
-        name = experiments.ids[experiments.experiment[row]]
-        raise ExperimentsError(
-            f"{experiments.places[row]}, column '{noise.column}': the sd of the measurement "
-            f"error of experiment '{name}' is '{cells[bad[0]]}'",
-            "write a number > 0 there",
-        )
-    return sds.astype(np.float64)[:, None]
+    return numbers_of(
+        noise.column, f"noise of '{response}': sd", "the sd of the measurement error", experiments,
+        rows, lambda cells: cells > 0.0, "write a number > 0 there",
+        "; a number or limits need no column",
+    )  # fmt: skip
 
 
-def _number(cell: object) -> float:
-    """The number in a cell of a column with texts; NaN for a text."""
-    try:
-        return float(str(cell))
-    except ValueError:
-        return np.nan
+def _covariate_of_column(
+    noise: Noise, response: str, experiments: Experiments | Conditions, rows: Indices
+) -> Array | None:
+    """The covariate (m, 1) of the variance function, if it is a column; else None."""
+    variance = noise.variance
+    if variance is None or variance.of is None:
+        return None
+    return numbers_of(
+        variance.of, f"noise of '{response}': variance of", "the covariate of the variance",
+        experiments, rows, variance.admissible, "correct the cell, or name another column",
+    )  # fmt: skip
 
 
 class ErrorScale(NamedTuple):
-    """The scale of an error, sqrt(sd^2 + (relative eta)^2), and its partial derivatives.
+    """The scale of an error, and its partial derivatives.
 
-    Without a relative part the derivatives are None, because the scale is the sd itself.
+    `d_eta` is None where the scale does not depend on eta. `d_values` are the derivatives by the
+    hyperparameters of the scale, None where it is the hyperparameter itself.
     """
 
     value: Array
     d_eta: Array | None = None
-    d_sd: Array | None = None
-    d_relative: Array | None = None
+    d_values: tuple[Array | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,9 +78,11 @@ class ResponseErrors:
     """The m observations of one response, and their noise.
 
     `rows` (m,) are their positions among all observations, in ascending order; `lower` and `upper`
-    (m, 1) are their bounds; `sds` (m, 1) are their known standard deviations, if a column gives
-    them. In all methods `values` are the values of `noise.hyperparameters`, `which` selects k of
-    the m observations, and eta (k, J) are J simulated values of each.
+    (m, 1) are their bounds; `sds` (m, 1) are their known standard deviations, and `covariate`
+    (m, 1) that of the variance function, if columns give them. `serial` is their order where their
+    errors are correlated. In all methods `values` are the values of `noise.hyperparameters`,
+    `which` selects k of the m observations, those of whole experiments where the errors are
+    correlated, and eta (k, J) are J simulated values of each.
     """
 
     noise: Noise
@@ -184,41 +90,163 @@ class ResponseErrors:
     lower: Array
     upper: Array
     sds: Array | None = None
+    covariate: Array | None = None
+    serial: SerialOrder | None = None
 
     def scale(self, values: Sequence[float], eta: Array, which: slice) -> ErrorScale:
         """The scale of the errors with its derivatives, each (), (k, 1) or (k, J)."""
-        sd = self._sd(values, which)
+        sd, variance = self._sd(values, which), self.noise.variance
+        if variance is not None:
+            v = self.covariate[which] if self.covariate is not None else eta
+            found = variance.factor(
+                values[self._scales - 1], np.clip(v, -NUMERICS.farthest, NUMERICS.farthest)
+            )
+            scale = sd * found.value
+            return ErrorScale(
+                scale,
+                None if self.covariate is not None else scale * found.by_covariate,
+                (*[found.value] * self._free_sd, scale * found.by_value),
+            )
         if self.noise.relative is None:
-            return ErrorScale(sd)
+            return ErrorScale(sd, None, (None,) * self._free_sd)
         relative = values[self._scales - 1]
         eta = np.clip(eta, -NUMERICS.farthest, NUMERICS.farthest)
         scale = np.sqrt(sd**2 + (relative * eta) ** 2)
-        return ErrorScale(scale, relative**2 * eta / scale, sd / scale, relative * eta**2 / scale)
+        return ErrorScale(
+            scale, relative**2 * eta / scale,
+            (*[sd / scale] * self._free_sd, relative * eta**2 / scale),
+        )  # fmt: skip
+
+    def marginal(self, values: Sequence[float], eta: Array, which: slice) -> Array:
+        """The scale of each single error, whatever the others are."""
+        scale, ties = self.scale(values, eta, which).value, self.noise.correlation
+        return scale if ties is None else ties.marginal(self._ties(values), scale)
 
     def model(self, values: Sequence[float]) -> ObservationModel:
         """The law of the error, with the given values of its shape hyperparameters."""
-        kind = self.noise.kind
-        return kind.at(values[self._scales :]) if is_shaped(kind) else kind
+        kind, free = self.noise.kind, len(self.noise.shapes)
+        return kind.at(values[self._scales : self._scales + free]) if is_shaped(kind) else kind
 
-    def terms(self, values: Sequence[float], eta: Array, which: slice) -> list[Array]:
+    def terms(
+        self, values: Sequence[float], eta: Array, which: slice, scores: bool = True
+    ) -> list[Array]:
         """log p (k, J), then its derivatives by eta and by each of the `values`, each (k, J).
 
         Where p is zero or eta is not a number, log p is minus infinity and the derivatives are
-        zero.
+        zero. Correlated errors have the log p given the earlier ones, and sums of derivatives that
+        are those of the whole experiment. Without `scores` those by the `values` may be left out.
         """
         with np.errstate(all="ignore"):
+            if self.serial is not None:
+                return _finite(self._correlated(values, eta, which, scores))
             scale, seen = self._seen(values, eta, which)
             by_scale = seen.d_scale
             found = [seen.value, seen.d_eta]
-            if self._free_sd:
-                found.append(by_scale if scale.d_sd is None else by_scale * scale.d_sd)
-            if scale.d_relative is not None:
-                found.append(by_scale * scale.d_relative)
+            found += [by_scale if d is None else by_scale * d for d in scale.d_values]
             kind = self.noise.kind
             if is_shaped(kind):
                 shapes, ends = values[self._scales :], (self.lower[which], self.upper[which])
                 found += kind.by_shapes(shapes, *ends, eta, scale.value)
             return _finite(found)
+
+    def log_density(self, values: Sequence[float], eta: Array, which: slice) -> Array:
+        """log p (k, J) of `terms`, without its derivatives."""
+        if self.serial is None:
+            return self.terms(values, eta, which)[0]
+        with np.errstate(all="ignore"):
+            found = _normal(*self._whitened(values, eta, which))
+            scale = self.scale(values, eta, which).value
+            return self._possible(self.serial.part(which).back(found), eta, scale)
+
+    def conditional(self, values: Sequence[float], eta: Array, which: slice) -> tuple[Array, Array]:
+        """Location and scale (k, J) of each value, given the earlier ones of its experiment."""
+        if self.serial is None:
+            return eta, np.broadcast_to(self.scale(values, eta, which).value, eta.shape)
+        with np.errstate(all="ignore"):
+            u, scale, whitening = self._whitened(values, eta, which)
+            serial = self.serial.part(which)
+            moved = serial.back(scale * whitening.expected(u))
+            return eta + moved, serial.back(np.broadcast_to(scale * whitening.root, eta.shape))
+
+    def drawn(self, values: Sequence[float], probability: Array, eta: Array, which: slice) -> Array:
+        """Measured values (k, J) from independent uniform random `probability` (k, J)."""
+        if self.serial is None:
+            scale = self.scale(values, eta, which).value
+            return self.model(values).quantile(probability, eta, scale)
+        _, scale, whitening = self._whitened(values, eta, which)
+        serial, normal = self.serial.part(which), self.model(values)
+        z = normal.quantile(serial.take(probability), np.zeros(1), np.ones(1))
+        return eta + serial.back(scale * whitening.drawn(z))
+
+    def information(
+        self, values: Sequence[float], eta: Array, slopes: Array, which: slice
+    ) -> Array:
+        """The information (k, J, s, s) of each observation about s directions.
+
+        `slopes` (k, J, s) are the derivatives of eta in these directions. It is the Gauss-Newton
+        approximation; correlated errors have the information beyond that of the earlier ones.
+        """
+        if self.serial is None:
+            curvature = self.curvature(values, eta, which)
+            return curvature[..., None, None] * slopes[..., :, None] * slopes[..., None, :]
+        with np.errstate(all="ignore"):
+            _, scale, whitening = self._whitened(values, eta, which)
+            serial, found = self.serial.part(which), np.empty(slopes.shape)
+            for d in range(slopes.shape[2]):
+                own = serial.take(slopes[..., d]) / scale
+                own = np.where(np.isfinite(own), own, 0.0)
+                found[..., d] = serial.back((own - whitening.expected(own)) / whitening.root)
+            outer = found[..., :, None] * found[..., None, :]
+            by_eta = self.scale(values, eta, which)
+            if by_eta.d_eta is not None:
+                grown = (by_eta.d_eta / by_eta.value)[..., None] * slopes
+                outer += 2.0 * np.nan_to_num(grown[..., :, None] * grown[..., None, :])
+            return outer
+
+    def _correlated(
+        self, values: Sequence[float], eta: Array, which: slice, scores: bool
+    ) -> list[Array]:
+        """`terms` of correlated errors, by those given the earlier ones of their experiment."""
+        assert self.serial is not None
+        u, scale, whitening = self._whitened(values, eta, which)
+        serial, own = self.serial.part(which), self.scale(values, eta, which)
+        value = self._possible(serial.back(_normal(u, scale, whitening)), eta, own.value)
+        if not scores and own.d_eta is None:
+            return [value, serial.back(whitening.solved(u) / scale)]
+        found = whitening.derivatives(u)
+        parts = [found.solved / scale, found.by_scale / scale, *found.by_values]
+        by_eta, by_scale, *by_ties = (serial.back(part) for part in parts)
+        if own.d_eta is not None:
+            by_eta = by_eta + by_scale * own.d_eta
+        by_values = [by_scale if d is None else by_scale * d for d in own.d_values]
+        return [value, by_eta, *by_values, *by_ties]
+
+    def _possible(self, value: Array, eta: Array, scale: Array) -> Array:
+        """log p (k, J), minus infinity where eta or the scale is none that can be."""
+        return np.where(np.isfinite(eta) & (scale > 0.0) & np.isfinite(scale), value, -np.inf)
+
+    def _whitened(
+        self, values: Sequence[float], eta: Array, which: slice
+    ) -> tuple[Array, Array, Whitening]:
+        """Errors over their scale (k, J), the scale, and its whitening, in serial order.
+
+        An error that is not finite is zero, because a sum over all would not be finite.
+        """
+        assert self.serial is not None
+        assert self.noise.correlation is not None
+        serial, scale = self.serial.part(which), self.scale(values, eta, which).value
+        if scale.ndim < 2:
+            scale = np.full((len(eta), 1), float(scale))
+        scale = serial.take(np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0))
+        u = serial.take(self.upper[which] - eta) / scale
+        u = np.where(np.abs(u) < NUMERICS.farthest, u, 0.0)
+        ties = self.noise.correlation
+        return u, scale, ties.whitening(self._ties(values), serial, scale)
+
+    def _ties(self, values: Sequence[float]) -> Sequence[float]:
+        """The values of the hyperparameters of the correlation."""
+        ties = self.noise.correlation
+        return values[len(values) - (0 if ties is None else len(ties.hyperparameters)) :]
 
     def curvature(self, values: Sequence[float], eta: Array, which: slice) -> Array:
         """Minus the second derivative of log p by eta (k, J); negative values become zero.
@@ -266,13 +294,27 @@ class ResponseErrors:
 
     @cached_property
     def _scales(self) -> int:
-        """The number of `values` that belong to the scale; the others belong to the shapes."""
-        return len(self.noise.hyperparameters) - len(self.noise.shapes)
+        """The number of `values` that belong to the scale.
+
+        The others belong to the shapes and the correlation.
+        """
+        ties = self.noise.correlation
+        others = len(self.noise.shapes) + (0 if ties is None else len(ties.hyperparameters))
+        return len(self.noise.hyperparameters) - others
 
     def _sd(self, values: Sequence[float], which: slice) -> Array:
         if self.sds is not None:
             return self.sds[which]
         return np.asarray(values[0] if self._free_sd else 0.0)
+
+
+def _normal(u: Array, scale: Array, whitening: Whitening) -> Array:
+    """log p (k, J) of normal errors over their scale, each given the earlier ones."""
+    w = (u - whitening.expected(u)) / whitening.root
+    w *= w
+    w *= -0.5
+    w -= np.log(whitening.root * scale) + HALF_LOG_2_PI
+    return w
 
 
 def _finite(found: list[Array]) -> list[Array]:
@@ -332,7 +374,9 @@ class MeasurementErrors:
             rows = np.flatnonzero(seen.response == k)
             lower, upper = seen.lower[rows, None], seen.upper[rows, None]
             known = _sds_of_column(noises[name], name, experiments, seen.row[rows])
-            parts.append(ResponseErrors(noises[name], rows, lower, upper, known))
+            covariate = _covariate_of_column(noises[name], name, experiments, seen.row[rows])
+            serial = serial_order(noises[name].correlation, name, experiments, rows)
+            parts.append(ResponseErrors(noises[name], rows, lower, upper, known, covariate, serial))
         return cls(tuple(parts), seen.names)
 
     @cached_property
@@ -356,41 +400,60 @@ class MeasurementErrors:
             ),
         )
 
-    def terms(self, values: Array, eta: Array, rows: slice) -> Terms:
+    def terms(self, values: Array, eta: Array, rows: slice, scores: bool = True) -> Terms:
         """log p of the observations `rows` at eta (m, J), with its derivatives.
 
         Where eta is not finite p is zero; for a censored value it is the limit for infinite eta.
+        Without `scores` the derivatives by the hyperparameters may be left out.
         Cost: 20 ns for each normal log-density with its derivatives.
         """
         if self._at_once(eta):
-            found = self.parts[0].terms(np.asarray(values).tolist(), eta, rows)
+            found = self.parts[0].terms(np.asarray(values).tolist(), eta, rows, scores)
             every = np.arange(len(eta))
             return Terms(found[0], found[1], tuple((every, by) for by in found[2:]))
         value, d_eta = np.empty(eta.shape), np.empty(eta.shape)
         by_values: list[tuple[Indices, Array]] = []
         for part, first, at, mine in self._parts(values, rows):
-            grads = [np.empty((len(at), eta.shape[1])) for _ in mine]
-            for some, where in _blocks(at, eta.shape[1]):
+            grads = [np.empty((len(at), eta.shape[1])) for _ in mine if scores]
+            for some, where in _blocks(part, first, at, eta.shape[1]):
                 which = slice(first + some.start, first + some.stop)
-                value[where], d_eta[where], *by = part.terms(mine, eta[where], which)
-                for grad, one in zip(grads, by, strict=True):
+                value[where], d_eta[where], *by = part.terms(mine, eta[where], which, scores)
+                for grad, one in zip(grads, by, strict=scores):
                     grad[some] = one
             by_values += [(at, grad) for grad in grads]
         return Terms(value, d_eta, tuple(by_values))
 
-    def curvature(self, values: Array, eta: Array, rows: slice) -> Array:
-        """Minus the second derivative of log p by eta (m, J); negative values become zero."""
+    def log_density(self, values: Array, eta: Array, rows: slice) -> Array:
+        """log p (m, J) of the observations `rows` at eta (m, J), as in `terms`."""
         if self._at_once(eta):
-            return self.parts[0].curvature(np.asarray(values).tolist(), eta, rows)
+            return self.parts[0].log_density(np.asarray(values).tolist(), eta, rows)
         found = np.empty(eta.shape)
         for part, first, at, mine in self._parts(values, rows):
-            for some, where in _blocks(at, eta.shape[1]):
+            for some, where in _blocks(part, first, at, eta.shape[1]):
                 which = slice(first + some.start, first + some.stop)
-                found[where] = part.curvature(mine, eta[where], which)
+                found[where] = part.log_density(mine, eta[where], which)
+        return found
+
+    def information(self, values: Array, eta: Array, slopes: Array, rows: slice) -> Array:
+        """The information (m, J, s, s) of each observation about s directions.
+
+        `slopes` (m, J, s) are the derivatives of eta in these directions. It is the Gauss-Newton
+        approximation, and that beyond the earlier observations where errors are correlated.
+        """
+        if self._at_once(eta):
+            return self.parts[0].information(np.asarray(values).tolist(), eta, slopes, rows)
+        found = np.empty((*slopes.shape, slopes.shape[2]))
+        for part, first, at, mine in self._parts(values, rows):
+            for some, where in _blocks(part, first, at, eta.shape[1]):
+                which = slice(first + some.start, first + some.stop)
+                found[where] = part.information(mine, eta[where], slopes[where], which)
         return found
 
     def scale(self, values: Array, eta: Array, rows: slice) -> Array:
-        """The scale (m, J) of the errors of the observations `rows` at eta (m, J)."""
+        """The scale (m, J) of the errors of the observations `rows` at eta (m, J).
+
+        It is that of each by itself, as in `cdf`, `quantile` and `moments`.
+        """
         found = np.empty(eta.shape)
         for at, _, scale in self._models(values, eta, rows):
             found[at] = scale
@@ -404,14 +467,54 @@ class MeasurementErrors:
         return found
 
     def quantile(self, values: Array, probability: Array, eta: Array, rows: slice) -> Array:
-        """Quantiles (m, J) of the measured values of the observations `rows`.
-
-        With uniform random probabilities they are random measured values.
-        """
+        """Quantiles (m, J) of the measured values of the observations `rows`."""
         found, probability = np.empty(eta.shape), np.broadcast_to(probability, eta.shape)
         for at, model, scale in self._models(values, eta, rows):
             found[at] = model.quantile(probability[at], eta[at], scale)
         return found
+
+    def drawn(self, values: Array, probability: Array, eta: Array, rows: slice) -> Array:
+        """Measured values (m, J) of the observations `rows`, which are those of whole experiments.
+
+        They are made from independent uniform random probabilities (m, J).
+        """
+        found = np.empty(eta.shape)
+        for part, first, at, mine in self._parts(values, rows):
+            which = slice(first, first + len(at))
+            found[at] = part.drawn(mine, probability[at], eta[at], which)
+        return found
+
+    def conditional_cdf(self, values: Array, y: Array, eta: Array, rows: slice) -> Array:
+        """Probability (m, J) of a value up to y, given the earlier ones of its experiment and eta.
+
+        `rows` are those of whole experiments. The earlier values are the measured ones.
+        """
+        found, y = np.empty(eta.shape), np.broadcast_to(y, eta.shape)
+        for part, first, at, mine in self._parts(values, rows):
+            which = slice(first, first + len(at))
+            location, scale = part.conditional(mine, eta[at], which)
+            found[at] = part.model(mine).cdf(y[at], location, scale)
+        return found
+
+    def conditional(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array]:
+        """Location and scale (m, J) of each value, given the earlier ones of its experiment."""
+        found = np.empty((2, *eta.shape))
+        for part, first, at, mine in self._parts(values, rows):
+            which = slice(first, first + len(at))
+            found[:, at] = part.conditional(mine, eta[at], which)
+        return found[0], found[1]
+
+    @cached_property
+    def sequence(self) -> Indices | None:
+        """The M observations in an order in which each follows those that its error depends on.
+
+        None where this is their own order.
+        """
+        found = np.arange(sum(len(part.rows) for part in self.parts))
+        for part in self.parts:
+            if part.serial is not None:
+                found[part.rows] = part.rows[part.serial.order]
+        return None if np.array_equal(found, np.arange(found.size)) else found
 
     def moments(self, values: Array, eta: Array, rows: slice) -> tuple[Array, Array, Array, Array]:
         """Mean and central moments of orders 2 to 4, each (m, J), of the measured values of `rows`.
@@ -452,7 +555,7 @@ class MeasurementErrors:
     ) -> Iterator[tuple[Indices, ObservationModel, Array]]:
         """For each response, yield positions of its observations in `rows`, their law and scale."""
         for part, first, at, mine in self._parts(values, rows):
-            scale = part.scale(mine, eta[at], slice(first, first + len(at))).value
+            scale = part.marginal(mine, eta[at], slice(first, first + len(at)))
             yield at, part.model(mine), scale
 
 
@@ -476,10 +579,19 @@ def _named(noises: Mapping[str, Noise]) -> tuple[Hyperparameter, ...]:
     )
 
 
-def _blocks(at: Indices, nodes: int) -> Iterator[tuple[slice, slice | Indices]]:
-    """Blocks of the positions `at`: a slice of `at`, and these positions in the whole array."""
+def _blocks(
+    part: ResponseErrors, first: int, at: Indices, nodes: int
+) -> Iterator[tuple[slice, slice | Indices]]:
+    """Blocks of the positions `at`: a slice of `at`, and these positions in the whole array.
+
+    `at` are the observations of a response from number `first` on. Blocks have whole experiments
+    where errors are correlated.
+    """
     adjoin = len(at) > 0 and at[-1] - at[0] + 1 == len(at)
-    for some in blocks(len(at), nodes, NUMERICS.together):
+    cut = blocks(len(at), nodes, NUMERICS.together)
+    if part.serial is not None:
+        cut = part.serial.cut(first, cut)
+    for some in cut:
         yield some, slice(at[0] + some.start, at[0] + some.stop) if adjoin else at[some]
 
 

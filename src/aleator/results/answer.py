@@ -73,7 +73,9 @@ def lead(document: Document) -> tuple[Sentence, ...]:
 
 def _method(document: Document) -> str:
     prior = (document.get("log_likelihood") or {}).get("log_prior")
-    principle = "maximum likelihood" if prior is None else "maximum a posteriori"
+    restricted = (document.get("log_likelihood") or {}).get("restricted") is not None
+    principle = "restricted maximum likelihood" if restricted else "maximum likelihood"
+    principle = principle if prior is None else "maximum a posteriori"
     reason = document.get("propagation_reason")
     because = f" ({reason})" if reason else ""
     starts = (document.get("search") or {}).get("starts", 0)
@@ -155,6 +157,8 @@ def log_likelihood(document: Document) -> Sentence:
     line += f" by {density}" if density else ""
     if (prior := value.get("log_prior")) is not None:
         line += f", log prior {to_three(prior)} (maximum a posteriori)"
+    if (whole := value.get("restricted")) is not None:
+        line += f", restricted log-likelihood {to_three(whole)}"
     if value.get("verified") is not None:
         error = number(value.get("verified_standard_error"), 2)
         line += f"; on the simulator itself {to_three(value['verified'])} +- {error}"

@@ -14,7 +14,7 @@ Units = Mapping[str, str]
 
 # Hyperparameters that have the unit of their parameter: `k.mean`, `k.2.sd`, `k.mean[supplier=B]`.
 _OF_LAW = re.compile(r"^(?P<of>.+?)(\.\d+)?\.(mean|sd|value)(\[(?P<term>.*)\])?$")
-_NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?sd$")
+_NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?(?:process_)?sd$")
 
 
 def with_unit(name: str, unit: str | None) -> str:

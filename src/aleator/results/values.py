@@ -138,7 +138,8 @@ class LogLikelihoodReport(Plain):
     With a verification it combines the difference of the two values with the standard error of that
     difference; without one it is the change by a finer quadrature; None if neither is known.
     `log_prior` is the log prior density, if a hyperparameter has a prior: then the sum of
-    log-likelihood and log prior was maximized.
+    log-likelihood and log prior was maximized. `restricted` is the restricted log-likelihood, if
+    this was maximized.
     """
 
     estimated: float
@@ -146,6 +147,7 @@ class LogLikelihoodReport(Plain):
     verified_standard_error: float | None
     log_prior: float | None = None
     error: float | None = None
+    restricted: float | None = None
 
     def __post_init__(self) -> None:
         impossible = self.estimated == -math.inf
@@ -187,8 +189,9 @@ class IndividualReport(Plain):
 
     The individual law is the law of the experiment's parameters given its observations. `mode`,
     `mean` and `sd` describe it, by the name of the parameter. `log_density` is the logarithm of the
-    joint density of all observations. If a parameter has a mixture law, `components` has the
-    probability of each component given the observations (latent classes).
+    joint density of all observations; with levels it is that given all other experiments that share
+    parameters with this one, and the sum is not the log-likelihood. If a parameter has a mixture
+    law, `components` has the probability of each component given the observations (latent classes).
     """
 
     id: str

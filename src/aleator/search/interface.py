@@ -23,7 +23,10 @@ class LogLikelihood:
     `each` (N,) are the log-densities of the experiments, `scores` (N, K) their derivatives by alpha
     or None, and `status` (N,) `Status` codes. Where hyperparameters have priors, `prior` is the sum
     of the logarithms of their densities and `prior_score` (K,) its derivative. A search maximizes
-    the `total` of log-likelihood and log prior, whose derivative is `score`.
+    the `total` of log-likelihood and log prior, whose derivative is `score`. Where experiments
+    share parameters, `cluster` (N,) is the number of the cluster of each: `each` and `status` are
+    then (U,), those of the clusters, and the scores of its experiments add up to the derivative of
+    a cluster's log-density.
     """
 
     each: Array
@@ -31,6 +34,27 @@ class LogLikelihood:
     status: NDArray[np.int64]
     prior: float = 0.0
     prior_score: Array | None = None
+    cluster: Indices | None = None
+
+    @property
+    def independent(self) -> Array:
+        """The derivatives (U, K) of the independent terms `each`."""
+        assert self.scores is not None
+        return self.scores if self.cluster is None else self.summed(self.cluster)[1]
+
+    def summed(self, group: Indices) -> tuple[Array, Array]:
+        """The log-densities (G,) of groups of experiments, and their derivatives (G, K).
+
+        `group` (N,) is the group of each experiment; no cluster is divided.
+        """
+        assert self.scores is not None
+        first = np.arange(len(group))
+        if self.cluster is not None:
+            first = np.unique(self.cluster, return_index=True)[1]
+        each, scores = (np.zeros((int(group.max()) + 1, *s)) for s in ((), self.scores.shape[1:]))
+        np.add.at(each, group[first], self.each)
+        np.add.at(scores, group, self.scores)
+        return each, scores
 
     @property
     def total(self) -> float:

@@ -27,9 +27,10 @@ from aleator.inference.check import Check
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.model import ObservationModel
+from aleator.observations.noise import Noise
 from aleator.results.units import checked_units
 from aleator.search import GradientMultistart, Search
 from aleator.simulators import Runner, Simulator, Store
@@ -38,6 +39,7 @@ from aleator.simulators.fmu import FMUSimulator
 from aleator.study.kinds import FAULT, ChosenKind, LawSection, in_toml
 from aleator.study.sections import (
     ExperimentsSection,
+    NoiseSection,
     StudyFile,
     columns_of,
     pairs,
@@ -157,7 +159,8 @@ class Study:
     """A study file, read and checked: the arguments of `aleator.identify`, and their origin.
 
     `file` is the study file, `sha256` the hash of its bytes, and `store` the file of the
-    simulator's runs, which need not exist. A failed run is repeated `retries` times; a share of
+    simulator's runs, which need not exist. `restricted` says that the restricted likelihood is
+    maximized. A failed run is repeated `retries` times; a share of
     failures above `max_failed` stops a study. `units` has the units of outcomes, conditions and
     parameters; a unit in the study file takes precedence over the unit in an FMU.
     """
@@ -174,6 +177,7 @@ class Study:
     density: Density | None
     search: Search
     verification: Check
+    restricted: bool
     table: ExperimentsSection
     store: Path
     retries: int
@@ -287,8 +291,8 @@ def load_study(path: str | Path) -> Study:
 
 def _check(study: Study, file: StudyFile) -> None:
     """Check that formulas and derived quantities name existing columns; else raise StudyError."""
-    if study.inputs.regressed:
-        names = _made(study.file, "parameters", lambda: study.inputs.covariates)
+    if study.inputs.individual_laws:
+        names = _made(study.file, "parameters", lambda: study.inputs.columns)
         table = covariates(study.experiments, names)
         _made(study.file, "parameters", lambda: study.inputs.resolved(table))
     known = (*map(str, study.experiments.conditions.columns), *study.inputs.names)
@@ -321,7 +325,11 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
             made(f"{key}.sd", lambda: Noise(sd))
         if relative is not None:
             made(f"{key}.relative", lambda: Noise(relative=relative))
-        return made(key, lambda: Noise(sd, kind, relative))
+        keys = choice.keys
+        assert isinstance(keys, NoiseSection)
+        variance = keys.variance and built(f"{key}.variance", keys.variance)
+        ties = keys.correlation and built(f"{key}.correlation", keys.correlation)
+        return made(key, lambda: Noise(sd, kind, relative, variance, ties))
 
     table, runs = file.experiments, file.simulator.keys
     assert isinstance(runs, RunsSection)
@@ -332,9 +340,15 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
     elif file.noise is not None:
         errors = noise("noise", file.noise)
     laws = {name: built(f"parameters.{name}", law) for name, law in file.parameters.items()}
-    inputs = made("parameters", lambda: Inputs(laws))
+    sections = {name: law.keys for name, law in file.parameters.items()}
+    levels = {
+        name: keys.level
+        for name, keys in sections.items()
+        if isinstance(keys, LawSection) and keys.level
+    }
+    inputs = made("parameters", lambda: Inputs(laws, levels=levels))
     if file.correlation:
-        inputs = made("correlation", lambda: Inputs(laws, pairs(file.correlation)))
+        inputs = made("correlation", lambda: Inputs(laws, pairs(file.correlation), levels))
     experiments = table.read(folder, columns_of(errors))
     if errors is not None:
         made("noise", lambda: MeasurementErrors.of(errors, experiments))
@@ -356,6 +370,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         density=built("density", file.density),
         search=built("search", file.search),
         verification=made("verification", file.verification.build),
+        restricted=file.likelihood.restricted,
         table=table,
         store=folder / runs.store,
         retries=runs.retries,

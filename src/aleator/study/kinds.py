@@ -528,13 +528,21 @@ def mixture(
     folder: Path = Path(),
 ) -> Mixture:
     """A mixture of laws: each component is a table of study.toml, with its share."""
+    for number, component in enumerate(components, start=1):
+        if isinstance(component.keys, LawSection) and component.keys.level:
+            raise StudyError(f"component {number} of a mixture has a level", "take the level away")
     return Mixture(tuple(component.build(folder) for component in components), shares)
 
 
 class LawSection(Section):
-    """Keys of every law: `unit` is the unit of the parameter, shown on axes and in tables."""
+    """Keys of every law: the `unit` of the parameter, and the `level` that it belongs to.
+
+    The unit is shown on axes and in tables. The level is the column of groups of experiments that
+    share a draw.
+    """
 
     unit: str = ""
+    level: str = ""
 
 
 LAWS: Kinds[Law] = Kinds(

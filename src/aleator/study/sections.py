@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Discriminator,
     Field,
@@ -21,11 +22,14 @@ from aleator.inference.check import Check
 from aleator.laws import Law, Specification
 from aleator.laws.correlation import full
 from aleator.observations import tables
-from aleator.observations.errors import Noise
+from aleator.observations.correlated import AR1, CAR1, CompoundSymmetry, ErrorCorrelation
 from aleator.observations.experiments import Experiments
 from aleator.observations.model import NormalError, ObservationModel, StudentError
+from aleator.observations.noise import Noise
 from aleator.observations.outcomes import Censored, Censoring
 from aleator.observations.responses import Transform
+from aleator.observations.state_space import GaussianProcess
+from aleator.observations.variance import ExponentialVariance, PowerVariance, VarianceFunction
 from aleator.search import (
     CMAES,
     DifferentialEvolution,
@@ -170,11 +174,40 @@ Sd = Annotated[
 """The type of the key `sd`: a number, limits, or the name of a column of standard deviations."""
 
 
+CORRELATIONS: Kinds[ErrorCorrelation] = Kinds(
+    "aleator.error_correlations",
+    "kind",
+    {
+        "ar1": AR1,
+        "car1": CAR1,
+        "compound_symmetry": CompoundSymmetry,
+        "gaussian_process": GaussianProcess,
+    },
+)
+"""`[noise] correlation = {kind = "..."}`: how the errors of an experiment hang together."""
+
+VARIANCES: Kinds[VarianceFunction] = Kinds(
+    "aleator.variances",
+    "kind",
+    {"power": PowerVariance, "exponential": ExponentialVariance},
+)
+"""`[noise] variance = {kind = "..."}`: how the scale follows the simulated value or a column."""
+
+
+def _by_name(kinds: Kinds[Any]) -> Any:
+    """The type of a key that names a kind: its name alone, or a table with the keys of the kind."""
+    name = Annotated[str, AfterValidator(lambda text: kinds.read({kinds.key: text}))]
+    table = Annotated[ChosenKind[Any], PlainValidator(kinds.read)]
+    return Annotated[Annotated[name, Tag("text")] | Annotated[table, Tag("table")], BY_FORM]
+
+
 class NoiseSection(Section):
-    """Keys of every kind of noise: its standard deviation, and a part relative to the outcome."""
+    """Keys of every kind of noise: its scale, what that follows, and what ties the errors."""
 
     sd: Sd | None = None
     relative: Spec | None = None
+    variance: _by_name(VARIANCES) | None = None  # type: ignore[valid-type]
+    correlation: _by_name(CORRELATIONS) | None = None  # type: ignore[valid-type]
 
     @model_validator(mode="after")
     def _some(self) -> Self:
@@ -399,6 +432,12 @@ class VerificationSection(Section):
         return Check(self.samples)
 
 
+class LikelihoodSection(Section):
+    """`[likelihood]`: what is maximized, the likelihood or the restricted likelihood (REML)."""
+
+    restricted: bool = False
+
+
 class StudyFile(Section):
     """The whole of study.toml: its sections, with the defaults of those that it lacks."""
 
@@ -418,3 +457,4 @@ class StudyFile(Section):
     density: Annotated[ChosenKind[Any], PlainValidator(DENSITIES.read)] = DENSITIES.read({})
     search: Annotated[ChosenKind[Search], PlainValidator(SEARCHES.read)] = SEARCHES.read({})
     verification: VerificationSection = VerificationSection()
+    likelihood: LikelihoodSection = LikelihoodSection()

@@ -380,6 +380,12 @@ def bootstrapped(
 ) -> Bootstrap:
     """The bootstrap of a fit, continued from the replicates stored in the folder, if any."""
     progress.stage("bootstrap")
+    if kind != PARAMETRIC and fit.inputs.grouping is not None and not np.any(fit.cluster):
+        raise InputsError(
+            "all experiments share parameters, directly or through others, and none can be drawn "
+            "by itself",
+            f'take kind = "{PARAMETRIC}"',
+        )
     file = None
     if folder is not None:
         file = ReplicateFile(Path(folder) / FILE, head_of(fit, kind, seed))
@@ -404,11 +410,12 @@ def bootstrapped(
 def influence(fit: Fit) -> Array:
     """The influence H^-1 s_l (N, F) of experiment l on the estimates, with its score s_l.
 
-    H is the information matrix. The influence on an estimate at a limit is zero.
+    H is the information matrix. The influence on an estimate at a limit is zero. Experiments that
+    share parameters count together; if all do, none has an influence.
     """
-    inference, scores = fit.inference, fit.scored().scores
-    found = np.zeros((fit.count, inference.identified.size))
-    if inference.positive and scores is not None:
+    inference, scores = fit.inference, fit.scored().independent
+    found = np.zeros((len(scores), inference.identified.size))
+    if inference.positive and len(scores) > 1:
         inside = np.isin(inference.identified, inference.free)
         found[:, inside] = scores[:, inference.free] @ inference.covariance
     return found
@@ -421,8 +428,10 @@ def replicated(fit: Fit, kind: str, seed: int, number: int) -> Refitted:
     if kind == PARAMETRIC:
         end = refitted(fit.drawn(rng))
     else:
-        share = np.full(fit.count, 1.0 / fit.count)
-        end = refitted(fit, rng.multinomial(fit.count, share).astype(float))
+        cluster = fit.cluster
+        count = int(cluster.max()) + 1
+        drawn = rng.multinomial(count, np.full(count, 1.0 / count)).astype(float)
+        end = refitted(fit, drawn[cluster])
     alpha = end.fit.alpha[fit.inference.identified]
     return Refitted(number, tuple(alpha.tolist()), end.value, ARRIVED if end.arrived else LEFT)
 

@@ -230,7 +230,7 @@ def best_possible(
     """
     here, inputs, observations = fit.likelihood, fit.inputs, len(fit.table.observations)
     small = 1 <= inputs.scattering <= settings.parameters and fit.count >= settings.experiments
-    if not (isinstance(here, IndividualsAt) and small and not inputs.regressed):
+    if not (isinstance(here, IndividualsAt) and small and not inputs.individual_laws):
         return None
     on_surfaces = isinstance(here.integral.predictor, OnSurfaces)
     allowed = settings.surfaces if on_surfaces else settings.direct
@@ -252,7 +252,13 @@ def best_possible(
 
 
 def require_one_law(inputs: Inputs) -> None:
-    """Raise InputsError for laws that depend on covariates, and if no parameter scatters."""
+    """Raise InputsError for laws with covariates or levels, and if no parameter scatters."""
+    if inputs.levels:
+        raise InputsError(
+            "the best possible law is one for independent experiments, but some parameters belong "
+            f"to the level {', '.join(dict.fromkeys(inputs.levels.values()))}",
+            "ask for it without levels; the two verdicts of `aleator identify` do not need it",
+        )
     if inputs.regressed:
         raise InputsError(
             "the best possible law is one for all experiments, but these laws follow "

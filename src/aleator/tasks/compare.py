@@ -14,7 +14,7 @@ import pandas as pd
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array
 from aleator.errors import ExperimentsError, InputsError, nearest
-from aleator.inference.fit import Fit, refitted
+from aleator.inference.fit import Fit, names_of, refitted
 from aleator.inference.information import side_of
 from aleator.inference.model_choice import (
     Criteria,
@@ -25,6 +25,7 @@ from aleator.inference.model_choice import (
 )
 from aleator.laws import Hyperparameter, Law, Mixture
 from aleator.laws.hyperparameter import has_prior, limits_of
+from aleator.laws.levels import connected
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Transform
 from aleator.results import printed
@@ -128,8 +129,9 @@ def embedded(
     The hyperparameters are matched by their names. The smaller model may have a number in place of
     a free hyperparameter, a constant in place of a law whose scale may be zero, no correlation, or
     a formula with fewer terms. Laws must be of the same family. Every experiment must have the same
-    log-likelihood in both models, so that different simulators or codings of covariates are not
-    taken as nested. Cost: an evaluation of the likelihood.
+    log-likelihood in both models, or all together that share parameters, so that different
+    simulators or codings of covariates are not taken as nested. Cost: an evaluation of the
+    likelihood.
     """
     if not _same_families(smaller.inputs.laws, larger.inputs.laws):
         return None
@@ -140,7 +142,9 @@ def embedded(
     lower, upper = limits_of(larger.hyperparameters)
     if np.any((alpha < lower) | (alpha > upper)):
         return None
-    gaps = larger.at(alpha).scored().each - smaller.scored().each
+    group = connected(np.array([smaller.cluster, larger.cluster]))
+    there, here = (fit.scored().summed(group)[0] for fit in (larger.at(alpha), smaller))
+    gaps = there - here
     return found if np.all(np.abs(gaps) <= settings.agree) else None
 
 
@@ -252,7 +256,10 @@ class Competitor:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """The models of N experiments `ids`, the best prediction first, and their likelihood ratios."""
+    """The models of N experiments `ids`, the best prediction first, and their likelihood ratios.
+
+    Experiments that share parameters in a model are left out together, and count as one.
+    """
 
     ids: tuple[str, ...]
     models: tuple[Competitor, ...]
@@ -401,10 +408,16 @@ def compared(
 ) -> Comparison:
     """The comparison of fits; `verdicts` has (sound, consistent) for each name."""
     require_same_data(fits, settings=settings)
-    competitors = []
+    competitors, group = [], connected(np.array([fit.cluster for fit in fits.values()]))
+    if group.size > 1 and not np.any(group):
+        raise InputsError(
+            "all experiments share parameters, directly or through others, and none can be left "
+            "out of a model and predicted",
+            "compare the log-likelihoods and the numbers of hyperparameters in the reports",
+        )
     for name, fit in fits.items():
         progress.stage(f"{name}: leave one out")
-        left_out = leave_one_out(fit, progress)
+        left_out = leave_one_out(fit, progress, group)
         gap = float("nan")
         if ceilings:
             progress.stage("best possible law")
@@ -416,7 +429,7 @@ def compared(
         progress.stage(f"{small} in {large}: likelihood ratio")
         ratios.append(_ratio(fits, small, large, found_in, bootstrap, seed, progress))
     competitors.sort(key=lambda model: -np.nan_to_num(model.left_out.total, nan=-np.inf))
-    ids = next(iter(fits.values())).table.ids
+    ids = names_of(group, next(iter(fits.values())).table.ids)
     return Comparison(ids, tuple(competitors), tuple(ratios))
 
 
@@ -462,6 +475,13 @@ def _check(
         raise InputsError(f"compare: {len(models)} models", "give two or more")
     if bootstrap < 0:
         raise InputsError(f"compare: {bootstrap} data sets", "choose 0 or more; 200 tell a lot")
+    for name, model in models.items():
+        if model.log_likelihood.restricted is not None:
+            raise InputsError(
+                f"compare: model '{name}' has the maximum of the restricted likelihood, which is "
+                "that of other data in a model with other means or constants",
+                "identify it without `restricted`",
+            )
     for pair in nested:
         for name in pair:
             if name not in models:

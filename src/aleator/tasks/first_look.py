@@ -26,8 +26,9 @@ from aleator.fit.regions import first_region
 from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, covariates
+from aleator.observations.noise import Noise
 from aleator.simulators import Runner
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
@@ -226,8 +227,8 @@ def planned_look(
     conditions are run if that makes at most 500 runs. Otherwise some are chosen evenly over the
     measured values, with the least and the largest.
     """
-    if inputs.regressed:
-        inputs = inputs.resolved(covariates(table, inputs.covariates))
+    if inputs.individual_laws:
+        inputs = inputs.resolved(covariates(table, inputs.columns))
     region = first_region(inputs, inputs.hyperparameters, len(table.ids))
     moving = moving_parameters(region)
     x, star = _points(region, moving, settings)

@@ -19,8 +19,8 @@ from aleator.inference.fit import Fit
 from aleator.inference.pictures import PICTURES, pictures
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.noise import Noise
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
 from aleator.results.values import REPORTED, in_order

@@ -21,8 +21,8 @@ from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
-from aleator.observations.errors import Noise
 from aleator.observations.experiments import Experiments
+from aleator.observations.noise import Noise
 from aleator.results.units import checked_units
 from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
@@ -59,6 +59,7 @@ def identify(
     budget: Budget = UNLIMITED,
     units: Mapping[str, str] | None = None,
     jac: bool | Callable[..., Any] = False,
+    restricted: bool = False,
 ) -> Identification:
     """Identify the law of the inputs from experiments, by maximum likelihood.
 
@@ -83,7 +84,8 @@ def identify(
     is then the best one within the budget, with a warning about what more runs would improve. With
     a store, Gaussian processes begin with the runs that it has when the study is identified first;
     later runs change nothing. `units` of outcomes, conditions and parameters are only
-    displayed.
+    displayed. `restricted` maximizes the restricted likelihood (REML), for variances from few
+    experiments.
 
     Raises AleatorError for input that cannot be used. Numerical failures are statuses and warnings
     on the result. Cost: the runs of the surfaces and of the check, and some milliseconds for each
@@ -112,14 +114,14 @@ def identify(
     runner.repeat_some()
     spend(budget, runner, inputs, propagation, density is not None)
     ledger = Ledger(runner, progress or Silent())
-    choices = Choices.of(table, inputs, noise, propagation, density, search)
+    choices = Choices.of(
+        table, inputs, noise, propagation, density, search, restricted=restricted
+    )  # fmt: skip
     choices.require_enough()
     answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
     result = result_of(answer, table, verification, ledger)
     found = Identification.of(replace(result, units=shown), _session(answer, table))
-    return _judged(
-        found, (*runner.used_conditions, *inputs.covariates), consistency, best_law, ledger
-    )
+    return _judged(found, (*runner.used_conditions, *inputs.columns), consistency, best_law, ledger)
 
 
 def _judged(

@@ -279,9 +279,10 @@ def _of_measured(
     x, weights = [], []
     for alpha in alphas:
         likelihood = context.measured.at(alpha)
-        own, share = individual_points(likelihood, alpha, likelihood.layout.alone(which), count)
-        x.append(own[0])
-        weights.append(share[0])
+        block = likelihood.layout.alone(which)
+        own, share = individual_points(likelihood, alpha, block, count)
+        x.append(own[which - block.experiments.start])
+        weights.append(share[which - block.experiments.start])
     # The points are ordered, so errors are permuted to be independent of them.
     score = np.random.default_rng(count).permutation(normal_points(x[0].shape[0], 1, 0)[:, 0])
     return DrawnParameters(np.stack(x), np.stack(weights), score)

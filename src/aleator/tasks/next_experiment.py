@@ -25,7 +25,7 @@ from aleator.inference.design import (
 )
 from aleator.inference.fit import Fit
 from aleator.laws import Hyperparameter
-from aleator.observations.experiments import Conditions, Experiments, unmeasured
+from aleator.observations.experiments import Conditions, unmeasured
 from aleator.results import printed
 from aleator.results.printed import number
 from aleator.results.values import Estimate
@@ -280,9 +280,10 @@ def next_experiments(
     relative standard error.
 
     `candidates` is a table like that of the experiments, without outcomes; rows with the same id
-    are one experiment. A candidate is chosen at most `repeat` times. The set is best under the
-    identified law, or with `laws` above 1 best on average over so many plausible laws. For a
-    hyperparameter on a limit the other end of its interval is assumed.
+    are one experiment. Experiments of a new group of a level, such as a batch, are one candidate. A
+    candidate is chosen at most `repeat` times. The set is best under the identified law, or with
+    `laws` above 1 best on average over so many plausible laws. For a hyperparameter
+    on a limit the other end of its interval is assumed.
 
     Runs are made for response surfaces of the candidates, by the Runner `simulator`, or in the same
     way as in the identification. Raises InputsError for an unknown name and for more experiments
@@ -307,6 +308,7 @@ def next_experiments(
     before = runner.runs
     progress.stage("candidates")
     offered = session.fit_on(conditions, aim.alpha, runner, progress)
+    require_enough_candidates(count, len(offered.cluster_names), repeat)
     predicted = None
     if aim.predicted is not None:
         there = _conditions(aim.predicted.conditions, fit)
@@ -344,12 +346,12 @@ def planned(
         _directions(aim, fit, predicted, every, rng, progress),
     ).relative()
     choice = chosen(plan, count, repeat)
-    ids = offered.table.ids
+    ids = offered.cluster_names
     return NextExperiments(
         about=aim.name,
         relative=plan.directions is None or plan.directions.shape[1] > 1,
         ids=ids,
-        conditions=_first_rows(offered.table),
+        conditions=_first_rows(offered),
         now=float(plan.standard_error(plan.present)),
         alone=_alone(plan),
         uncertain=_uncertain(plan, scores[0]),
@@ -370,10 +372,11 @@ def _conditions(candidates: Conditions | pd.DataFrame, fit: Fit) -> Conditions:
     return Conditions.from_frame(candidates, responses=fit.table.observations.responses)
 
 
-def _first_rows(conditions: Experiments) -> pd.DataFrame:
-    """The conditions of the first row of each experiment, by its id."""
-    first = np.unique(conditions.experiment, return_index=True)[1]
-    return conditions.conditions.iloc[first].set_axis(pd.Index(conditions.ids, name="id"))
+def _first_rows(offered: Fit) -> pd.DataFrame:
+    """The conditions of the first row of each candidate, by its name."""
+    first = np.unique(offered.cluster[offered.table.experiment], return_index=True)[1]
+    names = pd.Index(offered.cluster_names, name="id")
+    return offered.table.conditions.iloc[first].set_axis(names)
 
 
 def require_enough_candidates(count: int, candidates: int, repeat: int) -> None:

@@ -347,7 +347,7 @@ def sampled_posterior(
         estimates=fit.alpha[moving],
         fixed={n: float(fit.alpha[k]) for k, n in enumerate(names) if k not in moving},
         priors=tuple(h.name for h in fit.hyperparameters if h.prior is not None),
-        ids=tuple(fit.table.ids),
+        ids=fit.cluster_names,
         outcome=fit.table.outcome_name,
         seed=seed,
         seconds=time.perf_counter() - began,

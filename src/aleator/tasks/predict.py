@@ -16,8 +16,8 @@ from aleator.fit.regions import REGIONS, region_of
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
-from aleator.observations.errors import Noise
 from aleator.observations.experiments import Conditions
+from aleator.observations.noise import Noise
 from aleator.observations.responses import responses_of
 from aleator.results.values import REPORTED, Estimate, in_order
 from aleator.simulators import Runner

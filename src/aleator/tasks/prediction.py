@@ -192,11 +192,10 @@ class Draws:
     @classmethod
     def old(cls, likelihood: IndividualLikelihood, alpha: Array, which: int) -> Draws:
         """Points of the parameters of one measured experiment, given its observations."""
-        return cls(
-            *individual_points(
-                likelihood, alpha, likelihood.layout.alone(which), PREDICTION.law_points
-            )
-        )
+        block = likelihood.layout.alone(which)
+        x, share = individual_points(likelihood, alpha, block, PREDICTION.law_points)
+        own = slice(which - block.experiments.start, which - block.experiments.start + 1)
+        return cls(x[own], share[own])
 
     @classmethod
     def joined(cls, parts: Sequence[Draws]) -> Draws:

@@ -22,8 +22,9 @@ from aleator.inference.information import INTERVALS
 from aleator.inference.likelihood_at import censored_alike
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, drawn
-from aleator.observations.errors import MeasurementErrors, Noise
+from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments
+from aleator.observations.noise import Noise
 from aleator.observations.responses import Observations, responses_of
 from aleator.results import printed
 from aleator.search import Search
@@ -100,7 +101,7 @@ def virtual_observations(
     eta = values[place, runner.column][:, None]
     uniform = rng.random(eta.shape)
     with np.errstate(invalid="ignore"):
-        y = errors.quantile(alpha[inputs.size :], uniform, eta, slice(0, len(seen)))[:, 0]
+        y = errors.drawn(alpha[inputs.size :], uniform, eta, slice(0, len(seen)))[:, 0]
     return censored_alike(seen, y, rng)
 
 
@@ -198,6 +199,7 @@ def recover(
     seed: int = 0,
     workers: int = 1,
     progress: Progress | None = None,
+    restricted: bool = False,
 ) -> Recovery:
     """Identify data sets simulated under the law `truth`, and compare the estimates with it.
 
@@ -225,7 +227,9 @@ def recover(
     runner = runner_on(simulator, experiments, inputs.names, vectorized)
     if not isinstance(experiments, Experiments):
         experiments = _unmeasured(experiments, noise)
-    choices = Choices.of(experiments, inputs, noise, propagation, density, search)
+    choices = Choices.of(
+        experiments, inputs, noise, propagation, density, search, restricted=restricted
+    )  # fmt: skip
     hyperparameters = choices.hyperparameters
     alpha = _checked(truth, hyperparameters, replicates)
     progress.stage("virtual experiments")

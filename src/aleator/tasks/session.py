@@ -14,7 +14,7 @@ from aleator.core.progress import Progress
 from aleator.core.status import Status
 from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, nearest
-from aleator.fit.question import DEFAULT_PROPAGATION, varying_conditions
+from aleator.fit.question import DEFAULT_PROPAGATION, first_rule, varying_conditions
 from aleator.fit.refine import under_law
 from aleator.fit.regions import draws, plausible_alphas
 from aleator.inference.alpha_draws import AlphaDraws
@@ -22,10 +22,17 @@ from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual import GaussHermite, IndividualLikelihood, Layout, Predictor
+from aleator.likelihood.individual import (
+    GaussHermite,
+    IndividualLikelihood,
+    Layout,
+    LevelRule,
+    Predictor,
+)
 from aleator.likelihood.model import Model
-from aleator.observations.errors import MeasurementErrors, Noise, noise_hyperparameters
+from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
 from aleator.observations.experiments import Conditions, Experiments, covariates, unmeasured
+from aleator.observations.noise import Noise
 from aleator.observations.responses import Response, Transform, with_limits_of_test
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
@@ -102,15 +109,16 @@ class Session:
             surfaces = model.surfaces or ResponseSurface()
             responses = (Response(found.outcome, found.transform),)
             return cls(inputs, None, responses, experiments, runner, None, False, surfaces, model)
-        unresolved = inputs.regressed and inputs.covariate_model is None
+        made = inputs.regressed and inputs.covariate_model is None
+        unresolved = made or (bool(inputs.levels) and inputs.grouping is None)
         if noise is None or (experiments is None and unresolved):
-            lacking = "noise" if noise is None else "experiments, whose covariates make the law,"
+            lacking = "noise" if noise is None else "experiments, whose columns the laws follow,"
             raise AleatorError(
                 f"what can be asked of {source} needs the {lacking} too",
                 f"aleator.load(path, ..., {'noise' if noise is None else 'experiments'}=...)",
             )
         if experiments is not None and unresolved:
-            inputs = inputs.resolved(covariates(experiments, inputs.covariates))
+            inputs = inputs.resolved(covariates(experiments, inputs.columns))
         seen = tuple(Response(name, Transform(each)) for name, each in found.responses.items())
         surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
         on_simulator = found.propagation == DIRECT
@@ -197,13 +205,20 @@ class Session:
                 f"of '{of}': one outcome says too little of the parameters of its experiment",
                 "predict new experiments: leave `of` out",
             )
+        noises = self.noise.values() if isinstance(self.noise, Mapping) else [self.noise]
+        if of is not None and noise and any(n and n.correlation for n in noises):
+            raise InputsError(
+                f"of '{of}': further errors of this experiment hang together with those that were "
+                "measured, and their law given these is not computed",
+                "predict without the errors (noise=False, --no-noise), or predict new experiments",
+            )
         if isinstance(conditions, pd.DataFrame):
             conditions = Conditions.from_frame(conditions, responses=self.responses)
         runner, inputs = self.runner_on(conditions, "a prediction"), self.inputs
         assert inputs is not None
         known = None if of is None else self._measured(conditions, alpha, of)
-        if inputs.regressed and known is None:
-            inputs = inputs.resolved(covariates(conditions, inputs.covariates))
+        if inputs.individual_laws and known is None:
+            inputs, known = self._of_groups(conditions, alpha)
         return PredictionContext(
             conditions,
             inputs,
@@ -258,16 +273,34 @@ class Session:
         assert self.inputs is not None
         runner.progress = progress
         inputs, seen = self.inputs, candidates.observations
-        if inputs.regressed:
-            inputs = inputs.resolved(covariates(candidates, inputs.covariates))
+        if inputs.individual_laws:
+            self._require_new_groups(candidates)
+            inputs = inputs.resolved(_columns(candidates, inputs))
         table = table.with_observations(with_limits_of_test(seen, fit.table.observations))
         likely = plausible_alphas(fit.alpha, fit.inference, fit.hyperparameters)
         x = draws(inputs, [alpha, *likely], len(candidates.ids))
         # Candidate experiments have as many quadrature nodes as the identification needed.
-        likelihood = replace(
-            self._integral(inputs, table, runner, x, 1), rule=fit.likelihood.integral.rule
-        )
+        rule, made = fit.likelihood.integral.rule, self._integral(inputs, table, runner, x, 1)
+        if isinstance(rule, LevelRule) and inputs.grouping is not None:
+            rule = rule.on(inputs.grouping)
+        likelihood = replace(made, rule=rule)
         return Fit.of_individuals(likelihood, alpha, fit.inference, table, fit.likelihood.fewest)
+
+    def _require_new_groups(self, candidates: Conditions) -> None:
+        """Raise InputsError where a candidate belongs to a group that was measured."""
+        assert self.experiments is not None
+        assert self.inputs is not None
+        for level in self.inputs.levels.values():
+            if level not in candidates.table.columns:
+                continue
+            known = {_text(cell) for cell in self.experiments.table[level]}
+            for name, cell in covariates(candidates, [level])[level].items():
+                if _text(cell) in known:
+                    raise InputsError(
+                        f"candidate '{name}' is of the {level} '{_text(cell)}', which was "
+                        "measured, and what it adds depends on the measured ones",
+                        f"let candidates be of new groups: give the column '{level}' other names",
+                    )
 
     def _integral(
         self, inputs: Inputs, table: Experiments, runner: Runner, x: Array, nodes: int
@@ -278,8 +311,14 @@ class Session:
             inputs,
             MeasurementErrors.of(self.noise, table),
             self._predictor(runner, x),
-            Layout(len(table.ids), table.observations.experiment, runner.unit, runner.column),
-            GaussHermite(nodes),
+            Layout(
+                len(table.ids),
+                table.observations.experiment,
+                runner.unit,
+                runner.column,
+                grouping=inputs.grouping,
+            ),
+            GaussHermite(nodes) if inputs.grouping is None else first_rule(inputs),
         )
 
     def _predictor(self, runner: Runner, x: Array) -> Predictor:
@@ -298,6 +337,36 @@ class Session:
             )
         which = [table.ids.index(name) for name in _named_by(table, conditions, of)]
         return MeasuredExperiments(self._adapted(table, alpha), np.array(which, dtype=np.intp))
+
+    def _of_groups(
+        self, conditions: Conditions, alpha: Array
+    ) -> tuple[Inputs, MeasuredExperiments | None]:
+        """The laws of new experiments, and these experiments if some are in a measured group.
+
+        They are then added to the measured ones, without observations.
+        """
+        inputs, table = self.inputs, self.experiments
+        assert inputs is not None
+        new = _columns(conditions, inputs)
+        alone = inputs.resolved(new)
+        if not inputs.levels or table is None:
+            return alone, None
+        count, old = len(table.ids), covariates(table, inputs.columns)
+        together = pd.concat([old, new], ignore_index=True)
+        grouping = inputs.resolved(together).grouping
+        assert grouping is not None
+        if not any(np.isin(own[count:], own[:count]).any() for own in grouping.group):
+            return alone, None
+        # New experiments stand behind the last one that shares a parameter with them.
+        last = np.full(grouping.clusters, count)
+        last[grouping.cluster[:count]] = np.arange(count)
+        order = np.argsort(
+            np.append(np.arange(count), last[grouping.cluster[count:]]), kind="stable"
+        )
+        place = np.argsort(order)
+        whole = inputs.resolved(together.iloc[order].reset_index(drop=True))
+        likelihood = self._adapted(table, alpha).among(whole, place[:count])
+        return whole, MeasuredExperiments(likelihood.adapted(alpha), place[count:])
 
     def _adapted(self, table: Experiments, alpha: Array, nodes: int = 7) -> IndividualLikelihood:
         """The likelihood of the measured experiments, made again if the fit was not kept.
@@ -354,6 +423,13 @@ def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
                 "name an experiment that was measured, or a column of the conditions with such",
             )
     return ids
+
+
+def _columns(conditions: Conditions, inputs: Inputs) -> pd.DataFrame:
+    """The columns that the laws follow; without that of a level each experiment is a new group."""
+    absent = [n for n in inputs.levels.values() if n not in conditions.table.columns]
+    found = covariates(conditions, [n for n in inputs.columns if n not in absent])
+    return found.assign(**{n: [f"new group {k}" for k in range(len(found))] for n in absent})
 
 
 def _text(cell: object) -> str:

@@ -132,7 +132,7 @@ def _cost(document: Document) -> str:
         return (
             "The simulator takes arrays: an identification runs it at every node, "
             f"{cost['least_runs']:,} times or more, and these runs are not kept. If it is slow, "
-            'take [propagation] surfaces = "own".'
+            'take [propagation] surfaces = "process".'
         )
     low, high = (duration(hours) for hours in cost["hours"])
     by = f"with {cost['workers']} workers" if cost["workers"] > 1 else "with one worker"

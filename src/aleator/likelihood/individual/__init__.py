@@ -8,6 +8,7 @@ about its modes, by piecewise Gauss-Legendre rules ("panels"), or as importance 
 the nodes to every alpha.
 """
 
+from aleator.likelihood.individual.levels import LevelRule
 from aleator.likelihood.individual.likelihood import Following, IndividualLikelihood
 from aleator.likelihood.individual.modes import NodeRule
 from aleator.likelihood.individual.panels import Panels, PlanePanels
@@ -41,6 +42,7 @@ __all__ = [
     "IndividualParameters",
     "LawPoints",
     "Layout",
+    "LevelRule",
     "OnProcesses",
     "OnSurfaces",
     "Panels",

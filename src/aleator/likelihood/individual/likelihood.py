@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.core.status import Status
-from aleator.core.types import Array, Flags
+from aleator.core.types import Array, Flags, Indices
 from aleator.laws.hyperparameter import Hyperparameter, log_prior
 from aleator.laws.inputs import Individual, Inputs, parameters_at, variates_of
+from aleator.likelihood.individual.levels import LevelRule, cluster_modes
 from aleator.likelihood.individual.modes import (
     MODES,
     Curved,
@@ -20,6 +21,7 @@ from aleator.likelihood.individual.modes import (
     Modes,
     ModeSettings,
     NodeRule,
+    PlacedNodes,
     highest,
     inner,
     modes,
@@ -28,12 +30,12 @@ from aleator.likelihood.individual.parameters import (
     FOLLOWING,
     FollowingSettings,
     Parameters,
-    distance,
     holds,
     scattered_density,
 )
 from aleator.likelihood.individual.predictors import Block, Layout, OnSurfaces, Predictor
-from aleator.likelihood.individual.rules import GaussHermite, Nodes, joined
+from aleator.likelihood.individual.restricted import restricted
+from aleator.likelihood.individual.rules import GaussHermite, Nodes
 from aleator.observations.errors import MeasurementErrors, Terms
 from aleator.search.interface import LogLikelihood
 
@@ -47,7 +49,8 @@ class IndividualLikelihood:
     fixed, so that a call gives a smooth function of alpha with an exact score (Fisher's identity).
     With mixtures the integral is a sum over the classes, each with its own nodes. `adapted` returns
     a new likelihood with nodes adapted to another alpha. The quadrature is poor at an alpha that is
-    far from the one to which the nodes were adapted.
+    far from the one to which the nodes were adapted. If `restricted` is true, locations are
+    integrated out (see `aleator.likelihood.individual.restricted`).
     """
 
     inputs: Inputs
@@ -58,6 +61,7 @@ class IndividualLikelihood:
     nodes: Nodes
     parameters: Parameters | None = None
     settings: ModeSettings = MODES
+    restricted: bool = False
 
     @classmethod
     def of(
@@ -66,12 +70,15 @@ class IndividualLikelihood:
         errors: MeasurementErrors,
         predictor: Predictor,
         layout: Layout,
-        rule: GaussHermite,
+        rule: GaussHermite | LevelRule,
+        *,
+        restricted: bool = False,
     ) -> IndividualLikelihood:
         """The likelihood with nodes of the law itself, not yet adapted to the experiments."""
         classes = len(inputs.classes)
-        nodes = Nodes.of_the_law(layout.count, classes, inputs.scattering, rule)
-        return cls(inputs, errors, predictor, layout, rule, nodes)
+        first = rule if isinstance(rule, GaussHermite) else GaussHermite(1)
+        nodes = Nodes.of_the_law(layout.count, classes, inputs.scattering, first)
+        return cls(inputs, errors, predictor, layout, rule, nodes, restricted=restricted)
 
     @property
     def name(self) -> str:
@@ -91,6 +98,12 @@ class IndividualLikelihood:
         return self.layout.count
 
     @property
+    def independent(self) -> int:
+        """The number U of independent terms: of experiments, or of clusters of them."""
+        grouping = self.layout.grouping
+        return self.count if grouping is None else grouping.clusters
+
+    @property
     def region(self) -> Array:
         """The region (n, 2) in which simulated values are known.
 
@@ -105,8 +118,29 @@ class IndividualLikelihood:
         return self.layout.blocks(self.nodes.xi.shape[1])
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood and scores (N, K) at alpha (K,), with the present nodes."""
-        each, scores = np.zeros(self.count), np.zeros((self.count, alpha.size))
+        """The log-likelihood and scores (N, K) at alpha (K,), with the present nodes.
+
+        The scores of the experiments of a cluster add up to the derivative of its log-likelihood.
+        """
+        if self.restricted:
+            return self._restricted(alpha, slope=True)
+        return self._scored(alpha)
+
+    def _restricted(self, alpha: Array, *, slope: bool) -> LogLikelihood:
+        """The restricted log-likelihood at alpha (K,); see the function `restricted`.
+
+        Scores near alpha have the same nodes, unless these are points, whose errors move with it.
+        """
+
+        def scored(point: Array) -> LogLikelihood:
+            held = self.adapted(point) if self.rule.centers > 1 else self
+            return held._scored(point)
+
+        return restricted(scored, alpha, self.hyperparameters, slope=slope)
+
+    def _scored(self, alpha: Array) -> LogLikelihood:
+        """The log-likelihood and scores at alpha (K,), before locations are integrated out."""
+        each, scores = np.zeros(self.independent), np.zeros((self.count, alpha.size))
         held = self._held
         for block in self.blocks:
             part = block.experiments
@@ -114,22 +148,26 @@ class IndividualLikelihood:
                 each[part], scores[part] = self._by_density(held, alpha, block)
                 continue
             found = self.at(alpha, block, self.nodes.xi[part])
-            each[part], share = mean_of(found.sums + self.nodes.log_weight[part])
+            each[block.independent], share = self.mean_over_nodes(block, found.sums)
             scores[part] = found.scores(share)
-        value = LogLikelihood(each, scores, _status(each))
+        grouping = self.layout.grouping
+        of = None if grouping is None else grouping.cluster
+        value = LogLikelihood(each, scores, _status(each), cluster=of)
         return value.believed(self.hyperparameters, alpha)
 
     def evaluate(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood at alpha (K,) without its score, with the present nodes."""
-        each, held = np.zeros(self.count), self._held
+        if self.restricted:
+            return self._restricted(alpha, slope=False)
+        each, held = np.zeros(self.independent), self._held
         for block in self.blocks:
-            part = block.experiments
+            part = block.independent
             if held is not None:
                 sums = self.sums_of(alpha, block, held.eta[block.rows])
-                total = sums + held.log_weights(alpha[: self.inputs.size], block)
+                each[part] = mean_of(sums + held.log_weights(alpha[: self.inputs.size], block))[0]
             else:
-                total = self.sums(alpha, block, self.nodes.xi[part]) + self.nodes.log_weight[part]
-            each[part] = mean_of(total)[0]
+                sums = self.sums(alpha, block, self.nodes.xi[block.experiments])
+                each[part] = self.mean_over_nodes(block, sums)[0]
         value = LogLikelihood(each, None, _status(each))
         return value.believed(self.hyperparameters, alpha)
 
@@ -146,23 +184,28 @@ class IndividualLikelihood:
         s, arrived = self.inputs.scattering, max(arrived, self.rule.arrived)
         if not s:
             return self
-        count, placed = classes * self.rule.size(s), list[tuple[slice, Array, Array]]()
+        count, placed = classes * self.rule.size(s), list[tuple[slice, PlacedNodes]]()
         peaks, information = self.nodes.peaks(self.rule.centers)
         x = np.zeros((self.count, classes, n))
         for block in self.layout.blocks(count):
-            part, curved = block.experiments, partial(self._curved, alpha, block)
-            found = self._modes(alpha, block, curved, arrived)
-            peaks[part], information[part] = found.z, found.information
-            x[part] = self._individual(alpha, block, found.z[:, :, 0]).x
-            valued = partial(self.log_density, alpha, block)
-            laws = IndividualLaws(curved, valued, found, part.start)
-            placed.append((part, *self.rule.place(laws)))
-        xi, log_weight = joined(placed, self.count, classes)
-        nodes = Nodes(xi, log_weight, peaks, information, x)
-        parameters = None
+            part, laws = block.experiments, self.laws(alpha, block, arrived)
+            peaks[part], information[part] = laws.modes.z, laws.modes.information
+            x[part] = self._individual(alpha, block, laws.modes.z[:, :, 0]).x
+            placed.append((part, self.rule.place(laws)))
+        nodes = Nodes.joined(placed, peaks, information, x)
+        xi, parameters = nodes.xi, None
         if self.rule.holds_parameters and holds(self.inputs, self.layout.size * xi.shape[1]):
             parameters = self._at_parameters(alpha, nodes)
         return replace(self, nodes=nodes, parameters=parameters)
+
+    def laws(self, alpha: Array, block: Block, arrived: float = MODES.arrived) -> IndividualLaws:
+        """The individual laws of a block at alpha, with their modes, for a node rule."""
+        curved, valued = (
+            partial(self._curved, alpha, block),
+            partial(self.log_density, alpha, block),
+        )
+        found = self._modes(alpha, block, curved, arrived)
+        return IndividualLaws(curved, valued, found, block.experiments.start, block.clusters)
 
     def distance(self, alpha: Array) -> float:
         """The distance of alpha from that of the nodes, which are valid up to a distance of 1.
@@ -180,12 +223,51 @@ class IndividualLikelihood:
         individual = self._individual(alpha, block, self.nodes.xi[block.experiments])
         terms = self._terms(alpha, block, self.predictor.values(block, individual.x))
         sums = individual.log_weight + block.summed(terms.value)
-        each, share = mean_of(sums + self.nodes.log_weight[block.experiments])
+        each, share = self.mean_over_nodes(block, sums)
         return each, share, individual, terms
+
+    def mean_over_nodes(self, block: Block, sums: Array) -> tuple[Array, Array]:
+        """The log-likelihood of each independent term of a block, and the nodes' shares (B, J).
+
+        `sums` (B, J) are log P(class) + sum_k log p(y_k | eta_k) at the present nodes.
+        """
+        part, shared = block.experiments, self.nodes.shared
+        total = sums + self.nodes.log_weight[part]
+        if block.clusters is None or shared is None:
+            return mean_of(total)
+        found = block.clusters.mean_of(total, shared[part])
+        return found.each, found.share
+
+    def conditional(self, alpha: Array) -> Array:
+        """log p(y_l | the other experiments that share parameters with experiment l) (N,)."""
+        found = np.zeros(self.count)
+        for block in self.blocks:
+            part, shared = block.experiments, self.nodes.shared
+            total = self.sums(alpha, block, self.nodes.xi[part]) + self.nodes.log_weight[part]
+            if block.clusters is None or shared is None:
+                found[part] = mean_of(total)[0]
+            else:
+                found[part] = block.clusters.mean_of(total, shared[part]).conditional
+        return found
 
     def by(self, rule: NodeRule, alpha: Array) -> IndividualLikelihood:
         """This likelihood with another node rule, whose nodes are adapted to alpha."""
         return self.ruled(rule).adapted(alpha)
+
+    def among(self, inputs: Inputs, place: Indices) -> IndividualLikelihood:
+        """This likelihood with further experiments, which have no observations.
+
+        The `inputs` are for all of them, and say which share parameters with measured ones. `place`
+        (N,) are the new numbers of the measured ones, in their order.
+        """
+        grouping, rule = inputs.grouping, self.rule
+        assert grouping is not None
+        assert isinstance(rule, LevelRule)
+        layout = replace(
+            self.layout, count=grouping.cluster.size, experiment=place[self.layout.experiment],
+            grouping=grouping, chosen=(), _blocks={},
+        )  # fmt: skip
+        return self.of(inputs, self.errors, self.predictor, layout, rule.on(grouping))
 
     def ruled(self, rule: NodeRule) -> IndividualLikelihood:
         """This likelihood with another node rule, whose nodes are not yet adapted."""
@@ -212,11 +294,14 @@ class IndividualLikelihood:
         """
         return Following(self, self.settings.arrived)
 
-    def at(self, alpha: Array, block: Block, xi: Array) -> Evaluated:
-        """The simulated values of a block at variates xi (B, J, s), with slopes and error terms."""
+    def at(self, alpha: Array, block: Block, xi: Array, scores: bool = True) -> Evaluated:
+        """The simulated values of a block at variates xi (B, J, s), with slopes and error terms.
+
+        Without `scores` derivatives by the hyperparameters of the errors may be left out.
+        """
         individual = self._individual(alpha, block, xi)
         eta, slopes = self.predictor.with_slopes(block, individual.x)
-        return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta), block)
+        return Evaluated(individual, eta, slopes, self._terms(alpha, block, eta, scores), block)
 
     def sums(self, alpha: Array, block: Block, xi: Array) -> Array:
         """The sums log P(class) + sum_k log p(y_k | eta_k) (B, J) at variates xi (B, J, s)."""
@@ -226,7 +311,8 @@ class IndividualLikelihood:
 
     def sums_of(self, alpha: Array, block: Block, eta: Array) -> Array:
         """The sums sum_k log p(y_k | eta_k) (B, J) for simulated values eta (m, J)."""
-        return block.summed(self._terms(alpha, block, eta).value)
+        of_errors = alpha[self.inputs.size :]
+        return block.summed(self.errors.log_density(of_errors, eta, block.rows))
 
     def at_point(self, x: Array) -> tuple[Array, Array]:
         """The simulated values (M,) of all experiments at one point x (n,), with slopes (M, n)."""
@@ -238,7 +324,12 @@ class IndividualLikelihood:
 
     def log_density(self, alpha: Array, block: Block, z: Array) -> Array:
         """The log-density (B, P), up to a constant, of variates z (B, P, s) given observations."""
-        return np.asarray(self.sums(alpha, block, z) - 0.5 * inner(z, z))
+        return np.asarray(self.sums(alpha, block, z) - 0.5 * inner(self._counted(block, z), z))
+
+    def _counted(self, block: Block, z: Array) -> Array:
+        """The variates z (B, P, s), but zero where another experiment counts them."""
+        clusters = block.clusters
+        return z if clusters is None else clusters.counted[:, None] * z
 
     @property
     def _held(self) -> Parameters | None:
@@ -258,7 +349,10 @@ class IndividualLikelihood:
         there = np.isfinite(nodes.log_weight)
         density = scattered_density(inputs, alpha[: inputs.size], x[there])
         log_weight = np.where(np.isfinite(density), nodes.log_weight[there] - density, -np.inf)
-        return Parameters(inputs, self.predictor, alpha, there, x[there], log_weight, eta)
+        of_errors = self.errors.hyperparameters
+        return Parameters(
+            inputs, self.predictor, of_errors, alpha, there, x[there], log_weight, eta
+        )
 
     def _by_density(self, held: Parameters, alpha: Array, block: Block) -> tuple[Array, Array]:
         """The log-likelihoods (B,) and scores (B, K) with nodes stored as parameter values."""
@@ -271,8 +365,8 @@ class IndividualLikelihood:
     def _individual(self, alpha: Array, block: Block, xi: Array) -> Individual:
         return self.inputs.individual(alpha[: self.inputs.size], xi, block.experiments)
 
-    def _terms(self, alpha: Array, block: Block, eta: Array) -> Terms:
-        return self.errors.terms(alpha[self.inputs.size :], eta, block.rows)
+    def _terms(self, alpha: Array, block: Block, eta: Array, scores: bool = True) -> Terms:
+        return self.errors.terms(alpha[self.inputs.size :], eta, block.rows, scores)
 
     def _modes(self, alpha: Array, block: Block, curved: Curved, arrived: float) -> Modes:
         """The modes (B, C, M, s) about which the rule places its nodes.
@@ -287,6 +381,13 @@ class IndividualLikelihood:
             known = self.nodes.modes[block.experiments]
             return highest(curved, known, self.rule.centers, arrived, self.settings)
         s, last = self.inputs.scattering, self.nodes.mode[block.experiments]
+        if block.clusters is not None:
+            tried = np.concatenate([last, np.zeros_like(last)], axis=1)
+            value = block.clusters.summed(self.log_density(alpha, block, tried))
+            best = np.argmax(value, axis=1)[block.clusters.top(0)]
+            start = np.take_along_axis(tried, best[:, None, None], axis=1)
+            found = cluster_modes(curved, start, block.clusters, 0, arrived, self.settings)
+            return Modes(found.z[:, :, None], found.information[:, :, None], found.value[..., None])
         around = np.concatenate(
             [np.zeros((1, s)), *(reach * np.eye(s) for reach in self.settings.starts)]
         )
@@ -319,8 +420,11 @@ class IndividualLikelihood:
         Its information is the Gauss-Newton approximation.
         """
         found, gradient, outer = self.of_observations(alpha, block, z)
-        value = found.sums - 0.5 * inner(z, z)
-        return value, block.summed(gradient) - z, block.summed(outer) + np.eye(z.shape[2])
+        own, law = self._counted(block, z), np.eye(z.shape[2])
+        if block.clusters is not None:
+            law = block.clusters.counted[:, None, :, None] * law
+        value = found.sums - 0.5 * inner(own, z)
+        return value, block.summed(gradient) - own, block.summed(outer) + law
 
     def of_observations(
         self, alpha: Array, block: Block, z: Array
@@ -330,12 +434,11 @@ class IndividualLikelihood:
         The information (m, P, s, s) is the Gauss-Newton approximation. The simulated values are
         returned first.
         """
-        found = self.at(alpha, block, z)
+        found = self.at(alpha, block, z, scores=False)
         by_xi = found.individual.by_variates()[block.owner]
         slopes = np.einsum("nmp,mpns->mps", found.slopes, by_xi)
         of_errors = alpha[self.inputs.size :]
-        curvature = self.errors.curvature(of_errors, found.eta, block.rows)
-        outer = curvature[..., None, None] * slopes[..., :, None] * slopes[..., None, :]
+        outer = self.errors.information(of_errors, found.eta, slopes, block.rows)
         return found, found.terms.d_eta[..., None] * slopes, outer
 
 
@@ -365,12 +468,13 @@ class Following:
         """The total log-likelihoods (A,) at alphas (A, K), with nodes adapted to each."""
         return np.array([self._adapted(a).evaluate(a).total for a in np.asarray(alphas)])
 
-    def expectation_step(self, alpha: Array) -> tuple[float, Array]:
+    def expectation_step(self, alpha: Array) -> tuple[float, Array] | None:
         """The log-likelihood at alpha, and the alpha after a step of the EM algorithm.
 
-        See the function of this name.
+        See the function of this name. None for the restricted likelihood.
         """
-        return expectation_step(self._adapted(alpha), alpha)
+        adapted = self._adapted(alpha)
+        return None if adapted.restricted else expectation_step(adapted, alpha)
 
     def reach(self, alpha: Array, ahead: Array) -> float:
         """The largest allowed share of a step from alpha (K,) to the point `ahead` (K,).
@@ -381,7 +485,7 @@ class Following:
         nearest, share, settings = self.nearest(alpha), 1.0, self._settings
         while (
             nearest.parameters is not None
-            and distance(nearest.inputs, alpha, alpha + share * (ahead - alpha), settings) > 1.0
+            and nearest.parameters.between(alpha, alpha + share * (ahead - alpha)) > 1.0
         ):
             share *= settings.shorter
         return share
@@ -522,8 +626,11 @@ def expectation_step(
     if not np.isfinite(value) or not np.all(np.isfinite(square[counted])):
         return value, found
     for i in _known(inputs):
-        own = (mean[counted, i] - center[counted, i], square[counted, i], spread[counted, i])
-        _place(inputs, i, found, *own, counted, settings)
+        some = counted
+        if inputs.grouping is not None:
+            some = counted & (inputs.grouping.counted[:, inputs.scattered.index(i)] > 0.0)
+        own = (mean[some, i] - center[some, i], square[some, i], spread[some, i])
+        _place(inputs, i, found, *own, some, settings)
     _place_errors(errors, found[inputs.size :], slope / np.maximum(count, 1.0), settings)
     return value, found
 

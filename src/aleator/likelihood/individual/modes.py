@@ -10,6 +10,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from aleator.core.types import Array, Flags
+from aleator.likelihood.individual.clusters import Clusters
 
 
 @dataclass(frozen=True)
@@ -223,13 +224,29 @@ class IndividualLaws:
     """The individual laws of the B experiments from number `first` on, for a node rule.
 
     `curved` gives the log-density of their variates with derivatives, `valued` without. `modes` has
-    M modes (B, C, M, s) of each of C classes, the highest first.
+    M modes (B, C, M, s) of each of C classes, the highest first. Where experiments share variates,
+    `clusters` says which; the law of a shared variate then counts once in the log-densities.
     """
 
     curved: Curved
     valued: Valued
     modes: Modes
     first: int
+    clusters: Clusters | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedNodes:
+    """The nodes xi (B, J, s) of B experiments, with log weights (B, J).
+
+    Where experiments share variates, these have Q nodes at each of L stages, and J is a multiple of
+    Q_1 ... Q_L. `shared` (B, Q_1, ..., Q_L) has the log weights of these nodes, with the first
+    experiment of each group and zero with the others.
+    """
+
+    xi: Array
+    log_weight: Array
+    shared: Array | None = None
 
 
 class NodeRule(ABC):
@@ -280,7 +297,7 @@ class NodeRule(ABC):
         return float(sum(gaps))
 
     @abstractmethod
-    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Nodes xi (B, C J, s) of the experiments, class by class, and log weights (B, C J).
 
         int g(xi) phi(xi) dxi = sum_j exp(log_weight_j) g(xi_j) in each class. The log-density of

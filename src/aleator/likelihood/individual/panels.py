@@ -28,6 +28,7 @@ from aleator.likelihood.individual.modes import (
     DenseRule,
     IndividualLaws,
     ModeSettings,
+    PlacedNodes,
     Valued,
     inner,
 )
@@ -86,7 +87,7 @@ class Panels(DenseRule):
         finer = Panels(self.settings.finer_points, settings=self.settings)
         return (finer,) if self.points < finer.points else ()
 
-    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Nodes xi (B, C J, 1) of the accurate panels of each class, and their log weights."""
         rows, own = _ClassRows.of(laws), self.settings
 
@@ -98,7 +99,7 @@ class Panels(DenseRule):
         pieces, totals = integrated(log_density, every, self.points, self.enough, own.lines)
         row, xi, log_weight, value = pieces.flat
         kept = _needed(row, value + log_weight - totals[row], rows.count, own.left)
-        return rows.side_by_side(row[kept], xi[kept, None], log_weight[kept])
+        return PlacedNodes(*rows.side_by_side(row[kept], xi[kept, None], log_weight[kept]))
 
 
 @dataclass(frozen=True)
@@ -187,7 +188,7 @@ class PlanePanels(DenseRule):
         needed = self.enough > own.enough and abs(sum(gaps)) > max(enough, own.missed)
         return PlanePanels(own.points, own.enough, own) if needed else None
 
-    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Nodes xi (B, C J, 2) on the lines of each class, and their log weights (B, C J)."""
         own, rows = self.settings, _ClassRows.of(laws)
         information = laws.modes.information[:, :, 0]
@@ -201,9 +202,8 @@ class PlanePanels(DenseRule):
         share = value + log_v + log_u[line] - totals[row[line]]
         kept = _needed(row[line], share, rows.count, own.left)
         line, v, log_v = line[kept], v[kept], log_v[kept]
-        return rows.side_by_side(
-            row[line], plane.turned(row[line], u[line], v), log_u[line] + log_v
-        )
+        xi = plane.turned(row[line], u[line], v)
+        return PlacedNodes(*rows.side_by_side(row[line], xi, log_u[line] + log_v))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
+from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.laws.law import Law
 from aleator.likelihood.individual.predictors import Block, Predictor
@@ -26,10 +27,12 @@ class FollowingSettings:
     The values are chosen by judgement. Nodes made for one law are reused for another if its medians
     differ by no more than the distance between the quartiles. `narrower` and `wider`: the factors
     by which the width of a law, or the noise, may have changed. `tied`: the largest change of a
-    correlation. `shorter`: the factor by which a step of alpha is shortened until it stays within
-    these bounds. `kept_values`: the largest number of simulated values stored with nodes.
-    `kept_nodes`: the largest number of nodes that an objective remembers. `resolution`: the error
-    of a log-likelihood, relative to the tolerance of its modes.
+    correlation. `shape`: the largest change of a hyperparameter of the measurement errors that is
+    no scale, as the correlation of neighbours, relative to the width of its limits. `shorter`: the
+    factor by which a step of alpha is shortened until it stays within these bounds. `kept_values`:
+    the largest number of simulated values stored with nodes. `kept_nodes`: the largest number of
+    nodes that an objective remembers. `resolution`: the error of a log-likelihood, relative to the
+    tolerance of its modes.
 
     The other fields concern the scores of laws. `step`: the step of differences, relative to a
     hyperparameter, or to the share `least_size` of its range if that is larger. `points`: the
@@ -41,6 +44,7 @@ class FollowingSettings:
     narrower: float = 0.4
     wider: float = 2.0
     tied: float = 0.2
+    shape: float = 0.05
     shorter: float = 0.6
     kept_values: int = 4_000_000
     kept_nodes: int = 8_000_000
@@ -63,13 +67,15 @@ class Parameters:
     w_j are the weights of nodes that were adapted to alpha0. The sum is smooth in alpha for any
     simulator, also for one with kinks or jumps. Nodes stored as standard normal variates would move
     across a kink or jump as alpha changes. `alpha` is alpha0. `there` (N, J) flags the nodes with a
-    weight, and `log_weight` (T,) is log w_j/p(x_j | alpha0) of these, experiment by experiment. The
-    nodes are valid only for these `inputs` and this `predictor`, and for laws whose support does
+    weight, and `log_weight` (T,) is log w_j/p(x_j | alpha0) of these, experiment by experiment.
+    `of_errors` are the hyperparameters of the measurement errors, the last of alpha. The nodes are
+    valid only for these `inputs` and this `predictor`, and for laws whose support does
     not depend on alpha.
     """
 
     inputs: Inputs
     predictor: Predictor
+    of_errors: tuple[Hyperparameter, ...]
     alpha: Array
     there: Flags
     x: Array
@@ -79,7 +85,11 @@ class Parameters:
 
     def distance(self, alpha: Array) -> float:
         """The distance of alpha from that of the nodes, which are valid up to a distance of 1."""
-        return distance(self.inputs, self.alpha, alpha, self.settings)
+        return self.between(self.alpha, alpha)
+
+    def between(self, alpha: Array, other: Array) -> float:
+        """The distance of two alphas (see `distance`)."""
+        return distance(self.inputs, self.of_errors, alpha, other, self.settings)
 
     def log_weights(self, alpha: Array, block: Block) -> Array:
         """The log weights log(w_j p(x_j | alpha)/p(x_j | alpha0)) (B, J) of a block of experiments.
@@ -113,20 +123,29 @@ class Parameters:
 
 
 def distance(
-    inputs: Inputs, alpha: Array, other: Array, settings: FollowingSettings = FOLLOWING
+    inputs: Inputs,
+    of_errors: tuple[Hyperparameter, ...],
+    alpha: Array,
+    other: Array,
+    settings: FollowingSettings = FOLLOWING,
 ) -> float:
     """The distance of two alphas; up to a distance of 1, nodes of the first are valid at the other.
 
     It is the largest change of a median, a width or a correlation, relative to the allowed change.
+    `of_errors` are the hyperparameters of the measurement errors.
     """
     size = inputs.size
     here, there = (_quartiles(inputs, tuple(values[:size].tolist())) for values in (alpha, other))
     width, wider = here[:, 2] - here[:, 0], there[:, 2] - there[:, 0]
     shifted = np.abs(there[:, 1] - here[:, 1]) / width
     ties = np.abs(other - alpha)[inputs.partials] / settings.tied
-    pairs = [(width, wider), (alpha[size:], other[size:])]
+    scales = np.array([h.log for h in of_errors], dtype=np.bool_)
+    pairs = [(width, wider), (alpha[size:][scales], other[size:][scales])]
     grown = [_grown(before, after, settings) for before, after in pairs]
-    return float(np.max(np.concatenate([shifted, ties, *grown]), initial=0.0))
+    allowed = [settings.shape * (h.upper - h.lower) for h in of_errors if h.free and not h.log]
+    free = np.array([h.free and not h.log for h in of_errors], dtype=np.bool_)
+    shaped = np.abs(other - alpha)[size:][free] / np.array(allowed)
+    return float(np.max(np.concatenate([shifted, ties, shaped, *grown]), initial=0.0))
 
 
 def holds(inputs: Inputs, values: int, settings: FollowingSettings = FOLLOWING) -> bool:

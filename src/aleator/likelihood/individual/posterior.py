@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aleator.core.types import Array
+from aleator.likelihood.individual.levels import LevelRule
 from aleator.likelihood.individual.likelihood import IndividualLikelihood, mean_of
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.individual.rules import proposed, standard_points
@@ -67,7 +68,7 @@ def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> Ind
     for block in likelihood.blocks:
         part, owner = block.experiments, block.owner
         found = likelihood.at(alpha, block, likelihood.nodes.xi[part])
-        share = mean_of(found.sums + likelihood.nodes.log_weight[part])[1]
+        share = likelihood.mean_over_nodes(block, found.sums)[1]
         of_class[part] = share.reshape(len(share), len(inputs.classes), -1).sum(axis=2)
         x = found.individual.x
         mean[part] = np.einsum("lj,ljn->ln", share, x)
@@ -80,8 +81,11 @@ def individual_parameters(likelihood: IndividualLikelihood, alpha: Array) -> Ind
         best = np.argmax(height, axis=1)[:, None, None]
         x_of_modes = inputs.individual(alpha[: inputs.size], at_modes, part).x
         mode[part] = np.take_along_axis(x_of_modes, best, axis=1)[:, 0]
-    shrinkage = np.full(n, np.nan)
-    shrinkage[list(inputs.scattered)] = 1.0 - np.std(variate, axis=0)
+    shrinkage, grouping = np.full(n, np.nan), inputs.grouping
+    if grouping is not None:
+        # A parameter of a level counts once for each group.
+        variate = np.where(grouping.counted > 0.0, variate, np.nan)
+    shrinkage[list(inputs.scattered)] = 1.0 - np.nanstd(variate, axis=0)
     components = {
         name: of_class @ (own[:, None] == np.arange(own.max() + 1))
         for name, own in zip(inputs.names, inputs.classes.T, strict=True)
@@ -96,10 +100,15 @@ def individual_points(
     """Points x (B, J, n) of the individual laws at alpha (K,), with weights (B, J) of sum one.
 
     They are importance points about the modes, about `count` for each class (see `proposed`). The
-    likelihood must be adapted to alpha. A point whose run fails has the weight zero. Cost: a run
-    for each point.
+    likelihood must be adapted to alpha. Where experiments share parameters they are
+    `LevelRule.sample`. A point whose run fails has the weight zero. Cost: a run for each point.
     """
     nodes, inputs, part = likelihood.nodes, likelihood.inputs, block.experiments
+    if isinstance(likelihood.rule, LevelRule) and block.clusters is not None:
+        with np.errstate(all="ignore"):
+            found = likelihood.rule.sample(likelihood.laws(alpha, block), count)
+        share = mean_of(found.log_weight)[1]
+        return inputs.individual(alpha[: inputs.size], found.xi, part).x, share
     xi, log_weight = proposed(nodes.modes[part], nodes.information[part], count)
     with np.errstate(all="ignore"):
         share = mean_of(likelihood.sums(alpha, block, xi) + log_weight)[1]

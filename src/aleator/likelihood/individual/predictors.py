@@ -10,6 +10,8 @@ import numpy as np
 
 from aleator.core.blocks import blocks
 from aleator.core.types import Array, Flags, Indices
+from aleator.laws.levels import Grouping
+from aleator.likelihood.individual.clusters import Clusters
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import Surface
 from aleator.surrogates.processes import ProcessMeans
@@ -46,7 +48,8 @@ class Block:
     `owner` (m,) is the experiment of each observation, counted from the first of the block;
     `starts` (B,) is the index of each experiment's first observation. `units` (V,) are the
     simulations that the block needs, and `unit_owner` (V,) are their experiments. An observation is
-    the value `column` (m,) of the unit `place` (m,).
+    the value `column` (m,) of the unit `place` (m,). Where experiments share parameters, `clusters`
+    says which; they are whole.
     """
 
     experiments: slice
@@ -57,9 +60,15 @@ class Block:
     unit_owner: Indices
     place: Indices
     column: Indices
+    clusters: Clusters | None = None
 
     def __len__(self) -> int:
         return self.starts.size
+
+    @property
+    def independent(self) -> slice:
+        """The places of the block's independent terms: experiments, or clusters of them."""
+        return self.experiments if self.clusters is None else self.clusters.every
 
     @cached_property
     def seen(self) -> Flags:
@@ -88,7 +97,8 @@ class Layout:
     An experiment without observations has the likelihood one under every law. `experiment` (M,) is
     the experiment of each observation. `unit` (M,) is the simulation that gives its value, and
     `column` (M,) is the index of the value in the result. If `chosen` has slices, only the
-    experiments in them count.
+    experiments in them count. Where experiments share parameters, `grouping` says which, and blocks
+    consist of whole clusters.
     """
 
     count: int
@@ -96,6 +106,7 @@ class Layout:
     unit: Indices
     column: Indices
     chosen: tuple[slice, ...] = ()
+    grouping: Grouping | None = None
     settings: PredictorSettings = PREDICTORS
     _blocks: dict[int, tuple[Block, ...]] = field(default_factory=dict, repr=False)
 
@@ -111,22 +122,47 @@ class Layout:
         if step not in self._blocks:
             parts = self.chosen or (slice(0, self.count),)
             self._blocks[step] = tuple(
-                self._block(first, min(first + step, part.stop))
-                for part in parts
-                for first in range(part.start, part.stop, step)
+                self._block(*ends) for part in parts for ends in self._cut(part, step)
             )
         return self._blocks[step]
 
     def sampled(self, size: int) -> Layout:
         """The layout with about `size` of the experiments, in groups spread evenly over all."""
         group = max(1, size // self.settings.groups)
+        if self.grouping is not None:
+            whole = self._cut(slice(0, self.count), group)
+            few = np.linspace(0, len(whole) - 1, self.settings.groups).astype(int).tolist()
+            some = tuple(slice(*whole[k]) for k in dict.fromkeys(few))
+            return replace(self, chosen=some, _blocks={})
         starts = np.linspace(0, self.count - group, self.settings.groups).astype(int).tolist()
         chosen = tuple(slice(first, first + group) for first in dict.fromkeys(starts))
         return replace(self, chosen=chosen, _blocks={})
 
     def alone(self, experiment: int) -> Block:
-        """The block of one experiment alone."""
-        return self._block(experiment, experiment + 1)
+        """The block of one experiment alone, or with those among which its cluster lies."""
+        first, last = experiment, experiment + 1
+        if self.grouping is not None:
+            ends = self._closed
+            first = int(ends[np.searchsorted(ends, experiment, side="right") - 1])
+            last = int(ends[np.searchsorted(ends, last)])
+        return self._block(first, last)
+
+    def _cut(self, part: slice, step: int) -> list[tuple[int, int]]:
+        """First and last experiments of blocks with about `step` experiments of a part."""
+        ends = np.append(np.arange(part.start, part.stop, step), part.stop)
+        if self.grouping is not None:
+            ends = np.unique(self._closed[np.searchsorted(self._closed, ends)])
+        return [*zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]
+
+    @cached_property
+    def _closed(self) -> Indices:
+        """The numbers of experiments in front of which no cluster is begun and not ended."""
+        assert self.grouping is not None
+        cluster = self.grouping.cluster
+        last = np.zeros(cluster.max() + 1, dtype=np.intp)
+        np.maximum.at(last, cluster, np.arange(cluster.size))
+        reach = np.maximum.accumulate(last[cluster])
+        return np.append(0, 1 + np.flatnonzero(reach == np.arange(cluster.size)))
 
     def _block(self, first: int, last: int) -> Block:
         begin, end = np.searchsorted(self.experiment, [first, last])
@@ -138,6 +174,7 @@ class Layout:
         return Block(
             slice(first, last), rows, owner, np.searchsorted(owner, np.arange(last - first)),
             units, unit_owner, place, self.column[rows],
+            None if self.grouping is None else Clusters.of(self.grouping, slice(first, last)),
         )  # fmt: skip
 
 
@@ -182,7 +219,7 @@ class Direct:
         nodes = x.shape[1]
         points = x[block.unit_owner].reshape(-1, x.shape[2])
         found = self.runner.straight(np.repeat(block.units, nodes), points)
-        whole = found.reshape(block.units.size, nodes, -1)
+        whole = found.reshape(block.units.size, nodes, found.shape[1])
         return whole[..., 0] if block.plain else np.asarray(whole[block.place, :, block.column])
 
     def with_slopes(self, block: Block, x: Array) -> tuple[Array, Array]:
@@ -192,7 +229,7 @@ class Direct:
         """
         points, gaps = self._points(x)
         found = self.values(block, points.reshape(len(x), -1, x.shape[2]))
-        parts = found.reshape(len(found), points.shape[1], -1)
+        parts = found.reshape(len(found), points.shape[1], x.shape[1])
         slopes = np.zeros((x.shape[2], len(found), x.shape[1]))
         for k, i in enumerate(self.moving):
             with np.errstate(invalid="ignore"):

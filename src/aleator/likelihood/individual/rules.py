@@ -23,6 +23,7 @@ from aleator.likelihood.individual.modes import (
     IndividualLaws,
     ModeSettings,
     NodeRule,
+    PlacedNodes,
     inner,
     modes,
 )
@@ -148,7 +149,7 @@ class GaussHermite(NodeRule):
         """
         return float(gaps[-1] if dimensions == 1 else sum(gaps))
 
-    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Nodes xi (B, C J, s) about the highest mode of each class, and their log weights.
 
         The coordinates are w = Q' xi with the eigenvectors Q of the information at the mode; the
@@ -185,7 +186,7 @@ class GaussHermite(NodeRule):
                 own, classes = self.settings.modes, highest.z.shape[1]
                 again = modes(laws.curved, z, whole, own.near, classes, own)
                 z, information = again.z, again.information
-        return z, log_weight - 0.5 * inner(z, z)
+        return PlacedNodes(z, log_weight - 0.5 * inner(z, z))
 
 
 def _more(nodes: int) -> int:
@@ -246,11 +247,12 @@ class ImportancePoints(NodeRule):
         needed = abs(gaps[0]) > enough and more <= self.settings.most_points
         return replace(self, count=more) if needed else None
 
-    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Points xi (B, C J, s) about the M modes of each class, and their log weights."""
         z = laws.modes.z
         shift = np.arange(laws.first, laws.first + len(z))
-        return proposed(z, laws.modes.information, self.count, shift, self.settings.wider)
+        own = laws.modes.information
+        return PlacedNodes(*proposed(z, own, self.count, shift, self.settings.wider))
 
 
 @lru_cache
@@ -348,12 +350,12 @@ class LawPoints(DenseRule):
         """The number J of points."""
         return self.count
 
-    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Points xi (B, C J, s), J for each of C mixture components, and log weights (B, C J)."""
         experiments, classes, _, s = laws.modes.z.shape
         own = shifted_points(self.count, s, laws.first + np.arange(experiments))
         xi = np.tile(own, (1, classes, 1))
-        return xi, np.full(xi.shape[:2], -np.log(self.count))
+        return PlacedNodes(xi, np.full(xi.shape[:2], -np.log(self.count)))
 
 
 @dataclass(frozen=True)
@@ -398,7 +400,7 @@ class RidgePoints(NodeRule):
         needed = abs(gaps[0]) > enough and more <= self.settings.most_ridge_points
         return replace(self, count=more) if needed else None
 
-    def place(self, laws: IndividualLaws) -> tuple[Array, Array]:
+    def place(self, laws: IndividualLaws) -> PlacedNodes:
         """Points xi (B, C J, s) along the ridge through each class's highest mode, and log weights.
 
         The directions are the eigenvectors of the information at the mode. Points come in pairs
@@ -430,7 +432,7 @@ class RidgePoints(NodeRule):
         sides = [(ridge.z + side * step).reshape(shape) for side in (1.0, -1.0)]
         xi = np.concatenate(sides, axis=2).reshape(experiments, -1, s)
         log_rule = np.tile(of_rule.reshape(shape[:3]), (1, 1, 2)).reshape(experiments, -1)
-        return xi, log_rule - 0.5 * inner(xi, xi)
+        return PlacedNodes(xi, log_rule - 0.5 * inner(xi, xi))
 
 
 @dataclass(frozen=True, eq=False)
@@ -441,7 +443,8 @@ class Nodes:
     which follow one after the other (see `Individual`); `log_weight` is (N, J). The nodes lie about
     the `modes` (N, C, M, s), the highest first; `information` (N, C, M, s, s) is the information
     there. `x` (N, C, n) are the parameters at the highest modes, under the alpha to which the nodes
-    are adapted. It is None for nodes of the law itself.
+    are adapted. It is None for nodes of the law itself. `shared` has the weights of variates that
+    experiments share (see `PlacedNodes`).
     """
 
     xi: Array
@@ -449,6 +452,7 @@ class Nodes:
     modes: Array
     information: Array
     x: Array | None = None
+    shared: Array | None = None
 
     @classmethod
     def of_the_law(cls, count: int, classes: int, variates: int, rule: GaussHermite) -> Nodes:
@@ -457,6 +461,32 @@ class Nodes:
         xi, log_weight = np.tile(t, (count, classes, 1)), np.tile(log_w, (count, classes))
         information = np.tile(np.eye(variates), (count, classes, 1, 1, 1))
         return cls(xi, log_weight, np.zeros((count, classes, 1, variates)), information)
+
+    @classmethod
+    def joined(
+        cls, parts: Sequence[tuple[slice, PlacedNodes]], modes: Array, information: Array, x: Array
+    ) -> Nodes:
+        """The nodes of all N experiments from those of parts of them, about the given modes.
+
+        The nodes are in the order of the classes, or of the nodes of shared variates. Experiments
+        that need fewer nodes than others are filled up with nodes of weight zero.
+        """
+        count, classes, _, variates = modes.shape
+        shared, first = None, parts[0][1].shared
+        if first is not None:
+            classes, shared = first[0].size, np.zeros((count, *first.shape[1:]))
+        most = max(placed.xi.shape[1] for _, placed in parts) // classes
+        nodes = np.zeros((count, classes, most, variates))
+        log_weights = np.full((count, classes, most), -np.inf)
+        for part, placed in parts:
+            own = placed.xi.shape[1] // classes
+            whole = (len(placed.xi), classes, own)
+            nodes[part, :, :own] = placed.xi.reshape(*whole, variates)
+            log_weights[part, :, :own] = placed.log_weight.reshape(whole)
+            if shared is not None:
+                shared[part] = placed.shared
+        xi, log_weight = nodes.reshape(count, -1, variates), log_weights.reshape(count, -1)
+        return cls(xi, log_weight, modes, information, x, shared)
 
     def peaks(self, count: int) -> tuple[Array, Array]:
         """The highest mode of each class, repeated `count` times, and the information there."""
@@ -467,21 +497,3 @@ class Nodes:
     def mode(self) -> Array:
         """The highest modes (N, C, s)."""
         return np.asarray(self.modes[:, :, 0])
-
-
-def joined(
-    parts: Sequence[tuple[slice, Array, Array]], count: int, classes: int
-) -> tuple[Array, Array]:
-    """The nodes (N, J, s) and log weights (N, J) of all N experiments from those of parts of them.
-
-    The nodes are in the order of the classes. Experiments that need fewer nodes than others are
-    filled up with nodes of weight zero.
-    """
-    most = max(xi.shape[1] for _, xi, _ in parts) // classes
-    nodes = np.zeros((count, classes, most, parts[0][1].shape[2]))
-    log_weights = np.full((count, classes, most), -np.inf)
-    for part, xi, log_weight in parts:
-        own = xi.shape[1] // classes
-        nodes[part, :, :own] = xi.reshape(len(xi), classes, own, -1)
-        log_weights[part, :, :own] = log_weight.reshape(len(xi), classes, own)
-    return nodes.reshape(count, classes * most, -1), log_weights.reshape(count, -1)

@@ -14,7 +14,8 @@ import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.laws import Hyperparameter
-from aleator.laws.inputs import Inputs, image_at
+from aleator.laws.images import image_at
+from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual.parameters import moving
 from aleator.likelihood.level_sets.grid import GRIDS, Grid, GridSettings, Values, in_rows
 from aleator.likelihood.level_sets.lines import CROSSINGS, Crossings, traced

@@ -1,0 +1,113 @@
+"""The restricted likelihood: published maxima of REML, and its equation for independent values."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aleator import (
+    Constant,
+    Experiments,
+    Free,
+    Identification,
+    Inputs,
+    Noise,
+    Normal,
+    compare,
+    identify,
+)
+from aleator.errors import InputsError
+from aleator.laws.law import Law
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+def found(
+    frame: pd.DataFrame,
+    outcome: str,
+    laws: dict[str, Law],
+    noise: Noise,
+    restricted: bool = True,
+    levels: dict[str, str] | None = None,
+) -> Identification:
+    def level(**parameters: np.ndarray) -> np.ndarray:
+        return np.asarray(sum(parameters.values()))
+
+    unit = "id" if "id" in frame else None
+    table = Experiments.from_frame(frame, outcome=outcome, id=unit, conditions=[])
+    return identify(
+        level, table, Inputs(laws, levels=levels or {}), noise=noise, vectorized=True,
+        restricted=restricted, consistency=False, best_law=False,
+    )  # fmt: skip
+
+
+def dyestuff(restricted: bool = True) -> Identification:
+    frame = pd.read_csv(DATA / "dyestuff.csv").rename(columns={"unit": "id"})
+    laws: dict[str, Law] = {"m": Normal(Free(1000.0, 2000.0), Free(0.0, 500.0))}
+    return found(frame, "yield", laws, Noise(Free(1.0, 500.0)), restricted)
+
+
+def test_dyestuff_has_the_published_maximum_of_reml() -> None:
+    """lme4 and MixedModels.jl: 319.6542768422576, sds 42.001 and 49.510."""
+    answer = dyestuff()
+    assert answer.sound
+    assert answer.log_likelihood.restricted is not None
+    assert -2.0 * answer.log_likelihood.restricted == pytest.approx(319.6542768422576, abs=1e-6)
+    assert answer.alpha["m.sd"].estimate == pytest.approx(42.001, abs=2e-3)
+    assert answer.alpha["noise.sd"].estimate == pytest.approx(49.510, abs=1e-3)
+    # The intervals are those of the restricted likelihood: wider than those of the likelihood.
+    plain = dyestuff(restricted=False)
+    wide, narrow = answer.alpha["m.sd"].interval, plain.alpha["m.sd"].interval
+    assert wide is not None
+    assert narrow is not None
+    assert wide[1] - wide[0] > narrow[1] - narrow[0]
+
+
+BATCHES: dict[str, Law] = {
+    "m": Constant(Free(40.0, 80.0)),
+    "batch": Normal(0.0, Free(0.0, 20.0)),
+    "cask": Normal(0.0, Free(0.0, 20.0)),
+}
+CROSSED: dict[str, Law] = {
+    "m": Constant(Free(10.0, 40.0)),
+    "a": Normal(0.0, Free(0.0, 10.0)),
+    "b": Normal(0.0, Free(0.0, 10.0)),
+}
+LEVELS = {
+    # lme4's vignette and MixedModels.jl print these maxima of REML.
+    "pastes": ("strength", BATCHES, {"batch": "batch"}, 246.9907),
+    "penicillin": ("diameter", CROSSED, {"a": "plate", "b": "sample"}, 330.8606),
+}
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_levels_have_the_published_maxima_of_reml(name: str) -> None:
+    outcome, laws, levels, published = LEVELS[name]
+    answer = found(
+        pd.read_csv(DATA / f"{name}.csv"), outcome, laws, Noise(Free(0.05, 20.0)), levels=levels
+    )
+    assert answer.log_likelihood.restricted is not None
+    assert -2.0 * answer.log_likelihood.restricted == pytest.approx(published, abs=1e-3)
+
+
+def test_the_sd_of_independent_values_has_n_minus_one() -> None:
+    y = np.array([1.1, 0.7, 2.3, 1.9, 0.4, 1.6])
+    answer = found(
+        pd.DataFrame({"y": y}), "y", {"m": Constant(Free(-5.0, 5.0))}, Noise(Free(0.01, 5.0))
+    )
+    assert answer.alpha["noise.sd"].estimate == pytest.approx(y.std(ddof=1), rel=1e-5)
+    assert answer.alpha["m.value"].estimate == pytest.approx(y.mean(), abs=1e-5)
+    assert answer.alpha["m.value"].standard_error == pytest.approx(
+        y.std(ddof=1) / np.sqrt(6.0), rel=1e-3
+    )
+
+
+def test_without_noise_and_in_comparisons_it_is_refused() -> None:
+    with pytest.raises(InputsError, match="noise"):
+        identify(
+            lambda x: x, pd.DataFrame({"y": [1.0, 2.0, 3.0]}),
+            Inputs({"x": Normal(Free(0.0, 5.0), Free(0.1, 2.0))}), outcome="y", restricted=True,
+        )  # fmt: skip
+    with pytest.raises(InputsError, match="restricted"):
+        compare(dyestuff(), dyestuff())
