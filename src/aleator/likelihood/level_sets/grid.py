@@ -78,17 +78,18 @@ class Grid:
     values: Values = field(default_factory=Values)
     settings: GridSettings = GRIDS
 
-    def serves(self, marks: Array) -> bool:
+    def serves(self, marks: Array, classes: int = 1) -> bool:
         """Whether this grid is fine enough for a law with rising quantiles `marks` (s, Q).
 
-        The quantiles must lie inside the grid, with enough cells between any two of them.
+        The quantiles must lie inside the grid, with enough cells between any two of them. If the
+        law is one of several `classes` of a mixture, these share the cells.
         """
         for side, own in zip(self.sides, marks, strict=True):
             if own[0] < side[0] or side[-1] < own[-1]:
                 return False
             wide = np.diff(own) > self.settings.narrow * (own[-1] - own[0])
             cells = np.diff(np.searchsorted(side, own))
-            if np.any(cells[wide] < self.settings.share * (side.size - 1)):
+            if np.any(cells[wide] < self.settings.share / classes * (side.size - 1)):
                 return False
         return True
 
