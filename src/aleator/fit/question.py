@@ -24,7 +24,8 @@ from aleator.likelihood.individual import (
     Layout,
     Predictor,
 )
-from aleator.likelihood.level_sets import on_a_grid, searched
+from aleator.likelihood.level_sets import on_a_grid, searched, traceable
+from aleator.likelihood.level_sets.curves import CURVES
 from aleator.likelihood.level_sets.lines import CROSSINGS
 from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors, Noise
@@ -54,10 +55,16 @@ FEWEST = GaussHermite(3, 1)
 def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
     """Whether the likelihood is the density of the outcomes, without measurement noise.
 
-    This requires one uncensored outcome for each experiment, and the same law for all of them,
-    which is no mixture. Otherwise the likelihood is an integral over each experiment's parameters.
+    This requires as many uncensored outcomes of each experiment as of any other, not more than
+    parameters that scatter, and the same law for all experiments. Otherwise the likelihood is an
+    integral over each experiment's parameters. For conditions without outcomes it says whether they
+    are predicted from the density of one outcome.
     """
-    return noise is None and table.simple and not inputs.regressed and len(inputs.classes) == 1
+    if noise is not None:
+        return False
+    if isinstance(table, Conditions):
+        return table.simple and traceable(inputs)
+    return _without_density(table, inputs) is None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +95,13 @@ class Choices:
         noise, and no scattering parameter.
         """
         made = cls(table, inputs, noise, propagation, density, search)
-        if not is_exact(table, inputs, noise):
+        reason = None if noise is not None else _without_density(table, inputs)
+        if reason is not None:
+            raise InputsError(reason, "add noise: [noise] sd, or noise=Noise(...), which may be small")
+        if not made.exact:
             surfaces_alone(propagation, density)
-            _require_noise(table, inputs, noise)
+        elif not table.simple or len(inputs.classes) > 1:
+            _require_processes(propagation, density)
         if inputs.regressed:
             return replace(made, inputs=inputs.resolved(covariates(table, inputs.covariates)))
         if made.exact:
@@ -239,27 +250,49 @@ def varying_conditions(table: Experiments, requested: Sequence[str]) -> list[str
     ]
 
 
-def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> None:
-    if noise is not None:
-        return
-    if table.simple and not inputs.regressed:
-        raise InputsError(
-            "the likelihood of a mixture is known with measurement noise only",
-            "add noise: [noise] sd, or noise=Noise(...), which may be small",
+def _without_density(table: Experiments, inputs: Inputs) -> str | None:
+    """Why the outcomes of the experiments have no density without noise; None if they have one."""
+    each, scattering = table.exact_each, inputs.scattering
+    if inputs.regressed:
+        return "a law that follows covariates needs measurement noise"
+    if scattering and not traceable(inputs):
+        return "a mixture with a component that is a constant needs measurement noise: the outcomes of a constant have no density"
+    if np.any(table.observations.censored):
+        return "censored observations need measurement noise: without it their likelihood is not known"
+    if each is None:
+        return (
+            "experiments with different numbers of observations need measurement noise: without it "
+            "each experiment has as many outcomes as any other"
         )
-    raise InputsError(
-        "several observations an experiment, censored ones and covariates need measurement "
-        "noise: without it no parameters explain all observations exactly",
-        "add noise: [noise] sd, or noise=Noise(...)",
-    )
+    if scattering and each > scattering:
+        return (
+            f"{each} observations an experiment and {scattering} parameters that scatter need "
+            "measurement noise: without it no parameters explain all observations exactly"
+        )
+    if each > 1 and scattering > CURVES.most:
+        return (
+            f"{each} observations an experiment and {scattering} parameters that scatter need "
+            f"measurement noise: without it at most {CURVES.most} parameters may scatter"
+        )
+    return None
+
+
+def _require_processes(propagation: ResponseSurface | Collocation, density: Density | None) -> None:
+    """Raise InputsError for settings that neither several exact outcomes nor mixtures have.
+
+    They are a density method, collocation, nodes of the law, and surfaces of each outcome's own.
+    """
+    choice = surfaces_alone(propagation, density)
+    if choice.surfaces == "own" or choice.tolerance is not None:
+        raise _of_exact_outcomes("surfaces of each outcome's own (or a tolerance)", "[propagation] surfaces and tolerance")
 
 
 def surfaces_alone(
     propagation: ResponseSurface | Collocation, density: Density | None
 ) -> ResponseSurface:
-    """The settings of response surfaces, for a likelihood with measurement noise.
+    """The settings of response surfaces, for a likelihood that is not one of moments.
 
-    Raises InputsError for settings that only a likelihood without noise has: a density method,
+    Raises InputsError for settings that only a likelihood of moments has: a density method,
     collocation, and nodes of the law.
     """
     if density is not None:
@@ -273,9 +306,9 @@ def surfaces_alone(
 
 def _of_exact_outcomes(what: str, key: str) -> InputsError:
     return InputsError(
-        f"{what} is for one exact outcome an experiment, without measurement noise",
-        f"leave {key} out: with noise the likelihood is an integral over each experiment's own "
-        "parameters",
+        f"{what} is for one exact outcome an experiment, without measurement noise and without "
+        "mixtures",
+        f"leave {key} out: no other likelihood needs it",
     )
 
 
@@ -362,10 +395,13 @@ def way_of_outcomes(runner: Runner, model: Model) -> Way:
     return Way(False, "")
 
 
-def grids_each(inputs: Inputs, conditions: int) -> tuple[int, int]:
+def grids_each(inputs: Inputs, conditions: int, outcomes: int = 1) -> tuple[int, int]:
     """The least and largest number of runs of each condition, for level sets of the simulator."""
-    few, s = searched(inputs, conditions), inputs.scattering
-    points = few**s if on_a_grid(inputs) else few * (CROSSINGS.steps + 2 * s)
+    few, s = searched(inputs, conditions, outcomes), inputs.scattering
+    if outcomes > 1:
+        points = outcomes * CURVES.points(s, few)
+    else:
+        points = few**s if on_a_grid(inputs) else few * (CROSSINGS.steps + 2 * s)
     return WAYS.grids[0] * points, WAYS.grids[1] * points
 
 

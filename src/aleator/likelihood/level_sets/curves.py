@@ -58,6 +58,14 @@ class CurveSettings:
     curves: int = 16
     block: int = 2_000_000
 
+    def cells(self, parameters: int, cells: int) -> int:
+        """The number of grid cells along each side, for two or three parameters."""
+        return max(self.side, cells if parameters <= 2 else cells // 3)
+
+    def points(self, parameters: int, cells: int) -> int:
+        """The number of points of the grid."""
+        return int((self.cells(parameters, cells) + 1) ** parameters)
+
 
 CURVES = CurveSettings()
 SECOND = ((-1.0, -0.5), (1.0, 0.5))
@@ -90,8 +98,8 @@ def traced(
     outcomes of each condition at the points of the grid, and some ten for each node.
     """
     order, found = np.lexsort(condition.T[::-1]), list[Found]()
-    side = max(settings.side, cells if inputs.scattering <= 2 else cells // 3)
-    points = y.shape[1] * (side + 1) ** inputs.scattering
+    side = settings.cells(inputs.scattering, cells)
+    points = y.shape[1] * settings.points(inputs.scattering, cells)
     for part in blocks(len(y), points, settings.block):
         rows = order[part]
         system = _System(inputs, alpha, response, condition[rows], y[rows], settings)

@@ -40,8 +40,13 @@ class Values:
     """A store of the simulated values on the last grids; they do not depend on the outcomes."""
 
     def __init__(self, settings: GridSettings = GRIDS) -> None:
-        self._most = settings.kept
+        self._most, self._settings = settings.kept, settings
         self._known: list[tuple[tuple[Array, ...], Array]] = []
+        self._first: dict[int, Values] = {}
+
+    def first(self, outcomes: int) -> Values:
+        """The store for the first `outcomes` of each experiment alone."""
+        return self._first.setdefault(outcomes, Values(self._settings))
 
     def of(self, sides: tuple[Array, ...]) -> Array | None:
         """The stored values (U, P) on the grid with these sides, or None."""

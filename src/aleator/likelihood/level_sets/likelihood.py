@@ -267,6 +267,34 @@ class LevelLikelihood:
         """The likelihood of the same experiments with other outcomes (N m,)."""
         return self._with(outcomes.reshape(self.outcomes.shape), self.cells)
 
+    def first(self, outcomes: int) -> LevelLikelihood:
+        """The likelihood of the first `outcomes` of each experiment, on grids for a search."""
+        condition = self.condition[:, :outcomes]
+        own, place = np.unique(condition, return_inverse=True)
+        some = self.outcomes[:, 0] if outcomes == 1 else self.outcomes[:, :outcomes]
+        return LevelLikelihood(
+            self.inputs, self.response.take(own), self.region, place.reshape(some.shape), some,
+            searched(self.inputs, own.size, outcomes, self.settings),
+            self._values.first(outcomes), self.settings,
+        )  # fmt: skip
+
+    def probabilities(self, alpha: Array, first: Array) -> Array:
+        """P(y_k below the measured one | y_1, ..., y_(k-1), alpha) of all outcomes (N, m).
+
+        This is Rosenblatt's transform (1952): under the right law the probabilities are independent
+        and uniform. Those of the outcomes number one are given as `first` (N,). The others are
+        shares of the level set of the earlier outcomes, on which the outcome is simulated.
+        """
+        found = [first]
+        for k in range(1, self.each):
+            sets = self.first(k).sets(alpha)
+            share = sets.shares(alpha)
+            rows, point = np.nonzero(share)
+            value = np.full(share.shape, np.nan)
+            value[rows, point] = self.response.at(self.condition[rows, k], sets.x[rows, point])
+            found.append(_below(self.outcomes[:, k], value, share))
+        return np.stack(found, axis=1)
+
     def coarse(self, times: int = 2) -> LevelLikelihood:
         """This likelihood on coarser grids, with 1/`times` of the cells per parameter.
 
@@ -340,6 +368,26 @@ class LevelLikelihood:
 
     def _traced(self, grid: Grid) -> LevelSets:
         return LevelSets(self.inputs, *grid.traced(self.outcomes))
+
+
+def _below(y: Array, value: Array, share: Array) -> Array:
+    """P(value < y) for y (N,), with values (N, K) of probabilities `share` (N, K).
+
+    The distribution function is linear between neighboring values; NaN where none is known.
+    """
+    share = np.where(np.isfinite(value), share, 0.0)
+    order = np.argsort(np.where(share > 0.0, value, np.inf), axis=1)
+    value, share = (np.take_along_axis(each, order, axis=1) for each in (value, share))
+    with np.errstate(invalid="ignore"):
+        share = share / share.sum(axis=1, keepdims=True)
+    level = np.cumsum(share, axis=1) - 0.5 * share
+    found = np.full(y.size, np.nan)
+    for l, known in enumerate((share > 0.0).sum(axis=1)):
+        if known:
+            ends = 0.5 * level[l, 0], 0.5 + 0.5 * level[l, known - 1]
+            own = value[l, :known], level[l, :known]
+            found[l] = np.interp(y[l], *own, left=ends[0], right=ends[1])
+    return found
 
 
 def _quantiles(inputs: Inputs, alpha: Array, theta: Array) -> Array:
