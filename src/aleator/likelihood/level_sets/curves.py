@@ -28,7 +28,8 @@ class CurveSettings:
     of scattering parameters. `reach`: the ends of the grid, in standard deviations. `margin`: a
     cell is searched if the linear function has its solution within this number of widths from the
     middle. `iterations`: the largest number of Newton steps; `longest`: the longest of them, in
-    standard deviations. `arrived`: the length of the last step. `apart`: points nearer than this
+    standard deviations. `arrived`: the length of the last step, after which the error is of the
+    order of its square. `apart`: points nearer than this
     are one. `difference`: the step for slopes. `side`: the smallest number of grid cells along a
     side.
 
@@ -45,9 +46,9 @@ class CurveSettings:
     margin: float = 1.0
     iterations: int = 30
     longest: float = 1.0
-    arrived: float = 1e-9
+    arrived: float = 1e-5
     apart: float = 1e-6
-    difference: float = 3e-3
+    difference: float = 3e-4
     side: int = 10
     steps: int = 1000
     turn: float = 0.5
@@ -71,7 +72,7 @@ CURVES = CurveSettings()
 SECOND = ((-1.0, -0.5), (1.0, 0.5))
 FOURTH = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
 """Central differences of second and of fourth order: the steps and the weights of the values."""
-GAUSS = np.polynomial.legendre.leggauss(3)
+GAUSS = np.polynomial.legendre.leggauss(4)
 """The nodes on [-1, 1] and the weights of the Gauss rule for each step along a curve."""
 
 Found = tuple[Indices, Array, Array]
@@ -92,7 +93,7 @@ def traced(
     `condition` (N, m) are the numbers of the outcomes in the response. Returns experiments (H,),
     parameters x (H, n) and log weights (H,). By the coarea formula (Federer, 1969, 3.2.12) the
     density of the outcomes is the integral of p/sqrt(det J J') over the set, with the slopes J
-    (m, s); it is sum_h w_h p(x_h | alpha). Each step along a curve has three Gauss nodes. `cells`
+    (m, s); it is sum_h w_h p(x_h | alpha). Each step along a curve has four Gauss nodes. `cells`
     is the number of grid cells along each of two sides, and the smallest number of steps in which
     a curve goes from end to end; a grid with three sides has a third of it along each. Cost: the
     outcomes of each condition at the points of the grid, and some ten for each node.
@@ -133,26 +134,26 @@ class _System:
 
     def off(self, of: Indices, xi: Array) -> Array:
         """How far the outcomes (R, m) of experiments (R,) at variates (R, s) are from y."""
-        x = self.x(xi)
-        each = [self.response.at(self.condition[of, k], x) for k in range(self.y.shape[1])]
-        return np.stack(each, axis=1) - self.y[of]
+        m = self.y.shape[1]
+        value = self.response.at(self.condition[of].ravel(), np.repeat(self.x(xi), m, axis=0))
+        return np.asarray(value.reshape(-1, m) - self.y[of])
 
-    def slopes(
+    def linear(
         self, of: Indices, xi: Array, stencil: tuple[tuple[float, float], ...] = SECOND
-    ) -> Array:
-        """The slopes (R, m, s) of the outcomes by the variates (R, s)."""
+    ) -> tuple[Array, Array]:
+        """How far the outcomes (R, m) are from y, and their slopes (R, m, s) by the variates."""
         count, s, by = len(of), self.unknowns, self.settings.difference
-        moves = np.concatenate([place * by * np.eye(s) for place, _ in stencil])
+        moves = np.concatenate([np.zeros((1, s)), *(place * by * np.eye(s) for place, _ in stencil)])
         moved = (xi + moves[:, None]).reshape(-1, s)
-        value = self.off(np.tile(of, len(moves)), moved)
+        value = self.off(np.tile(of, len(moves)), moved).reshape(len(moves), count, self.y.shape[1])
         weights = np.array([weight for _, weight in stencil]) / by
-        value = value.reshape(len(stencil), s, count, self.y.shape[1])
-        return np.einsum("k,ksrm->rms", weights, value)
+        sides = value[1:].reshape(len(stencil), s, count, value.shape[2])
+        return value[0], np.einsum("k,ksrm->rms", weights, sides)
 
     def solved(self, cells: int, steps: int) -> Found:
         """The solutions as points with their parts of the density of the outcomes."""
         of, xi, along = self._begun(cells)
-        of, xi, there = self.corrected(of, xi, along)
+        xi, there, _ = self.corrected(of, xi, along)
         there &= np.abs(xi).max(axis=1, initial=0.0) <= self.settings.reach
         of, xi = of[there], xi[there]
         kept = _distinct(np.column_stack([of, xi]), self.settings.apart)
@@ -161,41 +162,33 @@ class _System:
             return self._weighed(of, xi, np.empty((len(of), 0, self.unknowns)), np.zeros(len(of)))
         return self._on_steps(_followed(self, of, xi, 2.0 * self.settings.reach / steps))
 
-    def corrected(
-        self, of: Indices, xi: Array, along: Array
-    ) -> tuple[Indices, Array, Flags]:
-        """The solutions to which Newton's method leads from xi (R, s), normal to `along`.
+    def corrected(self, of: Indices, xi: Array, along: Array) -> tuple[Array, Flags, Array]:
+        """The solutions (R, s) to which Newton's method leads from xi (R, s), normal to `along`.
 
-        `along` (R, s - m, s) are directions in which the points do not move. Returns experiments
-        and points as given, moved, and flags (R,) of those that arrived. The last step must be
+        `along` (R, s - m, s) are directions in which the points do not move. Also returns flags
+        (R,) of the points that arrived, and the slopes (R, m, s) there. The last step must be
         short: a jump over the measured outcomes is no solution.
         """
-        settings = self.settings
+        settings, m = self.settings, self.y.shape[1]
         xi, arrived, left = xi.copy(), np.zeros(len(of), dtype=np.bool_), np.arange(len(of))
+        last = np.full((len(of), m, self.unknowns), np.nan)
         for _ in range(settings.iterations):
             if not left.size:
                 break
-            missed = self.off(of[left], xi[left])
-            matrix = np.concatenate([self.slopes(of[left], xi[left]), along[left]], axis=1)
+            missed, slopes = self.linear(of[left], xi[left])
+            matrix = np.concatenate([slopes, along[left]], axis=1)
             regular = _regular(matrix) & np.isfinite(missed).all(axis=1)
             left, matrix = left[regular], matrix[regular]
+            last[left] = slopes[regular]
             wanted = np.zeros((left.size, self.unknowns))
-            wanted[:, : missed.shape[1]] = -missed[regular]
+            wanted[:, :m] = -missed[regular]
             step = np.linalg.solve(matrix, wanted[..., None])[..., 0]
             length = np.sqrt(np.sum(step**2, axis=1))
             xi[left] += step * np.minimum(1.0, settings.longest / np.maximum(length, 1e-300))[:, None]
             arrived[left] = length < settings.arrived
             inside = np.abs(xi[left]).max(axis=1, initial=0.0) < settings.reach + settings.longest
             left = left[(length >= settings.arrived) & inside]
-        return of, xi, arrived
-
-    def tangent(self, of: Indices, xi: Array) -> Array:
-        """The directions (R, s) of the curves at points (R, s), of length one; NaN if unknown."""
-        slopes = self.slopes(of, xi)
-        known = np.isfinite(slopes).all(axis=(1, 2))
-        found = np.full(xi.shape, np.nan)
-        found[known] = np.linalg.svd(slopes[known])[2][:, -1]
-        return found
+        return xi, arrived, last
 
     def _begun(self, cells: int) -> tuple[Indices, Array, Array]:
         """Experiments (R,), points (R, s) to search from, and fixed directions (R, s - m, s).
@@ -228,23 +221,19 @@ class _System:
 
     def _on_steps(self, steps: tuple[Indices, Array, Array, Array]) -> Found:
         """The Gauss nodes of steps along curves, moved onto the curves normal to the steps."""
-        of, begin, end, bend = steps
-        chord = end - begin
-        parts = []
-        for node, weight in zip(*GAUSS, strict=True):
-            t = 0.5 * (1.0 + node)
-            xi = begin + t * chord + t * (1.0 - t) * bend
-            size = np.sqrt(np.sum(chord**2, axis=1))
-            along = (chord / size[:, None])[:, None]
-            _, xi, there = self.corrected(of, xi, along)
-            log_size = np.log(0.5 * weight * size)
-            parts.append(self._weighed(of[there], xi[there], along[there], log_size[there]))
-        owner, xi, log_value = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return owner, xi, log_value
+        of, begin, end, bend = (np.repeat(part, GAUSS[0].size, axis=0) for part in steps)
+        node, weight = (np.tile(part, len(steps[0])) for part in GAUSS)
+        chord, t = end - begin, 0.5 * (1.0 + node[:, None])
+        size = np.sqrt(np.sum(chord**2, axis=1))
+        along = (chord / size[:, None])[:, None]
+        xi = begin + t * chord + t * (1.0 - t) * bend
+        xi, there, _ = self.corrected(of, xi, along)
+        log_size = np.log(0.5 * weight * size)
+        return self._weighed(of[there], xi[there], along[there], log_size[there])
 
     def _weighed(self, of: Indices, xi: Array, along: Array, log_size: Array) -> Found:
         """The points with the logarithms of phi(xi)/|det (J, along)| times their sizes."""
-        matrix = np.concatenate([self.slopes(of, xi, FOURTH), along], axis=1)
+        matrix = np.concatenate([self.linear(of, xi, FOURTH)[1], along], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             log_det = np.linalg.slogdet(matrix)[1]
         log_density = -0.5 * np.sum(xi**2, axis=1) - 0.5 * self.unknowns * np.log(2.0 * np.pi)
@@ -274,7 +263,8 @@ def _followed(
 ) -> tuple[Indices, Array, Array, Array]:
     """The steps along all curves through the points xi (R, s) of experiments (R,).
 
-    Each curve is followed once, from its point nearest to the middle of the law. Returns
+    Each curve is followed once, from its point nearest to the middle of the law; steps along a
+    curve that was followed before are left out. Returns
     experiments (H,), both ends (H, s) of each step, and its bend (H, s): the place at a share t of
     a step is begin + t chord + t (1 - t) bend.
     """
@@ -286,6 +276,11 @@ def _followed(
             break
         first = np.unique(of, return_index=True)[1]
         curves = _both_sides(system, of[first], xi[first], longest)
+        for known in done:
+            again = np.ones(len(curves[0]), dtype=np.bool_)
+            for end in curves[1:3]:
+                again[again] = _on_curves(curves[0][again], end[again], known, settings.beside)
+            curves = (curves[0][~again], curves[1][~again], curves[2][~again], curves[3][~again])
         done.append(curves)
         left = np.ones(of.size, dtype=np.bool_)
         left[first] = False
@@ -300,49 +295,36 @@ def _followed(
 def _both_sides(
     system: _System, of: Indices, xi: Array, longest: float
 ) -> tuple[Indices, Array, Array, Array]:
-    """The steps along the curves through one point (R, s) of each experiment (R,)."""
-    direction = system.tangent(of, xi)
-    ahead, closed = _one_side(system, of, xi, direction, longest)
-    back, _ = _one_side(system, of[~closed], xi[~closed], -direction[~closed], longest)
-    whose, begin, end, bend = (np.concatenate(part) for part in zip(ahead, back, strict=True))
-    return whose, begin, end, bend
+    """The steps along the curves through one point (R, s) of each experiment (R,).
 
-
-def _one_side(
-    system: _System, of: Indices, first: Array, direction: Array, longest: float
-) -> tuple[tuple[Indices, Array, Array, Array], Flags]:
-    """The steps along curves (R,) from points (R, s) in a direction, and flags of closed curves."""
+    All curves are followed to both sides at once. Of a curve that is closed one side is enough.
+    """
     settings, count = system.settings, len(of)
-    here, heading, size = first.copy(), direction.copy(), np.full(count, longest)
-    closed, made = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.intp)
-    steps = list[tuple[Indices, Array, Array, Array]]()
-    going = np.flatnonzero(np.isfinite(direction).all(axis=1))
+    direction = _tangents(system.linear(of, xi)[1])
+    whose, first = np.tile(of, 2), np.tile(xi, (2, 1))
+    here, begun = first.copy(), np.concatenate([direction, -direction])
+    heading, size = begun.copy(), np.full(2 * count, longest)
+    closed, made = np.zeros(2 * count, dtype=np.bool_), np.zeros(2 * count, dtype=np.intp)
+    steps = [(np.empty(0, dtype=np.intp), *[np.empty((0, system.unknowns))] * 3)]
+    going = np.flatnonzero(np.isfinite(begun).all(axis=1))
     for _ in range(settings.steps):
         if not going.size:
             break
-        own, ahead, length = here[going], heading[going], size[going]
-        expected = own + length[:, None] * ahead
-        _, there, arrived = system.corrected(of[going], expected, ahead[:, None])
-        next_heading = np.full_like(ahead, np.nan)
-        next_heading[arrived] = system.tangent(of[going[arrived]], there[arrived])
-        cosine = np.sum(next_heading * ahead, axis=1)
-        next_heading *= np.where(cosine < 0.0, -1.0, 1.0)[:, None]
+        ahead, length = heading[going], size[going]
+        expected = here[going] + length[:, None] * ahead
+        there, arrived, slopes = system.corrected(whose[going], expected, ahead[:, None])
+        after = _tangents(slopes)
+        cosine = np.sum(after * ahead, axis=1)
+        after *= np.where(cosine < 0.0, -1.0, 1.0)[:, None]
         angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
         missed = np.sqrt(np.sum((there - expected) ** 2, axis=1))
         good = arrived & (angle < settings.turn) & (missed < settings.aside * length)
         size[going] = np.where(good, length, 0.5 * length)
-        moved, end = going[good], there[good]
-        begin, before, after = here[moved], heading[moved], next_heading[good]
-        # A curve is closed where a step passes its first point.
-        chord, home = end - begin, first[moved] - begin
-        square = np.sum(chord**2, axis=1)
-        share = np.sum(home * chord, axis=1) / square
-        off = np.sqrt(np.sum((home - share[:, None] * chord) ** 2, axis=1))
-        same = np.sum(before * direction[moved], axis=1) > 0.0
-        back = (made[moved] > 1) & (0.0 < share) & (share <= 1.0) & same
-        back &= off < 0.5 * settings.turn * np.sqrt(square)
-        end[back], after[back] = first[moved[back]], direction[moved[back]]
-        steps.append((of[moved], begin, end, _bend(begin, end, before, after)))
+        moved, begin, end = going[good], here[going[good]], there[good]
+        before, after = ahead[good], after[good]
+        back = (made[moved] > 1) & _passed(first[moved], begun[moved], begin, end, before, settings)
+        end[back], after[back] = first[moved[back]], begun[moved[back]]
+        steps.append((moved, begin, end, _bend(begin, end, before, after)))
         here[moved], heading[moved] = end, after
         made[moved] += 1
         closed[moved[back]] = True
@@ -350,10 +332,29 @@ def _one_side(
         size[moved] = np.minimum(np.where(easy, 1.5, 1.0) * size[moved], longest)
         over = closed[going] | (np.abs(here[going]).max(axis=1) > settings.reach)
         going = going[~over & (size[going] > settings.shortest * longest)]
-    none = (of[:0], first[:0], first[:0], first[:0])
-    each = zip(*(steps or [none]), strict=True)
-    whose, begin, end, bend = (np.concatenate(part) for part in each)
-    return (whose, begin, end, bend), closed
+    of_step, begin, end, bend = (np.concatenate(part) for part in zip(*steps, strict=True))
+    once = (of_step < count) | ~closed[of_step % count]
+    return whose[of_step[once]], begin[once], end[once], bend[once]
+
+
+def _tangents(slopes: Array) -> Array:
+    """The directions (R, s) of curves with these slopes (R, s - 1, s); NaN where these are."""
+    known = np.isfinite(slopes).all(axis=(1, 2))
+    found = np.full((len(slopes), slopes.shape[2]), np.nan)
+    found[known] = np.linalg.svd(slopes[known])[2][:, -1]
+    return found
+
+
+def _passed(
+    first: Array, begun: Array, begin: Array, end: Array, before: Array, settings: CurveSettings
+) -> Flags:
+    """Flags (R,) of steps (R, s) that pass the first points of their curves, which are closed."""
+    chord, home = end - begin, first - begin
+    square = np.sum(chord**2, axis=1)
+    share = np.sum(home * chord, axis=1) / square
+    off = np.sqrt(np.sum((home - share[:, None] * chord) ** 2, axis=1))
+    found: Flags = (0.0 < share) & (share <= 1.0) & (np.sum(before * begun, axis=1) > 0.0)
+    return found & (off < 0.5 * settings.turn * np.sqrt(square))
 
 
 def _bend(begin: Array, end: Array, before: Array, after: Array) -> Array:

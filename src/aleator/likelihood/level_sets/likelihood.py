@@ -60,7 +60,7 @@ class LevelSettings:
     fewest_lines: int = 16
     values: int = 8_000_000
     together: int = 48
-    near: float = 0.5
+    near: float = 1.0
     alike: float = 0.002
     reach: float = 7.0
     marks: tuple[float, ...] = (-5.0, -3.0, -1.0, 1.0, 3.0, 5.0)
