@@ -27,11 +27,11 @@ class CurveSettings:
     The values were measured by `tests/likelihood/test_level_curves.py`. `most`: the largest number
     of scattering parameters. `reach`: the ends of the grid, in standard deviations. `margin`: a
     cell is searched if the linear function has its solution within this number of widths from the
-    middle. `iterations`: the largest number of Newton steps; `longest`: the longest of them, in
-    standard deviations. `arrived`: the length of the last step, after which the error is of the
-    order of its square. `apart`: points nearer than this
-    are one. `difference`: the step for slopes. `side`: the smallest number of grid cells along a
-    side.
+    middle; so far is a point of a cell from the middle of the next one. `iterations`: the largest
+    number of Newton steps; `longest`: the longest of them, in standard deviations. `arrived`: the
+    length of the last step, after which the error is of the order of its square. `apart`: points
+    nearer than this are one. `difference`: the step for slopes. `side`: the smallest number of grid
+    cells along a side.
 
     `steps`: the largest number of steps along a curve. `turn`: the largest angle, in radians, by
     which a curve turns in a step; `straight`: the angle below which the next step is longer.
@@ -43,7 +43,7 @@ class CurveSettings:
 
     most: int = 3
     reach: float = 7.0
-    margin: float = 1.0
+    margin: float = 1.5
     iterations: int = 30
     longest: float = 1.0
     arrived: float = 1e-5
@@ -195,7 +195,9 @@ class _System:
 
         In each cell of a grid the outcomes are replaced by a linear function, of which the slopes
         are the mean differences between the corners. Its solution nearest to the middle is where a
-        search begins, if it is not far outside the cell.
+        search begins, if it is not far outside the cell. Of solutions in the same cell the nearest
+        and the farthest are enough, unless the signs of the slopes differ, as they do on either
+        side of a fold.
         """
         settings, s, m = self.settings, self.unknowns, self.y.shape[1]
         t = np.linspace(-settings.reach, settings.reach, cells + 1)
@@ -211,13 +213,22 @@ class _System:
         of, cell = np.nonzero(near)
         slopes = rise[where[of], cell[:, None]]
         missing = self.y[of] - middle[where[of], cell[:, None]]
-        step = (np.linalg.pinv(slopes) @ missing[..., None])[..., 0]
-        inside = np.abs(step).max(axis=1, initial=0.0) <= settings.margin
-        place = np.stack(np.unravel_index(cell[inside], (cells,) * s), axis=1)
-        width = 2.0 * settings.reach / cells
-        xi = -settings.reach + width * (place + 0.5 + step[inside])
-        along = np.linalg.svd(slopes[inside])[2][:, m:]
-        return of[inside], xi, along
+        square = slopes @ slopes.transpose(0, 2, 1)
+        regular = _regular(square)
+        of, cell, slopes = of[regular], cell[regular], slopes[regular]
+        part = np.linalg.solve(square[regular], missing[regular][..., None])
+        step = (slopes.transpose(0, 2, 1) @ part)[..., 0]
+        far = np.abs(step).max(axis=1, initial=0.0)
+        nearest = np.argsort(far, kind="stable")
+        nearest = nearest[: np.searchsorted(far[nearest], settings.margin, side="right")]
+        of, slopes, step = of[nearest], slopes[nearest], step[nearest]
+        place = 0.5 + step + np.stack(np.unravel_index(cell[nearest], (cells,) * s), axis=1)
+        signs = (slopes > 0.0).reshape(len(of), -1) @ 2 ** np.arange(m * s)
+        key = np.column_stack([of, np.floor(place).astype(np.intp), signs])
+        ends = [np.unique(one, axis=0, return_index=True)[1] for one in (key, key[::-1])]
+        few = np.union1d(ends[0], len(key) - 1 - ends[1])
+        xi = -settings.reach + 2.0 * settings.reach / cells * place[few]
+        return of[few], xi, np.linalg.svd(slopes[few])[2][:, m:]
 
     def _on_steps(self, steps: tuple[Indices, Array, Array, Array]) -> Found:
         """The Gauss nodes of steps along curves, moved onto the curves normal to the steps."""

@@ -59,7 +59,7 @@ class LevelSettings:
     lines: int = 64
     fewest_lines: int = 16
     values: int = 8_000_000
-    together: int = 48
+    together: int = 64
     near: float = 1.0
     alike: float = 0.002
     reach: float = 7.0
