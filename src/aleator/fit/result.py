@@ -148,7 +148,9 @@ def _of_several(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
     under, fit = problem.predictor.under(alpha), OutcomesAt(problem, alpha)
     found, pit = fit.on_level_sets(), fit.probabilities(table.observations, None)
     columns = tuple(answer.inferred.refined.question.runner.cases.columns)
+    shrinkage = zip(inputs.names, found.shrinkage.tolist(), strict=True)
     return {
+        "shrinkage": {name: value for name, value in shrinkage if np.isfinite(value)},
         "experiments": _individuals(table, at.each, at.status, found, inputs.names),
         "observations": observation_reports(table, under.mean, under.sd, columns, pit),
         "responses": {r.name: str(r.transform) for r in table.observations.responses},

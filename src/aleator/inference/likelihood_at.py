@@ -209,10 +209,13 @@ class OutcomesAt:
 
         None with one outcome for each experiment, which does not determine a single parameter.
         """
-        problem, inputs = self.problem, self.inputs
-        if problem.each == 1 or problem.levels is None:
-            return None
-        sets = problem.levels.sets(self.alpha)
+        return None if self.problem.each == 1 else self._scores_on_level_sets()
+
+    def _scores_on_level_sets(self) -> tuple[Array, Array]:
+        """The means (N, s) and mean products (N, s, s) of `variates`."""
+        levels, inputs = self.problem.levels, self.inputs
+        assert levels is not None
+        sets = levels.sets(self.alpha)
         share = sets.shares(self.alpha)
         rows, point = np.nonzero(share)
         x, theta = sets.x[rows, point], np.zeros((*share.shape, inputs.scattering))
@@ -238,10 +241,11 @@ class OutcomesAt:
             if isinstance(law, Mixture):
                 each = law.probabilities(alpha[inputs.slices[i]], sets.x[..., i])
                 components[name] = np.einsum("nk,cnk->nc", share, each)
+        shrinkage = np.full(len(inputs.names), np.nan)
+        shrinkage[[*inputs.scattered]] = 1.0 - self._scores_on_level_sets()[0].std(axis=0)
         return IndividualParameters(
-            mode, mean, np.sqrt(spread), self._under.mean, np.full(len(inputs.names), np.nan),
-            components,
-        )  # fmt: skip
+            mode, mean, np.sqrt(spread), self._under.mean, shrinkage, components
+        )
 
     def individuals(self, rng: np.random.Generator) -> Array:  # noqa: ARG002
         """Raises InputsError: without noise an experiment's parameters have no law of their own."""

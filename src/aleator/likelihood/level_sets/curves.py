@@ -223,7 +223,7 @@ class _System:
         nearest = nearest[: np.searchsorted(far[nearest], settings.margin, side="right")]
         of, slopes, step = of[nearest], slopes[nearest], step[nearest]
         place = 0.5 + step + np.stack(np.unravel_index(cell[nearest], (cells,) * s), axis=1)
-        signs = (slopes > 0.0).reshape(len(of), -1) @ 2 ** np.arange(m * s)
+        signs = (slopes > 0.0).reshape(len(of), m * s) @ 2 ** np.arange(m * s)
         key = np.column_stack([of, np.floor(place).astype(np.intp), signs])
         ends = [np.unique(one, axis=0, return_index=True)[1] for one in (key, key[::-1])]
         few = np.union1d(ends[0], len(key) - 1 - ends[1])

@@ -77,6 +77,8 @@ class LevelSettings:
 
 
 LEVELS = LevelSettings()
+BY_LEVEL_SETS = "level sets"
+"""The name of a likelihood by level sets in a result."""
 
 
 def traceable(inputs: Inputs) -> bool:
@@ -155,7 +157,7 @@ class LevelLikelihood:
     @property
     def name(self) -> str:
         """The name in reports."""
-        return "level sets"
+        return BY_LEVEL_SETS
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
