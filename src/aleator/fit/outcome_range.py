@@ -86,8 +86,8 @@ def reached(question: Question, problem: Problem, region: Array) -> tuple[int, A
     """Parameters at which the simulator gives the outcome that surfaces miss most.
 
     Returns the number of its simulated value, the parameters (moving,), and the region (n, 2)
-    widened to contain them. None if no outcome is missed, or the budget does not allow the search. Raises
-    ExperimentsError for an outcome that the simulator itself does not give anywhere.
+    widened to contain them. None if no outcome is missed, or the budget does not allow the search.
+    Raises ExperimentsError for an outcome that the simulator itself does not give anywhere.
     """
     runner, inputs, y = question.runner, question.inputs, question.measured
     short, moving = surface_diagnostics.shortfalls(problem), moving_parameters(region)
@@ -101,8 +101,8 @@ def reached(question: Question, problem: Problem, region: Array) -> tuple[int, A
     values = problem.surface.take(np.array([condition])).evaluate(points)[0]
     sites = Sites.seen(runner, runner.unit, runner.column)
     x = _reached(
-        sites.attempts(runner, region), points[np.argmax(side * values)], condition, float(y[farthest]),
-        side, _support(inputs)[moving],
+        sites.attempts(runner, region), points[np.argmax(side * values)], condition,
+        float(y[farthest]), side, _support(inputs)[moving],
     )  # fmt: skip
     if x is None:
         raise surface_diagnostics.unreachable(problem, _owners(question))

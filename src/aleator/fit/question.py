@@ -97,7 +97,9 @@ class Choices:
         made = cls(table, inputs, noise, propagation, density, search)
         reason = None if noise is not None else _without_density(table, inputs)
         if reason is not None:
-            raise InputsError(reason, "add noise: [noise] sd, or noise=Noise(...), which may be small")
+            raise InputsError(
+                reason, "add noise: [noise] sd, or noise=Noise(...), which may be small"
+            )
         if not made.exact:
             surfaces_alone(propagation, density)
         elif not table.simple or len(inputs.classes) > 1:
@@ -256,9 +258,14 @@ def _without_density(table: Experiments, inputs: Inputs) -> str | None:
     if inputs.regressed:
         return "a law that follows covariates needs measurement noise"
     if scattering and not traceable(inputs):
-        return "a mixture with a component that is a constant needs measurement noise: the outcomes of a constant have no density"
+        return (
+            "a mixture with a component that is a constant needs measurement noise: without it the "
+            "outcomes of a constant have no density"
+        )
     if np.any(table.observations.censored):
-        return "censored observations need measurement noise: without it their likelihood is not known"
+        return (
+            "censored observations need measurement noise: without it their likelihood is not known"
+        )
     if each is None:
         return (
             "experiments with different numbers of observations need measurement noise: without it "
@@ -284,7 +291,10 @@ def _require_processes(propagation: ResponseSurface | Collocation, density: Dens
     """
     choice = surfaces_alone(propagation, density)
     if choice.surfaces == "own" or choice.tolerance is not None:
-        raise _of_exact_outcomes("surfaces of each outcome's own (or a tolerance)", "[propagation] surfaces and tolerance")
+        raise _of_exact_outcomes(
+            "surfaces of each outcome's own (or a tolerance)",
+            "[propagation] surfaces and tolerance",
+        )
 
 
 def surfaces_alone(

@@ -230,8 +230,8 @@ def forward(
     if model.surfaces is not None:
         if surface is None:
             surface = build_surface(
-                sites.attempts(runner, region), region[moving_parameters(region)], count, model.surfaces,
-                surface_progress(progress),
+                sites.attempts(runner, region), region[moving_parameters(region)], count,
+                model.surfaces, surface_progress(progress),
             )  # fmt: skip
         _require_surfaces(surface, runner, condition)
         # The margin keeps the error of a surface from excluding an outcome that is possible.
@@ -271,7 +271,8 @@ def level_sets(problem: Forward, outcomes: Array) -> LevelLikelihood:
     region = inputs.box if problem.surface is None else problem.region
     few = searched(inputs, int(condition.max()) + 1, problem.each)
     if problem.each > 1:
-        condition, outcomes = (part.reshape(-1, problem.each) for part in (condition, outcomes))
+        condition = condition.reshape(-1, problem.each)
+        outcomes = outcomes.reshape(-1, problem.each)
     return LevelLikelihood(inputs, response, region, condition, outcomes, few)
 
 
@@ -313,8 +314,9 @@ def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> N
         return
     failures, unit = runner.failures, runner.unit[lost[0]]
     failed = failures.case == runner.cases.condition[unit]
+    name = runner.ids[runner.experiment[unit]]
     raise NoOutcome(
-        f"experiment '{runner.ids[runner.experiment[unit]]}': {surface.failed[condition[lost[0]]]} of its "
+        f"experiment '{name}': {surface.failed[condition[lost[0]]]} of its "
         f"{surface.runs[condition[lost[0]]]} runs failed, too many for a response surface"
         + (f"; so it is with {lost.size - 1} more of {len(runner.ids)}" if lost.size > 1 else ""),
         "see why they failed, check the conditions of the experiment, or narrow the box or the "

@@ -171,11 +171,15 @@ def _session(answer: Answer, table: Experiments) -> Session:
         model = end.likelihood.model
         fit = Fit.of_outcomes(end.likelihood, end.alpha, inferred.inference, table)
         # Predictions of one exact outcome use response surfaces.
-        own = runners(runner.simulator, model.inputs.names)
         direct = inferred.refined.direct and not table.simple
+        own = (
+            runners(runner.simulator, model.inputs.names)
+            if table.simple
+            else runners_like(runner, table)
+        )
         return Session(
-            model.inputs, None, responses, table, own if table.simple else runners_like(runner, table),
-            fit, direct, model.surfaces or ResponseSurface(), model,
+            model.inputs, None, responses, table, own, fit, direct,
+            model.surfaces or ResponseSurface(), model,
         )  # fmt: skip
     assert end.coarse is not None
     assert question.choices.surfaces is not None

@@ -143,7 +143,9 @@ class _System:
     ) -> tuple[Array, Array]:
         """How far the outcomes (R, m) are from y, and their slopes (R, m, s) by the variates."""
         count, s, by = len(of), self.unknowns, self.settings.difference
-        moves = np.concatenate([np.zeros((1, s)), *(place * by * np.eye(s) for place, _ in stencil)])
+        moves = np.concatenate(
+            [np.zeros((1, s)), *(place * by * np.eye(s) for place, _ in stencil)]
+        )
         moved = (xi + moves[:, None]).reshape(-1, s)
         value = self.off(np.tile(of, len(moves)), moved).reshape(len(moves), count, self.y.shape[1])
         weights = np.array([weight for _, weight in stencil]) / by
@@ -184,7 +186,9 @@ class _System:
             wanted[:, :m] = -missed[regular]
             step = np.linalg.solve(matrix, wanted[..., None])[..., 0]
             length = np.sqrt(np.sum(step**2, axis=1))
-            xi[left] += step * np.minimum(1.0, settings.longest / np.maximum(length, 1e-300))[:, None]
+            xi[left] += (
+                step * np.minimum(1.0, settings.longest / np.maximum(length, 1e-300))[:, None]
+            )
             arrived[left] = length < settings.arrived
             inside = np.abs(xi[left]).max(axis=1, initial=0.0) < settings.reach + settings.longest
             left = left[(length >= settings.arrived) & inside]
@@ -232,7 +236,8 @@ class _System:
 
     def _on_steps(self, steps: tuple[Indices, Array, Array, Array]) -> Found:
         """The Gauss nodes of steps along curves, moved onto the curves normal to the steps."""
-        of, begin, end, bend = (np.repeat(part, GAUSS[0].size, axis=0) for part in steps)
+        of = np.repeat(steps[0], GAUSS[0].size)
+        begin, end, bend = (np.repeat(part, GAUSS[0].size, axis=0) for part in steps[1:])
         node, weight = (np.tile(part, len(steps[0])) for part in GAUSS)
         chord, t = end - begin, 0.5 * (1.0 + node[:, None])
         size = np.sqrt(np.sum(chord**2, axis=1))
@@ -364,8 +369,9 @@ def _passed(
     square = np.sum(chord**2, axis=1)
     share = np.sum(home * chord, axis=1) / square
     off = np.sqrt(np.sum((home - share[:, None] * chord) ** 2, axis=1))
-    found: Flags = (0.0 < share) & (share <= 1.0) & (np.sum(before * begun, axis=1) > 0.0)
-    return found & (off < 0.5 * settings.turn * np.sqrt(square))
+    found: Flags = (share > 0.0) & (share <= 1.0) & (off < 0.5 * settings.turn * np.sqrt(square))
+    found &= np.sum(before * begun, axis=1) > 0.0
+    return found
 
 
 def _bend(begin: Array, end: Array, before: Array, after: Array) -> Array:

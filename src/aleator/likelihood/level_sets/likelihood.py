@@ -50,8 +50,8 @@ class LevelSettings:
     log-likelihood, relative to the range of a hyperparameter. `looks`: the number of points per
     side at which outcomes are simulated before a grid is made. `uneven`: the largest factor by
     which a grid may have more cells along one side and fewer along the other. `slim`: the smallest
-    number of cells along a side. `grid`, `crossings` and `curves`: the settings of grids, of lines, and of
-    several outcomes.
+    number of cells along a side. `grid`, `crossings` and `curves`: the settings of grids, of lines,
+    and of several outcomes.
     """
 
     cells: tuple[int, int] = (16384, 96)
@@ -127,11 +127,11 @@ def cells_of(
 class LevelLikelihood:
     """The log-likelihood of outcomes y (N, m) as a function of alpha (K,); see `LevelSets`.
 
-    An experiment has m outcomes. With one outcome, the first grid covers the whole `region` (n, 2) evenly. For a law that is too narrow for it, a
-    new grid is made of quantiles of the law. An outcome without a level set on that grid keeps the
-    set on the first grid. Only grids and their sets are stored between calls; they affect the value
-    only through their fineness. With several outcomes the sets of a law also serve for laws near
-    it. `response` is the simulator or its surfaces for all distinct outcomes, and `condition`
+    Each experiment has m outcomes. With one outcome, the first grid covers the whole `region`
+    (n, 2) evenly. For a law that is too narrow for it, a new grid is made of quantiles of the law.
+    An outcome without a level set on that grid keeps the set on the first grid. With several
+    outcomes, the sets of a law also serve for laws near it. Only sets are stored between calls;
+    they affect the value only through their fineness. `response` is the simulator or its surfaces for all distinct outcomes, and `condition`
     (N, m) is the number of each outcome in it; with one outcome both may be (N,).
     """
 
