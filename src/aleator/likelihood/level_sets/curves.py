@@ -46,7 +46,7 @@ class CurveSettings:
     margin: float = 1.5
     iterations: int = 30
     longest: float = 1.0
-    arrived: float = 1e-5
+    arrived: float = 1e-6
     apart: float = 1e-6
     difference: float = 3e-4
     side: int = 10

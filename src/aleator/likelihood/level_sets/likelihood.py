@@ -131,8 +131,9 @@ class LevelLikelihood:
     (n, 2) evenly. For a law that is too narrow for it, a new grid is made of quantiles of the law.
     An outcome without a level set on that grid keeps the set on the first grid. With several
     outcomes, the sets of a law also serve for laws near it. Only sets are stored between calls;
-    they affect the value only through their fineness. `response` is the simulator or its surfaces for all distinct outcomes, and `condition`
-    (N, m) is the number of each outcome in it; with one outcome both may be (N,).
+    they affect the value only through their fineness. `response` is the simulator or its surfaces
+    for all distinct outcomes, and `condition` (N, m) is the number of each outcome in it; with one
+    outcome both may be (N,).
     """
 
     def __init__(
