@@ -77,7 +77,7 @@ FOURTH = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 /
 GAUSS = np.polynomial.legendre.leggauss(4)
 """The nodes on [-1, 1] and the weights of the Gauss rule for each step along a curve."""
 
-Found = tuple[Indices, Array, Array]
+SetPoints = tuple[Indices, Array, Array]
 """Experiments (H,), points (H, s) and logarithms (H,) of their parts of the densities."""
 
 
@@ -89,7 +89,7 @@ def traced(
     y: Array,
     cells: int,
     settings: CurveSettings = CURVES,
-) -> Found:
+) -> SetPoints:
     """Points on the level sets of outcomes y (N, m), for a law alpha (K,) and laws near it.
 
     `condition` (N, m) are the numbers of the outcomes in the response. Returns experiments (H,),
@@ -100,7 +100,7 @@ def traced(
     a curve goes from end to end; a grid with three sides has a third of it along each. Cost: the
     outcomes of each condition at the points of the grid, and some ten for each node.
     """
-    order, found = np.lexsort(condition.T[::-1]), list[Found]()
+    order, found = np.lexsort(condition.T[::-1]), list[SetPoints]()
     side = settings.cells(inputs.scattering, cells)
     points = y.shape[1] * settings.points(inputs.scattering, cells)
     for part in blocks(len(y), points, settings.block):
@@ -154,7 +154,7 @@ class _System:
         sides = value[1:].reshape(len(stencil), s, count, value.shape[2])
         return value[0], np.einsum("k,ksrm->rms", weights, sides)
 
-    def solved(self, cells: int, steps: int) -> Found:
+    def solved(self, cells: int, steps: int) -> SetPoints:
         """The solutions as points with their parts of the density of the outcomes."""
         of, xi, slopes = self._arrived(*self._begun(cells))
         width = 2.0 * self.settings.reach / cells
@@ -260,7 +260,7 @@ class _System:
         xi = -settings.reach + 2.0 * settings.reach / cells * place[few]
         return of[few], xi, np.linalg.svd(slopes[few])[2][:, m:]
 
-    def _on_steps(self, steps: tuple[Indices, Array, Array, Array]) -> Found:
+    def _on_steps(self, steps: tuple[Indices, Array, Array, Array]) -> SetPoints:
         """The Gauss nodes of steps along curves, moved onto the curves normal to the steps."""
         of = np.repeat(steps[0], GAUSS[0].size)
         begin, end, bend = (np.repeat(part, GAUSS[0].size, axis=0) for part in steps[1:])
@@ -273,7 +273,7 @@ class _System:
         log_size = np.log(0.5 * weight * size)
         return self._weighed(of[there], xi[there], along[there], log_size[there])
 
-    def _weighed(self, of: Indices, xi: Array, along: Array, log_size: Array) -> Found:
+    def _weighed(self, of: Indices, xi: Array, along: Array, log_size: Array) -> SetPoints:
         """The points with the logarithms of phi(xi)/|det (J, along)| times their sizes."""
         matrix = np.concatenate([self.linear(of, xi, FOURTH)[1], along], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
