@@ -212,9 +212,11 @@ def straight(runner: Runner, unit: Indices, column: Indices) -> Run:
     Its index is the number of a simulated value: column `column[index]` of the run of unit
     `unit[index]`.
     """
+    same = bool(np.all(column == column[0]))
 
     def run(index: Indices, x: Array) -> Array:
-        values = runner.straight(unit[index], x)[np.arange(len(x)), column[index]]
-        return np.where(np.isfinite(values), values, np.nan)
+        values = runner.straight(unit[index], x)
+        own = values[:, column[0]] if same else values[np.arange(len(x)), column[index]]
+        return np.where(np.isfinite(own), own, np.nan)
 
     return run
