@@ -18,9 +18,17 @@ from aleator import (
     identify,
 )
 from aleator.errors import InputsError
+from aleator.fit.question import Choices
 from aleator.laws.law import Law
+from aleator.likelihood.individual import Direct
+from aleator.simulators import as_runner
+from aleator.simulators.function import FunctionSimulator
 
 DATA = Path(__file__).parents[1] / "data"
+
+
+def level(**parameters: np.ndarray) -> np.ndarray:
+    return np.asarray(sum(parameters.values()))
 
 
 def found(
@@ -31,9 +39,6 @@ def found(
     restricted: bool = True,
     levels: dict[str, str] | None = None,
 ) -> Identification:
-    def level(**parameters: np.ndarray) -> np.ndarray:
-        return np.asarray(sum(parameters.values()))
-
     unit = "id" if "id" in frame else None
     table = Experiments.from_frame(frame, outcome=outcome, id=unit, conditions=[])
     return identify(
@@ -75,20 +80,32 @@ CROSSED: dict[str, Law] = {
     "b": Normal(0.0, Free(0.0, 10.0)),
 }
 LEVELS = {
-    # lme4's vignette and MixedModels.jl print these maxima of REML.
-    "pastes": ("strength", BATCHES, {"batch": "batch"}, 246.9907),
-    "penicillin": ("diameter", CROSSED, {"a": "plate", "b": "sample"}, 330.8606),
-}
+    # The maxima of REML and the sds that lme4 prints.
+    "pastes": ("strength", BATCHES, {"batch": "batch"}, 246.9907,
+               [60.05333, 0.0, 1.28736, 0.0, 2.90407, 0.82341]),
+    "penicillin": ("diameter", CROSSED, {"a": "plate", "b": "sample"}, 330.8606,
+                   [22.97222, 0.0, 0.84671, 0.0, 1.93157, 0.54992]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", LEVELS)
 def test_levels_have_the_published_maxima_of_reml(name: str) -> None:
-    outcome, laws, levels, published = LEVELS[name]
-    answer = found(
-        pd.read_csv(DATA / f"{name}.csv"), outcome, laws, Noise(Free(0.05, 20.0)), levels=levels
+    outcome, laws, levels, published, alpha = LEVELS[name]
+    frame = pd.read_csv(DATA / f"{name}.csv")
+    table = Experiments.from_frame(
+        frame, outcome=outcome, id="id" if "id" in frame else None, conditions=[]
     )
-    assert answer.log_likelihood.restricted is not None
-    assert -2.0 * answer.log_likelihood.restricted == pytest.approx(published, abs=1e-3)
+    choices = Choices.of(
+        table, Inputs(laws, levels=levels), Noise(Free(0.05, 20.0)), restricted=True
+    )
+    runner = as_runner(FunctionSimulator(level, vectorized=True), table, (*laws,), True, None)
+    question = choices.question(runner, table.observations, 0)
+    here = np.array(alpha)
+    likelihood = question.integral(Direct(runner, np.arange(len(laws)), question.inputs.box))
+    found = likelihood.adapted(here)(here)
+    assert -2.0 * found.total == pytest.approx(published, abs=1e-4)
+    # At the maximum the score is zero, to the digits of the sds.
+    assert np.abs(found.score * here * 1e-4).max() < 1e-3
 
 
 def test_the_sd_of_independent_values_has_n_minus_one() -> None:

@@ -143,9 +143,35 @@ def test_a_prediction_is_that_of_the_mixture(of_one: Identification) -> None:
     assert [reached(y) for y in told] == pytest.approx([0.1, 0.5, 0.9], abs=2e-3)
 
 
-def test_without_noise_it_is_refused() -> None:
-    with pytest.raises(InputsError, match="noise"):
-        unjudged(elongation, springs(), LAW, outcome="y", vectorized=True)
+def test_without_noise_the_outcomes_have_the_density_of_the_mixture() -> None:
+    load = np.random.default_rng(9).uniform(0.5, 2.0, 60)
+    frame = pd.DataFrame({"load": load, "y": load * drawn(60, 1)})
+    found = unjudged(elongation, frame, LAW, outcome="y", vectorized=True)
+    alpha = np.append(found.values[NAMES].to_numpy(), 0.0)
+    exact = of_springs(frame, alpha)
+    assert found.log_likelihood.estimated == pytest.approx(exact, abs=1e-6)
+    best = optimize.minimize(
+        lambda at: -of_springs(frame, np.append(at, 0.0)), alpha[:5], method="Nelder-Mead",
+        options={"fatol": 1e-10, "xatol": 1e-8, "maxiter": 5000},
+    )  # fmt: skip
+    assert -best.fun == pytest.approx(exact, abs=1e-5)
+    assert found.sound
+    told = found.predict(pd.DataFrame({"load": [1.5]}), quantiles=(0.5,), uncertainty=False)
+    middle = optimize.brentq(
+        lambda y: sum(w * stats.norm.cdf(y, 1.5 * m, 1.5 * s) for w, m, s in components(alpha))
+        - 0.5, 0.0, 5.0,
+    )  # fmt: skip
+    assert told["q0.5"][0] == pytest.approx(middle, abs=2e-3)
+
+
+def test_without_noise_a_component_without_a_density_is_refused() -> None:
+    law = Inputs({"k": Mixture((COMPONENT, Constant(1.0)))})
+    with pytest.raises(InputsError, match="a component that is a constant needs"):
+        unjudged(elongation, springs(), law, outcome="y", vectorized=True)
+    with pytest.raises(InputsError, match="without mixtures"):
+        unjudged(
+            elongation, springs(), LAW, outcome="y", propagation=ResponseSurface(surfaces="own")
+        )
 
 
 # ---------------------------------------------------- points, and maxima of which there are several
@@ -230,6 +256,18 @@ def of_galaxies(k: int, seed: int, points: bool = True) -> Identification:
 def test_points_with_normal_noise_are_normal_components_of_one_sd(k: int, best: float) -> None:
     found = of_galaxies(k, seed=1)
     assert found.log_likelihood.estimated == pytest.approx(best, abs=2e-3)
+    assert found.sound
+
+
+def test_without_noise_components_have_sds_of_their_own() -> None:
+    """Twice the log-likelihood of three normal components in Aitkin (2001): 406.96."""
+    y = np.array(GALAXIES.split(), dtype=float) / 1000.0
+    component = Normal(Free(5.0, 40.0), Free(0.2, 10.0))
+    found = unjudged(
+        lambda m: m, pd.DataFrame({"y": y}), Inputs({"m": Mixture((component,) * 3)}), outcome="y",
+        vectorized=True,
+    )  # fmt: skip
+    assert -2.0 * found.log_likelihood.estimated == pytest.approx(406.96, abs=5e-3)
     assert found.sound
 
 

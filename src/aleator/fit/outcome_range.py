@@ -23,12 +23,11 @@ from aleator.laws.inputs import Inputs, law_region
 from aleator.likelihood.problem import Problem, prepare
 from aleator.simulators.response_functions import (
     Run,
-    attempts,
-    by_calls,
     moving_parameters,
     straight,
 )
 from aleator.surrogates import AdaptiveSurfaces
+from aleator.surrogates.samples import Sites
 from aleator.surrogates.surface import Axes, logarithms
 
 
@@ -86,9 +85,9 @@ def on_surfaces(
 def reached(question: Question, problem: Problem, region: Array) -> tuple[int, Array, Array] | None:
     """Parameters at which the simulator gives the outcome that surfaces miss most.
 
-    Returns the number of its condition, the parameters (moving,), and the region (n, 2) widened to
-    contain them. None if no outcome is missed, or the budget does not allow the search. Raises
-    ExperimentsError for an outcome that the simulator itself does not give anywhere.
+    Returns the number of its simulated value, the parameters (moving,), and the region (n, 2)
+    widened to contain them. None if no outcome is missed, or the budget does not allow the search.
+    Raises ExperimentsError for an outcome that the simulator itself does not give anywhere.
     """
     runner, inputs, y = question.runner, question.inputs, question.measured
     short, moving = surface_diagnostics.shortfalls(problem), moving_parameters(region)
@@ -100,12 +99,13 @@ def reached(question: Question, problem: Problem, region: Array) -> tuple[int, A
     assert problem.surface is not None
     points = _spread(region[moving])
     values = problem.surface.take(np.array([condition])).evaluate(points)[0]
+    sites = Sites.seen(runner, runner.unit, runner.column)
     x = _reached(
-        attempts(runner, region), points[np.argmax(side * values)], condition, float(y[farthest]),
-        side, _support(inputs)[moving],
+        sites.attempts(runner, region), points[np.argmax(side * values)], condition,
+        float(y[farthest]), side, _support(inputs)[moving],
     )  # fmt: skip
     if x is None:
-        raise surface_diagnostics.unreachable(problem, question.ids)
+        raise surface_diagnostics.unreachable(problem, _owners(question))
     return condition, x, _holding(region, x, inputs.box)
 
 
@@ -122,7 +122,9 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
     if model.surfaces is not None:
         model = model.directly()
     problem = prepare(runner, y, model, inputs.box, progress)
-    moves, straightly = moving_parameters(inputs.box), straight(runner)
+    sites = Sites.seen(runner, runner.unit, runner.column)
+    moves = moving_parameters(inputs.box)
+    straightly = straight(runner, sites.unit, sites.column)
     whole = _support(inputs)[moves]
     points = _spread(whole)
 
@@ -135,11 +137,11 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
         return straightly(index, full(x))
 
     low, high, missed = np.full(y.size, -np.inf), np.full(y.size, np.inf), list[int]()
-    for row in np.flatnonzero(problem.unreached).tolist():
+    for row in np.flatnonzero(np.repeat(problem.unreached, problem.each)).tolist():
         condition = int(problem.condition[row])
         values = run(np.full(len(points), condition), points)
         if np.isnan(values).all():
-            by_calls(runner)(np.array([condition]), full(points[:1]))
+            runner(sites.unit[[condition]], full(points[:1]))
         low[row], high[row] = np.nanmin(values), np.nanmax(values)
         if low[row] <= y[row] <= high[row]:
             continue
@@ -148,8 +150,13 @@ def on_simulator(question: Question, progress: Progress) -> Problem:
         if _reached(run, start, condition, y[row], side, whole) is None:
             missed.append(row)
     if missed:
-        raise surface_diagnostics.out_of_reach(np.array(missed), y, (low, high), question.ids)
+        raise surface_diagnostics.out_of_reach(np.array(missed), y, (low, high), _owners(question))
     return problem
+
+
+def _owners(question: Question) -> list[str]:
+    """The name of the experiment of each observation (M,)."""
+    return [question.ids[l] for l in question.table.observations.experiment.tolist()]
 
 
 def _support(inputs: Inputs) -> Array:

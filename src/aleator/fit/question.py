@@ -25,7 +25,8 @@ from aleator.likelihood.individual import (
     LevelRule,
     Predictor,
 )
-from aleator.likelihood.level_sets import on_a_grid, searched
+from aleator.likelihood.level_sets import on_a_grid, searched, traceable
+from aleator.likelihood.level_sets.curves import CURVES
 from aleator.likelihood.level_sets.lines import CROSSINGS
 from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors
@@ -57,12 +58,16 @@ FEWEST = GaussHermite(3, 1)
 def is_exact(table: Experiments | Conditions, inputs: Inputs, noise: Noises | None) -> bool:
     """Whether the likelihood is the density of the outcomes, without measurement noise.
 
-    This requires one uncensored outcome for each experiment, and the same law for all of them,
-    which is no mixture and has no levels. Otherwise the likelihood is an integral over each
-    experiment's parameters.
+    This requires as many uncensored outcomes of each experiment as of any other, not more than
+    parameters that scatter, and the same law for all experiments, without levels. Otherwise the
+    likelihood is an integral over each experiment's parameters. For conditions without outcomes
+    it says whether they are predicted from the density of one outcome.
     """
-    alike = not inputs.individual_laws and len(inputs.classes) == 1
-    return noise is None and table.simple and alike
+    if noise is not None:
+        return False
+    if isinstance(table, Conditions):
+        return table.simple and not inputs.levels and traceable(inputs)
+    return _without_density(table, inputs) is None
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +106,15 @@ class Choices:
                 "the restricted likelihood is known with measurement noise only",
                 "add noise, or leave `restricted` out",
             )
-        if not is_exact(table, inputs, noise):
-            surfaces = surfaces_alone(propagation, density)
-            _require_noise(table, inputs, noise)
-            _require_processes(inputs, surfaces)
+        reason = None if noise is not None else _without_density(table, inputs)
+        if reason is not None:
+            raise InputsError(
+                reason, "add noise: [noise] sd, or noise=Noise(...), which may be small"
+            )
+        if not made.exact:
+            _require_common_surfaces(inputs, surfaces_alone(propagation, density))
+        elif not table.simple or len(inputs.classes) > 1:
+            _require_processes(propagation, density)
         if inputs.individual_laws:
             return replace(made, inputs=inputs.resolved(covariates(table, inputs.columns)))
         if made.exact:
@@ -264,28 +274,57 @@ def varying_conditions(table: Experiments, requested: Sequence[str]) -> list[str
     ]
 
 
-def _require_noise(table: Experiments, inputs: Inputs, noise: Noises | None) -> None:
-    if noise is not None:
-        return
+def _without_density(table: Experiments, inputs: Inputs) -> str | None:
+    """Why the outcomes of the experiments have no density without noise; None if they have one."""
+    each, scattering = table.exact_each, inputs.scattering
     if inputs.levels:
-        raise InputsError(
+        return (
             "parameters of levels need measurement noise: the experiments of a group share a draw, "
-            "so that their outcomes have no density by themselves",
-            "add noise: [noise] sd, or noise=Noise(...), which may be small",
+            "so that their outcomes have no density by themselves"
         )
-    if table.simple and not inputs.regressed:
-        raise InputsError(
-            "the likelihood of a mixture is known with measurement noise only",
-            "add noise: [noise] sd, or noise=Noise(...), which may be small",
+    if inputs.regressed:
+        return "a law that follows covariates needs measurement noise"
+    if scattering and not traceable(inputs):
+        return (
+            "a mixture with a component that is a constant needs measurement noise: without it the "
+            "outcomes of a constant have no density"
         )
-    raise InputsError(
-        "several observations an experiment, censored ones and covariates need measurement "
-        "noise: without it no parameters explain all observations exactly",
-        "add noise: [noise] sd, or noise=Noise(...)",
-    )
+    if np.any(table.observations.censored):
+        return (
+            "censored observations need measurement noise: without it their likelihood is not known"
+        )
+    if each is None:
+        return (
+            "experiments with different numbers of observations need measurement noise: without it "
+            "each experiment has as many outcomes as any other"
+        )
+    if scattering and each > scattering:
+        return (
+            f"{each} observations an experiment and {scattering} parameters that scatter need "
+            "measurement noise: without it no parameters explain all observations exactly"
+        )
+    if each > 1 and scattering > CURVES.most:
+        return (
+            f"{each} observations an experiment and {scattering} parameters that scatter need "
+            f"measurement noise: without it at most {CURVES.most} parameters may scatter"
+        )
+    return None
 
 
-def _require_processes(inputs: Inputs, surfaces: ResponseSurface) -> None:
+def _require_processes(propagation: ResponseSurface | Collocation, density: Density | None) -> None:
+    """Raise InputsError for settings that neither several exact outcomes nor mixtures have.
+
+    They are a density method, collocation, nodes of the law, and surfaces of each outcome's own.
+    """
+    choice = surfaces_alone(propagation, density)
+    if choice.surfaces == "own" or choice.tolerance is not None:
+        raise _of_exact_outcomes(
+            "surfaces of each outcome's own (or a tolerance)",
+            "[propagation] surfaces and tolerance",
+        )
+
+
+def _require_common_surfaces(inputs: Inputs, surfaces: ResponseSurface) -> None:
     """Raise InputsError for polynomial surfaces of single experiments where some share parameters.
 
     The check of these surfaces on the simulator takes experiments as independent.
@@ -301,9 +340,9 @@ def _require_processes(inputs: Inputs, surfaces: ResponseSurface) -> None:
 def surfaces_alone(
     propagation: ResponseSurface | Collocation, density: Density | None
 ) -> ResponseSurface:
-    """The settings of response surfaces, for a likelihood with measurement noise.
+    """The settings of response surfaces, for a likelihood that is not one of moments.
 
-    Raises InputsError for settings that only a likelihood without noise has: a density method,
+    Raises InputsError for settings that only a likelihood of moments has: a density method,
     collocation, and nodes of the law.
     """
     if density is not None:
@@ -317,9 +356,9 @@ def surfaces_alone(
 
 def _of_exact_outcomes(what: str, key: str) -> InputsError:
     return InputsError(
-        f"{what} is for one exact outcome an experiment, without measurement noise",
-        f"leave {key} out: with noise the likelihood is an integral over each experiment's own "
-        "parameters",
+        f"{what} is for one exact outcome an experiment, without measurement noise and without "
+        "mixtures",
+        f"leave {key} out: no other likelihood needs it",
     )
 
 
@@ -406,10 +445,13 @@ def way_of_outcomes(runner: Runner, model: Model) -> Way:
     return Way(False, "")
 
 
-def grids_each(inputs: Inputs, conditions: int) -> tuple[int, int]:
+def grids_each(inputs: Inputs, conditions: int, outcomes: int = 1) -> tuple[int, int]:
     """The least and largest number of runs of each condition, for level sets of the simulator."""
-    few, s = searched(inputs, conditions), inputs.scattering
-    points = few**s if on_a_grid(inputs) else few * (CROSSINGS.steps + 2 * s)
+    few, s = searched(inputs, conditions, outcomes), inputs.scattering
+    if outcomes > 1:
+        points = outcomes * CURVES.points(s, few)
+    else:
+        points = few**s if on_a_grid(inputs) else few * (CROSSINGS.steps + 2 * s)
     return WAYS.grids[0] * points, WAYS.grids[1] * points
 
 

@@ -26,6 +26,7 @@ from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Check, Checked
 from aleator.inference.information import Inference
+from aleator.inference.likelihood_at import OutcomesAt
 from aleator.inference.profile import Profile
 from aleator.inference.surface_diagnostics import surface_report
 from aleator.laws import Hyperparameter
@@ -71,7 +72,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     with ledger.stage("baselines"):
         fit = least_squares(likelihood, question.measured)
         baselines = _baselines(fit, likelihood.inputs)
-        if isinstance(likelihood, Problem):
+        if isinstance(likelihood, Problem) and likelihood.each == 1:
             linear = by_tangent(likelihood, question.choices.search, question.seed)
             alpha_of_tangent = _named(linear.alpha, hyperparameters)
             baselines["circe"] = {
@@ -129,12 +130,38 @@ def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
         ),
         "density": problem.likelihood.name,
         "propagation": problem.name,
-        "experiments": experiment_reports(problem, alpha, at, table.ids, surface_error),
+        **(
+            {"experiments": experiment_reports(problem, alpha, at, table.ids, surface_error)}
+            if table.simple
+            else _of_several(problem, reviewed)
+        ),
         "surface": emulator_report(answer.inferred.refined.emulation)
         or surface_report(problem.surface, where),
         "density_distances": _distances(problem, alpha, reviewed.exact),
         "outcome": table.outcome_name,
     }  # fmt: skip
+
+
+def _of_several(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
+    """The fields of a result that several exact outcomes of an experiment have.
+
+    The parameters of each experiment lie on its level set.
+    """
+    answer, table, at = reviewed.answer, reviewed.table, reviewed.at
+    alpha, inputs = answer.inferred.maximum.alpha, problem.inputs
+    under, fit = problem.predictor.under(alpha), OutcomesAt(problem, alpha)
+    found, pit = fit.on_level_sets(), fit.probabilities(table.observations, None)
+    columns = tuple(answer.inferred.refined.question.runner.cases.columns)
+    shrinkage = zip(inputs.names, found.shrinkage.tolist(), strict=True)
+    return {
+        "shrinkage": {name: value for name, value in shrinkage if np.isfinite(value)},
+        "experiments": _individuals(table, at.each, at.status, found, inputs.names),
+        "observations": observation_reports(
+            table, under.mean, under.sd, (under.mean, under.sd), columns, pit
+        ),
+        "responses": {r.name: str(r.transform) for r in table.observations.responses},
+        "law_curves": law_curves(inputs, alpha, len(table.ids)),
+    }
 
 
 def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dict[str, Any]:
@@ -151,6 +178,11 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
     if inputs.grouping is not None:
         each, status = likelihood.conditional(alpha), status[inputs.grouping.cluster]
     shrinkage = zip(names, found.shrinkage, strict=True)
+    every, of_errors = slice(0, len(table.observations)), alpha[inputs.size :]
+    scale = likelihood.errors.scale(of_errors, found.predicted[:, None], every)
+    scale = np.broadcast_to(scale, (len(table.observations), 1))[:, 0]
+    conditional = likelihood.errors.conditional(of_errors, found.predicted[:, None], every)
+    given = (conditional[0][:, 0], conditional[1][:, 0])
     return {
         "log_likelihood": _with_nodes(
             at.likelihood, gap, checked, reviewed.emulated.log_likelihood
@@ -163,7 +195,7 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
             None if surfaces is None else surfaces.surface(), "under the law", "the noise"
         ),
         "outcome": ", ".join(response.name for response in table.observations.responses),
-        "observations": observation_reports(table, likelihood, alpha, found, columns, pit),
+        "observations": observation_reports(table, found.predicted, scale, given, columns, pit),
         "shrinkage": {name: float(value) for name, value in shrinkage if np.isfinite(value)},
         "quadrature": {"nodes": likelihood.nodes.xi.shape[1], "gap": gap},
         "responses": {r.name: str(r.transform) for r in table.observations.responses},
@@ -401,22 +433,21 @@ def _baselines(fit: LeastSquares, inputs: Inputs) -> dict[str, Any]:
 
 def observation_reports(
     table: Experiments,
-    likelihood: IndividualLikelihood,
-    alpha: Array,
-    found: IndividualParameters,
+    predicted: Array,
+    scale: Array,
+    given: tuple[Array, Array],
     requested: Sequence[str],
     pit: Array,
 ) -> tuple[ObservationReport, ...]:
     """A report for each of M observations, with the conditions that vary within experiments.
 
-    `pit` (M,) are the predicted probabilities of smaller values (see `sequential_pit`).
+    `predicted` (M,) are the predicted values and `scale` (M,) the scales of their errors; without
+    noise they are the means and the standard deviations under the law. `given` are both given the
+    earlier values of the experiment, with which errors may be correlated: residuals are relative to
+    these. `pit` (M,) are the predicted
+    probabilities of smaller values (see `sequential_pit`).
     """
-    seen, predicted = table.observations, found.predicted
-    every = slice(0, len(seen))
-    of_errors = alpha[likelihood.inputs.size :]
-    scale = likelihood.errors.scale(of_errors, predicted[:, None], every)[:, 0]
-    given = likelihood.errors.conditional(of_errors, predicted[:, None], every)
-    location, spread = (part[:, 0] for part in given)
+    seen, (location, spread) = table.observations, given
     nearest = np.clip(location, seen.lower, seen.upper)
     with np.errstate(invalid="ignore"):
         # An infinite prediction satisfies every censoring bound below it.

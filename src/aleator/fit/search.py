@@ -29,6 +29,7 @@ from aleator.likelihood.individual import (
     IndividualLikelihood,
     individual_parameters,
 )
+from aleator.likelihood.level_sets.likelihood import LEVELS
 from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, Search, SearchResult, WarmStart
 from aleator.search.interface import OPTIMA, LogLikelihood, read, written
@@ -238,7 +239,10 @@ def linear_gaussian(
 
 
 def by_tangent(problem: Problem, search: Search, seed: int) -> LinearGaussian:
-    """The law identified with the simulator linearized at the laws' starting means."""
+    """The law identified with the simulator linearized at the laws' starting means.
+
+    Several outcomes of an experiment count as if they were independent.
+    """
     x0 = np.clip(start_point(problem.inputs), *problem.region.T)
     own = problem.inputs, x0, *problem.at_point(x0), problem.outcomes
     return linear_gaussian(*own, search, seed)
@@ -306,7 +310,7 @@ def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -
     inputs, around = question.inputs, likelihood.inputs.centered(fit.x)
     if isinstance(likelihood, Problem):
         linear = by_tangent(likelihood, question.choices.search, question.seed)
-        return [around, linear.alpha]
+        return [around, linear.alpha, *_groups_of(likelihood, fit, question.seed)]
     around = _with_noise(likelihood, around, fit.rmse)
     narrow = around.copy()
     lower, upper = limits_of(inputs.hyperparameters)
@@ -317,6 +321,23 @@ def _guesses(question: Question, likelihood: AnyLikelihood, fit: LeastSquares) -
         return [around, narrow]
     first, *others = _grouped(likelihood, fit, question.measured, question.seed)
     return [first, around, narrow, *others]
+
+
+def _groups_of(problem: Problem, fit: LeastSquares, seed: int) -> Iterator[Array]:
+    """Starting mixtures (K,) without noise, with components centred at groups of experiments.
+
+    The parameters of an experiment are the mean of its level set under a wide law.
+    """
+    inputs = problem.inputs
+    if len(inputs.classes) == 1 or problem.levels is None:
+        return
+    alone = undivided(inputs)
+    sets = problem.levels.sets(inputs.filling(problem.region, LEVELS.widths))
+    wide = np.array([h.start for h in alone.hyperparameters])
+    share = replace(sets, inputs=alone).shares(wide)
+    x = np.where(sets.empty[:, None], fit.x, np.einsum("nk,nki->ni", share, sets.x))
+    for rng in np.random.default_rng(seed).spawn(GUESSES.groups):
+        yield apart(inputs, inputs.centered(fit.x), x, rng)[0]
 
 
 def _grouped(

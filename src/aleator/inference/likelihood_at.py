@@ -20,6 +20,7 @@ from aleator.inference.check import Remembered
 from aleator.inference.surface_diagnostics import relative_errors
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, drawn
+from aleator.laws.mixture import Mixture
 from aleator.likelihood.individual import (
     Direct,
     IndividualLikelihood,
@@ -29,7 +30,11 @@ from aleator.likelihood.individual import (
     individual_points,
 )
 from aleator.likelihood.individual.modes import DenseRule
-from aleator.likelihood.individual.posterior import individual_variates, values_under_law
+from aleator.likelihood.individual.posterior import (
+    IndividualParameters,
+    individual_variates,
+    values_under_law,
+)
 from aleator.likelihood.individual.predictors import Block
 from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
@@ -77,7 +82,7 @@ def _without_noise() -> InputsError:
 
 @dataclass(frozen=True, eq=False)
 class OutcomesAt:
-    """The likelihood of exact outcomes, one for each experiment."""
+    """The likelihood of exact outcomes, of which each experiment has one or several."""
 
     problem: Problem
     alpha: Array
@@ -96,7 +101,7 @@ class OutcomesAt:
     @property
     def count(self) -> int:
         """The number N of experiments."""
-        return len(self.problem.outcomes)
+        return self.problem.count
 
     @property
     def region(self) -> Array:
@@ -108,7 +113,7 @@ class OutcomesAt:
 
     @property
     def roughness(self) -> Array | None:
-        """The estimated error of each surface over the outcome's scatter (N,), or None."""
+        """The estimated error of each surface over the outcome's scatter (M,), or None."""
         surface, of = self.problem.surface, self.problem.condition
         return None if surface is None else relative_errors(surface)[of]
 
@@ -162,38 +167,85 @@ class OutcomesAt:
         are simulated values. With collocation they are quantiles of the computed densities; an
         outcome whose density failed stays as it is.
         """
-        (response,) = seen.responses
-        return Observations.exact(self._drawn(rng), response.name, response.transform)
+        y = self._drawn(rng)
+        return replace(seen, lower=y, upper=y)
 
     def probabilities(self, seen: Observations, points: int | None) -> Array:  # noqa: ARG002
-        """P(outcome below the measured one | alpha) (N,): uniform under the right alpha."""
-        return self._under.cdf(self.problem.outcomes)
+        """P(outcome below the measured one | earlier ones of its experiment, alpha) (M,).
+
+        Under the right alpha these probabilities are independent and uniform.
+        """
+        problem, alone = self.problem, self._under.cdf(self.problem.outcomes)
+        if problem.each == 1:
+            return alone
+        assert problem.levels is not None
+        return problem.levels.probabilities(self.alpha, alone[:: problem.each]).ravel()
 
     def span(self) -> tuple[Array, Array]:
-        """Low and high ends (N,) of the range of each outcome, within the possible values."""
+        """Low and high ends (M,) of the range of each outcome, within the possible values."""
         under, ends, far = self._under, self.problem.predictor, self.settings.span
         low, high = under.mean - far * under.sd, under.mean + far * under.sd
         return np.maximum(ends.lower, low), np.minimum(ends.upper, high)
 
     def quantiles(self, probabilities: Array) -> Array:
-        """Quantiles (N, P) of each outcome under the law of alpha."""
+        """Quantiles (M, P) of each outcome under the law of alpha."""
         return self._under.quantile(probabilities)
 
     def simulated(self, x: Array) -> Array | None:
-        """The simulated outcomes (N, J) at points x (J, n); None with collocation."""
+        """The simulated outcomes (M, J) at points x (J, n); None with collocation."""
         if not self.problem.free:
             return None
         return self.problem.response.evaluate(x)[self.problem.condition]
 
     def nodes(self) -> tuple[Array, Array] | None:
-        """The nodes x (J, n) of collocation and their outcomes (N, J); None with another method."""
+        """The nodes x (J, n) of collocation and their outcomes (M, J); None with another method."""
         if self.problem.free:
             return None
         x = self.problem.nodes(self.alpha)
         return x, self.problem.response.evaluate(x)[self.problem.condition]
 
-    def variates(self) -> None:
-        """None: a single exact outcome does not determine the parameters of its experiment."""
+    def variates(self) -> tuple[Array, Array] | None:
+        """Means (N, s) and mean products (N, s, s) of the normal scores, given the outcomes.
+
+        None with one outcome for each experiment, which does not determine a single parameter.
+        """
+        return None if self.problem.each == 1 else self._scores_on_level_sets()
+
+    def _scores_on_level_sets(self) -> tuple[Array, Array]:
+        """The means (N, s) and mean products (N, s, s) of `variates`."""
+        levels, inputs = self.problem.levels, self.inputs
+        assert levels is not None
+        sets = levels.sets(self.alpha)
+        share = sets.shares(self.alpha)
+        rows, point = np.nonzero(share)
+        x, theta = sets.x[rows, point], np.zeros((*share.shape, inputs.scattering))
+        for s, i in enumerate(inputs.scattered):
+            theta[rows, point, s] = inputs.normal_score(i, self.alpha, x)
+        means = np.einsum("nk,nks->ns", share, theta)
+        return means, np.einsum("nk,nks,nkt->nst", share, theta, theta)
+
+    def on_level_sets(self) -> IndividualParameters:
+        """The parameters of each experiment, given its outcomes, which lie on its level set.
+
+        The predicted values are those under the law, since those on the set are as measured.
+        """
+        levels, inputs, alpha = self.problem.levels, self.inputs, self.alpha
+        assert levels is not None
+        sets = levels.sets(alpha)
+        share = sets.shares(alpha)
+        mean = np.einsum("nk,nki->ni", share, sets.x)
+        spread = np.einsum("nk,nki->ni", share, (sets.x - mean[:, None]) ** 2)
+        mode = sets.x[np.arange(self.count), np.argmax(share, axis=1)]
+        components = {}
+        for i, (name, law) in enumerate(inputs.laws.items()):
+            if isinstance(law, Mixture):
+                each = law.probabilities(alpha[inputs.slices[i]], sets.x[..., i])
+                components[name] = np.einsum("nk,cnk->nc", share, each)
+        shrinkage = np.full(len(inputs.names), np.nan)
+        shrinkage[[*inputs.scattered]] = 1.0 - self._scores_on_level_sets()[0].std(axis=0)
+        return IndividualParameters(
+            mode, mean, np.sqrt(spread), self._under.mean, shrinkage, components
+        )
 
     def individuals(self, rng: np.random.Generator) -> Array:  # noqa: ARG002
         """Raises InputsError: without noise an experiment's parameters have no law of their own."""
@@ -210,6 +262,7 @@ class OutcomesAt:
         if not direct and problem.surface is None:
             return self._from_densities(rng)
         x = self.inputs.sample(self.alpha, rng.random((self.count, len(self.inputs.names))))
+        x = np.repeat(x, problem.each, axis=0)
         if isinstance(problem.response, DirectResponse):
             return problem.response.run(problem.condition, x)
         assert problem.surface is not None

@@ -315,7 +315,7 @@ def doubt(problem: Problem, inference: Inference, alpha: Array, checked: Checked
     did occur. The change is NaN where no run was made near the outcome, or where the estimates have
     no standard errors.
     """
-    count = problem.condition.size
+    count = problem.count
     moves, changes = np.full(count, np.nan), np.zeros(count)
     if problem.surface is None or checked is None:
         return Doubt(moves, changes)
@@ -368,13 +368,16 @@ def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
 
 
 def shortfalls(problem: Problem) -> Array:
-    """How far outcomes (N,) lie above the possible range, or below it (negative); zero inside."""
+    """How far outcomes (M,) lie above the possible range, or below it (negative); zero inside."""
     y, reach = problem.outcomes, problem.predictor
     return np.asarray(np.maximum(y - reach.upper, 0.0) + np.minimum(y - reach.lower, 0.0))
 
 
 def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
-    """The error that names the outcomes outside the range of the surfaces' values."""
+    """The error that names the outcomes outside the range of the surfaces' values.
+
+    `ids` (M,) are the experiments of the outcomes.
+    """
     rows, reach = np.flatnonzero(shortfalls(problem)), problem.predictor
     return out_of_reach(rows, problem.outcomes, (reach.lower, reach.upper), ids)
 
@@ -429,7 +432,7 @@ def by_finer_cells(problem: Problem, alpha: Array) -> Array:
     because the error near a kink of the simulator has either sign.
     """
     if problem.levels is None:
-        return np.zeros((2, problem.outcomes.size))
+        return np.zeros((2, problem.count))
     sizes = (problem.levels, problem.levels.coarse(), problem.levels.coarse(4))
     return np.asarray(-np.diff([levels.evaluate(alpha).each for levels in sizes], axis=0))
 
@@ -457,12 +460,14 @@ def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
 def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> list[Diagnostic]:
     """A refusal of outcomes at an extreme of the response, or beyond it."""
     what = "the simulator" if problem.surface is None else "the response surface"
+    far = "the measured outcome lies at an extreme of it or beyond, where its density is not known"
+    if problem.each > 1:
+        far = "no parameters were found that give all measured outcomes of an experiment together"
     return of_experiments(
         "extreme",
         problem.unreached_at(alpha),
         ids,
-        f"{what} does not go so far: the measured outcome lies at an extreme of it or beyond, "
-        "where its density is not known",
+        f"{what} does not go so far: {far}",
         "add measurement noise ([noise] sd), check these rows, or choose a tolerance, such as "
         "0.005, for surfaces that are more exact there",
     )

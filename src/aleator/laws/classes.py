@@ -5,6 +5,8 @@ A component of a mixture stands for a class of experiments.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from aleator.core.types import Array
@@ -56,3 +58,46 @@ def undivided(inputs: Inputs) -> Inputs:
             middle, half = 0.5 * (low + high), 0.5 * (high - low)
             laws[name] = Normal(middle, half) if half > 0.0 else Constant(middle)
     return Inputs(laws)
+
+
+def separated(inputs: Inputs, alpha: Array) -> list[tuple[Inputs, Array, float]]:
+    """The joint law of each class, with its alpha and the logarithm of its probability.
+
+    A class has one component of each mixture. Raises InputsError where laws follow covariates.
+
+    >>> from aleator.laws import Free
+    >>> two = Inputs({"x": Mixture((Normal(Free(0, 1), 0.1), Normal(Free(1, 2), 0.1)))})
+    >>> parts = separated(two, np.array([0.2, 0.1, 1.5, 0.1, 0.25]))
+    >>> [(own.tolist(), round(float(np.exp(log)), 6)) for _, own, log in parts]
+    [([0.2, 0.1], 0.25), ([1.5, 0.1], 0.75)]
+    """
+    if len(inputs.classes) == 1:
+        return [(inputs, alpha, 0.0)]
+    found = []
+    for c, components in enumerate(inputs.classes):
+        own, log_weight = [], 0.0
+        for law, part, component in zip(
+            inputs.laws.values(), inputs.slices, components, strict=True
+        ):
+            values = alpha[part]
+            if isinstance(law, Mixture):
+                log_weight += float(law.log_weights(values)[0][component])
+                values = values[law.parts[component]]
+            own.append(values)
+        joined = np.concatenate([*own, alpha[inputs.partials]])
+        found.append((_of_class(inputs, c), joined, log_weight))
+    return found
+
+
+@lru_cache
+def _of_class(inputs: Inputs, c: int) -> Inputs:
+    """The joint law of class c: each mixture is replaced by one of its components."""
+    laws = {
+        name: law.components[component] if isinstance(law, Mixture) else law
+        for (name, law), component in zip(inputs.laws.items(), inputs.classes[c], strict=True)
+    }
+    found = Inputs(laws)
+    found.correlation = inputs.correlation
+    # Without a correlation there were no correlated parameters.
+    found.__dict__.pop("correlated", None)
+    return found

@@ -320,6 +320,13 @@ class Mixture(QuantileLaw):
             found = special.logsumexp(own, axis=0, b=_beside(np.exp(log_w), x))
         return np.asarray(found)
 
+    def probabilities(self, values: Array, x: Array) -> Array:
+        """The probability (C, ...) of each component at x; NaN where the density is zero."""
+        own = np.stack([law.log_density(values[part], x) for law, part in self.placed])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            weighted = np.log(_beside(np.exp(self.log_weights(values)[0]), x)) + own
+            return np.asarray(special.softmax(weighted, axis=0))
+
     def normal_score(self, values: Array, x: Array) -> Array:
         """The normal score Phi^-1(sum_c w_c F_c(x)), computed from the nearer tail."""
         return self._joined(values, self._scores(values, x))

@@ -24,12 +24,12 @@ from aleator.simulators.response_functions import (
     Divisible,
     OutcomeDistribution,
     ResponseFunction,
-    attempts,
     by_calls,
     moving_parameters,
     straight,
 )
 from aleator.surrogates import ResponseSurface, Surface, build_surface
+from aleator.surrogates.samples import Sites
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -53,9 +53,10 @@ class OutcomePredictor(Protocol):
 
 @dataclass(frozen=True)
 class Forward:
-    """The forward problem: from the law to the distribution of N outcomes.
+    """The forward problem: from the law to the distribution of outcomes.
 
-    `condition` (N,) is the number of each experiment's condition among the U distinct ones.
+    Each of the experiments has `each` outcomes; there are M altogether, experiment by experiment.
+    `condition` (M,) is the number of each outcome among the U distinct simulated values.
     `region` (n, 2) is the region of parameters in which the response is known: their full ranges,
     or the part where the law has its probability. `surface` has the response surfaces as functions
     of the parameters that are not fixed, or is None.
@@ -67,6 +68,7 @@ class Forward:
     surface: Surface | None
     region: Array
     condition: Indices
+    each: int
 
     @property
     def moving(self) -> Indices:
@@ -79,14 +81,14 @@ class Forward:
         return self.model.name
 
     def with_outcomes(self, outcomes: Array) -> Problem:
-        """The inverse problem for measured outcomes (N,)."""
+        """The inverse problem for measured outcomes (M,)."""
         own = (self.model, self.predictor, self.response, self.surface, self.region)
-        return Problem(*own, self.condition, outcomes, _likelihood(self, outcomes))
+        return Problem(*own, self.condition, self.each, outcomes, _likelihood(self, outcomes))
 
 
 @dataclass(frozen=True)
 class Problem(Forward):
-    """The inverse problem: the forward problem and the measured outcomes (N,).
+    """The inverse problem: the forward problem and the measured outcomes (M,).
 
     The `likelihood` is computed by level sets, or by a density fitted to moments if one was chosen.
     """
@@ -107,7 +109,7 @@ class Problem(Forward):
     @property
     def count(self) -> int:
         """The number N of experiments."""
-        return self.outcomes.size
+        return self.outcomes.size // self.each
 
     def __call__(self, alpha: Array) -> LogLikelihood:
         """The log-likelihood and scores (N, K) at alpha (K,).
@@ -125,7 +127,7 @@ class Problem(Forward):
         return self
 
     def at_point(self, x: Array) -> tuple[Array, Array]:
-        """Simulated outcomes (N,) at one point x (n,), with slopes (N, n)."""
+        """Simulated outcomes (M,) at one point x (n,), with slopes (M, n)."""
         value, slope = self.response.evaluate_with_gradient(x[None, :])
         return value[self.condition, 0], slope[self.condition, 0]
 
@@ -156,19 +158,19 @@ class Problem(Forward):
 
     @property
     def unreached(self) -> Flags:
-        """Flags (N,) of the outcomes that the response does not reach anywhere in the region.
+        """Flags (N,) of the experiments whose outcomes the response does not reach in the region.
 
         None is flagged where the likelihood is computed from moments.
         """
         return self._none if self.levels is None else self.levels.unreached
 
     def unreached_at(self, alpha: Array) -> Flags:
-        """Flags (N,) of the outcomes for which no level set was found under the law alpha (K,)."""
+        """Flags (N,) of the experiments without a level set under the law alpha (K,)."""
         return self._none if self.levels is None else self.levels.sets(alpha).empty
 
     @property
     def _none(self) -> Flags:
-        return np.zeros(self.outcomes.size, dtype=np.bool_)
+        return np.zeros(self.count, dtype=np.bool_)
 
     def nodes(self, alpha: Array) -> Array:
         """The collocation nodes x (J, n) of the law alpha (K,)."""
@@ -202,7 +204,7 @@ class Problem(Forward):
         return self.continued
 
     def with_outcomes(self, outcomes: Array) -> Problem:
-        """This problem with other outcomes (N,)."""
+        """This problem with other outcomes (M,)."""
         return replace(self, outcomes=outcomes, likelihood=self.likelihood.with_outcomes(outcomes))
 
 
@@ -216,20 +218,20 @@ def forward(
     """Build the forward problem; first the response surfaces on the region (n, 2), if needed.
 
     `surface` has surfaces built before, as functions of the parameters that vary over the region;
-    with None they are built here. Experiments with equal conditions share their runs and surfaces,
-    so that N experiments have U surfaces. Surfaces use the runs that worked, while collocation
+    with None they are built here. Outcomes under equal conditions share their runs and surfaces,
+    so that M outcomes have U surfaces. Surfaces use the runs that worked, while collocation
     needs every run. Raises NoOutcome where too few runs of an experiment worked, which it names,
     and where too many runs failed altogether.
     """
-    first, condition = runner.cases.first, runner.cases.condition
-    count, inputs = first.size, model.inputs
+    sites = Sites.seen(runner, runner.unit, runner.column)
+    condition, count, inputs = sites.of, len(sites), model.inputs
     response: ResponseFunction
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     if model.surfaces is not None:
         if surface is None:
             surface = build_surface(
-                attempts(runner, region), region[moving_parameters(region)], count, model.surfaces,
-                surface_progress(progress),
+                sites.attempts(runner, region), region[moving_parameters(region)], count,
+                model.surfaces, surface_progress(progress),
             )  # fmt: skip
         _require_surfaces(surface, runner, condition)
         # The margin keeps the error of a surface from excluding an outcome that is possible.
@@ -237,7 +239,7 @@ def forward(
         lower, upper = surface.lower - margin, surface.upper + margin
         response = Confined(surface, region)
     elif isinstance(model.propagation, ResponseSurface):
-        response = DirectResponse(straight(runner), count, inputs.box)
+        response = DirectResponse(straight(runner, sites.unit, sites.column), count, inputs.box)
     else:
         step = model.propagation.difference_step
         response = DirectResponse(by_calls(runner), count, inputs.box, step)
@@ -246,7 +248,8 @@ def forward(
         predictor: OutcomePredictor = PointPredictor(inputs, response, condition, *ends)
     else:
         predictor = _by_moments(model, model.density, response, condition, ends, region)
-    return Forward(model, predictor, response, surface, region, condition)
+    each = condition.size // len(runner.ids)
+    return Forward(model, predictor, response, surface, region, condition, each)
 
 
 def prepare(
@@ -257,17 +260,20 @@ def prepare(
     progress: Progress | None = None,
     surface: Surface | None = None,
 ) -> Problem:
-    """The inverse problem for outcomes (N,), with the forward problem built by `forward`."""
+    """The inverse problem for outcomes (M,), with the forward problem built by `forward`."""
     return forward(runner, model, region, progress, surface).with_outcomes(outcomes)
 
 
 def level_sets(problem: Forward, outcomes: Array) -> LevelLikelihood:
-    """The likelihood of outcomes (N,) by level sets that are as fine as a search needs."""
-    inputs, response = problem.model.inputs, problem.response
+    """The likelihood of outcomes (M,) by level sets that are as fine as a search needs."""
+    inputs, response, condition = problem.model.inputs, problem.response, problem.condition
     assert isinstance(response, Divisible)
     region = inputs.box if problem.surface is None else problem.region
-    few = searched(inputs, int(problem.condition.max()) + 1)
-    return LevelLikelihood(inputs, response, region, problem.condition, outcomes, few)
+    few = searched(inputs, int(condition.max()) + 1, problem.each)
+    if problem.each > 1:
+        condition = condition.reshape(-1, problem.each)
+        outcomes = outcomes.reshape(-1, problem.each)
+    return LevelLikelihood(inputs, response, region, condition, outcomes, few)
 
 
 def _by_moments(
@@ -306,10 +312,11 @@ def _require_surfaces(surface: Surface, runner: Runner, condition: Indices) -> N
     lost = np.flatnonzero(np.isinf(surface.error)[condition])
     if not lost.size:
         return
-    failures = runner.failures
-    failed = failures.case == condition[lost[0]]
+    failures, unit = runner.failures, runner.unit[lost[0]]
+    failed = failures.case == runner.cases.condition[unit]
+    name = runner.ids[runner.experiment[unit]]
     raise NoOutcome(
-        f"experiment '{runner.ids[lost[0]]}': {surface.failed[condition[lost[0]]]} of its "
+        f"experiment '{name}': {surface.failed[condition[lost[0]]]} of its "
         f"{surface.runs[condition[lost[0]]]} runs failed, too many for a response surface"
         + (f"; so it is with {lost.size - 1} more of {len(runner.ids)}" if lost.size > 1 else ""),
         "see why they failed, check the conditions of the experiment, or narrow the box or the "

@@ -389,6 +389,14 @@ class Experiments(_TableRows):
         )
 
     @property
+    def exact_each(self) -> int | None:
+        """The number of values of each experiment; None if it differs, or a value is censored."""
+        seen = self.observations
+        counts = np.bincount(seen.experiment, minlength=len(self.ids))
+        alike = len(seen) > 0 and np.all(counts == counts[0]) and not np.any(seen.censored)
+        return int(counts[0]) if alike else None
+
+    @property
     def outcomes(self) -> Array:
         """The transformed outcomes (N,) of a simple table, as the likelihood uses them.
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aleator.core.types import Array, Indices
-from aleator.errors import InputsError
 from aleator.simulators.runner import Runner
 
 Run = Callable[[Indices, Array], Array]
@@ -207,30 +206,17 @@ def by_calls(runner: Runner) -> Run:
     return lambda index, x: runner(first[index], x)
 
 
-def straight(runner: Runner) -> Run:
+def straight(runner: Runner, unit: Indices, column: Indices) -> Run:
     """A `Run` whose runs are neither remembered nor stored; NaN where a run has no finite value.
 
-    Its index is the number of a distinct set of conditions.
+    Its index is the number of a simulated value: column `column[index]` of the run of unit
+    `unit[index]`.
     """
-    first = runner.cases.first
+    same = bool(np.all(column == column[0]))
 
     def run(index: Indices, x: Array) -> Array:
-        values = runner.straight(first[index], x)[:, 0]
-        return np.where(np.isfinite(values), values, np.nan)
+        values = runner.straight(unit[index], x)
+        own = values[:, column[0]] if same else values[np.arange(len(x)), column[index]]
+        return np.where(np.isfinite(own), own, np.nan)
 
     return run
-
-
-def attempts(runner: Runner, region: Array) -> Run:
-    """A `Run` of the parameters that are not constant: x is (R, moving); NaN where a run fails.
-
-    Its index is the number of a distinct set of conditions. A parameter is constant if its range in
-    `region` (n, 2) has no width. Raises InputsError if all parameters are constant.
-    """
-    if moving_parameters(region).size == 0:
-        raise InputsError(
-            "every parameter is known: there is nothing to identify but noise",
-            "free a hyperparameter, or give a parameter a law",
-        )
-    first = runner.cases.first
-    return lambda index, x: runner.attempt(first[index], completed(region, x))

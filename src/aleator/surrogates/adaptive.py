@@ -18,11 +18,11 @@ from scipy.stats import qmc
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError
 from aleator.simulators import Account, Runner
-from aleator.simulators.response_functions import Run, attempts, moving_parameters
+from aleator.simulators.response_functions import Run, moving_parameters
 from aleator.surrogates.choice import ResponseSurface
 from aleator.surrogates.emulator import OwnSurfaces, pairs
 from aleator.surrogates.fit import PLACES, PlacementSettings
-from aleator.surrogates.samples import Samples
+from aleator.surrogates.samples import Samples, Sites
 from aleator.surrogates.surface import Axes, Surface
 
 Afforded = Callable[[Flags, Array, Array], Flags]
@@ -427,10 +427,10 @@ class AdaptiveSurfaces:
 
 
 def surfaces_of(runner: Runner, region: Array, choice: ResponseSurface) -> AdaptiveSurfaces:
-    """The surfaces of a runner's distinct conditions on a region (n, 2), after the first runs."""
-    box, cases = region[moving_parameters(region)], runner.cases
-    afforded = within(runner.account, np.arange(len(cases)))
-    return AdaptiveSurfaces(attempts(runner, region), box, len(cases), choice, afforded)
+    """The surfaces of a runner's distinct values on a region (n, 2), after the first runs."""
+    box, sites = region[moving_parameters(region)], Sites.seen(runner, runner.unit, runner.column)
+    afforded = within(runner.account, sites.unit)
+    return AdaptiveSurfaces(sites.attempts(runner, region), box, len(sites), choice, afforded)
 
 
 def build_surface(

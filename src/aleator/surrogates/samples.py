@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.core.types import Array, Flags, Indices
+from aleator.errors import InputsError
 from aleator.simulators import Runner
-from aleator.simulators.response_functions import Run, completed
+from aleator.simulators.response_functions import Run, completed, moving_parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +185,15 @@ class Sites:
             return np.asarray(values[np.arange(len(x)), self.column[index]])
 
         return run
+
+    def attempts(self, runner: Runner, region: Array) -> Run:
+        """The function `run`; raises InputsError if no parameter varies in the region (n, 2)."""
+        if moving_parameters(region).size == 0:
+            raise InputsError(
+                "every parameter is known: there is nothing to identify but noise",
+                "free a hyperparameter, or give a parameter a law",
+            )
+        return self.run(runner, region)
 
     def together(self, members: Flags) -> Flags:
         """The values marked in `members`, and all others of their units, which share their runs."""

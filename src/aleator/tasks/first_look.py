@@ -401,7 +401,7 @@ def expected_cost(
         each = runs_each(inputs)
         return Cost(each * runner.units, each * runner.units, True)
     if not alone and way_of_outcomes(runner, Model.of(inputs, propagation, density)).direct:
-        low, high = grids_each(inputs, len(runner.cases))
+        low, high = grids_each(inputs, len(runner.cases), table.exact_each or 1)
         return Cost(low * len(runner.cases), high * len(runner.cases), True)
     moving = len(plan.moving)
     if by_process(propagation, density is not None):

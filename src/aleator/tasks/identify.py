@@ -175,10 +175,16 @@ def _session(answer: Answer, table: Experiments) -> Session:
     if isinstance(end.likelihood, Problem):
         model = end.likelihood.model
         fit = Fit.of_outcomes(end.likelihood, end.alpha, inferred.inference, table)
-        # Without noise predictions use response surfaces.
+        # Predictions of one exact outcome use response surfaces.
+        direct = inferred.refined.direct and not table.simple
+        own = (
+            runners(runner.simulator, model.inputs.names)
+            if table.simple
+            else runners_like(runner, table)
+        )
         return Session(
-            model.inputs, None, responses, table, runners(runner.simulator, model.inputs.names),
-            fit, False, model.surfaces or ResponseSurface(), model,
+            model.inputs, None, responses, table, own, fit, direct,
+            model.surfaces or ResponseSurface(), model,
         )  # fmt: skip
     assert end.coarse is not None
     assert question.choices.surfaces is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,6 +64,11 @@ def _drawn(
             virtual_observations(runner, table, inputs, choices.errors, alpha, rng)
             for _ in range(replicates)
         ]
+    if not table.simple:
+        return [
+            replace(table.observations, lower=y, upper=y)
+            for y in (_simulated(runner, inputs, alpha, rng) for _ in range(replicates))
+        ]
     x = inputs.sample(alpha[: inputs.size], rng.random((replicates * count, len(inputs.names))))
     y = runner(np.tile(np.arange(count), replicates), x).reshape(replicates, count)
     (response,) = table.observations.responses
@@ -95,14 +100,19 @@ def virtual_observations(
     as in the table (see `censored_alike`). A value whose run fails is NaN and counts as missing.
     """
     seen = table.observations
-    x = drawn(inputs, alpha[: inputs.size], len(table.ids), rng)
-    units, place = np.unique(runner.unit, return_inverse=True)
-    values = runner.values(units, x[runner.experiment[units]])
-    eta = values[place, runner.column][:, None]
+    eta = _simulated(runner, inputs, alpha, rng)[:, None]
     uniform = rng.random(eta.shape)
     with np.errstate(invalid="ignore"):
         y = errors.drawn(alpha[inputs.size :], uniform, eta, slice(0, len(seen)))[:, 0]
     return censored_alike(seen, y, rng)
+
+
+def _simulated(runner: Runner, inputs: Inputs, alpha: Array, rng: np.random.Generator) -> Array:
+    """Simulated values (M,) of all observations, at parameters drawn from the law of alpha (K,)."""
+    x = drawn(inputs, alpha[: inputs.size], len(runner.ids), rng)
+    units, place = np.unique(runner.unit, return_inverse=True)
+    values = runner.values(units, x[runner.experiment[units]])
+    return np.asarray(values[place, runner.column])
 
 
 def _unmeasured(

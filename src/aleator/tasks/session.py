@@ -29,6 +29,7 @@ from aleator.likelihood.individual import (
     LevelRule,
     Predictor,
 )
+from aleator.likelihood.level_sets.likelihood import BY_LEVEL_SETS
 from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
 from aleator.observations.experiments import Conditions, Experiments, covariates, unmeasured
@@ -99,7 +100,8 @@ class Session:
         Raises AleatorError if noise or experiments are missing that the result needs. Raises
         InputsError for noise if the identification had none.
         """
-        if not found.observations:
+        seen = tuple(Response(name, Transform(each)) for name, each in found.responses.items())
+        if not found.observations or found.density == BY_LEVEL_SETS:
             if noise is not None:
                 raise InputsError(
                     f"{source} was identified from exact outcomes, without noise",
@@ -107,8 +109,9 @@ class Session:
                 )
             model = Model.of(inputs, propagation, density)
             surfaces = model.surfaces or ResponseSurface()
-            responses = (Response(found.outcome, found.transform),)
-            return cls(inputs, None, responses, experiments, runner, None, False, surfaces, model)
+            responses = seen or (Response(found.outcome, found.transform),)
+            direct = bool(seen) and found.propagation == DIRECT
+            return cls(inputs, None, responses, experiments, runner, None, direct, surfaces, model)
         made = inputs.regressed and inputs.covariate_model is None
         unresolved = made or (bool(inputs.levels) and inputs.grouping is None)
         if noise is None or (experiments is None and unresolved):
@@ -119,7 +122,6 @@ class Session:
             )
         if experiments is not None and unresolved:
             inputs = inputs.resolved(covariates(experiments, inputs.columns))
-        seen = tuple(Response(name, Transform(each)) for name, each in found.responses.items())
         surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
         on_simulator = found.propagation == DIRECT
         return cls(inputs, noise, seen, experiments, runner, None, on_simulator, surfaces)
@@ -180,12 +182,14 @@ class Session:
     ) -> pd.DataFrame:
         """The table of `Identification.predict` under plausible alphas, or the estimate alone.
 
-        Without noise and under the estimate alone it is computed from the density of the outcome.
+        Without noise, with one outcome and under the estimate alone, it is computed from the
+        density of the outcome.
         """
         context = self.context(conditions, plausible.estimate, of, noise)
         if progress is not None:
             progress.stage("prediction")
-        if self.model is None or not plausible.certain:
+        alone = self.model is not None and context.conditions.simple and len(self.responses) == 1
+        if self.model is None or not alone or not plausible.certain:
             return tabled(context, plausible, quantiles, progress)
         return _by_density(context, self.model, plausible.estimate, quantiles, progress)
 
@@ -202,7 +206,7 @@ class Session:
         """
         if of is not None and self.model is not None:
             raise InputsError(
-                f"of '{of}': one outcome says too little of the parameters of its experiment",
+                f"of '{of}': without noise the parameters of an experiment have no density",
                 "predict new experiments: leave `of` out",
             )
         noises = self.noise.values() if isinstance(self.noise, Mapping) else [self.noise]
@@ -267,7 +271,7 @@ class Session:
         fit, table = kept(self.fit), unmeasured(candidates)
         if self.model is not None:
             ready = under_law(runner, self.model, alpha, progress)
-            problem = ready.with_outcomes(np.full(len(candidates.ids), np.nan))
+            problem = ready.with_outcomes(np.full(ready.condition.size, np.nan))
             return Fit.of_outcomes(problem, alpha, fit.inference, table)
         assert isinstance(fit.likelihood, IndividualsAt)
         assert self.inputs is not None

@@ -129,11 +129,13 @@ class IndividualLikelihood:
     def _restricted(self, alpha: Array, *, slope: bool) -> LogLikelihood:
         """The restricted log-likelihood at alpha (K,); see the function `restricted`.
 
-        Scores near alpha have the same nodes, unless these are points, whose errors move with it.
+        Scores near alpha have the same nodes if these are of a product rule or parameters. Others
+        are adapted to each, because their errors change with it.
         """
+        same = self._held is not None or isinstance(self.rule, GaussHermite)
 
         def scored(point: Array) -> LogLikelihood:
-            held = self.adapted(point) if self.rule.centers > 1 else self
+            held = self if same else self.adapted(point)
             return held._scored(point)
 
         return restricted(scored, alpha, self.hyperparameters, slope=slope)

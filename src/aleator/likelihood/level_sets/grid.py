@@ -40,8 +40,13 @@ class Values:
     """A store of the simulated values on the last grids; they do not depend on the outcomes."""
 
     def __init__(self, settings: GridSettings = GRIDS) -> None:
-        self._most = settings.kept
+        self._most, self._settings = settings.kept, settings
         self._known: list[tuple[tuple[Array, ...], Array]] = []
+        self._first: dict[int, Values] = {}
+
+    def first(self, outcomes: int) -> Values:
+        """The store for the first `outcomes` of each experiment alone."""
+        return self._first.setdefault(outcomes, Values(self._settings))
 
     def of(self, sides: tuple[Array, ...]) -> Array | None:
         """The stored values (U, P) on the grid with these sides, or None."""
@@ -78,17 +83,18 @@ class Grid:
     values: Values = field(default_factory=Values)
     settings: GridSettings = GRIDS
 
-    def serves(self, marks: Array) -> bool:
+    def serves(self, marks: Array, classes: int = 1) -> bool:
         """Whether this grid is fine enough for a law with rising quantiles `marks` (s, Q).
 
-        The quantiles must lie inside the grid, with enough cells between any two of them.
+        The quantiles must lie inside the grid, with enough cells between any two of them. If the
+        law is one of several `classes` of a mixture, these share the cells.
         """
         for side, own in zip(self.sides, marks, strict=True):
             if own[0] < side[0] or side[-1] < own[-1]:
                 return False
             wide = np.diff(own) > self.settings.narrow * (own[-1] - own[0])
             cells = np.diff(np.searchsorted(side, own))
-            if np.any(cells[wide] < self.settings.share * (side.size - 1)):
+            if np.any(cells[wide] < self.settings.share / classes * (side.size - 1)):
                 return False
         return True
 

@@ -14,11 +14,15 @@ import numpy as np
 
 from aleator.core.types import Array, Flags, Indices
 from aleator.laws import Hyperparameter
+from aleator.laws.classes import separated
 from aleator.laws.images import image_at
 from aleator.laws.inputs import Inputs
-from aleator.likelihood.individual.parameters import moving
+from aleator.laws.mixture import Mixture
+from aleator.likelihood.individual.parameters import distance, moving, scattered_density
+from aleator.likelihood.level_sets import curves, lines
+from aleator.likelihood.level_sets.curves import CURVES, CurveSettings
 from aleator.likelihood.level_sets.grid import GRIDS, Grid, GridSettings, Values, in_rows
-from aleator.likelihood.level_sets.lines import CROSSINGS, Crossings, traced
+from aleator.likelihood.level_sets.lines import CROSSINGS, Crossings
 from aleator.likelihood.level_sets.sets import LevelSets
 from aleator.search.interface import LogLikelihood
 from aleator.simulators.response_functions import Divisible
@@ -35,7 +39,9 @@ class LevelSettings:
     parameter and for two. A search uses half as many cells. `lines` and `fewest_lines`: the usual
     and the smallest number of lines per experiment, for more than two parameters. `values`: the
     number of response values on all grid points, or on all lines, above which fewer cells or lines
-    are used. `alike`: the relative error of a slope up to which a cell is not halved, for a
+    are used. `together`: the number of cells, and of steps along a curve, for several outcomes of
+    an experiment. `near`: the distance of laws up to which the sets of several outcomes serve; see
+    `distance`. `alike`: the relative error of a slope up to which a cell is not halved, for a
     reported result; in a search it is twice as large, so that the difference of both shows the
     error of the result. `reach`: the largest standard normal variate of the grid of a law, whose
     points are evenly spaced in this variate. `marks`: standard normal variates between which a grid
@@ -45,7 +51,8 @@ class LevelSettings:
     log-likelihood, relative to the range of a hyperparameter. `looks`: the number of points per
     side at which outcomes are simulated before a grid is made. `uneven`: the largest factor by
     which a grid may have more cells along one side and fewer along the other. `slim`: the smallest
-    number of cells along a side. `grid` and `crossings`: the settings of grids and of lines.
+    number of cells along a side. `grid`, `crossings` and `curves`: the settings of grids, of lines,
+    and of several outcomes.
     """
 
     cells: tuple[int, int] = (16384, 96)
@@ -53,6 +60,8 @@ class LevelSettings:
     lines: int = 64
     fewest_lines: int = 16
     values: int = 8_000_000
+    together: int = 64
+    near: float = 1.0
     alike: float = 0.002
     reach: float = 7.0
     marks: tuple[float, ...] = (-5.0, -3.0, -1.0, 1.0, 3.0, 5.0)
@@ -65,35 +74,47 @@ class LevelSettings:
     slim: int = 16
     grid: GridSettings = GRIDS
     crossings: Crossings = CROSSINGS
+    curves: CurveSettings = CURVES
 
 
 LEVELS = LevelSettings()
+BY_LEVEL_SETS = "level sets"
+"""The name of a likelihood by level sets in a result."""
 
 
 def traceable(inputs: Inputs) -> bool:
     """Whether level sets can be used: parameters scatter, with the same laws in all experiments.
 
-    Mixtures are excluded, too.
+    A mixture with a point is excluded, because it has no density.
     """
-    return inputs.scattering > 0 and len(inputs.classes) == 1 and not inputs.regressed
+    pointed = any(isinstance(law, Mixture) and law.points for law in inputs.laws.values())
+    return inputs.scattering > 0 and not pointed and not inputs.regressed
 
 
-def on_a_grid(inputs: Inputs) -> bool:
+def on_a_grid(inputs: Inputs, outcomes: int = 1) -> bool:
     """Whether level sets are found on a grid that serves for many laws.
 
-    This needs one or two scattering parameters whose possible values do not depend on alpha.
+    This needs one outcome of an experiment, and one or two scattering parameters whose possible
+    values do not depend on alpha.
     """
-    return 1 <= inputs.scattering <= 2 and not moving(inputs)
+    return outcomes == 1 and 1 <= inputs.scattering <= 2 and not moving(inputs)
 
 
-def searched(inputs: Inputs, conditions: int, settings: LevelSettings = LEVELS) -> int:
+def searched(
+    inputs: Inputs, conditions: int, outcomes: int = 1, settings: LevelSettings = LEVELS
+) -> int:
     """The number of grid cells per parameter, or of lines per experiment, for a search."""
-    answers = cells_of(inputs, conditions, settings)
-    return answers // 2 if on_a_grid(inputs) else answers // 4
+    answers = cells_of(inputs, conditions, outcomes, settings)
+    lines = outcomes == 1 and not on_a_grid(inputs)
+    return answers // 4 if lines else answers // 2
 
 
-def cells_of(inputs: Inputs, conditions: int, settings: LevelSettings = LEVELS) -> int:
+def cells_of(
+    inputs: Inputs, conditions: int, outcomes: int = 1, settings: LevelSettings = LEVELS
+) -> int:
     """The number of grid cells per parameter, or of lines per experiment, for a reported result."""
+    if outcomes > 1:
+        return settings.together
     if not on_a_grid(inputs):
         of_line = settings.crossings.steps + 1 + settings.crossings.halvings
         affordable = settings.values // (of_line * conditions)
@@ -105,13 +126,15 @@ def cells_of(inputs: Inputs, conditions: int, settings: LevelSettings = LEVELS) 
 
 
 class LevelLikelihood:
-    """The log-likelihood of N outcomes y (N,) as a function of alpha (K,); see `LevelSets`.
+    """The log-likelihood of outcomes y (N, m) as a function of alpha (K,); see `LevelSets`.
 
-    The first grid covers the whole `region` (n, 2) evenly. For a law that is too narrow for it, a
-    new grid is made of quantiles of the law. An outcome without a level set on that grid keeps the
-    set on the first grid. Only grids and their sets are stored between calls; they affect the value
-    only through their fineness. `response` is the simulator or its surfaces for all distinct
-    conditions, and `condition` (N,) is the number of each experiment's condition.
+    Each experiment has m outcomes. With one outcome, the first grid covers the whole `region`
+    (n, 2) evenly. For a law that is too narrow for it, a new grid is made of quantiles of the law.
+    An outcome without a level set on that grid keeps the set on the first grid. With several
+    outcomes, the sets of a law also serve for laws near it. Only sets are stored between calls;
+    they affect the value only through their fineness. `response` is the simulator or its surfaces
+    for all distinct outcomes, and `condition` (N, m) is the number of each outcome in it; with one
+    outcome both may be (N,).
     """
 
     def __init__(
@@ -127,6 +150,7 @@ class LevelLikelihood:
     ) -> None:
         self.inputs, self.response, self.region = inputs, response, region
         self.condition, self.outcomes, self.cells = condition, outcomes, cells
+        self.each = 1 if outcomes.ndim == 1 else outcomes.shape[1]
         self.settings = settings
         self._values = values or Values(settings.grid)
         self._known: list[tuple[Grid, LevelSets]] = []
@@ -135,7 +159,7 @@ class LevelLikelihood:
     @property
     def name(self) -> str:
         """The name in reports."""
-        return "level sets"
+        return BY_LEVEL_SETS
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -177,15 +201,20 @@ class LevelLikelihood:
         return self._of_grid(alpha) if self._on_a_grid else self._of_lines(alpha)
 
     def _of_grid(self, alpha: Array) -> LevelSets:
-        settings = self.settings
-        marks = self._quantiles(alpha, np.array(settings.marks))
-        if self._whole.serves(marks):
+        settings, classes = self.settings, separated(self.inputs, alpha)
+        marks = [_quantiles(*one[:2], np.array(settings.marks)) for one in classes]
+
+        def serves(grid: Grid) -> bool:
+            return all(grid.serves(each, len(classes)) for each in marks)
+
+        if serves(self._whole):
             return self._everywhere
         for grid, sets in self._known:
-            if grid.serves(marks):
+            if serves(grid):
                 return sets
         theta = np.linspace(-settings.reach, settings.reach, self.cells + 1)
-        grid = self._grid(self._quantiles(alpha, theta))
+        sides = np.concatenate([_quantiles(*one[:2], theta) for one in classes], axis=1)
+        grid = self._grid(np.sort(sides, axis=1))
         sets = self._traced(grid)
         if sets.empty.any():
             sets = sets.filled(self._everywhere)
@@ -193,9 +222,15 @@ class LevelLikelihood:
         return sets
 
     def _of_lines(self, alpha: Array) -> LevelSets:
-        """The level sets on lines that are placed for this law; stored for the last laws."""
+        """The level sets that are found for this law; stored for the last laws.
+
+        Those of several outcomes also serve for laws near it.
+        """
+        inputs, settings = self.inputs, self.settings
+        wide = self.each > 1 and len(inputs.classes) == 1 and not moving(inputs)
         for known, sets in self._last:
-            if np.array_equal(known, alpha):
+            same = np.array_equal(known, alpha)
+            if same or (wide and distance(inputs, (), known, alpha) < settings.near):
                 return sets
         sets = self._laid(alpha)
         if sets.empty.any():
@@ -204,11 +239,20 @@ class LevelLikelihood:
         return sets
 
     def _laid(self, alpha: Array) -> LevelSets:
-        found = traced(
-            self.inputs, alpha, self.response, self.condition, self.outcomes, self.cells,
-            self.settings.crossings,
-        )  # fmt: skip
-        return LevelSets(self.inputs, *in_rows(self.outcomes.size, *found))
+        """The level sets of this law, which are those of all its classes together."""
+        parts, seen = [], (self.response, self.condition, self.outcomes, self.cells)
+        for inputs, own, log_share in separated(self.inputs, alpha):
+            if self.each > 1:
+                owner, x, log_weight = curves.traced(inputs, own, *seen, self.settings.curves)
+            else:
+                owner, x, log_weight = lines.traced(inputs, own, *seen, self.settings.crossings)
+            if inputs is not self.inputs:
+                # Each point counts for the share of its class in the density there.
+                log_weight += log_share + scattered_density(inputs, own, x)
+                log_weight -= scattered_density(self.inputs, alpha, x)
+            parts.append((owner, x, log_weight))
+        found = [np.concatenate(part) for part in zip(*parts, strict=True)]
+        return LevelSets(self.inputs, *in_rows(len(self.outcomes), *found))
 
     def values(self, alphas: Array) -> Array:
         """The total log-likelihoods (A,) at alphas (A, K)."""
@@ -216,15 +260,44 @@ class LevelLikelihood:
 
     def take(self, rows: Indices) -> LevelLikelihood:
         """The likelihood of the experiments `rows` alone."""
-        own, condition = np.unique(self.condition[rows], return_inverse=True)
+        condition = self.condition[rows]
+        own, place = np.unique(condition, return_inverse=True)
         return LevelLikelihood(
-            self.inputs, self.response.take(own), self.region, condition, self.outcomes[rows],
-            self.cells, settings=self.settings,
+            self.inputs, self.response.take(own), self.region, place.reshape(condition.shape),
+            self.outcomes[rows], self.cells, settings=self.settings,
         )  # fmt: skip
 
     def with_outcomes(self, outcomes: Array) -> LevelLikelihood:
-        """The likelihood of the same experiments with other outcomes (N,)."""
-        return self._with(outcomes, self.cells)
+        """The likelihood of the same experiments with other outcomes (N m,)."""
+        return self._with(outcomes.reshape(self.outcomes.shape), self.cells)
+
+    def first(self, outcomes: int) -> LevelLikelihood:
+        """The likelihood of the first `outcomes` of each experiment, on grids for a search."""
+        condition = self.condition[:, :outcomes]
+        own, place = np.unique(condition, return_inverse=True)
+        some = self.outcomes[:, 0] if outcomes == 1 else self.outcomes[:, :outcomes]
+        return LevelLikelihood(
+            self.inputs, self.response.take(own), self.region, place.reshape(some.shape), some,
+            searched(self.inputs, own.size, outcomes, self.settings),
+            self._values.first(outcomes), self.settings,
+        )  # fmt: skip
+
+    def probabilities(self, alpha: Array, first: Array) -> Array:
+        """P(y_k below the measured one | y_1, ..., y_(k-1), alpha) of all outcomes (N, m).
+
+        This is Rosenblatt's transform (1952): under the right law the probabilities are independent
+        and uniform. Those of the outcomes number one are given as `first` (N,). The others are
+        shares of the level set of the earlier outcomes, on which the outcome is simulated.
+        """
+        found = [first]
+        for k in range(1, self.each):
+            sets = self.first(k).sets(alpha)
+            share = sets.shares(alpha)
+            rows, point = np.nonzero(share)
+            value = np.full(share.shape, np.nan)
+            value[rows, point] = self.response.at(self.condition[rows, k], sets.x[rows, point])
+            found.append(_below(self.outcomes[:, k], value, share))
+        return np.stack(found, axis=1)
 
     def coarse(self, times: int = 2) -> LevelLikelihood:
         """This likelihood on coarser grids, with 1/`times` of the cells per parameter.
@@ -236,7 +309,7 @@ class LevelLikelihood:
 
     def coarsest(self) -> LevelLikelihood:
         """This likelihood on the coarsest acceptable grids, for the analysis of many data sets."""
-        few = searched(self.inputs, int(self.condition.max()) + 1, self.settings)
+        few = searched(self.inputs, int(self.condition.max()) + 1, self.each, self.settings)
         if self._on_a_grid:
             few = min(few, self.settings.fewest_cells[self.inputs.scattering - 1])
         return self._with(self.outcomes, few)
@@ -259,7 +332,7 @@ class LevelLikelihood:
 
     @property
     def _on_a_grid(self) -> bool:
-        return on_a_grid(self.inputs)
+        return on_a_grid(self.inputs, self.each)
 
     @cached_property
     def _whole(self) -> Grid:
@@ -269,7 +342,7 @@ class LevelLikelihood:
 
     @property
     def _answers(self) -> int:
-        return cells_of(self.inputs, int(self.condition.max()) + 1, self.settings)
+        return cells_of(self.inputs, int(self.condition.max()) + 1, self.each, self.settings)
 
     def _with(self, outcomes: Array, cells: int) -> LevelLikelihood:
         """This likelihood with other outcomes and cells, which shares the stored responses."""
@@ -278,13 +351,6 @@ class LevelLikelihood:
             self.settings,
         )  # fmt: skip
 
-    def _quantiles(self, alpha: Array, theta: Array) -> Array:
-        """The values (s, Q) of the s scattering parameters at standard normal variates (Q,)."""
-        own = self.inputs.slices
-        return np.stack([
-            image_at(self.inputs, i, alpha[own[i]], theta) for i in self.inputs.scattered
-        ])  # fmt: skip
-
     def _grid(self, sides: Array) -> Grid:
         """A grid with these sides (s, C + 1).
 
@@ -292,7 +358,7 @@ class LevelLikelihood:
         """
         if len(sides) == 1:
             return self._on(sides)
-        few = np.linspace(0, self.cells, self.settings.looks).astype(np.intp)
+        few = np.linspace(0, sides.shape[1] - 1, self.settings.looks).astype(np.intp)
         changes = self._on(sides[:, few]).changes()
         return self._on(_shared(sides, float(changes[0] / changes[1]), self.settings))
 
@@ -306,6 +372,32 @@ class LevelLikelihood:
 
     def _traced(self, grid: Grid) -> LevelSets:
         return LevelSets(self.inputs, *grid.traced(self.outcomes))
+
+
+def _below(y: Array, value: Array, share: Array) -> Array:
+    """P(value < y) for y (N,), with values (N, K) of probabilities `share` (N, K).
+
+    The distribution function is linear between neighboring values; NaN where none is known.
+    """
+    share = np.where(np.isfinite(value), share, 0.0)
+    order = np.argsort(np.where(share > 0.0, value, np.inf), axis=1)
+    value, share = (np.take_along_axis(each, order, axis=1) for each in (value, share))
+    with np.errstate(invalid="ignore"):
+        share = share / share.sum(axis=1, keepdims=True)
+    level = np.cumsum(share, axis=1) - 0.5 * share
+    found = np.full(y.size, np.nan)
+    for l, known in enumerate((share > 0.0).sum(axis=1)):
+        if known:
+            ends = 0.5 * level[l, 0], 0.5 + 0.5 * level[l, known - 1]
+            own = value[l, :known], level[l, :known]
+            found[l] = np.interp(y[l], *own, left=ends[0], right=ends[1])
+    return found
+
+
+def _quantiles(inputs: Inputs, alpha: Array, theta: Array) -> Array:
+    """The values (s, Q) of the s scattering parameters at standard normal variates (Q,)."""
+    own = inputs.slices
+    return np.stack([image_at(inputs, i, alpha[own[i]], theta) for i in inputs.scattered])
 
 
 def _shared(sides: Array, ratio: float, settings: LevelSettings = LEVELS) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aleator.core.status import Status
 from aleator.core.types import Array, Flags, Indices
+from aleator.laws.classes import separated
 from aleator.laws.inputs import Inputs, parameters_at
 from aleator.likelihood.individual.rules import standard_points
 from aleator.simulators.response_functions import ResponseFunction
@@ -164,9 +165,10 @@ class PointPredictor:
         Cost: the response at 8192 points of the law, or at fewer for very many conditions.
         """
         xi, weights = self._points
-        law = alpha[: self.inputs.size]
-        x = parameters_at(self.inputs, law, xi[None], slice(0, 1), often=True)[0][0]
-        return PredictedOutcomes(self.response.evaluate(x), weights, self.condition)
+        parts = separated(self.inputs, alpha[: self.inputs.size])
+        x = [parameters_at(*one[:2], xi[None], slice(0, 1), often=True)[0][0] for one in parts]
+        every = np.concatenate([np.exp(log_share) * weights for *_, log_share in parts])
+        return PredictedOutcomes(self.response.evaluate(np.concatenate(x)), every, self.condition)
 
     @cached_property
     def _points(self) -> tuple[Array, Array]:

@@ -48,6 +48,10 @@ class LevelSets:
         found = [mean_of(self.take(rows)._terms(alpha))[0] for rows in self._blocks]
         return self._found(alpha, np.concatenate(found), None)
 
+    def shares(self, alpha: Array) -> Array:
+        """The probability (N, K) of each point under the law alpha (K,), given the outcomes."""
+        return mean_of(self._terms(alpha))[1]
+
     def take(self, rows: Indices | slice) -> LevelSets:
         """The level sets of the experiments `rows`, with no more points than these need."""
         log_weight = self.log_weight[rows]
