@@ -92,6 +92,11 @@ def deviance(found: Identification) -> float:
     return -2.0 * found.log_likelihood.estimated
 
 
+def restricted(found: Identification) -> float:
+    """Minus two times the restricted log-likelihood of an answer."""
+    return -2.0 * (found.log_likelihood.restricted or np.nan)
+
+
 def estimate(name: str, to: Callable[[float], float] = float) -> Callable[[Identification], float]:
     """The estimate of a hyperparameter, as it is or transformed."""
     return lambda found: to(found.alpha[name].estimate)
@@ -110,12 +115,15 @@ def answer(
     noise: Noise | None,
     unit: str | None = None,
     correlation: Mapping[tuple[str, str], Free] | None = None,
+    levels: Mapping[str, str] | None = None,
+    *,
+    restricted: bool = False,
 ) -> Identification:
     """An identification by default settings."""
-    inputs = Inputs(dict(laws), correlation) if correlation else Inputs(dict(laws))
+    inputs = Inputs(dict(laws), correlation or {}, levels or {})
     return identify(
         simulator, Experiments.from_frame(frame, outcome=outcome, id=unit), inputs, noise=noise,
-        vectorized=True, consistency=False, best_law=False,
+        vectorized=True, consistency=False, best_law=False, restricted=restricted,
     )  # fmt: skip
 
 
@@ -137,12 +145,14 @@ def level(level: Array) -> Array:
     return np.asarray(1.0 * level)
 
 
-def sleep(start: Law, slope: Law, *together: tuple[str, str]) -> Identification:
+def sleep(
+    start: Law, slope: Law, *together: tuple[str, str], restricted: bool = False
+) -> Identification:
     """Reaction times of 18 persons over ten days."""
     limits = dict.fromkeys(together, Free(-0.99, 0.99))
     return answer(
         reaction, table("sleepstudy.csv"), {"start": start, "slope": slope}, "reaction",
-        Noise(Free(1.0, 200.0)), "unit", limits,
+        Noise(Free(1.0, 200.0)), "unit", limits, restricted=restricted,
     )  # fmt: skip
 
 
@@ -150,10 +160,32 @@ START = Normal(Free(100.0, 400.0), Free(0.0, 200.0))
 SLOPE = Normal(Free(-50.0, 50.0), Free(0.0, 50.0))
 
 
-def dyestuff() -> Identification:
+def dyestuff(*, restricted: bool = False) -> Identification:
     """The yields of six batches of dyestuff."""
     laws = {"level": Normal(Free(1000.0, 2000.0), Free(0.0, 500.0))}
-    return answer(level, table("dyestuff.csv"), laws, "yield", Noise(Free(1.0, 500.0)), "unit")
+    return answer(
+        level, table("dyestuff.csv"), laws, "yield", Noise(Free(1.0, 500.0)), "unit",
+        restricted=restricted,
+    )  # fmt: skip
+
+
+def total(mean: Array, a: Array, b: Array) -> Array:
+    """A mean with two shifts."""
+    return np.asarray(mean + a + b)
+
+
+def shifted(
+    name: str, outcome: str, limits: Free, widest: float, of: Mapping[str, str | None]
+) -> Identification:
+    """A mean with normal shifts `of` levels; the level None is that of the experiment."""
+    laws: dict[str, Law] = {"mean": Constant(limits)}
+    laws |= {shift: Normal(0.0, Free(0.0, widest)) for shift in of}
+    levels = {shift: column for shift, column in of.items() if column is not None}
+    frame = table(name)
+    return answer(
+        total, frame, laws, outcome, Noise(Free(0.01, widest)), "id" if "id" in frame else None,
+        None, levels,
+    )  # fmt: skip
 
 
 SIMULATED = (
@@ -291,6 +323,46 @@ EXAMPLES = (
             Published("sd of batches", "37.2603", estimate("level.sd")),
             Published("sd of samples", "49.5101", estimate("noise.sd")),
         ),
+    ),
+    Example(
+        "Dyestuff, REML", LME4, "the same; `restricted`", lambda: dyestuff(restricted=True),
+        (
+            Published("-2 log L_R", "319.6543", restricted),
+            Published("sd of batches", "42.00", estimate("level.sd")),
+            Published("sd of samples", "49.51", estimate("noise.sd")),
+        ),
+    ),
+    Example(
+        "Sleep study, correlated, REML", LME4, "start + slope days; correlated; `restricted`",
+        lambda: sleep(START, SLOPE, ("start", "slope"), restricted=True),
+        (
+            Published("-2 log L_R", "1743.628", restricted),
+            Published("sd of intercepts", "24.74", estimate("start.sd")),
+            Published("sd of slopes", "5.92", estimate("slope.sd")),
+        ),
+    ),
+    Example(
+        "Pastes, casks within batches", LME4, "mean + a + b; a of the level `batch`",
+        lambda: shifted(
+            "pastes.csv", "strength", Free(0.0, 100.0), 20.0, {"a": "batch", "b": None}
+        ),
+        (Published("-2 log L", "247.9945", deviance),),
+    ),
+    Example(
+        "Oxide, wafers within lots", "R package nlme",
+        "mean + a + b; a of the level `lot`",
+        lambda: shifted(
+            "oxide.csv", "thickness", Free(1000.0, 3000.0), 100.0, {"a": "lot", "b": None}
+        ),
+        (Published("-2 log L", "458.6769", deviance),),
+    ),
+    Example(
+        "Penicillin, plates and samples crossed", LME4,
+        "mean + a + b; a of the level `plate`, b of the level `sample`",
+        lambda: shifted(
+            "penicillin.csv", "diameter", Free(0.0, 100.0), 20.0, {"a": "plate", "b": "sample"}
+        ),
+        (Published("-2 log L", "332.1883", deviance),),
     ),
     Example(
         "Dyestuff2, an sd of zero", LME4, "the same", dyestuff2,

@@ -108,8 +108,13 @@ def searched(
     """The result of the search chosen by the user, which also starts at the baselines.
 
     With a `guess` (K,), such as the maximum on earlier response surfaces, it is only a local
-    maximization from there and from the baselines.
+    maximization from there and from the baselines. The restricted likelihood is maximized from the
+    optima of the likelihood, whose values are raised by its difference at the best.
     """
+    if isinstance(likelihood, IndividualLikelihood) and likelihood.restricted:
+        found = searched(question, replace(likelihood, restricted=False), guess, ledger)
+        (value,) = likelihood.continued.values(found.alpha[None])
+        return found.raised(value - found.log_likelihood)
     with ledger.stage("baselines"):
         fit = least_squares(likelihood, question.measured)
         known = [*guess, *_guesses(question, likelihood, fit)]

@@ -273,6 +273,13 @@ class SearchResult:
             once=len(self.ascents) > 1 and near < 2,
         )  # fmt: skip
 
+    def raised(self, by: float) -> SearchResult:
+        """This result with all log-likelihoods higher by a number."""
+        ascents = tuple(replace(a, log_likelihood=a.log_likelihood + by) for a in self.ascents)
+        optima = tuple(replace(o, log_likelihood=o.log_likelihood + by) for o in self.optima)
+        value = self.log_likelihood + by
+        return replace(self, log_likelihood=value, ascents=ascents, optima=optima)
+
     def moved(self, alpha: Array, log_likelihood: float) -> SearchResult:
         """This result with its best optimum moved to `alpha` (K,).
 
