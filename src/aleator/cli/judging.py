@@ -42,6 +42,7 @@ from aleator.tasks.bootstrap import bootstrap as resample
 from aleator.tasks.ceiling import ceiling as best_possible
 from aleator.tasks.ceiling import require_one_law
 from aleator.tasks.compare import compare as compare_models
+from aleator.tasks.compare import require_plain
 from aleator.tasks.documents import ceiling_document, recovery_document
 from aleator.tasks.identification import load
 from aleator.tasks.posterior import posterior as drawn
@@ -220,6 +221,7 @@ def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[
                 f"{path}: another study is called '{name}' too", "rename one of the files"
             )
         found[name] = load_study(path).overridden(seed, verified=verified)
+        require_plain(name, restricted=found[name].restricted)
     return found
 
 

@@ -468,6 +468,16 @@ def _lettered(
     return dict(zip(letters, found, strict=False))
 
 
+def require_plain(name: str, *, restricted: bool) -> None:
+    """Raise InputsError for a model whose restricted likelihood is maximized."""
+    if restricted:
+        raise InputsError(
+            f"compare: model '{name}' has the maximum of the restricted likelihood, which is that "
+            "of other data in a model with other means or constants",
+            "identify it without `restricted`",
+        )
+
+
 def _check(
     models: Mapping[str, Identification], nested: Sequence[tuple[str, str]], bootstrap: int
 ) -> None:
@@ -476,12 +486,7 @@ def _check(
     if bootstrap < 0:
         raise InputsError(f"compare: {bootstrap} data sets", "choose 0 or more; 200 tell a lot")
     for name, model in models.items():
-        if model.log_likelihood.restricted is not None:
-            raise InputsError(
-                f"compare: model '{name}' has the maximum of the restricted likelihood, which is "
-                "that of other data in a model with other means or constants",
-                "identify it without `restricted`",
-            )
+        require_plain(name, restricted=model.log_likelihood.restricted is not None)
     for pair in nested:
         for name in pair:
             if name not in models:
