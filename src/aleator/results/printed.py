@@ -93,15 +93,15 @@ def between(ends: Sequence[float | None] | None, error: float | None) -> str:
 def percent(share: float | None, digits: int = 0) -> str:
     """A share in percent as text, "-" for none.
 
-    >>> percent(0.4284), percent(0.4284, 1), percent(0.00004, 1), percent(None)
-    ('43 %', '42.8 %', '<0.1 %', '-')
+    >>> percent(0.4284), percent(0.4284, 1), percent(0.00004, 1), percent(-1e-9), percent(None)
+    ('43 %', '42.8 %', '<0.1 %', '0 %', '-')
     """
     if share is None or math.isnan(share):
         return NONE
     least = 0.5 * 10.0**-digits
     if digits and 0.0 < 100.0 * share < least:
         return f"<{2.0 * least:g} %"
-    return f"{100.0 * share:.{digits}f} %"
+    return f"{100.0 * share:z.{digits}f} %"
 
 
 def to_three(value: float | None) -> str:
