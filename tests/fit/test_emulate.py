@@ -59,6 +59,11 @@ def test_few_runs_give_the_exact_answer_within_what_is_told(noise: float) -> Non
     assert found.emulator_error <= 0.2
     off = np.abs(found.values - exact.values) / exact.errors
     assert off.max() < max(2.0 * found.emulator_error, 0.05)
+    ends = np.array([
+        [(found.alpha[name].interval[k] - exact.alpha[name].interval[k]) / error for k in (0, 1)]
+        for name, error in exact.errors.dropna().items()
+    ])  # fmt: skip
+    assert np.nanmax(np.abs(ends)) < max(2.0 * found.surface["intervals_error"], 0.1)
     told = found.log_likelihood.error
     apart = found.log_likelihood.estimated - exact.log_likelihood.estimated
     assert abs(apart) < max(2.0 * told, 0.05)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from aleator.core.progress import duration
 from aleator.core.types import Array, Indices
@@ -40,13 +41,12 @@ from aleator.fit.regions import (
     plausible_alphas,
     reaching_out,
     region_of,
-    within_limits,
+    roots_of,
 )
 from aleator.fit.search import searched
 from aleator.inference import surface_diagnostics
-from aleator.inference.emulator_error import functional, near_outcomes
-from aleator.inference.information import Inference, infer
-from aleator.laws.hyperparameter import limits_of
+from aleator.inference.emulator_error import Functional, functional, near_outcomes
+from aleator.inference.information import INTERVALS, Inference, infer
 from aleator.likelihood.individual import (
     GaussHermite,
     ImportancePoints,
@@ -444,36 +444,22 @@ class Emulation:
 
     def _error(self, end: Maximum, inference: Inference, spread: Array) -> EmulatorError:
         """The error that the processes cause; `spread` (n,) is that of plausible laws."""
-        likelihood, processes, before = end.likelihood, self.processes, self.error
-        if isinstance(likelihood, Problem):
-            predictor = OnSurfaces(self.surface, self.region, self.of)
-            near = near_outcomes(likelihood, end.alpha, predictor)
-            held = near.by(self._rule(near), end.alpha)
-        else:
-            held = likelihood
-        roots = _roots(inference, likelihood)
+        processes, before = self.processes, self.error
+        roots = roots_of(inference, end.likelihood.hyperparameters, self.settings.largest)
         unknown = replace(before, alpha=np.inf, log_likelihood=np.inf,
                           shares=np.ones(len(processes.conditions)))  # fmt: skip
         if roots is None:
             return unknown
         (deviation, root), last = roots, inference.free.size
-        scatter = np.where(self.surface.scatter > 0.0, self.surface.scatter, 1.0)
-        found = functional(
-            held, end.alpha, inference.free, deviation @ deviation.T,
-            moving_parameters(self.region), spread, self.of, scatter,
+        found = self._functional(
+            end, end.alpha, inference.free, deviation @ deviation.T, spread
         )  # fmt: skip
         if not np.abs(found.weights).max(initial=0.0) < self.settings.largest:
             return unknown
         site, inside = found.site, np.clip(found.x, *processes.box.T)
         total, alone = processes.of_sums(site, inside, found.weights)
         total *= before.surprise**2
-        # The polynomials miss the processes differently for each output.
-        off = np.zeros(len(site))
-        if not self.itself:
-            off = self.surface.at(site, inside) - processes.expected(site, inside)
-        each = np.zeros((len(processes.case), last + 1))
-        np.add.at(each, site, off[:, None] * found.weights)
-        of_fit = each.T @ each
+        of_fit = self._of_fit(site, inside, found.weights)
         total += of_fit
         of_alpha = float(np.trace(root.T @ total[:last, :last] @ root))
         missed = float(np.trace(root.T @ of_fit[:last, :last] @ root)) ** 0.5
@@ -485,6 +471,56 @@ class Emulation:
             before, alpha=max(of_alpha, least) ** 0.5,
             log_likelihood=max(total[-1, -1], least) ** 0.5, shares=shares, missed=missed,
         )  # fmt: skip
+
+    def _functional(
+        self, end: Maximum, alpha: Array, free: Indices, covariance: Array, spread: Array
+    ) -> Functional:
+        """How alpha and the log-likelihood at alpha depend on errors of simulated values."""
+        likelihood = end.likelihood
+        if isinstance(likelihood, Problem):
+            predictor = OnSurfaces(self.surface, self.region, self.of)
+            near = near_outcomes(likelihood, alpha, predictor)
+            held = near.by(self._rule(near), alpha)
+        else:
+            held = likelihood if alpha is end.alpha else likelihood.adapted(alpha)
+        scatter = np.where(self.surface.scatter > 0.0, self.surface.scatter, 1.0)
+        return functional(
+            held, alpha, free, covariance, moving_parameters(self.region), spread, self.of, scatter
+        )
+
+    def _of_fit(self, site: Indices, x: Array, weights: Array) -> Array:
+        """Squares and products (K, K) of the polynomials' errors in sums over sites, with weights.
+
+        The polynomials miss the processes differently for each output.
+        """
+        each = np.zeros((len(self.processes.case), weights.shape[1]))
+        if not self.itself:
+            off = self.surface.at(site, x) - self.processes.expected(site, x)
+            np.add.at(each, site, off[:, None] * weights)
+        return each.T @ each
+
+    def of_intervals(self, end: Maximum, points: Array) -> float | None:
+        """The largest error of an interval's end that the processes cause, in standard errors.
+
+        `points` (K, 2, K) are the alphas at the ends. The log-likelihood there lies 1.92 below its
+        maximum and changes by 1.96 for each standard error, so that an error of their difference
+        moves the end by the 1.96th part. None without ends. Cost: an evaluation of the functional
+        for each end.
+        """
+        ends = points.reshape(-1, points.shape[-1])
+        ends = ends[np.isfinite(ends).all(axis=1)]
+        free, none = np.zeros(0, dtype=np.intp), np.zeros((0, 0))
+        spread = self._draws(end, [end.alpha, *ends]).std(axis=0)
+        parts = [self._functional(end, a, free, none, spread) for a in (end.alpha, *ends)]
+        box, found = self.processes.box.T, list[float]()
+        for part in parts[1:]:
+            site = np.append(parts[0].site, part.site)
+            x = np.clip(np.vstack([parts[0].x, part.x]), *box)
+            weights = np.vstack([-parts[0].weights, part.weights])
+            total = self.processes.of_sums(site, x, weights)[0] * self.error.surprise**2
+            found.append(float((total + self._of_fit(site, x, weights))[0, 0]))
+        steep = float(special.ndtri(INTERVALS.ends[1]))
+        return max(found) ** 0.5 / steep if found else None
 
     def _highest(self, found: SearchResult, end: Maximum) -> tuple[SearchResult, Maximum, bool]:
         """A search from the maximum and the first optima: the highest maximum, and if it is new.
@@ -644,23 +680,3 @@ def _limits(question: Question, far: float) -> dict[int, tuple[float, float]]:
         size = far * float(np.ptp(y) or np.abs(y).max() or 1.0)
         found[column] = (float(y.min()) - size, float(y.max()) + size)
     return found
-
-
-def _roots(
-    inference: Inference, likelihood: AnyLikelihood, settings: EmulationSettings = EMULATION
-) -> tuple[Array, Array] | None:
-    """Roots (F, F) of covariance and information of the free hyperparameters, R R' each.
-
-    No standard error exceeds what the limits admit. None where the information is not a number, or
-    so large that the surfaces cannot be right.
-    """
-    inside = np.isin(inference.identified, inference.free)
-    information = inference.information[np.ix_(inside, inside)]
-    lower, upper = limits_of(likelihood.hyperparameters, inference.free)
-    width = upper - lower
-    if not np.isfinite(information * np.outer(width, width)).all():
-        return None
-    size, vectors = within_limits(information, width)
-    if size.max(initial=0.0) ** 2 > settings.largest:
-        return None
-    return width[:, None] * vectors / size, vectors * size / width[:, None]

@@ -136,6 +136,26 @@ def within_limits(information: Array, width: Array) -> tuple[Array, Array]:
     return np.sqrt(np.maximum(values, 4.0)), vectors
 
 
+def roots_of(
+    inference: Inference, hyperparameters: tuple[Hyperparameter, ...], largest: float
+) -> tuple[Array, Array] | None:
+    """Roots (F, F) of covariance and information of the free hyperparameters, R R' each.
+
+    No standard error exceeds what the limits admit. None where the information is not a number, or
+    where it is `largest` or more in units of the limits, so that the surfaces cannot be right.
+    """
+    inside = np.isin(inference.identified, inference.free)
+    information = inference.information[np.ix_(inside, inside)]
+    lower, upper = limits_of(hyperparameters, inference.free)
+    width = upper - lower
+    if not np.isfinite(information * np.outer(width, width)).all():
+        return None
+    size, vectors = within_limits(information, width)
+    if size.max(initial=0.0) ** 2 > largest:
+        return None
+    return width[:, None] * vectors / size, vectors * size / width[:, None]
+
+
 def interval_alphas(
     alpha: Array,
     inference: Inference,

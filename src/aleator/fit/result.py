@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from aleator.core.status import Status
 from aleator.core.types import Array
-from aleator.fit.emulate import Emulation
 from aleator.fit.flow import Answer
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import varying_conditions
 from aleator.fit.search import GUESSES, LeastSquares, by_tangent, least_squares
 from aleator.fit.soundness import Reviewed
+from aleator.fit.uncertainty import Inferred
 from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Check, Checked
@@ -135,7 +135,7 @@ def _of_outcomes(problem: Problem, reviewed: Reviewed) -> dict[str, Any]:
             if table.simple
             else _of_several(problem, reviewed)
         ),
-        "surface": emulator_report(answer.inferred.refined.emulation)
+        "surface": emulator_report(answer.inferred)
         or surface_report(problem.surface, where),
         "density_distances": _distances(problem, alpha, reviewed.exact),
         "outcome": table.outcome_name,
@@ -190,7 +190,7 @@ def _of_individuals(likelihood: IndividualLikelihood, reviewed: Reviewed) -> dic
         "density": likelihood.name,
         "propagation": "response_surface" if surfaces or emulation else DIRECT,
         "experiments": _individuals(table, each, status, found, names),
-        "surface": emulator_report(emulation)
+        "surface": emulator_report(certain)
         or surface_report(
             None if surfaces is None else surfaces.surface(), "under the law", "the noise"
         ),
@@ -259,8 +259,9 @@ def _distances(
     return density_distances(problem.likelihood, alpha, exact.total, points.under(alpha))
 
 
-def emulator_report(emulation: Emulation | None) -> dict[str, Any] | None:
+def emulator_report(certain: Inferred) -> dict[str, Any] | None:
     """What Gaussian processes in place of the simulator leave unknown; None without them."""
+    emulation = certain.refined.emulation
     if emulation is None:
         return None
     error = emulation.error
@@ -270,6 +271,7 @@ def emulator_report(emulation: Emulation | None) -> dict[str, Any] | None:
         "where": "under the law",
         "estimates_error": error.alpha,
         "log_likelihood_error": error.log_likelihood,
+        "intervals_error": emulation.of_intervals(certain.maximum, certain.profile.points),
         "surprise": error.surprise,
         "stored": emulation.earlier,
         "slopes": emulation.processes.sloped_runs,

@@ -125,6 +125,7 @@ class Surfaces(DocumentEntry):
     worst_error: Number = None
     estimates_error: Number = None
     log_likelihood_error: Number = None
+    intervals_error: Number = None
     surprise: Number = None
     stored: int = 0
     slopes: int = 0

@@ -480,8 +480,7 @@ def _simulator(
         if surface and (chart := outcome_charts.roughness_chart(seen, source, against)):
             yield chart
     yield from law_charts.simulator_charts(document)
-    failures = document.get("failures")
-    if not failures:
+    if not (failures := document.get("failures")):
         yield Sentence("No run failed.", depth=PAGE)
         return
     ids = list(failures["experiments"])
@@ -498,11 +497,12 @@ def _simulator(
 
 def _surfaces(surface: Document, experiments: int) -> str:
     if surface.get("estimates_error") is not None:
-        off = [to_three(surface.get(f"{of}_error")) for of in ("estimates", "log_likelihood")]
+        every = ("estimates_error", "intervals_error", "log_likelihood_error")
+        alpha, ends, whole = (to_three(surface.get(error)) for error in every)
         more = f" It began with {count(n, 'stored run')}." if (n := surface.get("stored")) else ""
         more += f" {count(n, 'run')} gave derivatives." if (n := surface.get("slopes")) else ""
-        by = f"by {off[0]} standard errors, log L by {off[1]}."
-        return f"The emulator moves the estimates {by}{more}"
+        by = f"{alpha} standard errors, ends of intervals by {ends}, log L by {whole}"
+        return f"The emulator moves the estimates by {by}.{more}"
     converged, total = surface.get("converged"), surface.get("experiments", experiments)
     parts = [] if converged is None else [f"{int(converged)} of {total} surfaces converged"]
     known = [key for key in ("median_error", "worst_error") if surface.get(key) is not None]
