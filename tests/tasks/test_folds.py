@@ -368,6 +368,7 @@ def one_by_one(c: float, a: float) -> float:
     return a * c + (1.0 if a > 1.0 else 0.0)
 
 
+@pytest.mark.long
 def test_a_simulator_of_one_run_at_a_time_gets_surfaces_however_fast() -> None:
     rows, _ = jumping(12)
     choice = ResponseSurface(max_runs=30)

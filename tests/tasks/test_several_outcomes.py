@@ -105,7 +105,7 @@ def test_an_answer_is_read_again(found: Identification, tmp_path: Path) -> None:
         found.predict(new, of="1")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_next_experiment_is_chosen(found: Identification) -> None:
     chosen = aleator.next_experiments(found, pd.DataFrame({"c": [1.0, 1.5]}), count=1)
     assert len(chosen.chosen) == 1
