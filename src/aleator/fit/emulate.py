@@ -311,8 +311,10 @@ class Emulation:
                 end = self._climbed(self._likelihood(self.where), end.alpha)
                 continue
             self.calm = calm
-            least = min(self.least, self.error.alpha)
-            self.stalled, self.least = 0 if least < self.least else self.stalled + 1, least
+            # Before new values have tested the processes, their error may be far too small.
+            if self.distances.size:
+                least = min(self.least, self.error.alpha)
+                self.stalled, self.least = 0 if least < self.least else self.stalled + 1, least
             ended = self.calm >= self._confirmed or self.stalled >= settings.patience
             if ended or rounds >= settings.most:
                 return end, rounds

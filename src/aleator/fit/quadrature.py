@@ -30,7 +30,7 @@ from aleator.likelihood.individual.rules import RULES
 from aleator.likelihood.problem import Problem
 from aleator.search import Ascent, Objective, Optimum, SearchResult
 from aleator.search.interface import OPTIMA, one_hill
-from aleator.search.newton import ascended, outer, positive
+from aleator.search.newton import ASCENT, ascended, outer, positive
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class NodeAccuracy:
     still: float = 1e-5
     """The gain of log-likelihood by adapting the nodes again that counts as zero."""
     arrived: float = 1e-10
-    """The predicted gain of log-likelihood that is left at the maximum with fixed nodes. Estimates
-    are then within 1e-5 standard errors (`pytest tests/test_exact_answers.py`)."""
+    """The predicted gain of log-likelihood that is left at the reported maximum. Estimates are then
+    within 1e-5 standard errors (`pytest tests/test_exact_answers.py`)."""
     close: float = 0.1
     """The distance between two laws within which nodes fixed at parameter values still serve."""
     enough: float = 2e-3
@@ -148,7 +148,7 @@ def with_enough_nodes(
     """
     if isinstance(likelihood, Problem):
         fine = likelihood.fine() if enough < NODE_ACCURACY.rough else likelihood
-        end, alpha = nearest_maximum(fine, alpha)
+        end, alpha = nearest_maximum(fine, alpha, _arrived(enough))
         return Maximum(end, alpha, fine.gap(alpha) if enough < NODE_ACCURACY.rough else 0.0, None)
     return _integral_with_enough_nodes(likelihood, alpha, enough)
 
@@ -273,7 +273,7 @@ def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _
     tried = list[tuple[float, IndividualLikelihood]]()
     variates = likelihood.inputs.scattering
     while True:
-        held, alpha = _nearest_of_integral(likelihood, alpha)
+        held, alpha = _nearest_of_integral(likelihood, alpha, _arrived(enough))
         gaps = _gaps(held, alpha)
         gap = held.rule.gap(gaps, variates)
         before = tried[-1][0] if tried else np.inf
@@ -354,10 +354,20 @@ def _change_of_points(finer: IndividualLikelihood, alpha: Array, each: Array) ->
     return max(abs(float(change.sum())), float(np.sqrt(np.sum(change**2))), left)
 
 
-def nearest_maximum(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelihood, Array]:
-    """The local maximum (K,) reached from alpha, and the likelihood with nodes adapted to it."""
+def _arrived(enough: float) -> float:
+    """The gain that may be left at a maximum, where more nodes may change `enough`."""
+    return NODE_ACCURACY.arrived if enough < NODE_ACCURACY.rough else ASCENT.arrived
+
+
+def nearest_maximum(
+    likelihood: AnyLikelihood, alpha: Array, arrived: float = ASCENT.arrived
+) -> tuple[AnyLikelihood, Array]:
+    """The local maximum (K,) reached from alpha, and the likelihood with nodes adapted to it.
+
+    `arrived` is the predicted gain of log-likelihood that may be left.
+    """
     if not isinstance(likelihood, Problem):
-        return _nearest_of_integral(likelihood, alpha)
+        return _nearest_of_integral(likelihood, alpha, arrived)
     hyperparameters = likelihood.hyperparameters
     free = np.flatnonzero([h.free for h in hyperparameters])
     if not free.size:
@@ -365,13 +375,13 @@ def nearest_maximum(likelihood: AnyLikelihood, alpha: Array) -> tuple[AnyLikelih
     objective = likelihood.continued
     information = _outer(objective(alpha).scores, free, hyperparameters)
     end = ascended(
-        objective, alpha, hyperparameters, free, information, NODE_ACCURACY.arrived
+        objective, alpha, hyperparameters, free, information, arrived
     )  # fmt: skip
     return likelihood, end.alpha
 
 
 def _nearest_of_integral(
-    likelihood: IndividualLikelihood, alpha: Array
+    likelihood: IndividualLikelihood, alpha: Array, arrived: float
 ) -> tuple[IndividualLikelihood, Array]:
     """The local maximum with noise: nodes are adapted to alpha until it is near, then fixed."""
     hyperparameters = likelihood.hyperparameters
@@ -402,7 +412,7 @@ def _nearest_of_integral(
         # Nodes fixed as standard variates are passed as a plain function, so that they stay fixed.
         objective = held.__call__ if held.parameters is None else following
         end = ascended(
-            objective, alpha, hyperparameters, free, information, NODE_ACCURACY.arrived
+            objective, alpha, hyperparameters, free, information, arrived
         )  # fmt: skip
         again, close = held.adapted(end.alpha), held.distance(end.alpha) < NODE_ACCURACY.close
         gain = again.evaluate(end.alpha).total - before
