@@ -29,6 +29,7 @@ from aleator import (
 )
 from aleator.core.types import Array
 from aleator.laws.law import Law
+from benchmarks import small
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "exact_answers.md"
@@ -208,32 +209,10 @@ def dyestuff2() -> Identification:
 # -------------------------------------------------------------------------------------- curves
 
 
-AGES = (118.0, 484.0, 664.0, 1004.0, 1231.0, 1372.0, 1582.0)
-GIRTHS = (
-    (30, 58, 87, 115, 120, 142, 145), (33, 69, 111, 156, 172, 203, 203),
-    (30, 51, 75, 108, 115, 139, 140), (32, 62, 112, 167, 179, 209, 214),
-    (30, 49, 81, 125, 142, 174, 177),
-)  # fmt: skip
-"""The girths in mm of five orange trees at `AGES` in days."""
-
-
-def grown(age: Array, final: Array, half: Array, scale: Array) -> Array:
-    """Logistic growth of a girth."""
-    return np.asarray(final / (1.0 + np.exp(-(age - half) / scale)))
-
-
 def orange() -> Identification:
     """Logistic growth of five trees with a random final girth."""
-    frame = pd.DataFrame(
-        [(k, a, float(y)) for k, row in enumerate(GIRTHS) for a, y in zip(AGES, row, strict=True)],
-        columns=["tree", "age", "girth"],
-    )
-    laws: dict[str, Law] = {
-        "final": Normal(Free(50.0, 500.0), Free(0.1, 200.0)),
-        "half": Constant(Free(100.0, 2000.0)),
-        "scale": Constant(Free(50.0, 1500.0)),
-    }
-    return answer(grown, frame, laws, "girth", Noise(Free(0.1, 100.0)), "tree")
+    data = small.orange()
+    return answer(data.simulator, data.frame, data.inputs.laws, "y", data.noise, "id")
 
 
 # --------------------------------------------------------------- known errors, and lives to failure
