@@ -33,7 +33,8 @@ from benchmarks.reference import Reference, Resolution
 ROOT = Path(__file__).parents[1]
 EXAMPLES = tuple(
     str(path.relative_to(ROOT))
-    for path in sorted((ROOT / "examples").rglob("*.toml"))
+    for folder in ("examples", "src")
+    for path in sorted((ROOT / folder).rglob("*.toml"))
     if "[experiments]" in path.read_text(encoding="utf-8")
 )
 DEFAULT = ResponseSurface()

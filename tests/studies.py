@@ -58,6 +58,13 @@ def done(*arguments: object) -> Result:
     return result
 
 
+def shown_again(printed: Result, path: str | Path) -> None:
+    """`aleator show` prints what the command printed that wrote the file, without its files."""
+    report = printed.stdout.partition("\nWritten: ")[0]
+    assert len(report) > 100
+    assert done("show", path).stdout.strip() == report.strip()
+
+
 def refused(*arguments: object) -> str:
     """What is said of misuse: exit code 2, one message with a remedy, no traceback."""
     result = run(*arguments)

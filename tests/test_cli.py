@@ -15,7 +15,7 @@ import click
 import pandas as pd
 import pytest
 from reports import result
-from studies import SPRINGS, done, estimate, read, refused, run, springs
+from studies import SPRINGS, done, estimate, read, refused, run, shown_again, springs
 
 import aleator
 from aleator.cli import main
@@ -51,7 +51,7 @@ def test_every_command_and_option_is_documented() -> None:
     found = dict(commands(main))
     assert {name.removeprefix("aleator").strip() for name in found} == {
         "", "identify", "predict", "recover", "ceiling", "sensitivity", "box", "compare",
-        "bootstrap", "posterior", "next", "report", "new", "check", "schema",
+        "bootstrap", "posterior", "next", "report", "new", "check", "schema", "demo", "show",
         "runs", "runs list", "runs show", "runs export", "runs import", "runs retry", "runs forget",
     }  # fmt: skip
     for name, command in found.items():
@@ -102,6 +102,7 @@ def test_identify_writes_and_prints_the_answer_which_the_seed_decides(study: Pat
         del document["seconds"]
         texts.append(json.dumps(document))
         assert f"Written: {folder}/identification.json" in shown.stdout
+        shown_again(shown, folder)
     assert texts[0] == texts[1]
     assert (document["title"], document["seed"]) == ("Springs", 5)
     assert document["study"]["file"] == "../springs/study.toml"
@@ -166,7 +167,9 @@ def test_the_store_may_lie_anywhere_or_nowhere(study: Path) -> None:
 def test_recover_at_a_given_law(study: Path) -> None:
     truth = ("--truth", "softness.mean=1.1", "--truth", "softness.sd=0.05")
     options = ("--output", "out", "--workers", 1, "--replicates", 3)
-    assert "3 virtual data sets" in done("recover", study, *truth, *options).stdout
+    shown = done("recover", study, *truth, *options)
+    assert "3 virtual data sets" in shown.stdout
+    shown_again(shown, "out/recovery.json")
     found = read("out/recovery.json")["hyperparameters"]["softness.mean"]
     assert found["truth"] == 1.1
     assert found["mean"] == pytest.approx(1.1, abs=0.06)
@@ -185,6 +188,8 @@ def test_predict_prints_or_writes_and_finds_a_study_that_was_moved_or_changed(st
     shown = done(*asked)
     assert "Predicted distribution of length" in shown.stdout
     assert "twenty" in shown.stdout
+    done(*asked, "--output", "p.json")
+    assert done("show", "p.json").stdout == shown.stdout
     assert done(*asked, "--output", "p.csv", "--quiet").output == "Written: p.csv\n"
     table = pd.read_csv("p.csv")
     mean = estimate("softness.mean", "result/identification.json")
@@ -410,6 +415,36 @@ DAMAGED = [
     *(DOCUMENT.replace('{"file": "springs/study.toml"}', entry) for entry in ("[1]", "null")),
     *(DOCUMENT.replace("study.toml", name) for name in ("a" * 10_000, "\\u0000", "\\ud800")),
 ]
+
+
+@pytest.mark.usefixtures("unjudged_commands")
+def test_a_quiet_identification_is_its_estimates_and_both_verdicts(study: Path) -> None:
+    quiet = done("identify", study, "--output", "out", *QUICK)
+    assert quiet.stderr == ""
+    rows = quiet.stdout.splitlines()
+    assert [row.split()[0] for row in rows if row.startswith("softness")] == [
+        "softness.mean", "softness.sd",
+    ]  # fmt: skip
+    assert "omputed soundly" in rows[-2]
+    assert "consistent" in rows[-1]
+    assert len(rows) == 6  # a head, a line, two estimates, two verdicts
+    assert done("show", "out", "--quiet").stdout == quiet.stdout
+    whole, details = (done("show", "out", *options).stdout for options in ((), ("--details",)))
+    assert len(details) > len(whole) > len(quiet.stdout)
+
+
+def damaged(path: str, **entries: object) -> Path:
+    Path("damaged.json").write_text(json.dumps({**read(path), **entries}))
+    return Path("damaged.json")
+
+
+def test_what_is_no_answer_is_not_shown(study: Path) -> None:
+    done("check", study, "--output", "out", "--no-figures", "--quiet")
+    assert "check" in refused("show", damaged("out/check.json", cost=[3]))
+    assert "check" in refused("show", damaged("out/check.json", parameters=[{"name": 1}]))
+    Path("other.json").write_text('{"rows": []}')
+    for name in ("other.json", study, "nowhere.json", "springs"):
+        refused("show", name)
 
 
 @pytest.mark.usefixtures("study")

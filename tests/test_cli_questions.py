@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
-from studies import done, estimate, read, refused
+from studies import done, estimate, read, refused, shown_again
 
 from aleator.views.figures import check_figure
 
@@ -61,6 +61,7 @@ def test_check_tells_what_is_out_of_reach_and_idle_and_its_runs_are_kept() -> No
     assert result["seconds_a_run"] > 0.0
     assert "65 runs: 13 points under 5 of 5" in first.stderr
     assert "aleator identify study.toml" in first.stdout
+    shown_again(first, "out/check.json")
     figure = check_figure(result)
     labels = [axes.get_xlabel() for axes in figure.axes if axes.get_visible()]
     assert labels == ["stiffness", "idle"]
@@ -104,6 +105,7 @@ def test_sensitivity_prints_tables_writes_files_and_obeys_its_options() -> None:
     )
     shown = done("sensitivity", "study.toml", "--output", "out")
     assert "softness, twist" in shown.stdout  # both act in proportion to the load
+    shown_again(shown, "out/sensitivity.json")
     result = read("out/sensitivity.json")
     assert [row["parameter"] for row in result["parameters"]] == ["slack", "softness", "twist"]
     assert result["study"]["outcome"] == "length"
@@ -165,7 +167,9 @@ def to_measure(folder: Path) -> None:
 @pytest.mark.usefixtures("to_measure")
 def test_next_prints_tables_and_writes_files() -> None:
     asked = ("next", "study.toml", "--candidates", "new.csv")
-    assert "softness.sd" in done(*asked, "--count", 2, "--output", "out").stdout
+    shown = done(*asked, "--count", 2, "--output", "out")
+    assert "softness.sd" in shown.stdout
+    shown_again(shown, "out/next.json")
     result = read("out/next.json")
     assert [row["id"] for row in result["candidates"]] == ["C", "B", "A"]
     assert [row["id"] for row in result["chosen"]] == ["C", "B"]
@@ -225,6 +229,7 @@ def test_bootstrap_goes_on_from_its_replicates_and_refuses_those_of_another_kind
     asked = ("bootstrap", "study.toml", "--output", "out")
     shown = done(*asked, "--replicates", "20", "--experiments")
     assert "20 climbs arrived" in " ".join(shown.output.split())
+    shown_again(shown, "out/bootstrap.json")
     document = read("out/bootstrap.json")
     error = document["hyperparameters"]["x.mean"]["standard_error"]
     assert error == pytest.approx(0.1, rel=0.5)
@@ -260,6 +265,7 @@ def test_ceiling_tells_both_log_likelihoods_and_writes_all() -> None:
     model = "def length(load, softness): return load * softness\n"
     write(springs="\n".join(["id,load,length", *rows, ""]), model=model, study=CEILING)
     shown = done("ceiling", "study.toml", "--output", "found", "--replicates", 19)
+    shown_again(shown, "found/ceiling.json")
     document = read("found/ceiling.json")
     value = document["log_likelihood"]
     assert value["ceiling"] == pytest.approx(value["estimated"] + value["gap"])
@@ -308,6 +314,7 @@ def compared(folder: Path) -> None:
 @pytest.mark.usefixtures("compared")
 def test_two_models_are_compared() -> None:
     shown = done("compare", "alike.toml", "differing.toml", "--bootstrap", "2", "--output", "out")
+    shown_again(shown, "out/compare.json")
     document = read("out/compare.json")
     best, other = document["models"]
     assert (best["name"], best["free"], best["of_law"]) == ("differing", 3, 2)

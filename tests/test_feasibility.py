@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from studies import shown_again
 
 from aleator.cli import main
 from aleator.errors import SimulatorError
@@ -121,9 +122,10 @@ def test_the_command_prints_what_goes_into_the_study(tmp_path: Path) -> None:
         '[simulator]\nfunction = "model.py:travel"\n'
         '[parameters.stiffness]\nlaw = "truncated_normal"\nbox = [1.0, 3.0]\n'
     )
-    arguments = ["box", str(study), "--output", str(tmp_path / "out"), "--quiet"]
+    arguments = ["box", str(study), "--output", str(tmp_path / "out")]
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 0, done.output
+    shown_again(done, tmp_path / "out" / "box.json")
     assert "stiffness: box = [1, 1.9" in done.output
     written = json.loads((tmp_path / "out" / "box.json").read_text())
     assert written["box"]["stiffness"][1] == pytest.approx(1.98, abs=0.02)

@@ -223,7 +223,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     package = {
         str(path.relative_to(source).as_posix())
         for path in (source / "aleator").rglob("*")
-        if path.suffix in {".py", ".css", ".js", ".typed"}
+        if path.suffix in {".py", ".css", ".js", ".typed", ".csv", ".toml"}
     }
     assert {name for name in names if ".dist-info/" not in name} == package
     assert len(package) > 100

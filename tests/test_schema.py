@@ -13,7 +13,7 @@ from aleator import cli
 from aleator.study.schema import study_schema
 
 ROOT = Path(__file__).parents[1]
-STUDIES = sorted((ROOT / "examples").rglob("*.toml"))
+STUDIES = sorted(path for folder in ("examples", "src") for path in (ROOT / folder).rglob("*.toml"))
 VALIDATOR = Draft202012Validator(study_schema())
 STUDY = """\
 [experiments]

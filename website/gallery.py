@@ -29,7 +29,7 @@ SHOWN: dict[str, tuple[str, str, str | None]] = {
     "wear": ("repeated/wear/study.toml", "rate", None),
     "coasting": ("repeated/coasting/study.toml", "drag", "way"),
     "braking": ("braking/road.toml", "friction", None),
-    "battery": ("battery/study.toml", "fade", None),
+    "battery": ("../src/aleator/cli/battery/study.toml", "fade", None),
     "servo_drive": ("servo_drive/study.toml", "backlash", None),
 }
 

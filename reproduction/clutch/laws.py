@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aleator.core.progress import Progress
+from aleator.core.progress import Progress, Standing
 from aleator.core.types import Array
 from aleator.moments.densities import Density, FittedDensity
 from aleator.moments.moments import Moments
@@ -113,6 +113,9 @@ class _Within:
 
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
         self.outer.update(f"identification: {text}", done, total)
+
+    def reached(self, standing: Standing) -> None:
+        self.outer.update(f"identification: {standing}")
 
 
 def values(result: Identification) -> Array:

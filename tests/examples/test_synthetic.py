@@ -15,29 +15,31 @@ from aleator import GradientMultistart, identify
 from aleator.core.types import Array
 from aleator.study import load_study
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+BATTERY = ROOT / "src" / "aleator" / "cli" / "battery"
 
 
 @pytest.mark.parametrize(
     ("folder", "script", "table"),
     [
-        ("braking", "make_stops.py", "stops.csv"),
-        ("battery", "make_cells.py", "cells.csv"),
-        ("servo_drive", "make_drives.py", "drives.csv"),
+        (EXAMPLES / "braking", "make_stops.py", "stops.csv"),
+        (BATTERY, "make_cells.py", "cells.csv"),
+        (EXAMPLES / "servo_drive", "make_drives.py", "drives.csv"),
     ],
 )
 def test_the_script_prints_the_shipped_table(
-    folder: str,
+    folder: Path,
     script: str,
     table: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.syspath_prepend(str(EXAMPLES / folder))
+    monkeypatch.syspath_prepend(str(folder))
     monkeypatch.delitem(sys.modules, "model", raising=False)
-    runpy.run_path(str(EXAMPLES / folder / script), run_name="__main__")
+    runpy.run_path(str(folder / script), run_name="__main__")
     monkeypatch.delitem(sys.modules, "model")
-    assert capsys.readouterr().out == (EXAMPLES / folder / table).read_text(encoding="utf-8")
+    assert capsys.readouterr().out == (folder / table).read_text(encoding="utf-8")
 
 
 def test_the_law_of_braking_distances_is_the_maximum_by_an_integral_of_a_few_lines() -> None:
@@ -69,13 +71,15 @@ def test_the_law_of_braking_distances_is_the_maximum_by_an_integral_of_a_few_lin
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("folder", ["battery", "servo_drive"])
-def test_the_page_of_an_example_tells_what_is_found(folder: str) -> None:
-    study = load_study(EXAMPLES / folder / "study.toml")
+@pytest.mark.parametrize(
+    ("page", "folder"), [("battery", BATTERY), ("servo_drive", EXAMPLES / "servo_drive")]
+)
+def test_the_page_of_an_example_tells_what_is_found(page: str, folder: Path) -> None:
+    study = load_study(folder / "study.toml")
     found = identify(study.simulator, study.experiments, study.inputs, noise=study.noise)
-    page = (EXAMPLES / folder / "README.md").read_text(encoding="utf-8")
+    text = (EXAMPLES / page / "README.md").read_text(encoding="utf-8")
     rows = re.findall(
-        r"^\| `([\w.]+)`.*?\|.*?\| (\S+) \| (\S+) \| \[(\S+), (\S+)\] \|$", page, re.M
+        r"^\| `([\w.]+)`.*?\|.*?\| (\S+) \| (\S+) \| \[(\S+), (\S+)\] \|$", text, re.M
     )
     told = {name: [float(number) for number in numbers] for name, *numbers in rows}
     assert told.keys() == set(found.values.index)

@@ -1,9 +1,12 @@
 import io
+import math
 import re
+from dataclasses import replace
 
 from rich.console import Console
 
-from aleator.views.progress import Bars, Lines, shown_on
+from aleator.core.progress import RunsAhead, Standing
+from aleator.views.progress import Bars, Lines, Receivers, shown_on
 
 
 def console(terminal: bool) -> tuple[Console, io.StringIO]:
@@ -47,3 +50,26 @@ def test_on_a_terminal_there_are_bars() -> None:
     assert "response surface" in shown
     assert "40 of 108 surfaces converged" in shown
     assert "search" in shown
+
+
+def test_where_a_search_stands_is_told_with_what_is_expected_and_not_reached() -> None:
+    ahead = (RunsAhead(0.2, 1800.0, 5400.0), RunsAhead(0.1, 2400.0, math.nan))
+    standing = Standing(1200, -31.416, {"v.mean": 1.0}, 0.351, ahead)
+    told = str(standing)
+    for number in ("1,200", "-31.42", "0.35", "1,800", "0.2", "2,400", "0.1", "1.5 h"):
+        assert number in told
+    assert str(replace(standing, ahead=())).endswith("0.35 standard errors")
+    near = replace(standing, ahead=(RunsAhead(0.2, 1200.0, 0.0), RunsAhead(0.1, math.inf, 1.0)))
+    assert near.forecast == ""
+    assert str(replace(standing, error=None)) == "1,200 runs, log-likelihood -31.42"
+    out, file = console(terminal=False)
+    both = Receivers((Lines(out, interval=0.0), Lines(out, interval=0.0)))
+    both.stage("search")
+    both.reached(standing)
+    assert without_times(file) == ["search ..."] * 2 + [f"search: {told}"] * 2
+    out, file = console(terminal=True)
+    with shown_on(out) as bars:
+        bars.stage("search")
+        bars.reached(standing)
+        bars.stage("inference")
+    assert "1,200 runs" in file.getvalue()

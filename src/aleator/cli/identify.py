@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,20 +24,21 @@ from aleator.cli.running import (
     linked,
     make_place,
     makes_runs,
+    name_of,
     require_report,
     running,
     say,
-    shown,
 )
 from aleator.errors import AleatorError, short
 from aleator.results import documents
-from aleator.results.answer import answer
+from aleator.results.answer import brief
 from aleator.results.schema import read_answer, read_ceiling
 from aleator.simulators import Budget
 from aleator.study import load_study
 from aleator.tasks.identification import pictured
 from aleator.views.figures import save_figures
 from aleator.views.identification import render
+from aleator.views.terminal import terminal
 
 REPORT = "report.html"
 COMPARED = "compared.html"
@@ -178,7 +179,8 @@ def identify(
 ) -> None:
     """Identify the law that STUDY.toml asks for.
 
-    Prints a report and writes DIR/identification.json. With the same seed that file is always the
+    Prints a report (with --quiet only the estimates and whether both verdicts are good) and writes
+    DIR/identification.json. With the same seed that file is always the
     same, except for its entry "seconds". Writes DIR/report.html, a page of charts that needs no
     network, if Bokeh is installed. If matplotlib is installed, draws DIR/experiments.png (measured
     beside predicted outcomes) and DIR/calibration.png, and with measurement noise
@@ -209,7 +211,10 @@ def identify(
     make_place(folder / IDENTIFICATION, study_file)
     for line in () if options.quiet else value.simulator_notes():
         say(f"{value.simulator.name}, {line}")
-    with running(value, options) as runner, shown(options.quiet) as progress:
+    with (
+        running(value, options) as runner,
+        options.shown(folder, value.title or name_of(study)) as progress,
+    ):
         budget = Budget(max_runs, max_hours)
         result = identified(value, runner, progress, best_law=True, budget=budget)
         if not no_figures:
@@ -222,12 +227,22 @@ def identify(
     made = result.to_dict() | {"simulator": simulator}
     document = linked(made, value, study_file, folder)
     documents.write_json(document, folder / IDENTIFICATION)
-    files = [short(folder / IDENTIFICATION)]
+    files = [folder / IDENTIFICATION]
     if not no_figures and can_draw(quiet=options.quiet):
-        files += [short(path) for path in save_figures(document, folder)]
+        files += save_figures(document, folder)
     if not no_figures and can_report(quiet=options.quiet):
-        files.append(short(write_report(document, folder, study_file)))
-    if options.quiet:
-        click.echo(answer(document).verdict)
-    else:
-        Console().print(render(document, files, details))
+        files.append(write_report(document, folder, study_file))
+    if options.watch is not None:
+        options.watch.link(files[::-1])
+    show_identification(document, [*map(short, files)], details=details, quiet=options.quiet)
+
+
+def show_identification(
+    document: Document, files: Sequence[str] = (), *, details: bool = False, quiet: bool = False
+) -> None:
+    """Print the report of an identification with the names of its files.
+
+    If `quiet`, only the estimates and the two verdicts without their reasons.
+    """
+    shown = terminal(brief(document)) if quiet else render(document, files, details)
+    Console().print(shown)

@@ -27,7 +27,6 @@ from aleator.cli.running import (
     output_option,
     running,
     show_answer,
-    shown,
     whole_number,
 )
 from aleator.core.progress import Progress
@@ -194,7 +193,7 @@ def compare(
     make_place(folder / "compare.json", studies[0].absolute())
     with ExitStack() as stack:
         runners = {name: stack.enter_context(running(v, options)) for name, v in values.items()}
-        progress = stack.enter_context(shown(options.quiet))
+        progress = stack.enter_context(options.shown(folder, "Comparison of models"))
         found = {name: identified(v, runners[name], progress) for name, v in values.items()}
         result = compare_models(
             nested=nested, bootstrap=bootstrap, ceilings=not no_ceiling, seed=seed or 0,
@@ -203,10 +202,12 @@ def compare(
     titles = {name: value.title for name, value in values.items()}
     document = documents.plain({"titles": titles, "seed": seed or 0, **result.to_dict()})
     documents.write_json(document, folder / "compare.json")
-    files = [short(folder / "compare.json")]
+    files = [folder / "compare.json"]
     if not no_figures and can_draw(quiet=options.quiet):
-        files.append(short(save_compare(document, folder)))
-    show_answer(models.comparison(document), files, options.quiet)
+        files.append(save_compare(document, folder))
+    if options.watch is not None:
+        options.watch.link(files)
+    show_answer(models.comparison(document), [*map(short, files)], options.quiet)
 
 
 def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[str, Study]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -21,9 +21,9 @@ from aleator.cli.running import (
     make_place,
     makes_runs,
     require_at_most_one,
+    require_folder,
     running,
     show_answer,
-    shown,
     units_in,
 )
 from aleator.core.types import Indices
@@ -138,9 +138,10 @@ class PredictionRequest:
             checks=self.checks, **how,
         )  # fmt: skip
 
-    def content(self, table: pd.DataFrame, outcome: str) -> Content:
-        """The table of probabilities or limits, ready to be printed, with its title."""
-        columns = table.to_dict("list")
+    def content(self, columns: predictions.Columns, outcome: str, transform: str) -> Content:
+        """The table of predictions, ready to be printed, with its title."""
+        if self.distribution:
+            return predictions.distributions(columns, outcome, transform)
         if self.limits is None:
             return predictions.probabilities(columns, f"Probability of {outcome} {self._event}")
         limits = self.limits
@@ -289,6 +290,8 @@ def predict(
     same id are one new experiment. With --of the rows are further measurements of an experiment
     that was measured; the law of the parameters is then conditional on its own observations.
     """
+    folder = None if output is None else output.parent
+    require_folder(options, folder)
     new, document = conditions.absolute(), read_answer(identification)
     value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != documents.study_entry(document).get("sha256"):
@@ -299,7 +302,7 @@ def predict(
     with (
         running(value, options, table) as runner,
         running(value, options) if of or value.inputs.levels else nullcontext() as measured,
-        shown(options.quiet) as progress,
+        options.shown(folder, value.title) as progress,
     ):
         answer = _identification(value, document, table, runner, measured, of)
         draws = None if no_uncertainty else answer.draws()
@@ -317,44 +320,42 @@ def predict(
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
     for note in untested(value, table):
         options.say(note)
-    if output is not None:
-        row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
-        for name in reversed([name for name in table.conditions if name not in found]):
-            found.insert(1, name, table.conditions[name].to_numpy()[row])
-        _write(found, document, value.file, output)
-        click.echo(f"Written: {short(output)}")
-    else:
-        found["id"] = _labels(found, table)
-        _show(found, request, value)
-
-
-def _show(found: pd.DataFrame, request: PredictionRequest, value: Study) -> None:
-    """Print the predictions, a table for each response."""
-    responses = value.experiments.observations.responses
-    parts = {str(name): part for name, part in found.groupby("response", sort=False)} if (
-        "response" in found
-    ) else {responses[0].name: found}  # fmt: skip
-    for response in responses:
-        part = parts.get(response.name)
-        if part is None:
-            continue
-        name = label(units_in(value), response.name)
-        if request.distribution:
-            columns, transform = part.to_dict("list"), str(response.transform)
-            show_answer(predictions.distributions(columns, name, transform))
-        else:
-            show_answer(request.content(part, name))
-
-
-def _write(found: pd.DataFrame, document: Mapping[str, Any], study: Path, output: Path) -> None:
-    """Write the predictions as CSV, or as JSON if the name of the file ends in .json."""
+    row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
+    beside = [name for name in table.conditions if name not in found]
+    for name in reversed(beside):
+        found.insert(1, name, table.conditions[name].to_numpy()[row])
+    made = {
+        "title": document.get("title"), **units_in(value), "request": vars(request),
+        "conditions": beside, "rows": found.to_dict("records"),
+    }  # fmt: skip
+    if output is None:
+        for content in predicted(made):
+            show_answer(content)
+        return
     if output.suffix.lower() == ".json":
-        rows = found.to_dict("records")
-        entry, file = documents.study_entry(document), os.path.relpath(study, output.parent)
-        told = {"title": document.get("title"), "study": {**entry, "file": file}, "rows": rows}
-        documents.write_json(told, output)
+        file = os.path.relpath(value.file, output.parent)
+        entry = {**documents.study_entry(document), "file": file}
+        documents.write_json({**made, "study": entry}, output)
     else:
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
+    click.echo(f"Written: {short(output)}")
+
+
+def predicted(document: Mapping[str, Any]) -> Iterator[Content]:
+    """The reports of predictions, one for each response, from the content of their JSON file."""
+    request, responses = PredictionRequest(**document["request"]), document["responses"]
+    found = pd.DataFrame(document["rows"])
+    found = found.assign(**dict.fromkeys(found.columns[found.isna().all()], np.nan))
+    if "beyond" in found:  # JSON has no infinity, which stands for conditions of another kind.
+        found["beyond"] = found["beyond"].fillna(np.inf)
+    found["id"] = _labels(found, document["conditions"])
+    for name, transform in responses.items():
+        part = found[found["response"] == name] if "response" in found else found
+        if len(part):
+            columns = part.to_dict("list")
+            yield request.content(columns, label(document, name), transform)
+        if "response" not in found:
+            return
 
 
 def _identification(
@@ -392,17 +393,16 @@ def _rows_of(found: pd.DataFrame, table: Conditions) -> Indices:
     return np.array([place[name] for name in found["id"]], dtype=np.intp)
 
 
-def _labels(found: pd.DataFrame, table: Conditions) -> list[str]:
+def _labels(found: pd.DataFrame, conditions: Sequence[str]) -> list[str]:
     """The label of each prediction: the id of its experiment.
 
     If experiments have several rows, the conditions that vary between rows follow the id.
     """
     if "row" not in found:
         return [str(name) for name in found["id"]]
-    cells = table.conditions.iloc[found["row"].to_numpy() - 1]
-    varying = [name for name in cells if len(set(cells[name])) > 1]
+    varying = [name for name in conditions if len(set(found[name])) > 1]
     words = [
         ", ".join(f"{name} {number(v) if isinstance(v, float) else v}" for name, v in row.items())
-        for row in cells[varying].to_dict("records")
+        for row in found[varying].to_dict("records")
     ]
     return [f"{name}, {word}" for name, word in zip(found["id"], words, strict=True)]

@@ -42,6 +42,7 @@ NO_MEMORY = AleatorError(
 
 GROUPS = {
     "start": {
+        "demo": "Identify a synthetic example, and leave its files as a pattern.",
         "new": "Write a first study.toml from a table and a simulator.",
         "check": "Make the first runs, and tell what the rest will cost.",
         "sensitivity": "Tell which parameters deserve a law.",
@@ -51,6 +52,7 @@ GROUPS = {
     "answer": {
         "identify": "Identify the law that STUDY.toml asks for.",
         "report": "Write report.html of an answer, or of two side by side.",
+        "show": "Print a stored answer again.",
         "predict": "Predict outcomes of untested conditions.",
     },
     "judge": {

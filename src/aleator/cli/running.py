@@ -30,7 +30,8 @@ from aleator.simulators.clusters import dask_executor, mpi_executor
 from aleator.study import Study, load_study
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import identify
-from aleator.views.progress import shown_on
+from aleator.views.progress import Receivers, shown_on
+from aleator.views.progress_page import PROGRESS_PAGE, ProgressPage
 from aleator.views.terminal import terminal
 
 
@@ -40,10 +41,10 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def shown(quiet: bool) -> Iterator[Progress]:
-    """A context that shows progress on the standard error, unless `quiet`."""
+def shown(quiet: bool, page: ProgressPage | None = None) -> Iterator[Progress]:
+    """A context that shows progress on the standard error, unless `quiet`, and in a `page`."""
     with nullcontext(Silent()) if quiet else shown_on(Console(stderr=True)) as progress:
-        yield progress
+        yield progress if page is None else Receivers((progress, page))
 
 
 def can_draw(missing: str = "no figures are drawn: they need", quiet: bool = False) -> bool:
@@ -142,7 +143,8 @@ class RunOptions:
     """The options of a command about runs: the store that keeps them and the workers they use.
 
     `store` is the file that keeps runs; None means the file that the study names. At most one of
-    `workers`, `dask` and `mpi` is given; without any of them this process makes the runs.
+    `workers`, `dask` and `mpi` is given; without any of them this process makes the runs. `watch`
+    is the page of progress, if one is requested.
     """
 
     store: Path | None
@@ -151,11 +153,19 @@ class RunOptions:
     dask: str | None
     mpi: bool
     quiet: bool
+    watch: ProgressPage | None
 
     def say(self, text: str) -> None:
         """Print a note on the standard error, unless the command has the option --quiet."""
         if not self.quiet:
             say(text)
+
+    def shown(self, folder: Path | None, title: str) -> AbstractContextManager[Progress]:
+        """A context that shows progress; a page, if requested, begins here in `folder`."""
+        if self.watch is not None and folder is not None:
+            self.watch.open(folder, title, f"aleator {click.get_current_context().info_name}")
+            self.say(f"progress: {short(folder / PROGRESS_PAGE)}")
+        return shown(self.quiet, self.watch)
 
 
 def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -188,14 +198,26 @@ def makes_runs(command: Callable[..., Any]) -> Callable[..., Any]:
         is_flag=True,
         help="Show neither progress nor notes, and of the report only what it concludes.",
     )
+    @click.option(
+        "--watch",
+        is_flag=True,
+        help="Write DIR/progress.html as well, which a browser reads again every few seconds.",
+    )
     @functools.wraps(command)
     def collected(**given: Any) -> Any:
         chosen = {field.name: given.pop(field.name) for field in fields(RunOptions)}
         if chosen["dask"] and chosen["dask"].endswith(".json"):
             chosen["dask"] = str(Path(chosen["dask"]).absolute())
-        return command(options=RunOptions(**chosen), **given)
+        with ProgressPage() if chosen["watch"] else nullcontext() as chosen["watch"]:
+            return command(options=RunOptions(**chosen), **given)
 
     return collected
+
+
+def require_folder(options: RunOptions, folder: Path | None) -> None:
+    """Raise AleatorError if a page of progress is requested and there is no folder for it."""
+    if options.watch is not None and folder is None:
+        raise AleatorError(f"--watch: {PROGRESS_PAGE} has no folder", "add --output")
 
 
 @contextmanager
@@ -221,6 +243,8 @@ def running(
             notified(runner.cache, str(study.file), tell),
             runner.survived(first),
         ):
+            if options.watch is not None:
+                options.watch.counts(lambda: runner.runs)
             yield runner
 
 
@@ -369,6 +393,7 @@ class Work:
         `seed` replaces the seed of the study unless it is None. Only with `verified` the check on
         the simulator is made.
         """
+        require_folder(options, folder)
         study = load_study(file).overridden(seed, verified=verified)
         return cls(name, study, file.absolute(), folder, options)
 
@@ -382,7 +407,7 @@ class Work:
             make_place(self.folder / f"{self.name}.json", self.file)
         with (
             running(self.study, self.options, conditions) as runner,
-            shown(self.options.quiet) as progress,
+            self.options.shown(self.folder, self.study.title or self.name) as progress,
         ):
             yield runner, progress
 
@@ -416,6 +441,8 @@ class Work:
         files += beside
         if draw is not None and can_draw("no figure is drawn: it needs", self.options.quiet):
             files.append(draw(document, self.folder))
+        if self.options.watch is not None:
+            self.options.watch.link(files)
         return document, [short(file) for file in files]
 
 

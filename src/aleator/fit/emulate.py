@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from aleator.core.progress import duration
+from aleator.core.progress import RunsAhead, Standing
 from aleator.core.types import Array, Indices
 from aleator.fit import outcome_range
 from aleator.fit.earlier_runs import earlier_runs
@@ -306,7 +306,7 @@ class Emulation:
             self.error = self._error(end, inference, plain.std(axis=0))
             small = self.error.enough(len(question.ids), settings)
             calm = self.calm + 1 if (small or self._followed_badly) and rounds else 0
-            self._tell(calm)
+            self._tell(end, calm)
             if self._finer():
                 end = self._climbed(self._likelihood(self.where), end.alpha)
                 continue
@@ -397,23 +397,21 @@ class Emulation:
         error = self.error
         return ahead.expected(len(self.processes.x), error.alpha, error.log_likelihood, goal)
 
-    def _tell(self, calm: int) -> None:
+    def _tell(self, end: Maximum, calm: int) -> None:
         """Record the present errors, and tell them with the runs and hours that are expected."""
         runs, error, runner = len(self.processes.x), self.error, self.question.runner
         if self.told and self.told[-1].runs == runs:
             del self.told[-1]
         self.told.append(EmulatorRound(runs, error.alpha, error.log_likelihood))
-        parts = []
+        ahead = []
         for goal in EXPECTED_RUNS.goals:
             whole = self.expected_runs(goal, calm)
-            took = runner.seconds * (whole - runs) / runner.workers
-            more = f" ({duration(took)} more)" if np.isfinite(took) else ""
-            if runs < whole < np.inf:
-                parts.append(f"{whole:,.0f} runs{more} for {goal:g}")
-        outlook = f"; expected: {', '.join(parts)}" if parts else ""
-        text = f"error of the estimates {error.alpha:.2g} standard errors{outlook}"
-        runner.outlook = text
-        self.ledger.progress.update(f"{runs:,} runs, {text}")
+            ahead.append(RunsAhead(goal, whole, runner.seconds * (whole - runs) / runner.workers))
+        names = [each.name for each in end.likelihood.hyperparameters]
+        alpha = dict(zip(names, end.alpha.tolist(), strict=True))
+        standing = Standing(runs, end.value, alpha, error.alpha, tuple(ahead))
+        runner.outlook = standing.outlook
+        self.ledger.progress.reached(standing)
 
     def _made_runs(self, x: Array, near: Indices) -> bool:
         """Make a round of runs; False if the budget allows none.

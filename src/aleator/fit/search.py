@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from scipy import optimize
 
+from aleator.core.progress import Standing
 from aleator.core.status import DEGENERATE_VALUE, Status
 from aleator.core.types import Array
 from aleator.fit.ledger import SEARCH, Ledger
@@ -130,7 +131,11 @@ def searched(
             runner, search, likelihood.continued, hyperparameters, known, seed,
             lambda: by_sample(likelihood, maximize),
         )  # fmt: skip
-        return ordered(found, question.inputs)
+        found = ordered(found, question.inputs)
+    names = [each.name for each in hyperparameters]
+    alpha = dict(zip(names, found.alpha.tolist(), strict=True))
+    ledger.progress.reached(Standing(question.runner.runs, found.log_likelihood, alpha))
+    return found
 
 
 def makes_runs(likelihood: AnyLikelihood) -> bool:

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from aleator.results.printed import (
@@ -41,6 +42,13 @@ def answer(document: Document) -> Content:
         warnings(document),
         verdicts(document),
     )
+
+
+def brief(document: Document) -> Content:
+    """The estimates, and of both verdicts only what they say, without the reasons."""
+    said = [replace(each, text=f"{each.text.split(':')[0].rstrip('.')}.", remedy="")
+            for each in verdicts(document)]  # fmt: skip
+    return Content("", (), [Chapter("estimates", "Estimates", [estimates(document)])], (), said)
 
 
 def is_individual(document: Document) -> bool:

@@ -463,7 +463,7 @@ def read_answer(path: str | Path) -> Document:
     Raises AleatorError, naming the file and the key, if the file is absent, not JSON, no
     identification, or has a key that an identification does not write so.
     """
-    document = _read(Path(path), "identify")
+    document = read_document(Path(path))
     missing = [key for key in NEEDED if key not in document]
     if missing:
         raise AleatorError(
@@ -476,12 +476,16 @@ def read_answer(path: str | Path) -> Document:
 
 def read_ceiling(path: Path) -> Document:
     """Read the document that `aleator ceiling` wrote, and check the keys that a report uses."""
-    document = _read(path, "ceiling")
+    document = read_document(path, "ceiling")
     _check(_CeilingDocument, document, path, "ceiling")
     return document
 
 
-def _read(path: Path, command: str) -> Document:
+def read_document(path: Path, command: str = "identify") -> Document:
+    """Read a JSON file that a `command` wrote; a value that is no JSON object becomes {}.
+
+    Raises AleatorError if the file cannot be read, or is not JSON.
+    """
     try:
         document = json.loads(path.read_text(encoding="utf-8"), parse_int=_whole)
     except OSError as error:

@@ -10,8 +10,11 @@ from importlib import import_module
 from typing import Any, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, Task, TextColumn
+from rich.progress import Progress as ProgressDisplay
 from rich.text import Text
+
+from aleator.core.progress import Progress, Standing
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,10 @@ class Lines:
             self._next = now + max(self._interval, 0.5 * (now - self._began))
             self._say(f"{self._stage}: {text}")
 
+    def reached(self, standing: Standing) -> None:
+        """Show where the maximization stands, as a text about the stage."""
+        self.update(str(standing))
+
     def _say(self, text: str) -> None:
         line = f"{time.strftime('%H:%M:%S')} {text}"
         self._console.print(line, markup=False, highlight=False, soft_wrap=True)
@@ -81,7 +88,7 @@ class Bars:
     """Progress as one line that changes: the stage, a bar, a text and the total time."""
 
     def __init__(self, console: Console) -> None:
-        self._progress = Progress(
+        self._progress = ProgressDisplay(
             SpinnerColumn(finished_text="-"),
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=PROGRESS.bar),
@@ -109,6 +116,32 @@ class Bars:
     def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
         """Set the bar to `done` of `total` units, and change the text of the stage."""
         self._progress.update(self._task, completed=done, total=total, text=text)
+
+    def reached(self, standing: Standing) -> None:
+        """Show where the maximization stands, as a text about the stage."""
+        self.update(str(standing))
+
+
+@dataclass(frozen=True)
+class Receivers:
+    """Several receivers of progress as one: each gets every report."""
+
+    each: tuple[Progress, ...]
+
+    def stage(self, name: str) -> None:
+        """Begin a stage of all receivers."""
+        for one in self.each:
+            one.stage(name)
+
+    def update(self, text: str, done: float | None = None, total: float | None = None) -> None:
+        """Report a text about the stage to all receivers."""
+        for one in self.each:
+            one.update(text, done, total)
+
+    def reached(self, standing: Standing) -> None:
+        """Report where the maximization stands to all receivers."""
+        for one in self.each:
+            one.reached(standing)
 
 
 def shown_on(console: Console) -> Bars | Lines:
@@ -151,6 +184,10 @@ class ProgressLine:
         elif time.monotonic() - self._last >= PROGRESS.every:
             share = f" {done / total:.0%}" if done is not None and total else ""
             self._show(f"{share}  {text}")
+
+    def reached(self, standing: Standing) -> None:
+        """Show where the maximization stands, as a text about the stage."""
+        self.update(str(standing))
 
     def _show(self, text: str) -> None:
         self._last = time.monotonic()
