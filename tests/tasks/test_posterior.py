@@ -12,12 +12,14 @@ import pytest
 import xarray
 from identifications import unjudged
 from scipy import stats
+from studies import done
 
 import aleator
 from aleator import Check, Free, Identification, Inputs, Noise, Normal, Posterior, posterior
 from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, installing
 from aleator.laws import Constant, Law
+from aleator.results.documents import write_json
 
 SD, NOISE, COUNT = 0.4, 0.3, 12
 MEASURED = np.random.default_rng(3).normal(2.0, np.hypot(SD, NOISE), COUNT)
@@ -101,6 +103,14 @@ def test_the_table_tells_moments_quantiles_and_convergence(drawn: Posterior) -> 
     assert drawn.consistent is False
     (told,) = drawn.warnings
     assert "not consistent" in told
+
+
+def test_a_stored_posterior_is_shown_again(drawn: Posterior, tmp_path: Path) -> None:
+    write_json(drawn.to_dict(), tmp_path / "posterior.json")
+    printed = " ".join(done("show", tmp_path / "posterior.json").stdout.split())
+    assert printed.endswith(drawn.verdict)
+    assert "x.mean" in printed
+    assert done("show", tmp_path / "posterior.json", "--quiet").stdout.strip() == drawn.verdict
 
 
 def test_netcdf_gives_back_what_arviz_expects(drawn: Posterior, tmp_path: Path) -> None:

@@ -178,6 +178,7 @@ def text_with(file: Path, pattern: str, seconds: float = 60.0) -> str:
     raise AssertionError(f"{file} has no '{pattern}'")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unjudged_commands")
 def test_the_page_of_a_slow_study_during_work_after_ctrl_c_and_after_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -36,7 +36,7 @@ def demo(output: Path | None) -> None:
 
     Writes a table, a simulator and study.toml of battery cells into DIR, then does what `aleator
     identify` does: prints the answer, and writes it with its report into DIR/out. A file of DIR
-    that has another content is not replaced. Takes some five seconds.
+    that has another content is not replaced. Takes some five seconds of a processor.
     """
     folder = output or Path("aleator-demo").absolute()
     write_example(folder)
