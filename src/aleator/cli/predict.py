@@ -338,6 +338,8 @@ def predict(
         documents.write_json({**made, "study": entry}, output)
     else:
         documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
+    if options.watch is not None:
+        options.watch.link([output])
     click.echo(f"Written: {short(output)}")
 
 
