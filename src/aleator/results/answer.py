@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from aleator.results.findings import findings
 from aleator.results.printed import (
     NONE,
     PAGE,
@@ -33,13 +34,14 @@ COLUMNS = heads("alpha", ">estimate", ">std. error", ">95 % interval", "~note")
 
 
 def answer(document: Document) -> Content:
-    """The short report of an identification: estimates, log-likelihood, warnings and verdicts."""
+    """The short report of an identification: findings, estimates, warnings and verdicts."""
     return Content(
         str(document.get("title") or ""),
         lead(document),
         [Chapter("estimates", "Estimates", [estimates(document), log_likelihood(document)])],
         warnings(document),
         verdicts(document),
+        findings(document),
     )
 
 
