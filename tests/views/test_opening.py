@@ -1,5 +1,6 @@
 """The first screen: how a law and a new outcome are told, and what the two charts show."""
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from reports import experiment, printed, result
 from scipy import optimize, stats
 
-from aleator import By, Check, Experiments, Free, Inputs, Noise, Normal, identify
+from aleator import AleatorError, By, Check, Experiments, Free, Inputs, Noise, Normal, identify
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.law_ranges import law_ranges
 from aleator.results.findings import findings
@@ -211,3 +212,42 @@ def test_no_backtick_is_printed() -> None:
     document = result(consistent=False, consistency=second)
     assert "`" not in printed(render(document))
     assert "'hot'" in printed(render(document))
+
+
+# ------------------------------------------------------------------------------------ in Python
+
+
+def test_a_notebook_shows_the_first_screen_without_a_script(found: Identification) -> None:
+    shown = found._repr_html_()
+    assert shown.count("<svg") == 2
+    assert "<script" not in shown
+    assert len(shown) < 200_000
+    assert shown == found._repr_html_()
+    for part in ("mm/N", "Computed soundly", "give.sd"):
+        assert part in shown
+
+
+def test_the_charts_of_an_answer_are_drawn_on_given_axes_or_new_ones(found: Identification) -> None:
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    assert found.plot.law(ax=axes) is axes
+    assert axes.get_xlabel() == "give [mm/N]"
+    assert found.plot.outcomes().get_ylabel() == "way [mm]"
+    every = found.plot.profiles()
+    assert [one.get_xlabel() for one in every] == ["give.mean [mm/N]", "give.sd [mm/N]"]
+    assert len(found.plot.profiles("give.sd")) == 1
+    with pytest.raises(AleatorError, match=r"give\.men"):
+        found.plot.profiles("give.men")
+
+
+def test_without_matplotlib_charts_are_an_error_and_a_notebook_shows_the_rest(
+    found: Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.style", None)
+    with pytest.raises(AleatorError, match="pip install matplotlib"):
+        found.plot.law()
+    shown = found._repr_html_()
+    assert "<svg" not in shown
+    assert "give.mean" in shown

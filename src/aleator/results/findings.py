@@ -10,14 +10,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from aleator.results.printed import Sentence, between, number, percent, with_error
+from aleator.results.printed import AMOUNTS, Amounts, Sentence, between, number, percent, with_error
 from aleator.results.units import transforms, unit_of, units
 
 Document = Mapping[str, Any]
 CONSTANT = re.compile(r"^(?P<of>[^.]+)\.value$")
 NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?(?P<what>sd|relative)$")
-CONDITIONS = 3
-"""The most conditions that the sentence on a new experiment names; of more it names none."""
 
 
 def findings(document: Document) -> tuple[Sentence, ...]:
@@ -58,10 +56,8 @@ def _laws(document: Document) -> Iterator[Sentence]:
 
 def _half(ends: Sequence[float | None] | None) -> float | None:
     """Half of the width of an interval; None where it is not known."""
-    if ends is None or any(end is None or not math.isfinite(end) for end in ends):
-        return None
-    low, high = ends
-    return 0.5 * (high - low)  # type: ignore[operator]
+    known = [end for end in ends or () if end is not None and math.isfinite(end)]
+    return 0.5 * (known[1] - known[0]) if len(known) == 2 else None
 
 
 def _sure(reach: Sequence[float | None], unit: str) -> str:
@@ -145,7 +141,7 @@ def _last_rows(document: Document) -> Iterator[tuple[str, bool, Document, str]]:
         yield name, transform == "log", quantiles, at
 
 
-def _at(document: Document, id: object, varying: Document) -> str:
+def _at(document: Document, id: object, varying: Document, amounts: Amounts = AMOUNTS) -> str:
     """The conditions of an experiment in words, in parentheses; empty if they are many or none."""
     entries = document["experiments"]
     place = next((k for k, entry in enumerate(entries) if str(entry["id"]) == str(id)), None)
@@ -160,7 +156,7 @@ def _at(document: Document, id: object, varying: Document) -> str:
         for name, v in (own | dict(varying)).items()
         if v is not None
     ]
-    return f" ({', '.join(named)})" if 0 < len(named) <= CONDITIONS else ""
+    return f" ({', '.join(named)})" if 0 < len(named) <= amounts.named_conditions else ""
 
 
 def _unit(document: Document, name: str) -> str:

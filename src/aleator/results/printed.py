@@ -196,6 +196,8 @@ class Amounts:
     """The most marks (points) in a chart."""
     farthest: int = 150
     """The most marks of a crowded chart that are kept because they are outermost."""
+    named_conditions: int = 3
+    """The most conditions that the sentence on a new experiment names; of more it names none."""
     hovered: int = 6
     """The most conditions in the tooltip of a mark in a chart."""
     series: int = 200
@@ -326,6 +328,16 @@ class Content:
     def verdict(self) -> str:
         """The text of the verdicts alone, a line each."""
         return "\n".join(sentence.text for sentence in self.verdicts)
+
+
+def verdict_head(verdict: Sentence) -> str:
+    """The text of a verdict up to its reasons.
+
+    >>> verdict_head(Sentence("Computed soundly: the search converged."))
+    'Computed soundly.'
+    """
+    head, colon, _ = verdict.text.partition(":")
+    return f"{head}." if colon else head
 
 
 def paragraphs(content: Content, depth: Depth) -> Iterator[list[Sentence | TextTable]]:

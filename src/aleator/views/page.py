@@ -27,6 +27,7 @@ from aleator.results.printed import (
     cells,
     count,
     prose,
+    verdict_head,
 )
 from aleator.views.chart import PAIRS, Chart
 from aleator.views.identification import identification
@@ -138,17 +139,13 @@ def opening(content: Content) -> str:
     charts = [part for part in content.opening if isinstance(part, Chart)]
     told = sum(warning.kind == "warning" for warning in content.warnings)
     more = f'<p><a href="#warnings">{count(told, "warning")}</a></p>' if told else ""
-    lines = "".join(_verdict(replace(one, text=_head(one), remedy="")) for one in content.verdicts)
+    lines = "".join(
+        _verdict(replace(one, text=verdict_head(one), remedy="")) for one in content.verdicts
+    )
     return (
         f'<div class="findings">{_parts(sentences)}</div>'
         f'<div class="verdicts">{lines}{more}</div>{_parts(charts)}{_parts(content.lead)}'
     )
-
-
-def _head(verdict: Sentence) -> str:
-    """The text of a verdict up to its reasons."""
-    head, colon, _ = verdict.text.partition(":")
-    return f"{head}." if colon else head
 
 
 def _verdict(part: Sentence) -> str:
