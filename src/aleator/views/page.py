@@ -143,7 +143,7 @@ def opening(content: Content) -> str:
         _verdict(replace(one, text=verdict_head(one), remedy="")) for one in content.verdicts
     )
     return (
-        f'<div class="findings">{_parts(sentences)}</div>'
+        f'<h2 class="spoken">The answer</h2><div class="findings">{_parts(sentences)}</div>'
         f'<div class="verdicts">{lines}{more}</div>{_parts(charts)}{_parts(content.lead)}'
     )
 
@@ -266,14 +266,14 @@ def _bar(charts: Iterable[Chart]) -> str:
     """The HTML of the bar at the top, where a reader selects the experiment that is marked."""
     listed = "".join(f"<option>{escape(one)}</option>" for one in dict.fromkeys(_ids(charts)))
     return (
-        '<div class="bar" role="toolbar" aria-label="Marked experiment"><label>Experiment '
+        '<section class="bar" aria-label="Marked experiment"><label>Experiment '
         '<input id="marked" list="ids" autocomplete="off" placeholder="none marked"></label>'
         f'<datalist id="ids">{listed}</datalist>'
         '<button type="button" id="previous" aria-label="previous experiment">◀</button>'
         '<button type="button" id="next" aria-label="next experiment">▶</button>'
         '<button type="button" id="clear">Clear</button>'
         '<button type="button" id="scheme">Light or dark</button>'
-        '<span id="status" role="status"></span></div>'
+        '<span id="status" role="status"></span></section>'
     )
 
 
