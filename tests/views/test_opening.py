@@ -14,6 +14,7 @@ from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.law_ranges import law_ranges
 from aleator.results.findings import findings
 from aleator.tasks.identification import Identification, pictured
+from aleator.views.figures import experiments_figure
 from aleator.views.identification import identification, render
 from aleator.views.measured import measured
 from aleator.views.opening import outcome_chart
@@ -212,6 +213,35 @@ def test_no_backtick_is_printed() -> None:
     document = result(consistent=False, consistency=second)
     assert "`" not in printed(render(document))
     assert "'hot'" in printed(render(document))
+
+
+def test_points_under_equal_conditions_are_in_the_order_of_the_table() -> None:
+    """Sorted by value they would rise along any prediction."""
+    document = spring(force=[2.0] * 4)
+    for row, value in zip(document["experiments"], (2.4, 1.6, 2.2, 1.9), strict=True):
+        row["outcome"] = value
+    (seen,) = measured(document)
+    assert seen.columns["order"] == [1, 2, 3, 4]
+
+
+def test_without_predictions_by_the_law_a_figure_draws_no_prediction(found: Identification) -> None:
+    (axes,) = experiments_figure(found.to_dict()).axes
+    assert not axes.lines
+    assert not axes.collections
+    assert "not in this document" in axes.get_title(loc="left")
+
+
+def test_a_profile_is_drawn_to_the_ends_of_its_interval(found: Identification) -> None:
+    profiles = pictured(found).pictures["profiles"]
+    assert set(profiles) == {"give.mean", "give.sd"}
+    for name, curve in profiles.items():
+        estimate = found.alpha[name]
+        assert estimate.interval is not None
+        assert estimate.drops is not None
+        for end, drop in zip(estimate.interval, estimate.drops, strict=True):
+            place = int(np.argmin(np.abs(np.array(curve["at"]) - end)))
+            assert curve["at"][place] == pytest.approx(end, rel=1e-9)
+            assert curve["below"][place] == pytest.approx(drop, rel=1e-4)
 
 
 # ------------------------------------------------------------------------------------ in Python

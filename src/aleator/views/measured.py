@@ -249,9 +249,9 @@ def _finished(
     """
     middle = numbers(columns["q0.5"]) if "q0.5" in columns else numbers(columns.get("own", []))
     rank = np.empty(len(middle), dtype=int)
-    rank[np.lexsort((numbers(columns["value"]), np.nan_to_num(middle, nan=np.inf)))] = np.arange(
-        1, len(middle) + 1
-    )
+    # Equal medians are in the order of the table: sorted values would rise along any prediction.
+    order = np.argsort(np.nan_to_num(middle, nan=np.inf), kind="stable")
+    rank[order] = np.arange(1, len(middle) + 1)
     columns["order"] = rank.tolist()
     what = "predicted median" if "q0.5" in columns else "predicted value"
     found = [AxisChoice("order", f"order of the {what}")]

@@ -266,14 +266,14 @@ def _bar(charts: Iterable[Chart]) -> str:
     """The HTML of the bar at the top, where a reader selects the experiment that is marked."""
     listed = "".join(f"<option>{escape(one)}</option>" for one in dict.fromkeys(_ids(charts)))
     return (
-        '<section class="bar" aria-label="Marked experiment"><label>Experiment '
+        '<div class="bar" role="region" aria-label="Marked experiment"><label>Experiment '
         '<input id="marked" list="ids" autocomplete="off" placeholder="none marked"></label>'
         f'<datalist id="ids">{listed}</datalist>'
         '<button type="button" id="previous" aria-label="previous experiment">◀</button>'
         '<button type="button" id="next" aria-label="next experiment">▶</button>'
         '<button type="button" id="clear">Clear</button>'
         '<button type="button" id="scheme">Light or dark</button>'
-        '<span id="status" role="status"></span></section>'
+        '<span id="status" role="status"></span></div>'
     )
 
 
