@@ -71,6 +71,15 @@ def installing(extra: str) -> str:
     )
 
 
+def quoted(words: str) -> str:
+    """Plain text in which quotes stand for backticks.
+
+    >>> quoted("see `aleator box`")
+    "see 'aleator box'"
+    """
+    return re.sub("`([^`]+)`", r"'\1'", words)
+
+
 def nearest(name: str, candidates: Iterable[str]) -> str:
     """A hint `` (did you mean 'x'?)`` with the candidate most like `name`, or an empty text.
 

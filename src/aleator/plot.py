@@ -11,17 +11,16 @@ of a chart that the document lacks are computed if the identification was made i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from aleator.core.types import Array
-from aleator.errors import AleatorError, nearest
+from aleator.errors import AleatorError
 from aleator.results.result import Result
 from aleator.tasks.identification import Identification, pictured
 from aleator.views import law_charts, outcome_charts
-from aleator.views.axes import draw, empty_figure, styled
-from aleator.views.chart import Chart
 from aleator.views.measured import measured
+from aleator.views.plots import drawn, lacking, named, required
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
 __all__ = ["calibration", "histogram", "experiments", "law", "profile", "surface", "response"]
 
 Identified = Result | Mapping[str, Any]
-SIZE = (4.5, 3.4)
-"""Width and height in inches of a figure with one chart."""
 
 
 def calibration(found: Identified, ax: Axes | None = None) -> Axes:
@@ -45,7 +42,7 @@ def calibration(found: Identified, ax: Axes | None = None) -> Axes:
     >>> calibration({"experiments": ten}).get_ylabel()
     'cumulative share − uniform'
     """
-    axes = _drawn(outcome_charts.cumulative_chart(_probabilities(found)), ax)
+    axes = drawn(outcome_charts.cumulative_chart(_probabilities(found)), ax)
     axes.set_xlim(0.0, 1.0)
     return axes
 
@@ -59,7 +56,7 @@ def histogram(found: Identified, ax: Axes | None = None) -> Axes:
     >>> histogram({"experiments": ten}).get_ylabel()
     'count'
     """
-    axes = _drawn(outcome_charts.histogram_chart(_probabilities(found)), ax)
+    axes = drawn(outcome_charts.histogram_chart(_probabilities(found)), ax)
     axes.set_xlim(0.0, 1.0)
     return axes
 
@@ -77,10 +74,10 @@ def experiments(found: Identified, ax: Axes | None = None, *, response: str | No
     'time'
     """
     of = {seen.response: seen for seen in measured(_document(found), seen=True)}
-    seen = of[_named([*of], response)]
+    seen = of[named([*of], response)]
     if not seen.by_law:
-        raise _lacking("predictions of what was observed")
-    axes = _drawn(outcome_charts.predicted_chart(seen, seen.series()), ax)
+        raise lacking("predictions of what was observed")
+    axes = drawn(outcome_charts.predicted_chart(seen, seen.series()), ax)
     axes.set_xlabel("ordered by predicted median")
     return axes
 
@@ -93,8 +90,8 @@ def law(found: Identified, parameter: str, ax: Axes | None = None) -> Axes:
     'wear'
     """
     document = _document(found)
-    _require((document.get("pictures") or {}).get("laws"), parameter, "laws")
-    return _drawn(law_charts.law_chart(document, parameter), ax)
+    required((document.get("pictures") or {}).get("laws"), parameter, "laws")
+    return drawn(law_charts.law_chart(document, parameter), ax)
 
 
 def profile(found: Identified, hyperparameter: str, ax: Axes | None = None) -> Axes:
@@ -107,8 +104,8 @@ def profile(found: Identified, hyperparameter: str, ax: Axes | None = None) -> A
     'wear.mean'
     """
     document = _document(found)
-    _require((document.get("pictures") or {}).get("profiles"), hyperparameter, "profiles")
-    return _drawn(law_charts.profile_chart(document, hyperparameter), ax)
+    required((document.get("pictures") or {}).get("profiles"), hyperparameter, "profiles")
+    return drawn(law_charts.profile_chart(document, hyperparameter), ax)
 
 
 def surface(found: Identified, ax: Axes | None = None) -> Axes:
@@ -119,8 +116,8 @@ def surface(found: Identified, ax: Axes | None = None) -> Axes:
     """
     chart = law_charts.surface_chart(_document(found))
     if chart is None:
-        raise _lacking("surface of the likelihood")
-    return _drawn(chart, ax)
+        raise lacking("surface of the likelihood")
+    return drawn(chart, ax)
 
 
 def response(
@@ -138,20 +135,12 @@ def response(
     'way'
     """
     document = _document(found)
-    drawn = (document.get("pictures") or {}).get("response")
-    if not drawn:
-        raise _lacking("response of the simulator")
-    _require(drawn.get("nodes") or drawn.get("over"), parameter, "parameters that were drawn")
-    name = _named(law_charts.responses_drawn(drawn), response)
-    return _drawn(law_charts.response_chart(document, parameter, name), ax)
-
-
-def _drawn(chart: Chart, ax: Axes | None) -> Axes:
-    """The axes `ax`, or those of a new figure if `ax` is None, with the chart drawn on them."""
-    if ax is not None:
-        return draw(chart, ax)
-    with styled():
-        return draw(chart, empty_figure(None, *SIZE).subplots())
+    curves = (document.get("pictures") or {}).get("response")
+    if not curves:
+        raise lacking("response of the simulator")
+    required(curves.get("nodes") or curves.get("over"), parameter, "parameters that were drawn")
+    name = named(law_charts.responses_drawn(curves), response)
+    return drawn(law_charts.response_chart(document, parameter, name), ax)
 
 
 def _document(found: Identified) -> Mapping[str, Any]:
@@ -169,31 +158,3 @@ def _probabilities(found: Identified) -> Array:
     if not pit.size:
         raise AleatorError("no probability is known", "the warnings say why")
     return pit
-
-
-def _named(names: Sequence[str], response: str | None) -> str:
-    """The name of a response, by default the first one; raises AleatorError for an unknown name."""
-    name = names[0] if response is None else response
-    if name not in names:
-        raise AleatorError(
-            f"there is no response '{name}'{nearest(name, names)}",
-            f"the responses are {', '.join(names)}",
-        )
-    return name
-
-
-def _require(known: Mapping[str, Any] | None, name: str, what: str) -> None:
-    if not known:
-        raise _lacking(what)
-    if name not in known:
-        raise AleatorError(
-            f"there is no '{name}' among the {what}{nearest(name, [*known])}",
-            f"there are {', '.join(known)}",
-        )
-
-
-def _lacking(what: str) -> AleatorError:
-    return AleatorError(
-        f"the document has no {what}",
-        "identify again: `aleator identify` writes them, and in Python the fit is at hand",
-    )

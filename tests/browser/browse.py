@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -244,6 +245,32 @@ def test_at_two_widths_nothing_is_wider_than_the_window(page: Page, file: Path) 
         page.open(file, width=width)
         assert page.ask("document.documentElement.scrollWidth") <= width
         page.picture(OUT / f"light-{width}.png")
+
+
+def test_the_answer_is_on_the_first_screen(page: Page, file: Path) -> None:
+    page.open(file)
+    ends = page.ask(
+        "['.findings', '.verdicts', '#plot-outcomes', '#plot-law-start'].map((one) =>"
+        " document.querySelector(one).getBoundingClientRect().bottom)"
+    )
+    assert ends[0] < ends[1] < ends[2] <= 900
+    assert ends[3] <= 900
+    assert page.ask("document.querySelector('.findings').textContent").count("95 %") >= 3
+
+
+BARRIERS = """axe.run(document, {resultTypes: ['violations']}).then((found) =>
+  found.violations.flatMap((one) => one.nodes.map((node) => `${one.id}: ${node.html}`)))"""
+
+
+def test_axe_finds_no_barrier(page: Page, file: Path) -> None:
+    axe = (files("axe_core_python") / "axe.min.js").read_text(encoding="utf-8")
+    for width, scheme in ((1300, "light"), (390, "dark")):
+        page.open(file, width=width, scheme=scheme)
+        page.ask("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+        page.ask(f"{axe};0")
+        assert page.ask(BARRIERS) == []
+    page.ask("document.querySelector('main').prepend(document.createElement('button'))")
+    assert [one.partition(":")[0] for one in page.ask(BARRIERS)] == ["button-name"]
 
 
 DEEP = """() => { const told = []; const walk = (node) => {

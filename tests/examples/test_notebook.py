@@ -32,9 +32,11 @@ def test_the_notebook_shows_results_with_units_and_both_verdicts(outputs: list[s
     assert "Computed soundly" in answer
     assert "onsistent with the experiments" in answer
     assert "<table" in answer
-    assert outputs[3] == "image"
-    assert "q0.975" in outputs[4]
-    assert "<table" in outputs[5]
+    assert answer.count("<svg") == 2
+    assert "<script" not in answer
+    assert outputs[3:5] == ["image", "image"]
+    assert "q0.975" in outputs[5]
+    assert "<table" in outputs[6]
 
 
 def test_the_notebook_is_kept_without_outputs() -> None:

@@ -63,7 +63,7 @@ def test_a_model_that_is_not_consistent_is_told_with_remedies_and_outliers() -> 
     }  # fmt: skip
     content = answer(result(consistent=False, consistency=second))
     assert [verdict.kind for verdict in content.verdicts] == ["good", "bad"]
-    for part in ("outcomes under high `hot` are smaller (p = 4e-08)", "mend", "7 (p = 1e-05)"):
+    for part in ("outcomes under high 'hot' are smaller (p = 4e-08)", "mend", "7 (p = 1e-05)"):
         assert part in words(text(content))
 
 

@@ -17,7 +17,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from aleator.cli.starting import ended_at_once, ending, termination_heard
-from aleator.errors import AleatorError
+from aleator.errors import AleatorError, quoted
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def misuse_as_message(ctx: click.Context) -> Iterator[None]:
         with termination_heard() as heard:
             yield
     except AleatorError as error:
-        click.echo(f"aleator: error: {error}", err=True)
+        click.echo(f"aleator: error: {quoted(str(error))}", err=True)
         ctx.exit(2)
     except OSError as error:
         from aleator.simulators.surroundings import cause

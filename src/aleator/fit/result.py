@@ -23,9 +23,11 @@ from aleator.fit.search import GUESSES, LeastSquares, by_tangent, least_squares
 from aleator.fit.soundness import Reviewed
 from aleator.fit.uncertainty import Inferred
 from aleator.inference import diagnostics, surface_diagnostics
+from aleator.inference.alpha_draws import alpha_draws, estimated
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Check, Checked
 from aleator.inference.information import Inference
+from aleator.inference.law_ranges import law_ranges
 from aleator.inference.likelihood_at import OutcomesAt
 from aleator.inference.profile import Profile
 from aleator.inference.surface_diagnostics import surface_report
@@ -89,8 +91,13 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
             own = _of_individuals(likelihood, reviewed)
     log_likelihood: LogLikelihoodReport = own.pop("log_likelihood")
     failing = surfaces or emulation or isinstance(likelihood, Problem)
+    estimates = estimates_of(alpha, hyperparameters, inference, profile)
+    names = tuple(hyperparameters[k].name for k in inference.free)
+    correlation = tuple(tuple(row) for row in inference.correlation.tolist())
+    draws = alpha_draws(estimated(estimates, names, correlation, hyperparameters))
     return Result(
-        alpha=estimates_of(alpha, hyperparameters, inference, profile),
+        alpha=estimates,
+        ranges=law_ranges(likelihood.inputs, hyperparameters, draws, len(table.ids)),
         log_likelihood=replace(
             log_likelihood,
             log_prior=log_prior(hyperparameters, alpha) if has_prior(hyperparameters) else None,
@@ -100,8 +107,8 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         sound=reviewed.sound,
         warnings=(*reviewed.warnings, *notes),
         failures=diagnostics.failure_report(question.runner) if failing else None,
-        correlation_names=tuple(hyperparameters[k].name for k in inference.free),
-        correlation=tuple(tuple(row) for row in inference.correlation.tolist()),
+        correlation_names=names,
+        correlation=correlation,
         search=search_of(certain.search_result, inference, hyperparameters),
         baselines=baselines,
         runs=sum(ledger.runs.values()),

@@ -436,12 +436,21 @@ def pictures(
     progress.stage("pictures")
     rough = fit.likelihood.roughness
     return {
-        "conditions": _conditions(fit, settings),
-        "laws": law_bands(fit.inputs, draws, fit.count, settings),
+        **opening_pictures(result, fit, draws, settings),
         "contours": law_contours(fit.inputs, fit.alpha, settings),
         **likelihood_shapes(fit, result.alpha, progress.update, settings),
         "response": responses(fit, settings),
         "roughness": [] if rough is None else drawn(rough),
+    }
+
+
+def opening_pictures(
+    result: Result, fit: Fit, draws: AlphaDraws, settings: PictureSettings = PICTURES
+) -> dict[str, Any]:
+    """The part of `pictures` that the first screen needs: conditions, laws and predictions."""
+    return {
+        "conditions": _conditions(fit, settings),
+        "laws": law_bands(fit.inputs, draws, fit.count, settings),
         "predicted": _predicted(fit, settings) if result.observations else {},
     }
 

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from aleator.results.findings import findings
 from aleator.results.printed import (
     NONE,
-    PAGE,
     THRESHOLDS,
     WHOLE,
     Chapter,
@@ -34,13 +34,14 @@ COLUMNS = heads("alpha", ">estimate", ">std. error", ">95 % interval", "~note")
 
 
 def answer(document: Document) -> Content:
-    """The short report of an identification: estimates, log-likelihood, warnings and verdicts."""
+    """The short report of an identification: findings, estimates, warnings and verdicts."""
     return Content(
         str(document.get("title") or ""),
         lead(document),
         [Chapter("estimates", "Estimates", [estimates(document), log_likelihood(document)])],
         warnings(document),
         verdicts(document),
+        findings(document),
     )
 
 
@@ -233,17 +234,13 @@ def _agreement(document: Document) -> Sentence:
 
 
 def warnings(document: Document) -> tuple[Sentence, ...]:
-    """All warnings, contradictions of the model and outliers, with remedies where there are any."""
+    """All warnings and outliers, with remedies; a verdict has the contradictions of the model."""
     warned: list[Sentence] = []
     for entry in document.get("warnings") or ():
         head = f"Warning, {entry.get('about', '')}"
         said, remedy = str(entry.get("message", "")), entry.get("remedy") or ""
         warned.append(Sentence(said, "warning", head, remedy))
     second = document.get("consistency") or {}
-    # Only a page shows these sentences; a shorter report has them in its verdict.
-    for row in second.get("discrepancies", ()):
-        said, remedy = _contradiction(row), row["remedy"]
-        warned.append(Sentence(said, "warning", "Not consistent", remedy, depth=PAGE))
     if outliers := second.get("outliers"):
         rows = [f"{row['id']}{_row(document, row)} (p = {number(row['p'], 1)})" for row in outliers]
         ids = tuple(str(row["id"]) for row in outliers)

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 from scipy.stats import binom
 
+from aleator.errors import quoted
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -160,7 +162,9 @@ def heads(*names: str) -> list[Column]:
 Depth = int
 SHORT, WHOLE, DETAILS, PAGE = range(4)
 """How detailed a report is: short, whole, with details, or a page with everything."""
-Kind = Literal["plain", "strong", "good", "bad", "open", "warning", "missing", "heading", "code"]
+Kind = Literal[
+    "plain", "finding", "strong", "good", "bad", "open", "warning", "missing", "heading", "code"
+]
 """The role of a sentence, which decides how it is shown."""
 
 
@@ -192,6 +196,8 @@ class Amounts:
     """The most marks (points) in a chart."""
     farthest: int = 150
     """The most marks of a crowded chart that are kept because they are outermost."""
+    named_conditions: int = 3
+    """The most conditions that the sentence on a new experiment names; of more it names none."""
     hovered: int = 6
     """The most conditions in the tooltip of a mark in a chart."""
     series: int = 200
@@ -300,13 +306,17 @@ class Chapter:
 
 @dataclass(frozen=True)
 class Content:
-    """A whole report: title, introduction, sections, warnings, verdicts."""
+    """A whole report: title, introduction, sections, warnings, verdicts, and what opens it.
+
+    The `opening` is the answer in sentences and, on a page, in charts.
+    """
 
     title: str
     lead: Sequence[Sentence] = ()
     sections: Sequence[Chapter] = ()
     warnings: Sequence[Sentence] = ()
     verdicts: Sequence[Sentence] = ()
+    opening: Sequence[Part] = ()
 
     @classmethod
     def of(cls, title: str, lead: str, parts: Sequence[Part], verdict: str) -> Content:
@@ -318,6 +328,16 @@ class Content:
     def verdict(self) -> str:
         """The text of the verdicts alone, a line each."""
         return "\n".join(sentence.text for sentence in self.verdicts)
+
+
+def verdict_head(verdict: Sentence) -> str:
+    """The text of a verdict up to its reasons.
+
+    >>> verdict_head(Sentence("Computed soundly: the search converged."))
+    'Computed soundly.'
+    """
+    head, colon, _ = verdict.text.partition(":")
+    return f"{head}." if colon else head
 
 
 def paragraphs(content: Content, depth: Depth) -> Iterator[list[Sentence | TextTable]]:
@@ -333,6 +353,7 @@ def paragraphs(content: Content, depth: Depth) -> Iterator[list[Sentence | TextT
         ]
 
     yield [Sentence(content.title, "strong")] if content.title else []
+    yield shown(content.opening)
     yield shown(content.lead)
     yield from (shown(section.parts) for section in content.sections)
     yield from (shown([warning]) for warning in content.warnings)
@@ -349,7 +370,9 @@ def text(content: Content, width: int = 80, depth: Depth = SHORT) -> str:
                 lines += [*([part.title] if part.folded else []), *head, *body]
             else:
                 lines += [
-                    line for each in str(part).splitlines() for line in textwrap.wrap(each, width)
+                    line
+                    for each in quoted(str(part)).splitlines()
+                    for line in textwrap.wrap(each, width)
                 ]
     return "\n".join(lines)
 
@@ -375,12 +398,12 @@ def cells(table: TextTable) -> str:
     columns, rows = _filled(table.columns, table.rows)
     kinds = [' class="n"' if side == "right" else "" for _, side in columns]
     head = "".join(
-        f'<th scope="col"{kind}>{escape(name)}</th>'
+        f'<th scope="col"{kind}>{prose(name)}</th>'
         for kind, (name, _) in zip(kinds, columns, strict=True)
     )
     body = "".join(
         "<tr>"
-        + "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True))
+        + "".join(f"<td{kind}>{prose(cell)}</td>" for kind, cell in zip(kinds, row, strict=True))
         + "</tr>"
         for row in rows
     )
@@ -457,6 +480,7 @@ def laid_out(
                  2
     """
     columns, rows = _filled(columns, rows)
+    rows = [[quoted(cell) for cell in row] for row in rows]
     names = [name for name, _ in columns]
     every = [names, *rows]
     folds = columns[-1][1] == "fold" and len(columns) > 1

@@ -22,6 +22,7 @@ from aleator.results.values import (
     ExperimentReport,
     FailureReport,
     IndividualReport,
+    LawRange,
     LogLikelihoodReport,
     ObservationReport,
     ParameterCorrelation,
@@ -43,9 +44,10 @@ class Result(Plain):
     the outcome in its support; and the verification on the simulator agrees, if it was made.
     `consistency` says whether the experiments contradict the identified model. `density` names the
     likelihood method and `quadrature` its number of nodes. `correlation` (F, F) is the correlation
-    of the estimates that have a standard error; `correlation_names` are their names. `search`,
-    `surface`, `baselines`, `best_possible` and `pictures` are dictionaries as in the JSON document,
-    with None for a number that JSON cannot hold.
+    of the estimates that have a standard error; `correlation_names` are their names. `ranges` has
+    the 95 % range of each scattering parameter, by name (`LawRange`). `search`, `surface`,
+    `baselines`, `best_possible` and `pictures` are dictionaries as in the JSON document, with None
+    for a number that JSON cannot hold.
 
     Each field has the form in which it is read back from a document: Python's numbers, tuples,
     dictionaries. Two results are equal if their documents are equal.
@@ -76,6 +78,7 @@ class Result(Plain):
     quadrature: Mapping[str, float] | None = None
     responses: Mapping[str, str] = field(default_factory=dict)
     law_curves: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
+    ranges: Mapping[str, LawRange] = field(default_factory=dict)
     outcome: str = "outcome"
     transform: Transform = Transform.NONE
     units: Mapping[str, str] = field(default_factory=dict)

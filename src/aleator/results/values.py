@@ -116,6 +116,25 @@ class Estimate(Plain):
 
 
 @dataclass(frozen=True)
+class LawRange(Plain):
+    """The range of a scattering parameter that holds 95 % of its identified law.
+
+    `lower` and `upper` are the quantiles of 2.5 % and 97.5 % of the law at the estimate of alpha.
+    `lower_interval` and `upper_interval` hold 95 % of these quantiles over draws of alpha (see
+    `found.draws`); they are None where the uncertainty of a hyperparameter of the law is unknown.
+    `level` is the column whose groups share one value; it is None if each experiment has its own.
+    If a law `follows` covariates, the range holds 95 % of the mean of the experiments' laws.
+    """
+
+    lower: float
+    upper: float
+    lower_interval: tuple[float, float] | None
+    upper_interval: tuple[float, float] | None
+    level: str | None = None
+    follows: bool = False
+
+
+@dataclass(frozen=True)
 class ParameterCorrelation(Plain):
     """The correlation of two parameters under the identified law.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from aleator.errors import InputsError
 from aleator.fit.question import DEFAULT_PROPAGATION
 from aleator.inference.alpha_draws import DRAWING, AlphaDraws, alpha_draws, estimated
 from aleator.inference.fit import Fit
-from aleator.inference.pictures import PICTURES, pictures
+from aleator.inference.pictures import PICTURES, opening_pictures, pictures
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.observations.experiments import Conditions, Experiments
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from aleator.moments.densities import Density
     from aleator.moments.propagation import Collocation
     from aleator.views.page import HtmlReport
+    from aleator.views.plots import Plots
 
 NO_SESSION = Session()
 """The empty session of an identification that was read from a file without further arguments."""
@@ -62,6 +64,8 @@ class Identification(Result):
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y",
     ...                  verification=Check(0))
     >>> found
+    95 % of experiments: x 0.79 to 1.27 (each end sure to +- 0.29).
+    A new experiment like the last row: y 3.15 to 5.1 (95 %).
     2 hyperparameters identified from 4 experiments, ... runs of the simulator
     alpha   estimate  std. error   95 % interval  note
     x.mean     1.031       0.062  0.873 .. 1.189
@@ -254,6 +258,33 @@ class Identification(Result):
             )
         return known
 
+    @cached_property
+    def plot(self) -> Plots:
+        """Charts on matplotlib axes: `plot.law()`, `plot.outcomes()`, `plot.profiles()`.
+
+        Their data are computed from the fit once, in seconds, without runs. Raises AleatorError if
+        matplotlib is not installed. `aleator.plot` has all charts.
+        """
+        from aleator.views.plots import Plots  # imported where a chart is wanted
+
+        return Plots(lambda: self._whole().to_dict())
+
+    def _repr_html_(self) -> str:
+        """The first screen of the report for a notebook: sentences, verdicts, charts, estimates."""
+        from aleator.views.notebook import first_screen  # imported in a notebook only
+
+        document = self.to_dict()
+        if not self.pictures and self.session.fit is not None:
+            own = opening_pictures(self, self.session.fit, self.draws(PICTURES.laws))
+            document["pictures"] = own
+        return first_screen(document)
+
+    def _whole(self, progress: Progress | None = None) -> Identification:
+        """The identification with the data of its charts, if they can be computed."""
+        if self.pictures or self.session.fit is None:
+            return self
+        return pictured(self, progress)
+
     def report(self, *, progress: Progress | None = None) -> HtmlReport:
         """A page of charts that needs no network: a notebook shows it, `.save(path)` writes it.
 
@@ -261,12 +292,9 @@ class Identification(Result):
         identification that was read from a file the page has only the charts whose data the file
         has. Raises AleatorError if Bokeh is not installed.
         """
-        whole = self
-        if not self.pictures and self.session.fit is not None:
-            whole = pictured(self, progress)
         from aleator.views.page import report_of  # imported where a page is wanted
 
-        return report_of(whole.to_dict())
+        return report_of(self._whole(progress).to_dict())
 
 
 def pictured(found: Identification, progress: Progress | None = None) -> Identification:

@@ -25,7 +25,7 @@ from aleator.results.printed import (
 from aleator.results.units import label
 from aleator.views import chart
 from aleator.views.chart import Axis, Chart, GuideLine, Mark, Series, evenly, numbers
-from aleator.views.identification import missing
+from aleator.views.computation import missing
 from aleator.views.law_charts import law_curves
 from aleator.views.measured import AxisChoice, measured
 from aleator.views.outcome_charts import (

@@ -123,6 +123,10 @@ def experiments_figure(document: Document) -> Figure:
         figure = _figure(document, _high(SHEETS.experiments, len(all_measured)))
         grid = figure.subplots(len(all_measured), 1, squeeze=False).ravel()
         for axes, seen in zip(grid, all_measured, strict=True):
+            if not seen.by_law:
+                axes.set_axis_off()
+                axes.set_title(f"{seen.response}: predictions by the law are not in this document")
+                continue
             draw(predicted_chart(seen, seen.series()), axes)
             beyond, known = seen.outside, np.isfinite(seen.array(seen.ends[0])) & seen.exact
             axes.set_title(

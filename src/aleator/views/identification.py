@@ -6,7 +6,6 @@ The sections are the same in both. report.html has charts and further tables too
 from __future__ import annotations
 
 import math
-import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +23,6 @@ from aleator.results.answer import (
     warnings,
     words,
 )
-from aleator.results.documents import study_entry
 from aleator.results.printed import (
     AMOUNTS,
     DETAILS,
@@ -51,7 +49,9 @@ from aleator.results.printed import (
 from aleator.results.units import label, transforms, unit_of, with_unit
 from aleator.views import law_charts, outcome_charts
 from aleator.views.chart import Series, numbers
+from aleator.views.computation import effort, missing, named_values, origin
 from aleator.views.measured import AxisChoice, MeasuredValues, conditions_of, measured, varying
+from aleator.views.opening import opening_charts
 from aleator.views.outcome_charts import Individuals
 from aleator.views.terminal import terminal
 
@@ -111,21 +111,20 @@ def _content(document: Document, drawn: Drawn | None) -> Content:
         ("series", f"Observations over {name}"): _series(drawn, name),
         ("individuals", "Parameters of single experiments"): _individuals(document, drawn),
         ("surfaces", "The simulator"): _simulator(document, drawn),
-        ("effort", "Runs and cost"): _effort(document),
+        ("effort", "Runs and cost"): effort(document),
         ("experiments", "Experiments"): _experiments(document, drawn),
-        ("origin", "How this was computed"): _origin(document, drawn),
+        ("origin", "How this was computed"): origin(document, drawn.study) if drawn else (),
     }
     made = [Chapter(*names, list(parts)) for names, parts in sections.items()]
     title = short.title or "Identification"
+    opening = [*short.opening]
+    if drawn is not None:
+        first = (drawn.measured[0], drawn.sources[0]) if drawn.measured else None
+        opening += opening_charts(document, first, drawn.individuals, drawn.ceiling)
     return Content(
         title, short.lead, [section for section in made if section.parts], warnings(document),
-        verdicts(document),
+        verdicts(document), opening,
     )  # fmt: skip
-
-
-def missing(what: str, remedy: str) -> Sentence:
-    """A sentence that says what report.html lacks and why, and how to obtain it."""
-    return Sentence(f"{what} {remedy}", "missing", depth=PAGE)
 
 
 # ------------------------------------------------------------------------------------ the law
@@ -140,7 +139,7 @@ def _law(document: Document, drawn: Drawn | None) -> Iterator[Part]:
             "The densities are not in this document.",
             "Identify again with this version: aleator identify writes them.",
         )
-    for name in curves:
+    for name in [*curves][1:]:  # the first one opens the report
         yield law_charts.law_chart(document, name, drawn.individuals, drawn.ceiling)
     for pair in (document.get("pictures") or {}).get("contours") or ():
         yield law_charts.joint_chart(document, pair, drawn.individuals)
@@ -257,7 +256,7 @@ def _other_likelihoods(document: Document) -> Iterator[tuple[str, str, str]]:
         yield (
             "least squares",
             to_three(fit.get("log_likelihood")),
-            f"one value for all: {_values(fit.get('parameters', {}))}; rmse "
+            f"one value for all: {named_values(fit.get('parameters', {}))}; rmse "
             f"{number(fit.get('rmse'))}",
         )
     if linear := baselines.get("circe"):
@@ -265,13 +264,9 @@ def _other_likelihoods(document: Document) -> Iterator[tuple[str, str, str]]:
             "linear-Gaussian",
             to_three(linear.get("log_likelihood")),
             f"simulator linearized, law normal (the model of CIRCE): "
-            f"{_values(linear.get('alpha', {}))}. This is another model: do not compare its "
+            f"{named_values(linear.get('alpha', {}))}. This is another model: do not compare its "
             "log-likelihood with that of the answer",
         )
-
-
-def _values(named: Mapping[str, float | None]) -> str:
-    return ", ".join(f"{name} {number(value)}" for name, value in named.items())
 
 
 # ------------------------------------------------------------------------------------ outcomes
@@ -511,42 +506,6 @@ def _surfaces(surface: Document, experiments: int) -> str:
     return f"{', '.join(parts)} of {against}, {surface.get('where', 'on the box')}."
 
 
-def _effort(document: Document) -> Iterator[Part]:
-    """The section on cost: the optima of the search, and runs and seconds of each stage."""
-    search = document.get("search") or {}
-    optima = search.get("optima") or ()
-    if search:
-        method = f"{words(search['method'])}, " if search.get("method") else ""
-        values = [f"{to_three(one.get('log_likelihood'))} ({count(one.get('starts', 0), 'start')})"
-                  for one in optima[:4]]  # fmt: skip
-        distinct = search.get("distinct_optima", len(optima))
-        shown = f": {', '.join(values)}" if values else ""
-        evaluations = search.get("evaluations", NONE)
-        yield Sentence(
-            f"{method}{evaluations} evaluations, {distinct} distinct "
-            f"optim{'um' if distinct == 1 else 'a'}{shown}",
-            head="search", depth=WHOLE,
-        )  # fmt: skip
-    stages, seconds = document.get("runs_by_stage") or {}, document.get("seconds") or {}
-    if "runs" in document:
-        made = ", ".join(f"{stage} {runs:,}" for stage, runs in stages.items() if runs)
-        yield Sentence(f"{document['runs']:,}{made and f': {made}'}", head="runs", depth=WHOLE)
-    if seconds:
-        total = seconds.get("total", sum(seconds.values()))
-        yield Sentence(f"{total:.1f}", head="seconds", depth=WHOLE)
-    rows = [
-        (name, f"{stages.get(name, 0):,}", f"{seconds.get(name, 0.0):.1f}")
-        for name in dict.fromkeys([*stages, *seconds])
-        if name != "total"
-    ]
-    columns = heads("stage", ">runs", ">seconds")
-    yield TextTable(columns, rows, "runs", "Runs and seconds by stage", DETAILS, folded=True)
-    columns = heads("log-likelihood", ">starts", "~alpha")
-    cells = [(number(one.get("log_likelihood"), 7), str(one.get("starts", 0)),
-              _values(one.get("alpha") or {})) for one in optima]  # fmt: skip
-    yield TextTable(columns, cells, "optima", "Optima that the search met", DETAILS, folded=True)
-
-
 # ------------------------------------------------------------------------------------ experiments
 
 
@@ -638,63 +597,3 @@ def exponential(value: float) -> float:
 
 def _cell(value: Any, digits: int = 4) -> str:
     return number(value, digits) if isinstance(value, int | float) else str(value or NONE)
-
-
-# ------------------------------------------------------------------------------------ origin
-
-
-def _origin(document: Document, drawn: Drawn | None) -> Iterator[Part]:
-    """The section with all that is needed to repeat the computation: versions, seed, study file."""
-    if drawn is None:
-        return
-    columns = heads("what", "~value")
-    rows = [(name, str(value)) for name, value in _facts(document) if value not in (None, "")]
-    yield TextTable(columns, rows, "origin", "What was computed with what", PAGE)
-    yield Sentence("The same again", "heading", depth=PAGE)
-    yield Sentence(_commands(document), "code", depth=PAGE)
-    yield Sentence("The study file", "heading", depth=PAGE)
-    file = study_entry(document).get("file")
-    if drawn.study is not None:
-        yield Sentence(drawn.study, "code", depth=PAGE)
-    elif file is None:
-        yield missing("There is none.", "The identification was made from Python.")
-    else:
-        yield missing(
-            f"{file} is not shown: it is not there, or it was changed since.",
-            "Its SHA-256 in the table above says which one it was.",
-        )
-
-
-def _facts(document: Document) -> Iterator[tuple[str, Any]]:
-    entry, simulator = study_entry(document), document.get("simulator") or {}
-    yield "study", entry.get("file")
-    yield "SHA-256 of the study file", entry.get("sha256")
-    yield "simulator", simulator.get("name")
-    yield "fingerprint of the simulator", simulator.get("fingerprint")
-    yield "outcome", document.get("outcome")
-    yield "transform", document.get("transform")
-    yield "likelihood", document.get("density")
-    yield "propagation", words(document.get("propagation"))
-    yield "why this propagation", document.get("propagation_reason")
-    yield "search", (document.get("search") or {}).get("method")
-    if nodes := document.get("quadrature"):
-        yield (
-            "nodes",
-            f"{nodes['nodes']:,.0f} of each experiment; more change the log-likelihood by "
-            f"{number(nodes['gap'], 2)}",
-        )
-    yield "seed", document.get("seed")
-    for name, version in (document.get("versions") or {}).items():
-        yield f"version of {name}", version
-
-
-def _commands(document: Document) -> str:
-    entry = study_entry(document)
-    version, seed = (document.get("versions") or {}).get("aleator"), document.get("seed", 0)
-    source = f"# by Aleator {version}; in the folder of its source: pip install '.[report]'\n"
-    install = source if version else ""
-    if "file" not in entry:
-        return f"{install}# from Python: aleator.identify(..., seed={seed})"
-    file = shlex.quote(str(entry["file"]))
-    again = f"aleator identify {file} --seed {seed} --output again"
-    return f"# in the folder of this report\n{install}{again}"

@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGri
 from aleator.core.types import Array
 from aleator.inference.pictures import PICTURES, PictureSettings
 from aleator.inference.profile import DROP
-from aleator.results.units import label, transforms
+from aleator.results.units import label, transforms, unit_of, with_unit
 from aleator.views import chart
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, numbers
 from aleator.views.outcome_charts import Individuals
@@ -74,8 +74,19 @@ def law_chart(
                           color=chart.VERMILION, width=2.0, legend="best law",
                           right=True))  # fmt: skip
         caption += " Stems are the points of the best of all laws, with a scale on the right."
+    held = (document.get("ranges") or {}).get(name)
+    ends = [GuideLine(held[end], across=False) for end in ("lower", "upper")] if held else []
+    if ends:
+        caption += (
+            " Dashed: the ends of the 95 %; how sure each is: half of its 95 % interval over "
+            "plausible laws."
+        )
+    unit = unit_of(document, name)
+    density = with_unit(
+        "density", f"1/({unit})" if unit and not unit.isalnum() else unit and f"1/{unit}"
+    )
     return Chart(
-        f"law-{name}", f"Law of {name}", caption, Axis(head), Axis("density"), marks, columns,
+        f"law-{name}", f"Law of {name}", caption, Axis(head), Axis(density), marks, columns, ends,
         right=Axis("probability") if masses else None,
     )  # fmt: skip
 

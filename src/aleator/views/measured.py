@@ -99,15 +99,19 @@ class MeasuredValues:
             return self
         away = np.abs(np.nan_to_num(self.array("pit"), nan=0.5) - 0.5)
         out = np.argsort(-away, kind="stable")[: amounts.farthest].tolist()
-        rows = sorted({*out, *evenly(len(self), amounts.marks - amounts.farthest)})
+        return self.part(sorted({*out, *evenly(len(self), amounts.marks - amounts.farthest)}))
+
+    def part(self, rows: Sequence[int]) -> MeasuredValues:
+        """The values of these rows only."""
         part = {key: [column[k] for k in rows] for key, column in self.columns.items()}
         return replace(self, columns=part)
 
     def series(self, number: int = 0) -> Series:
-        """The data of charts of these values, with the color, marker and size of each row.
+        """The data of charts of these values; `number` is the index of the response."""
+        return self.named_series(f"measured-{number}")
 
-        `number` is the index of the response.
-        """
+    def named_series(self, name: str) -> Series:
+        """The data of charts with this name, with the color, marker and size of each row."""
         exact, outside = self.exact, self.outside
         known = np.isfinite([self.array(key) for key in self.ends]).all(axis=0)
         inside = np.where(known, INK, GRAY)
@@ -120,7 +124,7 @@ class MeasuredValues:
             ],
             "size": np.where(outside | ~exact, 10.0, CHARTS.dot).tolist(),
         }
-        return Series(f"measured-{number}", {**self.columns, **marks})
+        return Series(name, {**self.columns, **marks})
 
 
 def measured(document: Document, seen: bool = False) -> list[MeasuredValues]:
@@ -245,9 +249,9 @@ def _finished(
     """
     middle = numbers(columns["q0.5"]) if "q0.5" in columns else numbers(columns.get("own", []))
     rank = np.empty(len(middle), dtype=int)
-    rank[np.lexsort((numbers(columns["value"]), np.nan_to_num(middle, nan=np.inf)))] = np.arange(
-        1, len(middle) + 1
-    )
+    # Equal medians are in the order of the table: sorted values would rise along any prediction.
+    order = np.argsort(np.nan_to_num(middle, nan=np.inf), kind="stable")
+    rank[order] = np.arange(1, len(middle) + 1)
     columns["order"] = rank.tolist()
     what = "predicted median" if "q0.5" in columns else "predicted value"
     found = [AxisChoice("order", f"order of the {what}")]

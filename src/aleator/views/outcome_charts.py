@@ -28,29 +28,26 @@ PROBABILITY = "probability of a smaller value"
 def predicted_chart(seen: MeasuredValues, source: Series) -> Chart:
     """Measured values against the distributions that the law predicts for them.
 
-    If these are not known, the predictions with each experiment's own parameters take their place.
-    `source` has the rows that are drawn, which may be fewer than those of `seen`.
+    `seen` has predictions by the law; those by an experiment's own parameters would follow the
+    measured values. `source` has the rows that are drawn, which may be fewer than those of `seen`.
     """
     whole, least, most = CHARTS.spans
     thick = float(np.clip(whole / max(len(seen), 1), least, most))
-    low, high = seen.ends
-    spans = [(low, high, chart.WIDE, "95 %")]
-    spans += [("q0.25", "q0.75", chart.NARROW, "50 %")] if seen.by_law else []
+    spans = (("q0.025", "q0.975", chart.WIDE, "95 %"), ("q0.25", "q0.75", chart.NARROW, "50 %"))
     marks = [
         Mark("spans", source, y=one, high=other, color=color, width=thick, legend=f"predicted {of}")
         for one, other, color, of in spans
     ]
     columns = {"id": "id", "x": "x", "value": seen.response, "kind": "kind"}
-    if seen.by_law:
-        columns |= {f"q{p}": f"predicted {p}" for p in ("0.025", "0.25", "0.5", "0.75", "0.975")}
+    columns |= {f"q{p}": f"predicted {p}" for p in ("0.025", "0.25", "0.5", "0.75", "0.975")}
     columns |= {"pit": "P(below)"}
     return Chart(
         source.name, seen.response, _outside(seen, source),
         Axis(seen.choices[0].title), Axis(seen.label, seen.log),
         [
             *marks,
-            Mark("points", source, y="q0.5" if seen.by_law else "own", marker="dash",
-                 size=thick + 3.0, width=2.0, legend="median" if seen.by_law else "predicted"),
+            Mark("points", source, y="q0.5", marker="dash", size=thick + 3.0, width=2.0,
+                 legend="median"),
             Mark("points", source, y="value", color="color", marker="marker", size="size",
                  hover=hover(seen), pick=True),
         ],

@@ -1,23 +1,34 @@
 """report.html: a report as one HTML file with interactive charts, which needs no network.
 
-The page begins with the verdicts; sections follow, with sentences, tables and charts. A bar at the
-top selects an experiment, which is then marked in every chart. Equal reports give equal text.
+The page begins with the answer and both verdicts; sections follow, with sentences, tables and
+charts. A bar selects an experiment, which is then marked in every chart. Equal reports give equal
+text.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from html import escape
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from aleator.errors import AleatorError, installing
+from aleator.errors import AleatorError, installing, quoted
 from aleator.results import documents
-from aleator.results.printed import Chapter, Content, Part, Sentence, TextTable, cells, prose
+from aleator.results.printed import (
+    Chapter,
+    Content,
+    Part,
+    Sentence,
+    TextTable,
+    cells,
+    count,
+    prose,
+    verdict_head,
+)
 from aleator.views.chart import PAIRS, Chart
 from aleator.views.identification import identification
 from aleator.views.measured import AxisChoice
@@ -87,9 +98,11 @@ def written(content: Content, choices: Mapping[str, Sequence[AxisChoice]]) -> st
             "a report needs bokeh, which is not installed", installing("report")
         ) from None
     warnings = content.warnings or [Sentence("There are no warnings.")]
-    whole = [Chapter("warnings", "Warnings and remedies", warnings), *content.sections]
+    judged = [*content.verdicts, *warnings]
+    whole = [Chapter("warnings", "Verdicts, warnings and remedies", judged), *content.sections]
     sections = [section for section in whole if section.parts]
-    charts = [part for section in sections for part in section.parts if isinstance(part, Chart)]
+    every = [*content.opening, *(part for section in sections for part in section.parts)]
+    charts = [part for part in every if isinstance(part, Chart)]
     facts = {
         **drawable(charts),
         "charts": {
@@ -121,13 +134,26 @@ def written(content: Content, choices: Mapping[str, Sequence[AxisChoice]]) -> st
 
 
 def opening(content: Content) -> str:
-    """The HTML of the head of a page: the verdicts, each in a color, and the first sentences."""
-    verdicts = []
-    for verdict in content.verdicts:
-        head, colon, rest = verdict.text.partition(":")
-        words = f"<strong>{escape(head)}</strong>{colon}{prose(rest)}"
-        verdicts.append(f'<p class="verdict {verdict.kind}">{words}</p>')
-    return "".join(verdicts) + _parts(content.lead)
+    """The HTML of the head of a page: the answer, each verdict in a line, charts, what was done."""
+    sentences = [part for part in content.opening if isinstance(part, Sentence)]
+    charts = [part for part in content.opening if isinstance(part, Chart)]
+    told = sum(warning.kind == "warning" for warning in content.warnings)
+    more = f'<p><a href="#warnings">{count(told, "warning")}</a></p>' if told else ""
+    lines = "".join(
+        _verdict(replace(one, text=verdict_head(one), remedy="")) for one in content.verdicts
+    )
+    return (
+        f'<h2 class="spoken">The answer</h2><div class="findings">{_parts(sentences)}</div>'
+        f'<div class="verdicts">{lines}{more}</div>{_parts(charts)}{_parts(content.lead)}'
+    )
+
+
+def _verdict(part: Sentence) -> str:
+    """A verdict in a color, the text up to its reasons in bold."""
+    head, colon, rest = part.text.partition(":")
+    remedy = f'<span class="remedy">Remedy: {prose(part.remedy)}</span>' if part.remedy else ""
+    words = f"<strong>{prose(head)}</strong>{colon}{prose(rest)}{remedy}"
+    return f'<p class="verdict {part.kind}">{words}</p>'
 
 
 def safe(value: Any) -> str:
@@ -161,10 +187,12 @@ def _part(part: Part) -> str:
 
 def _sentence(part: Sentence) -> str:
     if part.kind == "heading":
-        return f"<h3>{escape(part.text)}</h3>"
+        return f"<h3>{prose(part.text)}</h3>"
+    if part.kind in ("good", "bad", "open"):
+        return _verdict(part)
     if part.kind == "code":
         return f'<pre tabindex="0">{escape(part.text)}</pre>'
-    head = f"<strong>{escape(part.head)}:</strong> " if part.head else ""
+    head = f"<strong>{prose(part.head)}:</strong> " if part.head else ""
     picks = "".join(
         f' <button type="button" data-pick="{escape(id)}">Mark {escape(id)}</button>'
         for id in part.ids
@@ -189,12 +217,12 @@ def _table(part: TextTable) -> str:
 
 def _figure(chart: Chart) -> str:
     """The HTML of the frame of a chart, with title, caption and the buttons that save it."""
-    name = escape(chart.name)
+    name, spoken = escape(chart.name), escape(quoted(chart.spoken))
     return (
-        f'<figure id="figure-{name}"><h3>{escape(chart.title)}</h3>'
-        f'<div class="plot" id="plot-{name}" role="img" aria-label="{escape(chart.spoken)}"></div>'
+        f'<figure id="figure-{name}"><h3>{prose(chart.title)}</h3>'
+        f'<div class="plot" id="plot-{name}" role="img" aria-label="{spoken}"></div>'
         f'<div class="print" id="print-{name}" aria-hidden="true"></div>'
-        f"<figcaption>{escape(chart.caption)} "
+        f"<figcaption>{prose(chart.caption)} "
         f'<span class="saved"><button type="button" data-svg="{name}">SVG</button> '
         f'<button type="button" data-csv="{name}">CSV</button></span></figcaption></figure>'
     )
@@ -238,7 +266,7 @@ def _bar(charts: Iterable[Chart]) -> str:
     """The HTML of the bar at the top, where a reader selects the experiment that is marked."""
     listed = "".join(f"<option>{escape(one)}</option>" for one in dict.fromkeys(_ids(charts)))
     return (
-        '<div class="bar" role="toolbar" aria-label="Marked experiment"><label>Experiment '
+        '<div class="bar" role="region" aria-label="Marked experiment"><label>Experiment '
         '<input id="marked" list="ids" autocomplete="off" placeholder="none marked"></label>'
         f'<datalist id="ids">{listed}</datalist>'
         '<button type="button" id="previous" aria-label="previous experiment">◀</button>'

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.text import Text
 
+from aleator.errors import quoted
 from aleator.results.printed import (
     WHOLE,
     Column,
@@ -20,8 +21,8 @@ from aleator.results.printed import (
 )
 
 STYLES = {
-    "strong": "bold", "warning": "bold yellow", "good": "bold green", "bad": "bold red",
-    "open": "bold yellow",
+    "strong": "bold", "finding": "bold", "warning": "bold yellow", "good": "bold green",
+    "bad": "bold red", "open": "bold yellow",
 }  # fmt: skip
 
 
@@ -67,7 +68,8 @@ def _part(part: Sentence | TextTable) -> list[RenderableType]:
     if isinstance(part, TextTable):
         title = [Text(), Text(part.title, style="bold")] if part.folded else []
         return [*title, TerminalTable(part.columns, part.rows)]
-    text = Text(str(part))
-    end = str(part).find(":") if part.kind != "strong" else len(text)
+    said = quoted(str(part))
+    text = Text(said)
+    end = said.find(":") if part.kind != "strong" else len(text)
     text.stylize(STYLES.get(part.kind, ""), 0, end if end >= 0 else len(text))
     return [text]
