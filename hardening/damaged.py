@@ -19,7 +19,7 @@ COLUMNS = {
     "simulators": ("fingerprint", "name", "description", "version", "first_seen"),
 }
 IDENTIFY = ("identify", "study.toml", "--no-figures", "--quiet", "--output", "out")
-PREDICT = ("predict", "out/identification.json", "--conditions", "new.csv", "--quiet")
+PREDICT = ("predict", "out/identification.json", "--at", "new.csv", "--quiet")
 LIGHT = (
     ("box", "study.toml", "--quiet"),
     ("sensitivity", "study.toml", "--quiet", "--no-figures", "--output", "out"),
@@ -35,9 +35,9 @@ READERS: dict[str, tuple[tuple[str, ...], ...]] = {
         (*PREDICT, "--output", "told.json"),
     ),
     "result, decide": (
-        (*PREDICT, "--no-uncertainty", "--above", "3"),
-        (*PREDICT, "--reliability", "0.99", "--no-uncertainty"),
-        (*PREDICT, "--no-uncertainty", "--below", "2", "--response", "length"),
+        (*PREDICT, "--no-uncertainty", "--event", "length > 3"),
+        (*PREDICT, "--tolerance", "0.99", "0.95", "--side", "upper", "--no-uncertainty"),
+        (*PREDICT, "--tolerance", "0.9", "0.9", "--outcome", "length", "--no-uncertainty"),
     ),
     "result, recover": (
         (

@@ -184,7 +184,7 @@ def test_recover_at_a_given_law(study: Path) -> None:
 def test_predict_prints_or_writes_and_finds_a_study_that_was_moved_or_changed(study: Path) -> None:
     done("identify", study, "--output", "result", *QUICK)
     Path("new.csv").write_text("id,load\nten,10\ntwenty,20\n")
-    asked = ("predict", "result/identification.json", "--conditions", "new.csv")
+    asked = ("predict", "result/identification.json", "--at", "new.csv")
     shown = done(*asked)
     assert "Predicted distribution of length" in shown.stdout
     assert "twenty" in shown.stdout
@@ -209,7 +209,7 @@ def test_predict_prints_or_writes_and_finds_a_study_that_was_moved_or_changed(st
 def test_a_table_of_predictions_is_replaced_but_not_silently(study: Path) -> None:
     done("identify", study, "--output", "out", *QUICK)
     Path("new.csv").write_text("id,load\nE,5\nF,6\n")
-    given = ("predict", "out/identification.json", "--conditions", "new.csv", "--no-uncertainty")
+    given = ("predict", "out/identification.json", "--at", "new.csv", "--no-uncertainty")
     for name in ("told.csv", "told.json"):
         first, second = (done(*given, "--output", name).stderr for _ in range(2))
         assert "will be replaced" not in first
@@ -283,7 +283,7 @@ def test_results_and_runs_lie_where_they_are_asked_for(
     assert Path.cwd() == tmp_path
     assert files(tmp_path) - before == {"results/identification.json", "kept.sqlite"}
     Path("new.csv").write_text("load\n2\n")
-    law = ("results/identification.json", "--conditions", "new.csv", "--output", "lengths.csv")
+    law = ("results/identification.json", "--at", "new.csv", "--output", "lengths.csv")
     done("predict", *law, "--quiet")
     assert {"lengths.csv", "springs/runs.sqlite"} <= files(tmp_path)
     assert files(tmp_path / "springs" / "elsewhere") == set()
@@ -398,7 +398,7 @@ def test_bad_predictions_are_one_message(case: str) -> None:
     for file, document in LAWS.items():
         Path(file).write_text(document)
     Path("new.csv").write_text(text)
-    assert name in refused("predict", law, "--conditions", "new.csv", "--quiet")
+    assert name in refused("predict", law, "--at", "new.csv", "--quiet")
 
 
 DAMAGED = [
@@ -453,7 +453,7 @@ def test_a_damaged_identification_is_one_message() -> None:
     for document in DAMAGED:
         assert document != DOCUMENT
         Path("law.json").write_text(document)
-        refused("predict", "law.json", "--conditions", "new.csv", "--quiet")
+        refused("predict", "law.json", "--at", "new.csv", "--quiet")
 
 
 @pytest.mark.usefixtures("study")
@@ -462,7 +462,7 @@ def test_a_name_that_no_file_can_have_is_one_message() -> None:
         "identify ?",
         "identify springs/study.toml --output ?",
         "identify springs/study.toml --store ?",
-        "predict ? --conditions new.csv",
+        "predict ? --at new.csv",
         "runs list ?",
         "runs export springs/study.toml ?.csv",
         f"runs show springs/study.toml 1{'0' * 30}",

@@ -371,24 +371,25 @@ def inside(stretched: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def predicted(*options: object) -> pd.Series:
-    done("predict", LAW, "--conditions", "near.csv", "--output", "p.csv", "--quiet", *options)
+    done("predict", LAW, "--at", "near.csv", "--output", "p.csv", "--quiet", *options)
     return pd.read_csv("p.csv").iloc[0]
 
 
 @pytest.mark.usefixtures("inside")
 def test_the_probability_of_the_true_value_is_the_normal_tail() -> None:
     limit = 2.0 * (estimate("softness.mean") + 4.0 * estimate("softness.sd"))
-    alone = predicted("--above", limit, "--no-noise", "--no-uncertainty")
+    event = ("--event", f"length > {limit!r}", "--no-noise")
+    alone = predicted(*event, "--no-uncertainty")
     assert alone["probability"] == pytest.approx(stats.norm.sf(4.0), rel=0.1)
     assert np.isnan(alone["lower"])
-    row = predicted("--above", limit, "--no-noise")
+    row = predicted(*event)
     assert row["lower"] < row["at_estimate"] < row["probability"] < row["upper"]
     assert row["at_estimate"] == pytest.approx(stats.norm.sf(4.0), rel=0.1)
 
 
 @pytest.mark.usefixtures("inside")
 def test_what_is_beyond_the_tested_conditions_is_told() -> None:
-    asked = ("predict", LAW, "--conditions", "new.csv", "--between", "1.5", "2.5")
+    asked = ("predict", LAW, "--at", "new.csv", "--event", "1.5 < length < 2.5")
     said = done(*asked, "--output", "p.json").stderr
     rows = read("p.json")["rows"]
     assert [row["id"] for row in rows] == ["near", "far"]
@@ -405,22 +406,56 @@ def test_limits_and_design_values() -> None:
     for end, side in (("lower", -1.0), ("upper", 1.0)):
         assert 2.1 < side * (row[end] - mean) / sd < 2.8
     for side, z in (("upper", 3.09), ("lower", -3.09)):
-        row = predicted("--reliability", 0.999, "--confidence", 0.5, "--side", side)
+        row = predicted("--tolerance", 0.999, 0.5, "--side", side)
         assert row[side] == pytest.approx(mean + z * sd, abs=0.15 * sd)
 
 
 @pytest.mark.parametrize(
     ("options", "name"),
     [
-        ("--above 1 --below 2", "--above"),
-        ("--between 2 1", "between"),
-        ("--tolerance 1.5 0.9", "1.5"),
-        ("--reliability 0.9 --confidence 0", "confidence"),
+        (("--event", "length > 1", "--tolerance", "0.9", "0.9"), "--event"),
+        (("--event", "2 < length < 1"), "between"),
+        (("--event", "lenght > 2"), "did you mean 'length'?"),
+        (("--tolerance", "1.5", "0.9"), "1.5"),
+        (("--tolerance", "0.9", "0"), "confidence"),
+        (("--side", "upper"), "--tolerance"),
     ],
 )
 @pytest.mark.usefixtures("inside")
-def test_what_cannot_be_asked_of_a_law_is_one_message(options: str, name: str) -> None:
-    assert name in refused("predict", LAW, "--conditions", "new.csv", *options.split())
+def test_what_cannot_be_asked_of_a_law_is_one_message(options: tuple[str, ...], name: str) -> None:
+    assert name in refused("predict", LAW, "--at", "new.csv", *options)
+
+
+@pytest.mark.usefixtures("inside")
+def test_conditions_are_values_by_name_or_those_of_the_experiments() -> None:
+    """Of a mean proportional to the load, whatever way the load is given."""
+    asked = ("predict", LAW, "--output", "p.csv", "--quiet", "--no-uncertainty")
+    done(*asked, "--at", "load=2,6")
+    table = pd.read_csv("p.csv")
+    assert [*table.columns[:3]] == ["load", "outcome", "mean"]
+    assert table["load"].tolist() == [2.0, 6.0]
+    mean = estimate("softness.mean")
+    assert table["mean"].to_numpy() == pytest.approx([2.0 * mean, 6.0 * mean], rel=1e-3)
+    done(*asked)
+    whole = pd.read_csv("p.csv")
+    measured = pd.read_csv("springs.csv")
+    assert whole["load"].to_numpy() == pytest.approx(measured["load"].unique())
+    assert whole["mean"].to_numpy() == pytest.approx(mean * measured["load"].unique(), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("at", "told"),
+    [
+        (("lod=2",), "did you mean 'load'?"),
+        (("load=two",), "'two' is not a number"),
+        (("load=1,2", "load=3"), "given twice"),
+        (("new.csv", "load=3"), "is a table"),
+        (("absent.csv",), "absent.csv"),
+    ],
+)
+@pytest.mark.usefixtures("inside")
+def test_misuse_of_conditions_is_one_message(at: tuple[str, ...], told: str) -> None:
+    assert told in refused("predict", LAW, *(part for one in at for part in ("--at", one)))
 
 
 # ------------------------------------------------------------------------------ series
@@ -492,19 +527,19 @@ def garden(grown: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def series(*options: str) -> pd.DataFrame:
-    done("predict", LAW, "--conditions", "new.csv", "--output", "p.csv", "--quiet", *options)
+    done("predict", LAW, "--at", "new.csv", "--output", "p.csv", "--quiet", *options)
     return pd.read_csv("p.csv")
 
 
 @pytest.mark.usefixtures("garden")
 def test_predictions_are_of_each_row_and_response() -> None:
     table = series("--no-uncertainty")
-    assert table["id"].tolist() == ["a", "a", "a", "a", "b", "b"]
-    assert table["response"].tolist() == ["height", "mass"] * 3
+    assert table["plant"].tolist() == ["a", "a", "a", "a", "b", "b"]
+    assert table["outcome"].tolist() == ["height", "mass"] * 3
     assert table["time"].tolist() == [1.0, 1.0, 3.0, 3.0, 3.0, 3.0]
     light, time = np.array([1.0, 1.0, 0.0]), np.array([1.0, 3.0, 3.0])
     rate = estimate("rate.mean[Intercept]") + estimate("rate.mean[light]") * light
-    heights = table[table["response"] == "height"]
+    heights = table[table["outcome"] == "height"]
     assert heights["mean"].to_numpy() == pytest.approx(rate * time, rel=2e-3)
     sd = np.hypot(estimate("rate.sd") * time, estimate("noise.height.sd"))
     assert heights["standard_deviation"].to_numpy() == pytest.approx(sd, rel=5e-3)
@@ -518,9 +553,9 @@ def test_a_measured_experiment_is_predicted_better_and_without_noise_still_bette
     assert np.all(spreads[2] < spreads[1])
     one = series("--of", "p3")
     assert one.loc[:3, "mean"].to_numpy() == pytest.approx(old.loc[:3, "mean"].to_numpy())
-    assert "p33" in refused("predict", LAW, "--conditions", "new.csv", "--of", "p33")
+    assert "p33" in refused("predict", LAW, "--at", "new.csv", "--of", "p33")
     write(dark="plant,time\na,1\n")
-    assert "light" in refused("predict", LAW, "--conditions", "dark.csv")
+    assert "light" in refused("predict", LAW, "--at", "dark.csv")
 
 
 @pytest.mark.usefixtures("garden")

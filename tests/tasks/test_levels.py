@@ -86,7 +86,7 @@ def of_batch(document: dict, batch: str) -> tuple[float, float]:  # type: ignore
 def test_a_new_cask_of_a_known_and_of_a_new_batch(answered: Path) -> None:
     document = read(answered / "out" / "identification.json")
     done(
-        "predict", answered / "out" / "identification.json", "--conditions", answered / "new.csv",
+        "predict", answered / "out" / "identification.json", "--at", answered / "new.csv",
         "--no-uncertainty", "--output", answered / "predicted.csv",
     )  # fmt: skip
     found = pd.read_csv(answered / "predicted.csv").set_index("id")
@@ -174,6 +174,17 @@ def test_a_new_measurement_of_a_known_machine_on_a_new_day(crossed: Identificati
     sd = np.sqrt(b**2 - b**2 * own @ gain[:, 1] + a**2 + noise**2)
     assert found["mean"].iloc[0] == pytest.approx(center, abs=0.02 * sd)
     assert found["standard_deviation"].iloc[0] == pytest.approx(sd, rel=0.02)
+
+
+def test_the_table_says_which_groups_are_new(crossed: Identification) -> None:
+    known, new = (crossed.predict({"machine": k}, uncertainty=False).iloc[0] for k in (1, 9))
+    assert (known["machine"], known["day"]) == (1, "new")
+    assert (new["machine"], new["day"]) == ("9 (new)", "new")
+    assert known["standard_deviation"] < new["standard_deviation"]
+    whole = crossed.predict(uncertainty=False)
+    assert whole[["day", "machine"]].to_numpy().tolist() == (
+        crossed.fit.table.table[["day", "machine"]].to_numpy().tolist()
+    )
 
 
 def test_what_levels_do_not_have_is_refused(crossed: Identification) -> None:

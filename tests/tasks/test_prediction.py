@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -37,6 +39,7 @@ def predicted(problem: Problem, **more) -> pd.DataFrame:
         alpha,
         vectorized=True,
         noise=problem.noise,
+        quantiles=QUANTILES,
         **({} if problem.noise else {"density": MaximumEntropy(4)}) | more,
     )
 
@@ -52,7 +55,7 @@ def test_a_linear_prediction_is_its_normal_law() -> None:
     for p, column in zip(QUANTILES, COLUMNS, strict=True):
         np.testing.assert_allclose(table[column], stats.norm.ppf(p, mean, sd), atol=1e-5)
     assert set(table["status"]) == {"solved"}
-    assert table["id"].tolist() == [str(k + 1) for k in range(7)]
+    assert table["z"].tolist() == REGRESSION.z.tolist()
 
 
 @pytest.mark.parametrize("problem", [GROWTH, BINDING, PRODUCT], ids=title)
@@ -103,10 +106,11 @@ def test_series_of_new_experiments_are_predicted_from_a_law_that_is_given() -> N
     alpha |= {"noise.y.sd": 0.2, "noise.u.sd": 0.1}
     table = predict(lambda t, a, b: {"y": a + b * t, "u": a - b * t}, new, law, alpha, noise=noise)
     assert table["id"].tolist() == ["p"] * 4 + ["q"] * 2
-    assert table["response"].tolist() == ["y", "u"] * 3
+    assert table["t"].tolist() == [0.0, 0.0, 1.0, 1.0, 2.0, 2.0]
+    assert table["outcome"].tolist() == ["y", "u"] * 3
     t = np.repeat(new["t"].to_numpy(), 2)
-    sign = np.where(table["response"] == "y", 1.0, -1.0)
-    error = np.where(table["response"] == "y", 0.04, 0.01 * 5.0 / 3.0)
+    sign = np.where(table["outcome"] == "y", 1.0, -1.0)
+    error = np.where(table["outcome"] == "y", 0.04, 0.01 * 5.0 / 3.0)
     np.testing.assert_allclose(table["mean"], 1.0 + sign * 0.5 * t, atol=2e-3)
     variance = 0.09 + 0.16 * t**2 + error
     np.testing.assert_allclose(table["standard_deviation"], np.sqrt(variance), rtol=5e-3)
@@ -187,6 +191,50 @@ def test_the_median_has_the_interval_of_the_mean(found: Identification) -> None:
 
 def test_conditions_beyond_the_tested_ones_are_told(found: Identification) -> None:
     assert found.predict(NEW)["beyond"].tolist() == pytest.approx([0.0, 3.5])
+
+
+def test_conditions_are_given_by_name_by_a_table_or_not_at_all(found: Identification) -> None:
+    table = found.predict(NEW)
+    assert [*table.columns[:3]] == ["load", "outcome", "mean"]
+    assert table["outcome"].tolist() == ["y", "y"]
+    pd.testing.assert_frame_equal(found.predict({"load": [2.0, 10.0]}), table)
+    pd.testing.assert_frame_equal(found.predict({"load": 2.0}), table[:1])
+    pd.testing.assert_frame_equal(found.predict(NEW.assign(y=np.nan, note="a")), table)
+    whole = found.predict(uncertainty=False)
+    assert whole["load"].tolist() == TABLE["load"].tolist()
+    assert whole["mean"].to_numpy() == pytest.approx(LOAD * found.values["x.mean"])
+
+
+def test_tables_have_the_units_of_the_user(found: Identification) -> None:
+    shown = replace(found, units={"load": "N", "y": "mm", "x": "mm/N"})
+    known = {"load": "N", "y": "mm"}
+    for table in (
+        shown.predict(NEW),
+        shown.probability("y > 2 mm", at=NEW),
+        shown.tolerance(at=NEW),
+    ):
+        assert table.attrs["units"] == known
+        assert [*table.columns[:2]] == ["load", "outcome"]
+    with pytest.raises(InputsError, match="the unit of y is mm"):
+        shown.probability("y > 2 cm", at=NEW)
+
+
+def test_the_probability_of_an_event_and_its_contrary_add_up(found: Identification) -> None:
+    """Under the estimate it is that of the normal law of the sample."""
+    mean, sd = found.values["x.mean"], found.values["x.sd"]
+    at = {"load": 2.0}
+    for low, high in ((-np.inf, 1.9), (1.9, 2.1), (2.1, np.inf)):
+        sentence = f"{low} < y < {high}".replace("-inf < ", "").replace(" < inf", "")
+        told = found.probability(sentence, at, uncertainty=False)["probability"][0]
+        exact = np.diff(stats.norm.cdf(np.array([low, high]) / 2.0, mean, sd))[0]
+        assert told == pytest.approx(exact, abs=3e-3)
+
+
+def test_a_condition_may_have_the_name_of_a_column_of_the_table() -> None:
+    table = predict(lambda mean, x: mean * x, {"mean": 2.0}, {"x": Normal(1.0, 0.1)},
+                    {"x.mean": 1.0, "x.sd": 0.1})  # fmt: skip
+    assert table["mean (condition)"].tolist() == [2.0]
+    assert table["mean"].to_numpy() == pytest.approx([2.0])
 
 
 def test_with_noise_both_kinds_of_uncertainty_add_up() -> None:

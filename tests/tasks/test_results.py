@@ -113,7 +113,9 @@ def is_normal(table, mean, sd):
 def test_predictions_are_those_of_the_linear_mixed_model(found, experiment, noise) -> None:
     mean, covariance = law(found) if experiment is None else individual_law(found, experiment)
     variance = np.diag(DESIGN @ covariance @ DESIGN.T) + noise * found.values["noise.sd"] ** 2
-    told = found.predict(NEW, of=experiment, noise=noise, uncertainty=False)
+    told = found.predict(
+        NEW, of=experiment, noise=noise, uncertainty=False, quantiles=PROBABILITIES
+    )
     is_normal(told, DESIGN @ mean, np.sqrt(variance))
 
 
@@ -213,7 +215,9 @@ def test_a_prediction_is_infinite_where_the_law_is(endless: Identification) -> N
     """Of the lives that end those below y are Phi((y - mean)/sd) of all, but for the noise."""
     mean = endless.values["x.mean"]
     ends = stats.norm.cdf(0.5, mean, SD)
-    told = endless.predict(pd.DataFrame({"row": [1]}), noise=False, uncertainty=False).iloc[0]
+    told = endless.predict(
+        pd.DataFrame({"row": [1]}), noise=False, uncertainty=False, quantiles=PROBABILITIES
+    ).iloc[0]
     assert told["status"] == "solved"
     assert told["mean"] == np.inf
     assert np.isnan(told["standard_deviation"])

@@ -174,9 +174,7 @@ def test_a_study_is_identified_and_predicted(tmp_path: Path) -> None:
     assert document["density"] == "level sets"
     assert len(document["observations"]) == 16
     assert (tmp_path / "out" / "report.html").exists()
-    told = run(
-        "predict", tmp_path / "out" / "identification.json", "--conditions", tmp_path / "new.csv"
-    )
+    told = run("predict", tmp_path / "out" / "identification.json", "--at", tmp_path / "new.csv")
     assert told.exit_code == 0, told.output
     assert "Predicted distribution of q" in told.output
 

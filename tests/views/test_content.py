@@ -161,9 +161,10 @@ def identified() -> RenderableType:
 
 def predicted() -> RenderableType:
     columns = {
-        "id": [BENCH, "2"], "mean": [123456.7, 1.2], "standard_deviation": [1234.5, 0.1],
-        "q0.025": [1.0, -1.2345e-7], "q0.25": [1.1, 1.1], "q0.5": [-123456.2, 1.2],
-        "q0.75": [1.3, 1.3], "q0.975": [123456.4, 1.4], "status": ["solved", "not_realizable"],
+        "bench": [BENCH, "2"], "load": [1.0, 2.5], "outcome": ["time", "time"],
+        "mean": [123456.7, 1.2], "standard_deviation": [1234.5, 0.1],
+        "q0.025": [1.0, -1.2345e-7], "q0.5": [-123456.2, 1.2],
+        "q0.975": [123456.4, 1.4], "status": ["solved", "not_realizable"],
     }  # fmt: skip
     return terminal(predictions.distributions(columns, "time"))
 

@@ -26,9 +26,9 @@ from aleator.cli.running import (
     show_answer,
     units_in,
 )
-from aleator.core.types import Indices
 from aleator.errors import AleatorError, short
 from aleator.observations.experiments import Conditions
+from aleator.observations.noise import noise_columns
 from aleator.results import documents
 from aleator.results.printed import Content, number
 from aleator.results.schema import read_answer
@@ -37,9 +37,10 @@ from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.identification import Identification
+from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.prediction import compared
 from aleator.tasks.probability import Tolerance
-from aleator.tasks.session import SAME, Session
+from aleator.tasks.session import Session, conditions_at
 from aleator.views import predictions
 
 
@@ -89,89 +90,74 @@ def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
 class PredictionRequest:
     """The options that say what to predict: a probability, limits, or by default a distribution.
 
-    At most one of `above`, `below`, `between`, `tolerance` and `reliability` is not None; else
+    `event` and `tolerance` contradict each other; `side` and `outcome` are for the tolerance. Else
     AleatorError is raised.
     """
 
-    above: float | None
-    below: float | None
-    between: tuple[float, float] | None
-    response: str | None
+    event: str | None
     tolerance: tuple[float, float] | None
-    reliability: float | None
-    confidence: float
-    side: str
+    side: str | None
+    outcome: str | None
     checks: int
 
     def __post_init__(self) -> None:
-        names = ("above", "below", "between", "tolerance", "reliability")
-        require_at_most_one({f"--{name}": getattr(self, name) for name in names})
+        require_at_most_one({"--event": self.event, "--tolerance": self.tolerance})
+        for name in ("side", "outcome"):
+            if getattr(self, name) is not None and self.tolerance is None:
+                raise AleatorError(
+                    f"--{name} says which tolerance limits are meant", "add --tolerance 0.95 0.95"
+                )
 
     @property
     def limits(self) -> Tolerance | None:
-        """The tolerance limits or the design value that the options request, or None."""
-        if self.tolerance is not None:
-            return Tolerance(*self.tolerance)
-        if self.reliability is not None:
-            return Tolerance(self.reliability, self.confidence, self.side)
-        return None
+        """The tolerance limits that the options request, or None."""
+        return None if self.tolerance is None else Tolerance(*self.tolerance, self.side or "both")
 
-    @property
-    def distribution(self) -> bool:
-        """Whether the whole distribution is predicted, for lack of any other request."""
-        return self.limits is None and not any(
-            part is not None for part in (self.above, self.below, self.between)
-        )
-
-    def table(self, answer: Identification, conditions: Conditions, **how: Any) -> pd.DataFrame:
+    def table(self, answer: Identification, at: Conditions, **how: Any) -> pd.DataFrame:
         """The table of predictions, a row for each new condition.
 
         `how` are arguments that predictions of distributions, probabilities and limits share.
         """
-        if self.distribution:
-            return answer.predict(conditions, **how)
-        how["response"] = self.response
+        if self.event is not None:
+            return answer.probability(self.event, at, checks=self.checks, **how)
         if self.limits is not None:
-            return answer.tolerance(conditions, **vars(self.limits), **how)
-        return answer.probability(
-            conditions, above=self.above, below=self.below, between=self.between,
-            checks=self.checks, **how,
-        )  # fmt: skip
-
-    def content(self, columns: predictions.Columns, outcome: str, transform: str) -> Content:
-        """The table of predictions, ready to be printed, with its title."""
-        if self.distribution:
-            return predictions.distributions(columns, outcome, transform)
-        if self.limits is None:
-            return predictions.probabilities(columns, f"Probability of {outcome} {self._event}")
-        limits = self.limits
-        if limits.side == "both":
-            words = f"Limits that hold {limits.content:g} of {outcome}"
-        else:
-            words = (
-                f"Value that {outcome} is {_SIDES[limits.side]} with reliability {limits.content:g}"
+            limits = self.limits
+            return answer.tolerance(
+                limits.content, limits.confidence, at, side=limits.side, outcome=self.outcome, **how
             )
+        return answer.predict(at, **how)
+
+    def content(
+        self, columns: predictions.Columns, outcome: str, document: Mapping[str, Any]
+    ) -> Content:
+        """The table of one outcome, ready to be printed, with its title.
+
+        `document` has the units, and the transform of each outcome.
+        """
+        limits, shown, units = self.limits, label(document, outcome), document["units"]
+        if self.event is not None:
+            event = OutcomeEvent.of(self.event, [outcome], units)
+            words = f"Probability of {event} {units.get(outcome, '')}"
+            return predictions.probabilities(columns, words.strip())
+        if limits is None:
+            return predictions.distributions(columns, shown, document["responses"][outcome])
+        words = {
+            "both": f"Limits that hold {limits.content:g} of {shown}",
+            "upper": f"Value that {shown} is below with reliability {limits.content:g}",
+            "lower": f"Value that {shown} is above with reliability {limits.content:g}",
+        }[limits.side]
         return predictions.limits(columns, f"{words}, with confidence {limits.confidence:g}")
-
-    @property
-    def _event(self) -> str:
-        if self.between is not None:
-            return f"between {self.between[0]:g} and {self.between[1]:g}"
-        return f"above {self.above:g}" if self.above is not None else f"below {self.below:g}"
-
-
-_SIDES = {"upper": "below", "lower": "above"}
 
 
 def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
     """A decorator for a command: adds options that reach it as one PredictionRequest, `request`."""
 
-    @click.option("--above", type=float, metavar="X", help="Probability of outcomes above X.")
-    @click.option("--below", type=float, metavar="X", help="Probability of outcomes below X.")
     @click.option(
-        "--between", type=float, nargs=2, metavar="A B", help="Probability of outcomes between."
+        "--event",
+        metavar="EVENT",
+        help='Probability of this event: "travel > 26" or "20 < travel < 26", with the name of the '
+        "outcome and values in its unit.",
     )
-    @click.option("--response", metavar="NAME", help="Of this response, where there are several.")
     @click.option(
         "--tolerance",
         type=float,
@@ -180,26 +166,12 @@ def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
         help="Two limits that hold the share P of the outcomes with confidence C (0.95 0.95).",
     )
     @click.option(
-        "--reliability",
-        type=float,
-        metavar="R",
-        help="The design value: the outcome stays on one side of it with probability R (0.999).",
-    )
-    @click.option(
-        "--confidence",
-        type=float,
-        default=0.95,
-        show_default=True,
-        metavar="C",
-        help="Confidence of the design value.",
-    )
-    @click.option(
         "--side",
-        type=click.Choice(["upper", "lower"]),
-        default="upper",
-        show_default=True,
-        help="The design value is an upper limit (of a load) or a lower one (of a strength).",
+        type=click.Choice(["both", "upper", "lower"]),
+        help="One tolerance limit only, the design value for a reliability: an upper limit (of a "
+        "load) or a lower one (of a strength) [default: both].",
     )
+    @click.option("--outcome", metavar="NAME", help="Tolerance limits of this outcome, not of all.")
     @click.option(
         "--checks",
         type=click.IntRange(min=0),
@@ -216,14 +188,60 @@ def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
     return collected
 
 
+class _At(click.ParamType[Any]):
+    """The type of --at: NAME=VALUE or NAME=VALUE,VALUE, a pair; else the path of a table."""
+
+    name = "at"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Path | tuple[str, list[str]]:
+        name, sign, cells = str(value).partition("=")
+        if not sign:
+            found: Path = FILE.convert(value, param, ctx)
+            return found
+        return name.strip(), [cell.strip() for cell in cells.split(",")]
+
+    def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> Any:
+        return FILE.shell_complete(ctx, param, incomplete)
+
+
+def requested_conditions(
+    value: Study, at: Sequence[Path | tuple[str, list[str]]], of: str | None
+) -> Conditions:
+    """The conditions that --at gives: a table, values by name, or those of the experiments."""
+    if not at:
+        columns = [*value.taken, *value.inputs.columns, *noise_columns(value.noise)]
+        return conditions_at(value.experiments, of, dict.fromkeys(columns))
+    tables = [one for one in at if isinstance(one, Path)]
+    if tables and len(at) > 1:
+        raise AleatorError(
+            f"--at {short(tables[0].absolute())} is a table, and --at is given {len(at)} times",
+            "give one table, or values: --at force=50 --at angle=3",
+        )
+    if tables:
+        return value.read_conditions(Path(short(tables[0].absolute())))
+    stated: dict[str, list[str]] = {}
+    for name, cells in (one for one in at if not isinstance(one, Path)):
+        if name in stated:
+            raise AleatorError(
+                f"--at {name}=... is given twice", f"list the values: --at {name}=1,2"
+            )
+        stated[name] = cells
+    try:
+        return value.stated_conditions(stated)
+    except AleatorError as error:
+        raise AleatorError(f"--at: {error.problem}", error.remedy) from None
+
+
 @click.command()
 @click.argument("identification", type=FILE, metavar="IDENTIFICATION.json")
 @click.option(
-    "--conditions",
-    type=FILE,
-    required=True,
-    metavar="NEW.csv",
-    help="Table of new conditions, written as the study's table is; it needs no outcomes.",
+    "--at",
+    type=_At(),
+    multiple=True,
+    metavar="NAME=VALUE|NEW.csv",
+    help="A condition with its value, or values (force=50,60); several times for several "
+    "conditions. Or a table of conditions, written as the study's table is; it needs no outcomes "
+    "[default: the conditions of the experiments, each once].",
 )
 @click.option(
     "--output",
@@ -252,7 +270,7 @@ def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
 @makes_runs
 def predict(
     identification: Path,
-    conditions: Path,
+    at: tuple[Any, ...],
     output: Path | None,
     study: Path | None,
     of: str | None,
@@ -264,39 +282,43 @@ def predict(
     """Predict outcomes of untested conditions.
 
     Takes the law from IDENTIFICATION.json and the simulator from its study file. For each row of
-    NEW.csv: mean, standard deviation, skewness, kurtosis and quantiles of the outcome as it would
+    the conditions --at: mean, standard deviation, median and 95 % range of the outcome as it would
     be measured, noise included. With transform = "log", mean and standard deviation are those of
-    the logarithm. --output writes a file with the conditions, in which the quantiles are of the
-    logarithm too.
+    the logarithm. --output writes a file with skewness and kurtosis too, in which the quantiles are
+    of the logarithm, too.
 
     Predictions include the uncertainty of alpha, the hyperparameters: they are a mixture over laws
     that the experiments leave plausible, by the intervals and correlations in IDENTIFICATION.json.
     The file has a 95 % interval of each quantile, too. With --no-uncertainty alpha is taken at its
     estimate.
 
-    With --above, --below or --between: the probability of such an outcome, with a 95 % interval
-    and the standard error of the computation, however rare it is. If a response surface stands for
-    the simulator, fresh runs all over the law look for regions of failure that the surface lacks.
-    More runs are made where the surface leaves open which outcomes are in the event. If the last
-    runs still change the probability, the status is "unsettled". `unseen` is the probability of a
-    region that the runs do not exclude. `at_estimate` is the probability at the estimate of alpha
-    alone, without its uncertainty; the 95 % interval does not belong to it.
+    With --event: its probability, with a 95 % interval and the standard error of the computation,
+    however rare it is. It is the mean over the plausible laws. The interval holds 95 % of them, and
+    is widened to contain this mean and `at_estimate`, the probability at the estimate of alpha
+    alone, which files have. If a response surface stands for the simulator, fresh runs all over the
+    law look for regions of failure that the surface lacks. More runs are made where the surface
+    leaves open which outcomes are in the event. If the last runs still change the probability, the
+    status is "unsettled". `unseen` is the probability of a region that the runs do not exclude.
 
-    With --tolerance: limits of the outcome; with --reliability: a design value. All are in the unit
-    of the outcome, and predict the measured value. To judge whether something fails, the true
-    value matters: predict it with --no-noise.
+    With --tolerance: limits of the outcome, or with --side one limit, a design value. All are in
+    the unit of the outcome, and predict the measured value. To judge whether something fails, the
+    true value matters: predict it with --no-noise.
 
     If experiments have several observations, NEW.csv has a row for each prediction; rows with the
     same id are one new experiment. With --of the rows are further measurements of an experiment
-    that was measured; the law of the parameters is then conditional on its own observations.
+    that was measured; the law of the parameters is then conditional on its own observations. With
+    levels an experiment belongs to the group that the conditions name, or to a new one.
     """
     folder = None if output is None else output.parent
     require_folder(options, folder)
-    new, document = conditions.absolute(), read_answer(identification)
+    at = tuple(one.absolute() if isinstance(one, Path) else one for one in at)
+    document = read_answer(identification)
     value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != documents.study_entry(document).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
-    table = value.read_conditions(Path(short(new)))
+    if request.event is not None:
+        OutcomeEvent.of(request.event, value.experiments.observations.names, value.units)
+    table = requested_conditions(value, at, of)
     if output is not None:
         make_place(output, value.file)
     with (
@@ -310,9 +332,8 @@ def predict(
             options.say(note)
         runner.progress = progress
         found = request.table(
-            answer, table, of=SAME if of is not None and of == value.table.id else of,
-            noise=not no_noise, uncertainty=draws or False, progress=progress,
-        )  # fmt: skip
+            answer, table, of=of, noise=not no_noise, uncertainty=draws or False, progress=progress
+        )
     if runner.fresh:
         options.say(f"note: {runner.fresh} runs of the simulator were made")
     if draws is not None and draws.fixed.size:
@@ -320,13 +341,9 @@ def predict(
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
     for note in untested(value, table):
         options.say(note)
-    row = found["row"].to_numpy() - 1 if "row" in found else _rows_of(found, table)
-    beside = [name for name in table.conditions if name not in found]
-    for name in reversed(beside):
-        found.insert(1, name, table.conditions[name].to_numpy()[row])
     made = {
         "title": document.get("title"), **units_in(value), "request": vars(request),
-        "conditions": beside, "rows": found.to_dict("records"),
+        "rows": found.to_dict("records"),
     }  # fmt: skip
     if output is None:
         for content in predicted(made):
@@ -337,27 +354,29 @@ def predict(
         entry = {**documents.study_entry(document), "file": file}
         documents.write_json({**made, "study": entry}, output)
     else:
-        documents.write_text(found.to_csv(index=False, lineterminator="\n"), output)
+        shown = _labelled(found, made).assign(
+            outcome=[label(made, name) for name in found["outcome"]]
+        )
+        documents.write_text(shown.to_csv(index=False, lineterminator="\n"), output)
     if options.watch is not None:
         options.watch.link([output])
     click.echo(f"Written: {short(output)}")
 
 
 def predicted(document: Mapping[str, Any]) -> Iterator[Content]:
-    """The reports of predictions, one for each response, from the content of their JSON file."""
-    request, responses = PredictionRequest(**document["request"]), document["responses"]
-    found = pd.DataFrame(document["rows"])
+    """The reports of predictions, one for each outcome, from the content of their JSON file."""
+    request, found = PredictionRequest(**document["request"]), pd.DataFrame(document["rows"])
     found = found.assign(**dict.fromkeys(found.columns[found.isna().all()], np.nan))
     if "beyond" in found:  # JSON has no infinity, which stands for conditions of another kind.
         found["beyond"] = found["beyond"].fillna(np.inf)
-    found["id"] = _labels(found, document["conditions"])
-    for name, transform in responses.items():
-        part = found[found["response"] == name] if "response" in found else found
-        if len(part):
-            columns = part.to_dict("list")
-            yield request.content(columns, label(document, name), transform)
-        if "response" not in found:
-            return
+    for name, part in found.groupby("outcome", sort=False):
+        yield request.content(_labelled(part, document).to_dict("list"), str(name), document)
+
+
+def _labelled(found: pd.DataFrame, document: Mapping[str, Any]) -> pd.DataFrame:
+    """The predictions with the units of the conditions in the heads of their columns."""
+    conditions = [*found.columns][: [*found.columns].index("outcome")]
+    return found.rename(columns={name: label(document, name) for name in conditions})
 
 
 def _identification(
@@ -387,24 +406,3 @@ def _identification(
         value.density, made,
     )  # fmt: skip
     return replace(found, session=session)
-
-
-def _rows_of(found: pd.DataFrame, table: Conditions) -> Indices:
-    """For each prediction, the index of its row in the table; each experiment has one row."""
-    place = {name: int(row) for row, name in enumerate(table.ids)}
-    return np.array([place[name] for name in found["id"]], dtype=np.intp)
-
-
-def _labels(found: pd.DataFrame, conditions: Sequence[str]) -> list[str]:
-    """The label of each prediction: the id of its experiment.
-
-    If experiments have several rows, the conditions that vary between rows follow the id.
-    """
-    if "row" not in found:
-        return [str(name) for name in found["id"]]
-    varying = [name for name in conditions if len(set(found[name])) > 1]
-    words = [
-        ", ".join(f"{name} {number(v) if isinstance(v, float) else v}" for name, v in row.items())
-        for row in found[varying].to_dict("records")
-    ]
-    return [f"{name}, {word}" for name, word in zip(found["id"], words, strict=True)]

@@ -13,12 +13,12 @@ from scipy import special
 
 from aleator.core.threads import single_threaded
 from aleator.core.types import Array, Indices
-from aleator.errors import InputsError, require_filled
+from aleator.errors import InputsError
 from aleator.laws.correlation import Correlation, Pair, between
 from aleator.laws.covariates import CovariateModel, Table, variables
 from aleator.laws.hyperparameter import Hyperparameter, Specification
 from aleator.laws.images import IMAGES, image_at
-from aleator.laws.law import Law, Standard
+from aleator.laws.law import Law, Standard, require_law
 from aleator.laws.levels import Grouping, checked_levels
 from aleator.laws.marginals import Normal
 from aleator.laws.mixture import Mixture
@@ -77,7 +77,7 @@ class Inputs:
                     f"parameter name '{name}' is not an identifier",
                     "use letters, digits and underscores, not starting with a digit",
                 )
-            require_filled(law, Law, f"parameter '{name}'")
+            require_law(law, f"parameter '{name}'")
         self.laws = dict(laws)
         scattered = [name for name, law in laws.items() if law.scatters]
         self.correlation: Correlation = between(scattered, correlation or {})

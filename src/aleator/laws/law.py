@@ -13,7 +13,14 @@ from scipy import special
 
 from aleator.core.polynomials import gauss_hermite, hermite_recurrence
 from aleator.core.types import Array
-from aleator.laws.hyperparameter import Hyperparameter, Specification, filled, location_and_scale
+from aleator.errors import InputsError, require_filled
+from aleator.laws.hyperparameter import (
+    Free,
+    Hyperparameter,
+    Specification,
+    filled,
+    location_and_scale,
+)
 
 
 @dataclass(frozen=True)
@@ -163,6 +170,26 @@ class Law(Protocol):
         Each value is moved into its limits, and fixed ones stay as they are. With `sd` None only
         the location is set, and all other hyperparameters are at their starts.
         """
+
+
+def require_law(value: object, place: str) -> None:
+    """Check that a value is a law; InputsError says how the law is written that is meant.
+
+    >>> require_law(0.1, "parameter 'damping'")
+    Traceback (most recent call last):
+    aleator.errors.InputsError: parameter 'damping': 0.1 is no law
+      Remedy: write Constant(0.1) if it is the same in all experiments, or Normal(...)
+    """
+    if isinstance(value, float | int | Free):
+        remedy = f"write Constant({value!r}) if it is the same in all experiments, or Normal(...)"
+    elif isinstance(value, tuple | list):
+        remedy = f"write TruncatedNormal(box={tuple(value)!r}), or Normal(mean=Free(...), ...)"
+    elif hasattr(value, "ppf"):
+        remedy = "write ScipyLaw(scipy.stats.norm(2.0, 0.1)), with arguments of the distribution"
+    else:
+        require_filled(value, Law, place)
+        return
+    raise InputsError(f"{place}: {value!r:.60} is no law", remedy)
 
 
 class ThroughNormal:

@@ -36,6 +36,7 @@ class _TableRows:
     table: pd.DataFrame
     experiment: Indices
     places: Sequence[str]
+    id: str | None
 
     def __init__(
         self,
@@ -44,8 +45,11 @@ class _TableRows:
         table: pd.DataFrame | None,
         experiment: Indices | None,
         places: Sequence[str] | None,
+        id: str | None,
     ) -> None:
         """Take the rows; if `experiment` is None each row is one experiment.
+
+        `id` is the name of the column of ids; None if ids are the numbers of the rows.
 
         Raises ExperimentsError for sizes that differ, an id that appears twice, or an experiment
         without a row.
@@ -73,6 +77,7 @@ class _TableRows:
             "table": conditions if table is None else table,
             "experiment": experiment,
             "places": [f"experiment '{ids[k]}'" for k in experiment] if places is None else places,
+            "id": id,
         }.items():
             object.__setattr__(self, name, value)
 
@@ -80,7 +85,7 @@ class _TableRows:
         """The experiments of these rows, with these observations."""
         return Experiments(
             self.ids, self.conditions, seen,
-            table=self.table, experiment=self.experiment, places=self.places,
+            table=self.table, experiment=self.experiment, places=self.places, id=self.id,
         )  # fmt: skip
 
 
@@ -120,7 +125,7 @@ def _rows_of(
     whole = {n: conditions[n] if n in conditions else _any(table, n) for n in remaining}
     index = range(len(table))
     frame, every = pd.DataFrame(conditions, index=index), pd.DataFrame(whole, index=index)
-    return _TableRows(ids, frame, every, experiment, table.rows), table
+    return _TableRows(ids, frame, every, experiment, table.rows, id), table
 
 
 def _ids(table: Table, column: str | None) -> tuple[tuple[str, ...], Indices]:
@@ -182,9 +187,9 @@ class Conditions(_TableRows):
     `ids` (N,) are distinct texts. `conditions` is a data frame with R rows and a named column for
     each condition: float64 where every cell is a number, else objects. `table` is a data frame with
     R rows and every column but the ids. `experiment` (R,) is the number of the experiment of each
-    row, and `places` (R,) say in words where each row stands. `responses` are the measured
-    quantities of the identification; in place of them, `transform` stands for one response with
-    this transform.
+    row, and `places` (R,) say in words where each row stands. `id` is the name of the column of
+    ids, None if they are the numbers of the rows. `responses` are the measured quantities of the
+    identification; in place of them, `transform` stands for one response with this transform.
 
     Raises ExperimentsError if the sizes differ or an id appears twice.
 
@@ -205,8 +210,9 @@ class Conditions(_TableRows):
         table: pd.DataFrame | None = None,
         experiment: Indices | None = None,
         places: Sequence[str] | None = None,
+        id: str | None = DEFAULT_ID,
     ) -> None:
-        super().__init__(ids, conditions, table, experiment, places)
+        super().__init__(ids, conditions, table, experiment, places, id)
         one = (Response("outcome", Transform.named(transform)),)
         object.__setattr__(self, "responses", tuple(responses) or one)
 
@@ -237,18 +243,21 @@ class Conditions(_TableRows):
         *,
         id: str | None = None,
         conditions: Sequence[str] | None = None,
+        numbers: Collection[str] = (),
         transform: str = Transform.NONE,
         responses: Sequence[Response] = (),
     ) -> Conditions:
         """Take `conditions` (default: every column but the id) from a data frame.
 
-        Raises ExperimentsError in the cases of `Experiments.from_frame`.
+        Those named in `numbers` must be numbers; the others may be text. Raises ExperimentsError in
+        the cases of `Experiments.from_frame`.
 
         >>> import pandas as pd
         >>> Conditions.from_frame(pd.DataFrame({"ratio": [0.9, 0.8]})).ids
         ('1', '2')
         """
-        return cls._of(_rows_of(tables.from_frame(frame), id, conditions)[0], transform, responses)
+        rows = _rows_of(tables.from_frame(frame), id, conditions, numbers=numbers)[0]
+        return cls._of(rows, transform, responses)
 
     @classmethod
     def from_csv(
@@ -275,7 +284,7 @@ class Conditions(_TableRows):
     def _of(cls, rows: _TableRows, transform: str, responses: Sequence[Response]) -> Conditions:
         return cls(
             rows.ids, rows.conditions, transform, responses=responses,
-            table=rows.table, experiment=rows.experiment, places=rows.places,
+            table=rows.table, experiment=rows.experiment, places=rows.places, id=rows.id,
         )  # fmt: skip
 
 
@@ -333,7 +342,8 @@ class Experiments(_TableRows):
     each condition: float64 where every cell is a number, else objects. `table` is a data frame with
     R rows and every column but the ids and outcomes. `experiment` (R,) is the number of the
     experiment of each row; rows of one experiment share one draw of the parameters. `places` (R,)
-    say in words where each row stands. `observations` are the measured values.
+    say in words where each row stands. `id` is the name of the column of ids, None if they are the
+    numbers of the rows. `observations` are the measured values.
 
     Experiments(ids, conditions, outcomes, outcome_name, transform) makes a table with one row and
     one outcome for each experiment; the outcomes (N,) are already transformed.
@@ -364,8 +374,9 @@ class Experiments(_TableRows):
         table: pd.DataFrame | None = None,
         experiment: Indices | None = None,
         places: Sequence[str] | None = None,
+        id: str | None = DEFAULT_ID,
     ) -> None:
-        super().__init__(ids, conditions, table, experiment, places)
+        super().__init__(ids, conditions, table, experiment, places, id)
         if not isinstance(outcomes, Observations):
             outcomes = _simple(outcomes, len(ids), outcome_name, Transform.named(transform))
         object.__setattr__(self, "observations", outcomes)
@@ -500,6 +511,51 @@ class Experiments(_TableRows):
         outcomes.require(table, names)
         rows, table = _rows_of(table, id, names, outcomes.taken, beside)
         return rows.with_observations(outcomes.read(table, rows.experiment))
+
+
+def conditions_of(experiments: Experiments, which: Flags, *, named: bool = True) -> Conditions:
+    """The conditions of those experiments that are marked in `which` (N,), with all columns.
+
+    If they are not `named` they are new experiments, whose ids say nothing.
+
+    >>> import pandas as pd
+    >>> frame = pd.DataFrame({"id": ["a", "b"], "load": [1, 2], "time": [0.8, 0.9]})
+    >>> table = Experiments.from_frame(frame, outcome="time")
+    >>> conditions_of(table, np.array([False, True])).ids
+    ('b',)
+    """
+    number, rows = np.cumsum(which) - 1, np.flatnonzero(which[experiments.experiment])
+    return Conditions(
+        tuple(name for name, kept in zip(experiments.ids, which, strict=True) if kept),
+        experiments.conditions.iloc[rows].reset_index(drop=True),
+        responses=experiments.observations.responses,
+        table=experiments.table.iloc[rows].reset_index(drop=True),
+        experiment=number[experiments.experiment[rows]],
+        places=[experiments.places[row] for row in rows.tolist()],
+        id=experiments.id if named else None,
+    )
+
+
+def distinct_conditions(experiments: Experiments, names: Sequence[str]) -> Conditions:
+    """New experiments as those that differ in a column in `names`, each once, in their order.
+
+    Only series keep their ids, which say which rows belong together.
+
+    >>> import pandas as pd
+    >>> frame = pd.DataFrame({"load": [1, 1, 2], "oil": ["a", "b", "a"], "time": [0.8, 0.9, 2.0]})
+    >>> table = Experiments.from_frame(frame, outcome="time")
+    >>> distinct_conditions(table, ["load"]).conditions["load"].tolist()
+    [1.0, 2.0]
+    """
+    cells = experiments.table[list(names)].astype(object).to_numpy()
+    series: list[list[tuple[object, ...]]] = [[] for _ in experiments.ids]
+    for row, owner in zip(cells, experiments.experiment.tolist(), strict=True):
+        series[owner].append(tuple(row))
+    first: dict[tuple[object, ...], int] = {}
+    for k, rows in enumerate(series):
+        first.setdefault(tuple(rows), k)
+    which = np.isin(np.arange(len(series)), [*first.values()])
+    return conditions_of(experiments, which, named=len(cells) > len(series))
 
 
 def unmeasured(conditions: Conditions) -> Experiments:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -101,6 +102,12 @@ class Noise:
         return self.sd if isinstance(self.sd, str) else None
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of the table that the scale follows: known sds, the variance's covariate."""
+        of = None if self.variance is None else self.variance.of
+        return tuple(name for name in (self.column, of) if name is not None)
+
+    @property
     def hyperparameter(self) -> Hyperparameter:
         """The hyperparameter `noise.sd` of simple noise, which has no other.
 
@@ -131,3 +138,13 @@ class Noise:
             found.append(self.variance.hyperparameter)
         ties = () if self.correlation is None else self.correlation.hyperparameters
         return tuple(h.named("noise") for h in (*found, *self.shapes, *ties))
+
+
+def noise_columns(noise: Noise | Mapping[str, Noise] | None) -> tuple[str, ...]:
+    """The columns of the table that the scales of the noise of one or several outcomes follow.
+
+    >>> noise_columns({"life": Noise("error"), "width": Noise(0.1)})
+    ('error',)
+    """
+    each = noise.values() if isinstance(noise, Mapping) else () if noise is None else (noise,)
+    return tuple(dict.fromkeys(name for one in each for name in one.columns))

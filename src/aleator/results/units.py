@@ -87,6 +87,8 @@ def checked_units(units: Units | None, names: Iterable[str]) -> dict[str, str]:
     >>> checked_units({"travel": "mm", "ratio": ""}, ["travel", "ratio"])
     {'travel': 'mm'}
     """
+    if not isinstance(units, Mapping | None):
+        raise InputsError(f"units: {units!r:.40} is no mapping", 'write {"travel": "mm"}')
     known, stated = [*names], dict(units or {})
     for name, unit in stated.items():
         if name not in known:

@@ -250,7 +250,8 @@ class FunctionSimulator:
             raise SimulatorError(f"a block of {block} runs", "choose at least one")
         if not callable(function):
             raise SimulatorError(
-                f"the simulator {function!r} is not callable", "give a function or its name"
+                f"the simulator {function!r} is not callable",
+                "give the function itself, neither its name nor a value of it",
             )
         self.function = function
         self.vectorized = vectorized

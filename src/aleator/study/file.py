@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -255,17 +255,70 @@ class Study:
         study's table must have numbers here. Rows with the same id are one new experiment. Raises
         ExperimentsError for the errors that `Experiments.from_csv` reports.
         """
-        tried = self.experiments.conditions
-        asked = self.simulator.asks([*map(str, tried.columns)], self.inputs.names)
         return Conditions.from_csv(
             path,
             id=self.table.id,
-            conditions=asked,
-            numbers=[name for name in asked if tried[name].dtype != object],
+            conditions=self.taken,
+            numbers=self._numbers,
             responses=self.experiments.observations.responses,
             delimiter=self.table.delimiter,
             decimal=self.table.decimal,
         )
+
+    def stated_conditions(self, columns: Mapping[str, Sequence[str]]) -> Conditions:
+        """New conditions from texts by name; a name with one text has it in every row.
+
+        Raises InputsError for a name that is no column of the table, a condition that is missing,
+        and unequal numbers of texts; ExperimentsError for a text where a number is needed.
+        """
+        import pandas as pd
+
+        own = [] if self.table.id is None else [self.table.id]
+        known = [*map(str, self.experiments.table.columns), *own]
+        for name in columns:
+            if name not in known:
+                raise InputsError(
+                    f"'{name}' is no condition of the study{nearest(name, known)}",
+                    f"the columns of its table are {', '.join(known)}",
+                )
+        needed = dict.fromkeys([*self.taken, *self.inputs.covariates])
+        if absent := [name for name in needed if name not in columns]:
+            raise InputsError(
+                f"the simulator or a law takes {', '.join(absent)} too",
+                f"give each condition a value: {absent[0]}=...",
+            )
+        rows = max(map(len, columns.values()))
+        if any(len(cells) not in (1, rows) for cells in columns.values()):
+            raise InputsError(
+                "the conditions have different numbers of values",
+                "give each one value, or as many as the others have",
+            )
+        whole = {n: [*cells] * (rows if len(cells) == 1 else 1) for n, cells in columns.items()}
+        found = Conditions.from_frame(
+            pd.DataFrame(whole),
+            id=self.table.id if self.table.id in columns else None,
+            conditions=self.taken,
+            numbers=self._numbers,
+        )
+        places = [
+            ", ".join(f"{n}={cells[row]}" for n, cells in whole.items()) for row in range(rows)
+        ]
+        return Conditions(
+            found.ids, found.conditions, responses=self.experiments.observations.responses,
+            table=found.table, experiment=found.experiment, places=places, id=found.id,
+        )  # fmt: skip
+
+    @property
+    def taken(self) -> tuple[str, ...]:
+        """The conditions of the table that the simulator takes."""
+        tried = map(str, self.experiments.conditions.columns)
+        return self.simulator.asks([*tried], self.inputs.names)
+
+    @property
+    def _numbers(self) -> list[str]:
+        """The conditions that are numbers in the study's table."""
+        tried = self.experiments.conditions
+        return [name for name in self.taken if tried[name].dtype != object]
 
 
 def load_study(path: str | Path) -> Study:

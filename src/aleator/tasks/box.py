@@ -19,8 +19,8 @@ from scipy.stats import qmc
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags
 from aleator.errors import SimulatorError
-from aleator.laws.inputs import Inputs
 from aleator.simulators import Runner
+from aleator.tasks.arguments import Laws, inputs_of
 from aleator.tasks.runs import AnySimulator, AnyTable, runner_on
 
 
@@ -114,7 +114,7 @@ class _Known:
 def feasible_box(
     simulator: AnySimulator,
     experiments: AnyTable,
-    inputs: Inputs,
+    inputs: Laws,
     *,
     vectorized: bool = False,
     seed: int = 0,
@@ -138,10 +138,11 @@ def feasible_box(
     >>> table = pd.DataFrame({"id": ["a"], "load": [1.0]})
     >>> def model(load, x):
     ...     return load / x if x < 1.5 else float("nan")
-    >>> found = feasible_box(model, table, Inputs({"x": TruncatedNormal(box=(1.0, 3.0))}))
+    >>> found = feasible_box(model, table, {"x": TruncatedNormal(box=(1.0, 3.0))})
     >>> found.box.round(1).tolist(), found.sides[1].experiment
     ([[1.0, 1.5]], 'a')
     """
+    inputs = inputs_of(inputs)
     runner = runner_on(simulator, experiments, inputs.names, vectorized, executor)
     limits = inputs.box
     moving = np.flatnonzero(limits[:, 1] > limits[:, 0])

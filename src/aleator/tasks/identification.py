@@ -20,21 +20,17 @@ from aleator.inference.fit import Fit
 from aleator.inference.pictures import PICTURES, opening_pictures, pictures
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.observations.experiments import Conditions, Experiments
-from aleator.observations.noise import Noise
+from aleator.observations.experiments import Experiments
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
-from aleator.results.values import REPORTED, in_order
+from aleator.results.values import in_order
 from aleator.simulators import Runner, Simulator, as_simulator
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.arguments import AnyNoise, Laws, RequestedConditions, inputs_of, noise_of
 from aleator.tasks.event_points import SAMPLE
-from aleator.tasks.probability import (
-    Tolerance,
-    limits,
-    probabilities,
-    requested_events,
-    requested_responses,
-)
+from aleator.tasks.outcome_event import OutcomeEvent
+from aleator.tasks.prediction import PREDICTION
+from aleator.tasks.probability import Tolerance, limits, probabilities, requested_responses
 from aleator.tasks.session import Runners, Session, kept, missing, runners, runners_like
 
 if TYPE_CHECKING:
@@ -77,7 +73,7 @@ class Identification(Result):
     Not tested whether consistent with the experiments: there are only 4 observations.
     >>> float(found.values["x.mean"]), found.intervals.loc["x.mean"].round(3).tolist()
     (1.031, [0.873, 1.189])
-    >>> found.predict(pd.DataFrame({"load": [10.0]}))["mean"].tolist()
+    >>> found.predict({"load": 10.0})["mean"].tolist()
     [10.31]
     """
 
@@ -147,80 +143,85 @@ class Identification(Result):
 
     def predict(
         self,
-        conditions: Conditions | pd.DataFrame,
+        at: RequestedConditions = None,
         *,
         of: str | None = None,
         noise: bool = True,
         uncertainty: bool | AlphaDraws = True,
-        quantiles: tuple[float, ...] = REPORTED.quantiles,
+        quantiles: tuple[float, ...] = PREDICTION.quantiles,
         progress: Progress | None = None,
     ) -> pd.DataFrame:
         """The distribution of the outcome under conditions that need not have been tested.
 
+        `at` are the conditions: a mapping from names to values, or to lists of one length, a data
+        frame, which may have further columns, or None for those of the experiments, each once.
+
         It is the distribution of a measurement in a new experiment, or of the simulated value with
         `noise` False. `of` is the name of a measured experiment, or a column of the conditions with
         such names ("id" for their own ids). The distribution is then that of a further measurement
-        of that experiment.
+        of that experiment. With levels a new experiment belongs to the group that the conditions
+        name; without the column of a level, or with a name that no experiment had, to a new one.
 
         The uncertainty of alpha is included: the distribution is a mixture over plausible laws (see
         `draws`), and columns ``q<p>.lower`` and ``q<p>.upper`` have a 95 % interval of each
         quantile. With `uncertainty` False alpha is fixed at its estimate. `uncertainty` may also be
         draws of alpha.
 
-        The method is that of `aleator.predict`, with the simulator, inputs and noise of the
-        identification. A data frame may have further columns. If the experiments have a "log"
-        transform, the prediction is that of the logarithm. Raises AleatorError if the
-        identification was read from a file without the simulator.
+        The table has a row for each row of the conditions and each outcome. Its first columns are
+        the conditions, then ``outcome``, its name; ``attrs["units"]`` has the units by name. If the
+        outcome has a "log" transform, the prediction is that of the logarithm. Raises AleatorError
+        if the identification was read from a file without the simulator. Cost: with a slow
+        simulator the runs of one response surface for each condition.
         """
-        return self.session.predict(
-            conditions, self._taken(uncertainty), quantiles, progress, of, noise
-        )
+        draws = self._taken(uncertainty)
+        return self._with_units(self.session.predict(at, draws, quantiles, progress, of, noise))
 
     def probability(
         self,
-        conditions: Conditions | pd.DataFrame,
+        event: str,
+        at: RequestedConditions = None,
         *,
-        above: float | None = None,
-        below: float | None = None,
-        between: tuple[float, float] | None = None,
-        response: str | None = None,
         of: str | None = None,
         noise: bool = True,
         uncertainty: bool | AlphaDraws = True,
         checks: int = SAMPLE.checks,
         progress: Progress | None = None,
     ) -> pd.DataFrame:
-        """The probability that an outcome is above, below or between values, rare or not.
+        """The probability of an event such as "travel > 26" or "20 < travel < 26", rare or not.
 
-        The values are in the unit of the outcome; with several responses name one as `response`.
+        The event compares an outcome, by its name, with values in its unit, which may follow them:
+        "travel > 26 mm". `at` are the conditions, as in `predict`.
+
         With `noise` it is the probability of a measured value. For the probability of a failure use
         the true value, with `noise=False`. `checks` is the number of simulator runs that check a
         response surface for each row; 0 means no check.
 
-        The columns are ``probability`` (including the uncertainty of alpha), its 95 % interval
-        ``lower`` and ``upper``, the probability ``at_estimate`` of alpha, the standard ``error`` of
-        the computation, the ``distance`` of the most probable point of a rare event in standard
-        deviations, the number of ``checks``, the distance ``beyond`` the tested conditions,
-        ``unseen`` and ``status``. ``unseen`` is the largest probability of a region that the runs
-        do not exclude with 95 % confidence. The status is "not_reached" if no parameters within 6.5
-        standard deviations lead to the event. It is "unsettled" if the last runs still change the
-        probability, or leave open which outcomes are in the event.
+        The columns are the conditions, ``outcome``, the ``probability`` (the mean over plausible
+        laws: it includes the uncertainty of alpha), ``lower`` and ``upper``: an interval with at
+        most 2.5 % of the plausible laws on either side, widened to contain the probability and
+        ``at_estimate``, the probability at the estimate of alpha alone. Then follow the standard
+        ``error`` of the computation, the ``distance`` of the most probable point of a rare event in
+        standard deviations, the number of ``checks``, ``unseen``, the distance ``beyond`` the
+        tested conditions and ``status``. ``unseen`` is the largest probability of a region that the
+        runs do not exclude with 95 % confidence. The status is "not_reached" if no parameters
+        within 6.5 standard deviations lead to the event. It is "unsettled" if the last runs still
+        change the probability, or leave open which outcomes are in the event.
 
-        Raises InputsError unless there is one event of one response, AleatorError as `predict`.
+        Raises InputsError for a text that is no event of one outcome, AleatorError as `predict`.
         """
         draws = self._taken(uncertainty)
-        context = self.session.context(conditions, draws.estimate, of, noise)
-        events = requested_events(context, response, above, below, between)
-        return probabilities(context, draws, events, checks, progress)
+        asked = OutcomeEvent.of(event, self.session.outcomes, self.units)
+        context = self.session.context(at, draws.estimate, of, noise)
+        return self._with_units(probabilities(context, draws, asked, checks, progress))
 
     def tolerance(
         self,
-        conditions: Conditions | pd.DataFrame,
-        *,
         content: float = 0.95,
         confidence: float = 0.95,
+        at: RequestedConditions = None,
+        *,
         side: str = "both",
-        response: str | None = None,
+        outcome: str | None = None,
         of: str | None = None,
         noise: bool = True,
         uncertainty: bool | AlphaDraws = True,
@@ -228,21 +229,35 @@ class Identification(Result):
     ) -> pd.DataFrame:
         """Tolerance limits, which contain the share `content` of all outcomes with a confidence.
 
-        The columns ``lower`` and ``upper`` are two limits. With the `side` "upper" or "lower" there
-        is one limit, such as the design value for a reliability, and the standard ``error`` of its
-        computation. Limits are in the unit of the outcome. Raises InputsError for a share that is
-        not between 0 and 1, AleatorError as `predict`.
+        `at` are the conditions, as in `predict`; `outcome` is one of several outcomes, else all are
+        meant. After the conditions and ``outcome`` the columns ``lower`` and ``upper`` are two
+        limits. With the `side` "upper" or "lower" there is one limit, such as the design value for
+        a reliability, and the standard ``error`` of its computation. Limits are in the unit of the
+        outcome. Raises InputsError for a share that is not between 0 and 1, AleatorError as
+        `predict`.
         """
-        draws, asked = self._taken(uncertainty), Tolerance(content, confidence, side)
-        context = self.session.context(conditions, draws.estimate, of, noise)
+        requested = Tolerance(content, confidence, side)
+        draws = self._taken(uncertainty)
+        context = self.session.context(at, draws.estimate, of, noise)
         which = np.flatnonzero(
-            np.isin(context.seen.response, requested_responses(context, response))
+            np.isin(context.seen.response, requested_responses(context, outcome))
         )
-        return limits(context, draws, asked, which, progress)
+        return self._with_units(limits(context, draws, requested, which, progress))
+
+    def _with_units(self, table: pd.DataFrame) -> pd.DataFrame:
+        """The table of predictions with the units of its conditions and outcomes by name."""
+        names = [*map(str, table.columns), *table["outcome"].unique()]
+        table.attrs["units"] = {name: self.units[name] for name in names if name in self.units}
+        return table
 
     def _taken(self, uncertainty: bool | AlphaDraws) -> AlphaDraws:
         if isinstance(uncertainty, AlphaDraws):
             return uncertainty
+        if not isinstance(uncertainty, bool):
+            raise InputsError(
+                f"uncertainty = {uncertainty!r:.40} is neither True, False nor draws of alpha",
+                "write uncertainty=found.draws(1024)",
+            )
         if uncertainty:
             return self.draws()
         return AlphaDraws.at(in_order(self.alpha, self._hyperparameters))
@@ -319,9 +334,9 @@ def load(
     path: str | Path,
     *,
     simulator: Callable[..., Any] | Simulator | None = None,
-    inputs: Inputs | None = None,
+    inputs: Laws | None = None,
     vectorized: bool = False,
-    noise: Noise | Mapping[str, Noise] | None = None,
+    noise: AnyNoise = None,
     experiments: Experiments | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,
@@ -352,10 +367,12 @@ def load(
     found = Identification.from_document(read_answer(path))
     if inputs is None:
         return found
-    runner = None
+    laws, runner = inputs_of(inputs), None
     if simulator is not None:
-        runner = _runners(found, as_simulator(simulator, vectorized), inputs, experiments)
-    session = Session.again(found, path, inputs, noise, experiments, propagation, density, runner)
+        runner = _runners(found, as_simulator(simulator, vectorized), laws, experiments)
+    session = Session.again(
+        found, path, laws, noise_of(noise), experiments, propagation, density, runner
+    )
     try:
         in_order(found.alpha, session.hyperparameters)
     except InputsError as error:

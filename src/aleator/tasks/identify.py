@@ -7,10 +7,10 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from aleator.core.progress import Progress, Silent
-from aleator.errors import InputsError
 from aleator.fit.budget import spend
 from aleator.fit.flow import Answer, identified
 from aleator.fit.ledger import Ledger
@@ -19,14 +19,21 @@ from aleator.fit.result import result_of
 from aleator.inference.check import Check
 from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
-from aleator.laws.inputs import Inputs
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
-from aleator.observations.noise import Noise
 from aleator.results.units import checked_units
 from aleator.search import Search
 from aleator.simulators import Budget, Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.arguments import (
+    AnyNoise,
+    Columns,
+    Laws,
+    experiments_of,
+    inputs_of,
+    noise_of,
+    require_kind,
+)
 from aleator.tasks.ceiling import best_possible
 from aleator.tasks.identification import Identification
 from aleator.tasks.session import Session, runners, runners_like
@@ -41,12 +48,13 @@ UNLIMITED = Budget()
 
 def identify(
     simulator: Callable[..., Any] | Simulator | Runner,
-    experiments: Experiments | pd.DataFrame,
-    inputs: Inputs,
+    experiments: Experiments | pd.DataFrame | Columns,
+    inputs: Laws,
     *,
-    outcome: str | None = None,
+    outcome: str | list[str] | None = None,
+    id: str | None = None,
     vectorized: bool = False,
-    noise: Noise | Mapping[str, Noise] | None = None,
+    noise: AnyNoise = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,
     search: Search = DEFAULT_SEARCH,
@@ -68,13 +76,17 @@ def identify(
     `simulator` takes conditions and parameters by keyword and returns the outcome. It is called
     with floats for each run, or with arrays of R runs if `vectorized`. With `jac=True` it returns a
     pair, the outcome and its derivatives by the parameters, or `jac` is a function that returns
-    these (see `FunctionSimulator`); then fewer runs do. `experiments` is an
-    `Experiments`, or a data frame whose column `outcome` is the measured outcome and whose other
-    columns are conditions. With `noise` the likelihood is an integral over each experiment's own
-    parameters. Without noise it is an integral over level sets, the parameters at which the
-    simulator gives the measured outcome. Both are exact up to numerical errors. If a `density`,
-    `Collocation` or `nodes` of the law are chosen, the density of an outcome without noise is
-    computed from its moments instead.
+    these (see `FunctionSimulator`); then fewer runs do. `experiments` is a data
+    frame, or a mapping of columns, or `Experiments`. Its column `outcome` is the measured outcome,
+    or several columns are; the column `id` (by default "id", if there is one) names the experiment
+    of each row: rows of one experiment share one draw of the parameters. The other columns are
+    conditions. `inputs` is an `Inputs`, or a mapping from the names of parameters to their laws.
+    `noise` is the standard deviation of the measurement error, a number or `Free(lower, upper)`, or
+    a `Noise`, or a mapping from outcomes to these. With `noise` the likelihood is an integral over
+    each experiment's own parameters. Without noise it is an integral over level sets, the
+    parameters at which the simulator gives the measured outcome. Both are exact up to numerical
+    errors. If a `density`, `Collocation` or `nodes` of the law are chosen, the density of an
+    outcome without noise is computed from its moments instead.
 
     Runs are made by the workers of `executor`, or in this process. The result is the same as long
     as twice the number of workers is no more than six, or than half of the distinct conditions;
@@ -95,19 +107,14 @@ def identify(
     >>> table = pd.DataFrame({"load": [1.0, 2.0, 3.0, 4.0], "y": [1.1, 1.8, 3.6, 3.7]})
     >>> def model(load, x):
     ...     return load * x
-    >>> law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
+    >>> law = {"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))}
     >>> result = identify(model, table, law, outcome="y", verification=Check(0))
     >>> round(result.alpha["x.mean"].estimate, 3)  # the mean of y/load: (1.1 + .9 + 1.2 + .925)/4
     1.031
     """
-    table = _experiments(experiments, outcome)
-    if not isinstance(inputs, Inputs):
-        raise InputsError(
-            f"the inputs are {type(inputs).__name__}, not Inputs", "write Inputs({name: law, ...})"
-        )
-    each = noise.values() if isinstance(noise, Mapping) else () if noise is None else (noise,)
-    if not all(isinstance(one, Noise) for one in each):
-        raise InputsError(f"the noise is {noise!r:.60}, not Noise", "write Noise(sd=...)")
+    table = experiments_of(experiments, outcome, id)
+    inputs, noise = inputs_of(inputs), noise_of(noise)
+    _require_settings(propagation, search, verification, seed, progress, budget)
     known = (*table.observations.names, *map(str, table.table.columns), *inputs.names)
     shown = checked_units(units, known)
     runner = as_runner(simulator, table, inputs.names, vectorized, executor, jac)
@@ -151,20 +158,18 @@ def _judged(
     )
 
 
-def _experiments(experiments: Experiments | pd.DataFrame, outcome: str | None) -> Experiments:
-    if isinstance(experiments, Experiments):
-        return experiments
-    if not isinstance(experiments, pd.DataFrame):
-        raise InputsError(
-            f"the experiments are {type(experiments).__name__}, not a data frame or Experiments",
-            "write pandas.DataFrame(...)",
-        )
-    if outcome is None:
-        raise InputsError(
-            "identify got a data frame but not the name of its outcome",
-            'say which column holds the measured outcome: identify(..., outcome="...")',
-        )
-    return Experiments.from_frame(experiments, outcome=outcome)
+def _require_settings(
+    propagation: object, search: object, verification: object, seed: object, progress: object,
+    budget: object,
+) -> None:  # fmt: skip
+    """Raise AleatorError for an argument of another kind, before anything is computed."""
+    require_kind(propagation, "__dataclass_fields__", "propagation", "ResponseSurface()")
+    require_kind(search, "maximize", "search", "CMAES(), or GradientMultistart(10)")
+    require_kind(verification, Check, "verification", "Check(), or Check(0) for no check")
+    require_kind(seed, (int, np.integer), "seed", "0")
+    require_kind(budget, Budget, "budget", "Budget(runs=100)")
+    if progress is not None:
+        require_kind(progress, "stage", "progress", "aleator.ProgressLine()")
 
 
 def _session(answer: Answer, table: Experiments) -> Session:

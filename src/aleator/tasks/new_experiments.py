@@ -120,12 +120,14 @@ CONTEXT = ContextSettings()
 class MeasuredExperiments:
     """B measured experiments whose next outcomes are predicted from their observations.
 
-    `which` (B,) are their indices in the likelihood. The parameters of an experiment, given its
+    `which` (B,) are their indices in the likelihood. If their outcomes are not `further` ones, they
+    are new experiments of groups that were measured. The parameters of an experiment, given its
     observations, depend much on alpha, so that quadrature nodes are adapted to each alpha once.
     """
 
     likelihood: IndividualLikelihood
     which: Indices
+    further: bool = True
     _adapted: dict[bytes, IndividualLikelihood] = field(default_factory=dict, repr=False)
 
     def at(self, alpha: Array) -> IndividualLikelihood:
@@ -155,6 +157,12 @@ class PredictionContext:
     measured: MeasuredExperiments | None = None
     tested: Experiments | None = None
     settings: ContextSettings = CONTEXT
+
+    @property
+    def noise_columns(self) -> tuple[str, ...]:
+        """The columns of the conditions that the measurement errors follow."""
+        parts = () if self.errors is None else self.errors.parts
+        return tuple(name for part in parts for name in part.noise.columns)
 
     @property
     def count(self) -> int:

@@ -17,11 +17,11 @@ from aleator.inference.alpha_draws import AlphaDraws
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.observations.experiments import Conditions
-from aleator.observations.noise import Noise
-from aleator.observations.responses import responses_of
-from aleator.results.values import REPORTED, Estimate, in_order
+from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.arguments import AnyNoise, Columns, Laws, conditions_in, inputs_of, noise_of
+from aleator.tasks.prediction import PREDICTION
 from aleator.tasks.runs import AnySimulator, runner_on
 from aleator.tasks.session import Session
 
@@ -32,52 +32,52 @@ if TYPE_CHECKING:
 
 def predict(
     simulator: AnySimulator,
-    conditions: Conditions | pd.DataFrame,
-    inputs: Inputs,
+    at: Conditions | pd.DataFrame | Columns,
+    inputs: Laws,
     alpha: Mapping[str, float | Estimate],
     *,
     vectorized: bool = False,
-    noise: Noise | Mapping[str, Noise] | None = None,
+    noise: AnyNoise = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,
-    quantiles: tuple[float, ...] = REPORTED.quantiles,
+    quantiles: tuple[float, ...] = PREDICTION.quantiles,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """The mean, standard deviation and quantiles of a measurement under the law alpha.
 
+    `at` are the conditions: a mapping from names to values, or to lists of one length, or a table.
     `alpha` maps the name of every hyperparameter to its value, as the `alpha` of an Identification
     does. Measurement noise is included. With a "log" transform the prediction is that of the
-    logarithm. Rows of `conditions` with the same id are one new experiment. If `noise` is a mapping
-    by response, a data frame has these responses. Returns a table with a row for each row and
-    response: id, mean, standard_deviation, skewness, kurtosis, a column ``q<p>`` for each quantile,
-    and a status.
+    logarithm. Rows with the same id are one new experiment. If `noise` is a mapping by outcome, the
+    simulator has these outcomes. Returns a table with a row for each row and outcome: the
+    conditions, outcome, mean, standard_deviation, skewness, kurtosis, a column ``q<p>`` for each
+    quantile, and a status.
 
     Raises InputsError if alpha lacks a hyperparameter or has an unknown one. Raises it also if a
     law depends on covariates; use `Identification.predict` then. Cost: with a slow simulator the
     runs of one response surface for each condition, near the law.
 
     >>> from aleator.laws import Normal
-    >>> table = predict(lambda load, x: load * x, pd.DataFrame({"load": [10.0]}),
-    ...                 Inputs({"x": Normal(1.0, 0.1)}), {"x.mean": 1.0, "x.sd": 0.1})
-    >>> table[["mean", "standard_deviation", "q0.5"]].round(6).to_numpy().tolist()
-    [[10.0, 1.0, 10.0]]
+    >>> table = predict(lambda load, x: load * x, {"load": 10.0}, {"x": Normal(1.0, 0.1)},
+    ...                 {"x.mean": 1.0, "x.sd": 0.1})
+    >>> table[["load", "mean", "standard_deviation", "q0.5"]].round(6).to_numpy().tolist()
+    [[10.0, 10.0, 1.0, 10.0]]
     """
-    if isinstance(conditions, pd.DataFrame):
-        named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
-        conditions = Conditions.from_frame(conditions, responses=named)
+    inputs, noise = inputs_of(inputs), noise_of(noise)
+    conditions = conditions_in(at, "at", noise)
     runner = runner_on(simulator, conditions, inputs.names, vectorized)
     asked = (inputs, noise, conditions.responses, None, lambda _: runner, None)
     if is_exact(conditions, inputs, noise):
         model = Model.of(inputs, propagation, density)
         session, reason = Session(*asked, model=model), None
-        at = in_order(alpha, session.hyperparameters)
+        known = in_order(alpha, session.hyperparameters)
     else:
         surfaces = surfaces_alone(propagation, density)
         _require_resolved(inputs)
-        at = in_order(alpha, Session(*asked).hyperparameters)
-        way = _way(runner, surfaces, inputs, at[: inputs.size], len(conditions.ids))
+        known = in_order(alpha, Session(*asked).hyperparameters)
+        way = _way(runner, surfaces, inputs, known[: inputs.size], len(conditions.ids))
         session, reason = Session(*asked, way.direct, surfaces), way.reason
-    found = session.predict(conditions, AlphaDraws.at(at), quantiles, progress)
+    found = session.predict(conditions, AlphaDraws.at(known), quantiles, progress)
     if reason is not None:
         found.attrs["propagation_reason"] = reason
     return found

@@ -49,6 +49,8 @@ class PredictionSettings:
     """The distance that probabilities keep from zero and one."""
     step: float = 1e-4
     """The step of the numerical derivative of a distribution function, in error scales."""
+    quantiles: tuple[float, ...] = (0.025, 0.5, 0.975)
+    """The probabilities of the quantiles of a prediction: its median and its 95 % range."""
     lost: float = 1e-3
     """The probability of failing runs above which a prediction has the status "runs_failed"."""
     hull: int = 2000
@@ -479,36 +481,14 @@ def tabled(
     ends = None
     if not draws.certain:
         found, ends = widened(context, predictor, draws, probabilities, found)
-    columns = heads(context)
-    columns["mean"], columns["standard_deviation"] = found.mean, found.sd
+    columns = {"mean": found.mean, "standard_deviation": found.sd}
     columns["skewness"], columns["kurtosis"] = found.skewness, found.kurtosis
     columns |= {f"q{p:g}": found.quantiles[:, i] for i, p in enumerate(quantiles)}
     if ends is not None:
         for i, p in enumerate(quantiles):
             columns[f"q{p:g}.lower"], columns[f"q{p:g}.upper"] = ends[:, i].T
-    columns |= tails(context)
-    columns["status"] = np.where(found.lost > settings.lost, "runs_failed", "solved")
-    return in_rows(context, columns)
-
-
-def heads(context: PredictionContext, places: Indices | None = None) -> dict[str, Any]:
-    """The columns that name the experiment, row and response of each value, or of `places`."""
-    conditions, seen = context.conditions, context.seen
-    which = np.arange(len(seen)) if places is None else places
-    columns: dict[str, Any] = {"id": [conditions.ids[l] for l in seen.experiment[which]]}
-    if len(conditions.ids) < len(conditions.conditions):
-        columns["row"] = seen.row[which] + 1
-    if len(seen.responses) > 1:
-        columns["response"] = [seen.responses[k].name for k in seen.response[which]]
-    return columns
-
-
-def tails(context: PredictionContext, places: Indices | None = None) -> dict[str, Array]:
-    """The column `beyond`: distances from the tested conditions, in units of the tested range."""
-    found, row = beyond(context), context.seen.row
-    return (
-        {} if found is None else {"beyond": found.distance[row if places is None else row[places]]}
-    )
+    lost = found.lost > settings.lost
+    return in_rows(context, columns, ["runs_failed" if each else "solved" for each in lost])
 
 
 def beyond(context: PredictionContext) -> Beyond | None:
@@ -524,13 +504,62 @@ def beyond(context: PredictionContext) -> Beyond | None:
     return compared(tested[names], new[names])
 
 
+def condition_columns(context: PredictionContext, rows: Indices) -> dict[str, Any]:
+    """The columns that say of what each value is: ids, conditions and groups of the user's table.
+
+    They are the id, if the table has one, what the simulator, the laws and the noise take, and the
+    groups of levels: "new" where the table does not name the group, and "b9 (new)" where no
+    experiment was of it.
+    """
+    conditions, table = context.conditions, context.conditions.table
+    levels = [*dict.fromkeys(context.inputs.levels.values())]
+    taken = [*context.runner.cases.columns, *context.inputs.columns, *context.noise_columns]
+    if context.measured is not None and context.measured.further:
+        levels = []  # Each value belongs to the groups of its experiment.
+    found: dict[str, Any] = {}
+    if conditions.id is not None:
+        found[conditions.id] = [conditions.ids[l] for l in conditions.experiment[rows]]
+    for name in dict.fromkeys(taken):
+        if name in table and name not in levels:
+            found[name] = table[name].to_numpy()[rows]
+        elif name in levels:
+            found[name] = [_group(context, name, row) for row in rows.tolist()]
+    return found
+
+
+def _group(context: PredictionContext, level: str, row: int) -> object:
+    """The group of a level to which a row of the conditions belongs, marked where it is new."""
+    if level not in context.conditions.table:
+        return "new"
+    cell = context.conditions.table[level].iloc[row]
+    known = context.tested is None or bool((context.tested.table[level] == cell).any())
+    whole = isinstance(cell, float) and cell.is_integer()
+    return cell if known else f"{int(cell) if whole else cell} (new)"
+
+
 def in_rows(
-    context: PredictionContext, columns: dict[str, Any], places: Indices | None = None
+    context: PredictionContext,
+    values: dict[str, Any],
+    status: Sequence[str] | None = None,
+    places: Indices | None = None,
 ) -> pd.DataFrame:
-    """The columns as a table, sorted by rows of the conditions, then by responses."""
-    which = np.arange(len(context.seen)) if places is None else places
-    order = np.lexsort((context.seen.response[which], context.seen.row[which]))
-    return pd.DataFrame(columns).iloc[order].reset_index(drop=True)
+    """The table of predicted values, or of those at `places`: conditions, outcome, values, status.
+
+    It is sorted by rows of the conditions, then by outcomes. A column of the conditions that has
+    the name of a column of the prediction is called "mean (condition)".
+    """
+    seen = context.seen
+    which = np.arange(len(seen)) if places is None else places
+    row, away = seen.row[which], beyond(context)
+    columns = {"outcome": [seen.responses[k].name for k in seen.response[which]], **values}
+    columns |= {} if away is None else {"beyond": away.distance[row]}
+    columns |= {} if status is None else {"status": status}
+    conditions = {
+        f"{name} (condition)" if name in columns else name: cells
+        for name, cells in condition_columns(context, row).items()
+    }
+    order = np.lexsort((seen.response[which], row))
+    return pd.DataFrame({**conditions, **columns}).iloc[order].reset_index(drop=True)
 
 
 def _own(context: PredictionContext, alpha: Array) -> Draws:

@@ -5,8 +5,8 @@ An event is an outcome above a value, below a value, or between two values.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ from aleator.errors import InputsError, nearest
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
 from aleator.inference.information import INTERVALS
 from aleator.inference.rare_events import CrossEntropy, Event, content_interval, quantile_bound
-from aleator.observations.responses import Transform
+from aleator.tasks.arguments import described
 from aleator.tasks.event_points import (
     SAMPLE,
     Correction,
@@ -36,11 +36,12 @@ from aleator.tasks.event_points import (
     sought,
 )
 from aleator.tasks.new_experiments import Exploration, Points, PredictedValue, PredictionContext
-from aleator.tasks.prediction import PREDICTION, heads, in_rows, tails
+from aleator.tasks.outcome_event import OutcomeEvent
+from aleator.tasks.prediction import PREDICTION, in_rows
 
 
-def requested_responses(context: PredictionContext, response: str | None) -> Indices:
-    """The index of the response with this name, or without a name all indices.
+def requested_responses(context: PredictionContext, outcome: str | None) -> Indices:
+    """The index of the response that is this outcome, or without a name all indices.
 
     Raises InputsError for an unknown name.
 
@@ -51,67 +52,20 @@ def requested_responses(context: PredictionContext, response: str | None) -> Ind
     """
     names = [r.name for r in context.seen.responses]
     # The only response may be unnamed in the table, so every name stands for it.
-    if response is None or names == [response] or len(names) == 1:
+    if outcome is None or len(names) == 1:
         return np.arange(len(names))
-    if response not in names:
+    if outcome not in names:
         raise InputsError(
-            f"there is no response '{response}'{nearest(response, names)}",
-            f"the responses are {', '.join(names)}",
+            f"there is no outcome '{outcome}'{nearest(outcome, names)}",
+            f"the outcomes are {', '.join(names)}",
         )
-    return np.array([names.index(response)], dtype=np.intp)
-
-
-def requested_events(
-    context: PredictionContext,
-    response: str | None,
-    above: float | None,
-    below: float | None,
-    between: Sequence[float] | None,
-) -> dict[int, Event]:
-    """The event of one response, by the index of the response, with transformed ends.
-
-    Raises InputsError unless exactly one of `above`, `below` and `between` is given, for one
-    response. The ends must be increasing numbers, and positive if the response has a "log"
-    transform.
-    """
-    if sum(part is not None for part in (above, below, between)) != 1:
-        raise InputsError(
-            "the probability of which outcomes?",
-            "give one of above, below and between, in the unit of the outcome",
-        )
-    which = requested_responses(context, response)
-    if which.size > 1:
-        names = ", ".join(r.name for r in context.seen.responses)
-        raise InputsError(
-            f"the probability of which response? There are {names}", "name one with response"
-        )
-    transform = context.seen.responses[which[0]].transform
-    low, high = between or (above, below)
-    ends = _end(low, -np.inf, transform), _end(high, np.inf, transform)
-    if not ends[0] < ends[1]:
-        raise InputsError(f"between {low:g} and {high:g} lies nothing", "give the lower end first")
-    return {int(which[0]): Event((ends,))}
-
-
-def _end(value: float | None, other: float, transform: Transform) -> float:
-    if value is None:
-        return other
-    if not np.isfinite(value):
-        raise InputsError(f"an end at {value} is no number", "leave it out, or give a number")
-    if transform is Transform.LOG and value <= 0.0:
-        raise InputsError(
-            f"an end at {value:g}, and the likelihood sees the logarithm of the outcome",
-            "give a positive number: all outcomes are above zero",
-        )
-    return float(transform(value))
+    return np.array([names.index(outcome)], dtype=np.intp)
 
 
 @dataclass(frozen=True)
 class ProbabilitySettings:
-    """Settings of the interval of a probability; the values are chosen by judgement."""
+    """Settings of the error of a probability; the values are chosen by judgement."""
 
-    content: float = 0.95
-    """The probability that an interval contains."""
     batches: int = 16
     """The number of batches of draws, whose scatter gives the error due to the draws."""
 
@@ -131,12 +85,12 @@ It is the ratio of the 97.5 % quantiles of Student's t and of the normal law.
 class Probability:
     """A probability under the mixture of plausible laws, and its 95 % interval.
 
-    `at_estimate` is the probability under the estimated law, `error` the standard error of the
-    computation, and `checks` the number of simulator runs that checked it. `distance` is the
-    distance of the event's most probable point from the centre of the estimated law, in standard
-    deviations. If the complement of the event is less probable, it is that of the complement. It is
-    NaN without an importance density. `unseen` is the largest probability of a region that the
-    simulator runs do not exclude; NaN without a surface.
+    The interval contains `at_estimate`, the probability under the estimated law, too. `error` is
+    the standard error of the computation, and `checks` the number of simulator runs that checked
+    it. `distance` is the distance of the event's most probable point from the centre of the
+    estimated law, in standard deviations. If the complement of the event is less probable, it is
+    that of the complement. It is NaN without an importance density. `unseen` is the largest
+    probability of a region that the simulator runs do not exclude; NaN without a surface.
     """
 
     probability: float
@@ -161,29 +115,25 @@ class Probability:
 def probabilities(
     context: PredictionContext,
     draws: AlphaDraws,
-    events: dict[int, Event],
+    asked: OutcomeEvent,
     checks: int = SAMPLE.checks,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
-    """The table of probabilities, with a row for each row of the conditions.
-
-    `events` has the event of a response by the index of the response.
-    """
+    """The table of probabilities of an event, with a row for each row of the conditions."""
     draws = context.taken(draws)
-    requested = np.flatnonzero(np.isin(context.seen.response, [*events]))
+    (which,) = requested_responses(context, asked.outcome).tolist()
+    event = asked.on(context.seen.responses[which].transform)
+    requested = np.flatnonzero(context.seen.response == which)
     found: list[Probability] = []
     for place in requested.tolist():
         if progress is not None:
             progress.stage(f"probability {len(found) + 1} of {requested.size}")
         predicted = PredictedValue.of(context, place, draws, progress)
-        event = events[int(context.seen.response[place])]
         found.append(probability(predicted, draws, event, checks, progress))
-    names = ("probability", "lower", "upper", "error", "at_estimate", "distance", "checks",
+    names = ("probability", "lower", "upper", "at_estimate", "error", "distance", "checks",
              "unseen")  # fmt: skip
     columns = {name: np.array([getattr(p, name) for p in found]) for name in names}
-    status = {"status": np.array([p.status for p in found])}
-    columns = {**heads(context, requested), **columns, **tails(context, requested), **status}
-    return in_rows(context, columns, requested)
+    return in_rows(context, columns, [p.status for p in found], requested)
 
 
 def probability(
@@ -353,7 +303,7 @@ class _Told:
         whole = float(np.clip(mixed + change.value, 0.0, 1.0))
         factor = whole / mixed if mixed > 0.0 else 1.0
         own = np.clip(self.each.mean(axis=1) * factor, 0.0, 1.0)
-        ends = delta_interval(whole, own[1:], self.weights)
+        ends = widened_interval(np.array([whole, own[0]]), own[1:], self.weights)
         if draws.certain:
             ends = np.full(2, np.nan)
         status = "unsettled" if not settled else "solved" if sample.reached else "not_reached"
@@ -364,22 +314,18 @@ class _Told:
         )  # fmt: skip
 
 
-def delta_interval(
-    mean: float, values: Array, weights: Array, settings: ProbabilitySettings = PROBABILITY
-) -> Array:
-    """The ends (2,) of an interval that contains 95 % of the values (A,), and their mean.
+def widened_interval(estimates: Array, values: Array, weights: Array) -> Array:
+    """The ends (2,) of an interval that has at most 2.5 % of the values (A,) on either side.
 
-    Each tail has 2.5 %. If the values are so skewed that the mean lies in one of the tails, the
-    interval ends at the mean, and the other tail is made smaller or larger to keep 95 %.
+    It is widened to contain the `estimates`: the mean of skew values may lie in one of their tails,
+    and the value at an estimate of alpha on its limit is below or above all of them.
+
+    >>> values, weights = np.arange(1.0, 101.0), np.full(100, 0.01)
+    >>> widened_interval(np.array([0.0]), values, weights).round(0).tolist()
+    [0.0, 98.0]
     """
     low, high = quantiles(values, weights, np.array(INTERVALS.ends))
-    if mean > high:
-        below = float(np.sum(weights, where=values <= mean))
-        low = quantiles(values, weights, np.array([below - settings.content]))[0]
-    elif mean < low:
-        below = float(np.sum(weights, where=values < mean))
-        high = quantiles(values, weights, np.array([below + settings.content]))[0]
-    return np.array([min(low, mean), max(high, mean)])
+    return np.array([min(low, estimates.min()), max(high, estimates.max())])
 
 
 def _shares(holds: Flags, weights: Array, normalized: bool) -> Array:
@@ -421,8 +367,11 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         for name, value in (("content", self.content), ("confidence", self.confidence)):
-            if not 0.0 < value < 1.0:
-                raise InputsError(f"{name} {value:g}", "choose a share between 0 and 1, as 0.95")
+            if not (isinstance(value, Real) and 0.0 < value < 1.0):
+                raise InputsError(
+                    f"{name} = {described(value)} of tolerance limits is no share between 0 and 1",
+                    "write found.tolerance(0.95, 0.90, at=...): the content, then the confidence",
+                )
         if self.side not in ("both", "upper", "lower"):
             raise InputsError(f"side '{self.side}'", 'it is "both", "upper" or "lower"')
 
@@ -455,7 +404,7 @@ def limits(
     columns = {"lower": lower, "upper": upper} if requested.side == "both" else {
         requested.side: upper if requested.side == "upper" else lower, "error": error
     }  # fmt: skip
-    return in_rows(context, {**heads(context, which), **columns, **tails(context, which)}, which)
+    return in_rows(context, columns, None, which)
 
 
 def _interval(

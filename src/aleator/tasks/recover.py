@@ -23,9 +23,8 @@ from aleator.inference.likelihood_at import censored_alike
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs, drawn
 from aleator.observations.errors import MeasurementErrors
-from aleator.observations.experiments import Conditions, Experiments
-from aleator.observations.noise import Noise
-from aleator.observations.responses import Observations, responses_of
+from aleator.observations.experiments import Experiments, unmeasured
+from aleator.observations.responses import Observations
 from aleator.results import printed
 from aleator.search import Search
 from aleator.simulators import Runner, Simulator
@@ -33,6 +32,7 @@ from aleator.simulators.command.run import passing
 from aleator.simulators.pool import packed
 from aleator.simulators.store import Store
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.arguments import AnyNoise, Laws, conditions_in, inputs_of, noise_of
 from aleator.tasks.runs import AnySimulator, AnyTable, in_processes, runner_on
 
 if TYPE_CHECKING:
@@ -115,19 +115,6 @@ def _simulated(runner: Runner, inputs: Inputs, alpha: Array, rng: np.random.Gene
     return np.asarray(values[place, runner.column])
 
 
-def _unmeasured(
-    asked: Conditions | pd.DataFrame, noise: Noise | Mapping[str, Noise] | None
-) -> Experiments:
-    """Experiments without measured values; for a data frame `noise` names the responses."""
-    if isinstance(asked, pd.DataFrame):
-        named = responses_of([*noise]) if isinstance(noise, Mapping) else ()
-        asked = Conditions.from_frame(asked, responses=named)
-    return Experiments(
-        asked.ids, asked.conditions, asked.observations,
-        table=asked.table, experiment=asked.experiment, places=asked.places,
-    )  # fmt: skip
-
-
 @dataclass(frozen=True)
 class Recovery:
     """The estimates `alpha` (R, F) of R replicates of a known law, with intervals (R, F, 2).
@@ -197,11 +184,11 @@ def _share(held: NDArray[np.bool_], known: NDArray[np.bool_]) -> Array:
 def recover(
     simulator: AnySimulator,
     experiments: AnyTable,
-    inputs: Inputs,
+    inputs: Laws,
     truth: Mapping[str, float],
     *,
     vectorized: bool = False,
-    noise: Noise | Mapping[str, Noise] | None = None,
+    noise: AnyNoise = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,
     search: Search = DEFAULT_SEARCH,
@@ -234,11 +221,13 @@ def recover(
     [1.0, 0.1]
     """
     progress = progress or Silent()
+    inputs, noise = inputs_of(inputs), noise_of(noise)
     runner = runner_on(simulator, experiments, inputs.names, vectorized)
-    if not isinstance(experiments, Experiments):
-        experiments = _unmeasured(experiments, noise)
+    table = experiments
+    if not isinstance(table, Experiments):
+        table = unmeasured(conditions_in(table, "experiments", noise))
     choices = Choices.of(
-        experiments, inputs, noise, propagation, density, search, restricted=restricted
+        table, inputs, noise, propagation, density, search, restricted=restricted
     )  # fmt: skip
     hyperparameters = choices.hyperparameters
     alpha = _checked(truth, hyperparameters, replicates)

@@ -15,10 +15,11 @@ from aleator.errors import SurroundingsError
 from aleator.observations.experiments import Conditions, Experiments
 from aleator.simulators import ProcessPool, Runner, Simulator, as_runner
 from aleator.simulators.command.run import passing
+from aleator.tasks.arguments import Columns, conditions_in
 
 AnySimulator = Callable[..., Any] | Simulator | Runner
 """The type of a simulator: a function, a Simulator, or a Runner with its conditions and store."""
-AnyTable = Experiments | Conditions | pd.DataFrame
+AnyTable = Experiments | Conditions | pd.DataFrame | Columns
 """The type of a table of conditions, with or without outcomes."""
 
 
@@ -35,8 +36,8 @@ def runner_on(
     >>> runner_on(lambda load, x: load * x, table, ["x"])([0], [[2.0]])
     array([2.])
     """
-    if isinstance(table, pd.DataFrame):
-        table = Conditions.from_frame(table)
+    if not isinstance(table, Experiments):
+        table = conditions_in(table, "experiments", None)
     return as_runner(simulator, table, parameters, vectorized, executor)
 
 

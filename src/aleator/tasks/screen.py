@@ -17,13 +17,13 @@ from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Indices
 from aleator.errors import InputsError, nearest
 from aleator.laws import Law, Uniform
-from aleator.laws.inputs import Inputs
 from aleator.moments.expansion import Basis, Expansion, SobolIndices, TotalDegree, sobol_indices
 from aleator.moments.projection import Regression
-from aleator.observations.experiments import Conditions
+from aleator.observations.experiments import Experiments
 from aleator.results import printed
 from aleator.results.printed import THRESHOLDS
 from aleator.simulators import Runner
+from aleator.tasks.arguments import Laws, conditions_in, inputs_of
 from aleator.tasks.first_look import SingleValues, of_values, one_each
 from aleator.tasks.runs import AnySimulator, AnyTable, runner_on
 
@@ -166,7 +166,7 @@ class Sensitivity:
 def screen(
     simulator: AnySimulator,
     experiments: AnyTable,
-    inputs: Inputs,
+    inputs: Laws,
     *,
     vectorized: bool = False,
     only: Sequence[str] | None = None,
@@ -193,15 +193,15 @@ def screen(
 
     >>> from aleator.laws import Constant, Free
     >>> table = pd.DataFrame({"load": [1.0, 2.0]})
-    >>> inputs = Inputs({"x": Constant(Free(0.0, 1.0)), "y": Constant(Free(0.0, 2.0))})
+    >>> inputs = {"x": Constant(Free(0.0, 1.0)), "y": Constant(Free(0.0, 2.0))}
     >>> found = screen(lambda load, x, y: load * x + y, table, inputs)
     >>> found.sobol.first.round(6).tolist()           # load^2/12 against 4/12
     [[0.2, 0.8], [0.5, 0.5]]
     """
-    made = runner_on(simulator, experiments, inputs.names, vectorized, executor)
-    table = (
-        Conditions.from_frame(experiments) if isinstance(experiments, pd.DataFrame) else experiments
-    )
+    inputs, table = inputs_of(inputs), experiments
+    if not isinstance(table, Experiments):
+        table = conditions_in(table, "experiments", None)
+    made = runner_on(simulator, table, inputs.names, vectorized, executor)
     runner: Runner | SingleValues = made if one_each(made) else of_values(made, table)
     chosen = _positions(made.ids if isinstance(runner, Runner) else runner.owner, only)
     laws, spreads = zip(*[_varied(law) for law in inputs.laws.values()], strict=True)

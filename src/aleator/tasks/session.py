@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -32,21 +32,29 @@ from aleator.likelihood.individual import (
 from aleator.likelihood.level_sets.likelihood import BY_LEVEL_SETS
 from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors, noise_hyperparameters
-from aleator.observations.experiments import Conditions, Experiments, covariates, unmeasured
-from aleator.observations.noise import Noise
+from aleator.observations.experiments import (
+    Conditions,
+    Experiments,
+    conditions_of,
+    covariates,
+    distinct_conditions,
+    unmeasured,
+)
+from aleator.observations.noise import Noise, noise_columns
 from aleator.observations.responses import Response, Transform, with_limits_of_test
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
 from aleator.results.values import Estimate, in_order
 from aleator.simulators import Runner, Simulator, as_runner
 from aleator.surrogates import ResponseSurface
+from aleator.tasks.arguments import RequestedConditions, frame_of
 from aleator.tasks.new_experiments import (
     MeasuredExperiments,
     PredictionContext,
     local_surfaces,
     simulator_itself,
 )
-from aleator.tasks.prediction import Draws, tabled, tails
+from aleator.tasks.prediction import Draws, in_rows, tabled
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -131,8 +139,13 @@ class Session:
         """All hyperparameters, those of the laws first; empty if there are no inputs."""
         if self.inputs is None:
             return ()
-        names = tuple(response.name for response in self.responses)
-        return (*self.inputs.hyperparameters, *noise_hyperparameters(self.noise, names))
+        own = noise_hyperparameters(self.noise, self.outcomes)
+        return (*self.inputs.hyperparameters, *own)
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """The names of the outcomes."""
+        return tuple(response.name for response in self.responses)
 
     def law(
         self,
@@ -173,7 +186,7 @@ class Session:
 
     def predict(
         self,
-        conditions: Conditions | pd.DataFrame,
+        at: RequestedConditions,
         plausible: AlphaDraws,
         quantiles: tuple[float, ...],
         progress: Progress | None,
@@ -185,7 +198,7 @@ class Session:
         Without noise, with one outcome and under the estimate alone, it is computed from the
         density of the outcome.
         """
-        context = self.context(conditions, plausible.estimate, of, noise)
+        context = self.context(at, plausible.estimate, of, noise)
         if progress is not None:
             progress.stage("prediction")
         alone = self.model is not None and context.conditions.simple and len(self.responses) == 1
@@ -194,11 +207,7 @@ class Session:
         return _by_density(context, self.model, plausible.estimate, quantiles, progress)
 
     def context(
-        self,
-        conditions: Conditions | pd.DataFrame,
-        alpha: Array,
-        of: str | None = None,
-        noise: bool = True,
+        self, at: RequestedConditions, alpha: Array, of: str | None = None, noise: bool = True
     ) -> PredictionContext:
         """The context for predicting new experiments, or further values of measured ones.
 
@@ -216,8 +225,7 @@ class Session:
                 "measured, and their law given these is not computed",
                 "predict without the errors (noise=False, --no-noise), or predict new experiments",
             )
-        if isinstance(conditions, pd.DataFrame):
-            conditions = Conditions.from_frame(conditions, responses=self.responses)
+        conditions = self._asked(at, of)
         runner, inputs = self.runner_on(conditions, "a prediction"), self.inputs
         assert inputs is not None
         known = None if of is None else self._measured(conditions, alpha, of)
@@ -232,6 +240,41 @@ class Session:
             self.surfaces,
             known,
             self.experiments,
+        )
+
+    def _asked(self, at: RequestedConditions, of: str | None) -> Conditions:
+        """The conditions that `at` gives; for None those of the experiments.
+
+        Raises InputsError for a name in a mapping that is no column of the experiments.
+        """
+        if isinstance(at, Conditions):
+            return at
+        table = self.experiments
+        if table is None or self.runner is None:
+            if at is None or self.runner is None:
+                raise missing(
+                    "a prediction needs the simulator and the inputs"
+                    if self.runner is None
+                    else "a prediction without `at` needs the experiments",
+                    "aleator.load(path, simulator=..., inputs=..., noise=..., experiments=...)",
+                )
+            return Conditions.from_frame(frame_of(at, "at"), responses=self.responses)
+        taken = self.runner(table).used_conditions
+        if at is None:
+            assert self.inputs is not None
+            columns = [*taken, *self.inputs.columns, *noise_columns(self.noise)]
+            return conditions_at(table, of, dict.fromkeys(columns))
+        frame = frame_of(at, "at")
+        if isinstance(at, Mapping):
+            covariates = self.inputs.covariates if self.inputs else ()
+            _require_known(
+                at, [*table.table.columns, *([table.id] if table.id else [])], covariates
+            )
+        return Conditions.from_frame(
+            frame,
+            id=table.id if table.id in frame else None,
+            conditions=[name for name in taken if name in frame],
+            responses=self.responses,
         )
 
     def exact_fit(self) -> Fit | None:
@@ -370,7 +413,7 @@ class Session:
         place = np.argsort(order)
         whole = inputs.resolved(together.iloc[order].reset_index(drop=True))
         likelihood = self._adapted(table, alpha).among(whole, place[:count])
-        return whole, MeasuredExperiments(likelihood.adapted(alpha), place[count:])
+        return whole, MeasuredExperiments(likelihood.adapted(alpha), place[count:], further=False)
 
     def _adapted(self, table: Experiments, alpha: Array, nodes: int = 7) -> IndividualLikelihood:
         """The likelihood of the measured experiments, made again if the fit was not kept.
@@ -398,15 +441,41 @@ def _by_density(
     outcomes = under_law(context.runner, model, alpha, progress).predictor.under(alpha)
     found = outcomes.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
-        "id": list(context.runner.ids),
         "mean": outcomes.mean,
         "standard_deviation": outcomes.sd,
         "skewness": outcomes.standardized[:, 3],
         "kurtosis": outcomes.standardized[:, 4],
     }
-    columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)} | tails(context)
-    columns["status"] = [Status(int(code)).name.lower() for code in outcomes.status]
-    return pd.DataFrame(columns)
+    columns |= {f"q{p:g}": found[:, i] for i, p in enumerate(quantiles)}
+    return in_rows(context, columns, [Status(int(c)).name.lower() for c in outcomes.status])
+
+
+def conditions_at(experiments: Experiments, of: str | None, names: Collection[str]) -> Conditions:
+    """The conditions of the experiments, for predictions without others.
+
+    For new experiments they are those that differ in a column in `names`, each once. For further
+    values of measured experiments they are those of the experiment `of`, or of all.
+    """
+    if of is None:
+        return distinct_conditions(experiments, [*names])
+    whole = np.ones(len(experiments.ids), dtype=np.bool_)
+    own = np.array([name == of for name in experiments.ids])
+    return conditions_of(experiments, own if own.any() else whole)
+
+
+def _require_known(at: Mapping[Any, object], known: Sequence[str], needed: Collection[str]) -> None:
+    """Raise InputsError for a name in the mapping `at` that is not `known`, or a `needed` one."""
+    for name in needed:
+        if name not in at:
+            raise InputsError(
+                f"at: a law follows '{name}', which has no value", f"add it: {{'{name}': ...}}"
+            )
+    for name in at:
+        if name not in known:
+            raise InputsError(
+                f"at: '{name}' is no condition of the experiments{nearest(str(name), known)}",
+                f"the columns are {', '.join(known)}",
+            )
 
 
 def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
@@ -414,7 +483,7 @@ def _named_by(table: Experiments, conditions: Conditions, of: str) -> list[str]:
 
     Raises InputsError for a name that no measured experiment has.
     """
-    if of == SAME:
+    if of in (SAME, conditions.id):
         ids = [*conditions.ids]
     elif of in conditions.table.columns:
         ids = [_text(cell) for cell in covariates(conditions, [of])[of]]

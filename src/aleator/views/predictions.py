@@ -21,46 +21,39 @@ from aleator.results.printed import (
 from aleator.views.identification import exponential
 
 Columns = Mapping[Any, Sequence[Any]]
-"""The columns of a table of predictions (see docs/tables.md)."""
+"""The columns of a table of predictions of one outcome: conditions, then `outcome`, then values."""
 
 
 def distributions(columns: Columns, outcome: str, transform: str = "none") -> Content:
-    """A table of predicted distributions: mean, standard deviation, median and ranges.
+    """A table of predicted distributions: mean, standard deviation, median and 95 % range.
 
     If `transform` is "log", mean and standard deviation are those of the logarithm; median and
-    ranges are in the unit of the outcome.
+    range are in the unit of the outcome.
     """
     log = transform == "log"
     back: Callable[[float], float] = exponential if log else float
-
-    def ends(row: Mapping[str, Any], low: str, high: str) -> str:
-        return f"{number(back(row[low]))} .. {number(back(row[high]))}"
-
     moments = (">mean of log", ">sd of log") if log else (">mean", ">sd")
-    shown = heads("id", *moments, ">median", ">50 % range", ">95 % range", ">beyond", "~density")
     rows = [
         (
-            str(row["id"]), number(row["mean"]), number(row["standard_deviation"], 3),
-            number(back(row["q0.5"])), ends(row, "q0.25", "q0.75"), ends(row, "q0.025", "q0.975"),
-            beyond(row.get("beyond")), words(row["status"]),
+            number(row["mean"]), number(row["standard_deviation"], 3), number(back(row["q0.5"])),
+            f"{number(back(row['q0.025']))} .. {number(back(row['q0.975']))}",
+            beyond(row.get("beyond")), _note(row["status"]),
         )
         for row in _rows(columns)
     ]  # fmt: skip
-    return _content(f"Predicted distribution of {outcome}", TextTable(shown, rows))
+    values = (*moments, ">median", ">95 % range", ">beyond", "~note")
+    return _content(f"Predicted distribution of {outcome}", columns, values, rows)
 
 
 def probabilities(columns: Columns, title: str) -> Content:
     """A table of probabilities with their intervals, and notes on how far they can be trusted."""
-    shown = heads(
-        "id", ">probability", ">95 % interval", ">+-", ">estimate alone", ">beyond", "~note"
-    )
     rows = [
         (
-            str(row["id"]), _chance(row["probability"]),
+            _chance(row["probability"]),
             NONE if math.isnan(row["lower"])
             else f"{_chance(row['lower'])} .. {_chance(row['upper'])}",
-            _chance(row["error"], 1), _chance(row["at_estimate"]), beyond(row.get("beyond")),
-            words(row["status"]) if row["status"] != "solved" else "",
+            _chance(row["error"], 1), beyond(row.get("beyond")),
+            _note(row["status"]),
         )
         for row in _rows(columns)
     ]  # fmt: skip
@@ -78,21 +71,22 @@ def probabilities(columns: Columns, title: str) -> Content:
             f"alone one with a probability above {_chance(max(unseen), 1)} is excluded with 95 % "
             "confidence, a smaller one is not."
         )
-    return _content(title, TextTable(shown, rows), *map(Sentence, notes))
+    values = (">probability", ">95 % interval", ">+-", ">beyond", "~note")
+    return _content(title, columns, values, rows, *map(Sentence, notes))
 
 
 def limits(columns: Columns, title: str) -> Content:
     """A table of the tolerance limits, or of the design value, of each condition."""
     ends = [name for name in ("lower", "upper") if name in columns]
-    shown = heads("id", *(f">{end} limit" for end in ends), ">+-", ">beyond")
     rows = [
         (
-            str(row["id"]), *(number(row[end]) for end in ends),
+            *(number(row[end]) for end in ends),
             number(row["error"], 1) if "error" in row else "", beyond(row.get("beyond")),
         )
         for row in _rows(columns)
     ]  # fmt: skip
-    return _content(title, TextTable(shown, rows))
+    values = (*(f">{end} limit" for end in ends), ">+-", ">beyond")
+    return _content(title, columns, values, rows)
 
 
 def beyond(value: float | None) -> str:
@@ -108,8 +102,27 @@ def beyond(value: float | None) -> str:
     return "untested" if math.isinf(value) else f"{number(value, 2)} ranges"
 
 
-def _content(title: str, *parts: TextTable | Sentence) -> Content:
-    return Content(title, sections=[Chapter("table", title, parts)])
+def _content(
+    title: str,
+    columns: Columns,
+    values: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *notes: Sentence,
+) -> Content:
+    """The table of the conditions with the `rows` of values, under the heads `values`."""
+    conditions = [*columns][: [*columns].index("outcome")]
+    numeric = {n: all(isinstance(cell, int | float) for cell in columns[n]) for n in conditions}
+    shown = heads(*(f"{'>' if numeric[name] else ''}{name}" for name in conditions), *values)
+    cells = [
+        tuple(number(row[name]) if numeric[name] else str(row[name]) for name in conditions)
+        for row in _rows(columns)
+    ]
+    whole = [(*of, *found) for of, found in zip(cells, rows, strict=True)]
+    return Content(title, sections=[Chapter("table", title, (TextTable(shown, whole), *notes))])
+
+
+def _note(status: str) -> str:
+    return "" if status == "solved" else words(status)
 
 
 def _rows(columns: Columns) -> list[dict[Any, Any]]:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from scipy import integrate, stats
 
-from aleator import By, Inputs, LogNormal, Noise, Normal, Uniform
+from aleator import By, Free, Inputs, LogNormal, Noise, Normal, Uniform
 from aleator.errors import InputsError
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.rare_events import Event
@@ -19,7 +19,8 @@ from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.event_points import corrected, of_law, unseen_by
 from aleator.tasks.new_experiments import Kriged, PredictedValue, PredictionContext
-from aleator.tasks.probability import delta_interval, probability, requested_events
+from aleator.tasks.outcome_event import OutcomeEvent
+from aleator.tasks.probability import probability, widened_interval
 
 ONE = pd.DataFrame({"load": [1.0]})
 
@@ -96,17 +97,34 @@ def test_the_error_is_that_of_curved_limit_states() -> None:
     assert np.abs(z).max() < 4.0
 
 
-def test_the_probability_lies_in_its_interval() -> None:
+def test_the_probability_and_the_estimate_lie_in_their_interval() -> None:
     """Also where a few heavy laws make nearly all of the mean; 95 % of the laws are within."""
     rng = np.random.default_rng(3)
     for spread in (0.1, 1.0, 4.0, 8.0):
         values = 1e-9 * np.exp(spread * rng.normal(size=256))
         weights = rng.dirichlet(np.ones(256))
         mean = float(weights @ values)
-        low, high = delta_interval(mean, values, weights)
-        assert low <= mean <= high
-        inside = np.sum(weights, where=(values >= low) & (values <= high))
+        for own in (0.0, float(np.median(values)), 1.0):
+            low, high = widened_interval(np.array([mean, own]), values, weights)
+            assert low <= min(mean, own) < max(mean, own) <= high
+            assert np.sum(weights, where=(values >= low) & (values <= high)) > 0.92
+        ends = widened_interval(np.array([mean]), values, weights)
+        inside = np.sum(weights, where=(values >= ends[0]) & (values <= ends[1]))
         assert 0.92 < inside < 0.98
+
+
+def test_an_estimate_on_its_limit_lies_in_the_interval_of_its_probability() -> None:
+    """sd = 0 is the least of all plausible ones: a failure has its least probability there."""
+    law = Inputs({"a": Normal(0.0, Free(0.0, 2.0))})
+    score = stats.norm.ppf((np.arange(64) + 0.5) / 64)
+    sds = 0.2 + 0.1 * np.abs(score)
+    alpha, none = np.stack([np.zeros(64), sds], axis=1), np.empty(0, np.intp)
+    draws = AlphaDraws(np.array([0.0, 1e-6]), alpha, np.full(64, 1 / 64), alpha, score, none)
+    told = found(ground(lambda load, a: load * a, law, fast=True), above(0.5), draws)
+    assert told.at_estimate == pytest.approx(0.0, abs=1e-9)
+    assert told.lower <= told.at_estimate < told.probability < told.upper
+    exact = stats.norm.sf(0.5 / sds).mean()
+    assert told.probability == pytest.approx(exact, rel=0.05)
 
 
 def test_what_a_bounded_law_cannot_reach_has_the_probability_zero() -> None:
@@ -174,12 +192,10 @@ def test_laws_that_follow_covariates_are_asked_row_by_row() -> None:
 
 def test_values_are_in_the_unit_of_the_outcome() -> None:
     where = ground(lambda load, a: load * np.exp(a), ALONE, transform="log")
-    (event,) = requested_events(where, None, 2.0, None, None).values()
+    event = OutcomeEvent.of("outcome > 2.0", ["outcome"]).on(where.seen.responses[0].transform)
     agrees(found(where, event, known(ALONE)), stats.norm.sf(np.log(2.0)), 0.02)
-    for asked in ((None, None, None), (1.0, 2.0, None), (None, None, (2.0, 1.0)),
-                  (-1.0, None, None), (np.nan, None, None)):  # fmt: skip
-        with pytest.raises(InputsError):
-            requested_events(where, None, *asked)
+    with pytest.raises(InputsError, match="logarithm"):
+        OutcomeEvent.of("outcome > -1", ["outcome"]).on(where.seen.responses[0].transform)
 
 
 def bump(place: tuple[float, float], width: float) -> Callable[..., np.ndarray]:
