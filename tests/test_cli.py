@@ -72,7 +72,7 @@ TAKEN: list[tuple[str, Callable[..., Any], list[str]]] = [
     ("next", aleator.next_experiments, ["count", "repeat", "laws"]),
     ("posterior", aleator.posterior, ["draws", "chains"]),
     ("predict", aleator.Identification.probability, ["checks"]),
-    ("predict", aleator.Identification.tolerance, ["confidence"]),
+    ("predict", aleator.Identification.tolerance, ["side"]),
     ("recover", aleator.recover, ["replicates"]),
 ]
 

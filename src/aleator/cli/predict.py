@@ -96,14 +96,14 @@ class PredictionRequest:
 
     event: str | None
     tolerance: tuple[float, float] | None
-    side: str | None
+    side: str
     outcome: str | None
     checks: int
 
     def __post_init__(self) -> None:
         require_at_most_one({"--event": self.event, "--tolerance": self.tolerance})
-        for name in ("side", "outcome"):
-            if getattr(self, name) is not None and self.tolerance is None:
+        for name, default in (("side", "both"), ("outcome", None)):
+            if getattr(self, name) != default and self.tolerance is None:
                 raise AleatorError(
                     f"--{name} says which tolerance limits are meant", "add --tolerance 0.95 0.95"
                 )
@@ -111,7 +111,7 @@ class PredictionRequest:
     @property
     def limits(self) -> Tolerance | None:
         """The tolerance limits that the options request, or None."""
-        return None if self.tolerance is None else Tolerance(*self.tolerance, self.side or "both")
+        return None if self.tolerance is None else Tolerance(*self.tolerance, self.side)
 
     def table(self, answer: Identification, at: Conditions, **how: Any) -> pd.DataFrame:
         """The table of predictions, a row for each new condition.
@@ -168,8 +168,10 @@ def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
     @click.option(
         "--side",
         type=click.Choice(["both", "upper", "lower"]),
+        default="both",
+        show_default=True,
         help="One tolerance limit only, the design value for a reliability: an upper limit (of a "
-        "load) or a lower one (of a strength) [default: both].",
+        "load) or a lower one (of a strength).",
     )
     @click.option("--outcome", metavar="NAME", help="Tolerance limits of this outcome, not of all.")
     @click.option(
