@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 import sysconfig
@@ -30,7 +31,7 @@ def test_the_example_is_written_and_identified_and_replaces_nothing_of_the_user(
     assert document["consistent"]
     assert (folder / "out" / "report.html").stat().st_size > 100_000
     (next_command,) = (line for line in shown.stdout.splitlines() if "aleator predict" in line)
-    _, *words = next_command.split()
+    _, *words = shlex.split(next_command)
     printed = done(*words, "--no-uncertainty").stdout
     assert "at 25" in printed
     done(*words, "--no-uncertainty", "--output", "predicted.json")

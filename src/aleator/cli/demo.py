@@ -51,7 +51,7 @@ def demo(output: Path | None) -> None:
         click.echo(f"  open {short(answer / REPORT)} in a browser")
     new, identification = short(folder / "new.csv"), short(answer / IDENTIFICATION)
     click.echo(
-        f"  aleator predict {identification} --at {new} --event 'capacity < 80' --no-noise\n"
+        f'  aleator predict {identification} --at {new} --event "capacity < 80" --no-noise\n'
         f"  edit {study}, and identify again with the command above\n"
         "  aleator new TABLE.csv    writes a first study of your own table"
     )
