@@ -293,7 +293,7 @@ def predict(
     value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != documents.study_entry(document).get("sha256"):
         click.echo(f"aleator: note: {value.file} has changed since the identification", err=True)
-    table = value.read_conditions(Path(short(new)))
+    table = value.read_conditions(Path(short(new)), measured=of is not None)
     if output is not None:
         make_place(output, value.file)
     with (
