@@ -39,7 +39,15 @@ from aleator.study.proposal import (
     roles_of,
 )
 from aleator.study.proposal_text import notes, study_text, variables
-from aleator.study.roles import Roles, Sheet, conditions_each, count_of, measured_rows, sheet_of
+from aleator.study.roles import (
+    Roles,
+    Sheet,
+    conditions_each,
+    count_of,
+    levels_in,
+    measured_rows,
+    sheet_of,
+)
 from aleator.study.schema import study_schema
 from aleator.views.terminal import TerminalTable
 
@@ -85,14 +93,12 @@ def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, option: str | No
     """The column with the ids of experiments; None if each row is an experiment of its own."""
     if option is not None:
         sheet.table.require(option, "the id")
-    columns = [
-        name for name in (roles.id, *roles.others)
-        if name and count_of(sheet.table, name) < len(sheet.table)
-    ]  # fmt: skip
+    columns = [*([roles.id] if roles.id and roles.repeated else []),
+               *levels_in(sheet.table, roles.others, roles.id)]  # fmt: skip
     if option is not None or not questions.interactive or not columns:
         return option or roles.id
     nothing = "none"
-    repeats = roles.id if roles.id in columns else None
+    repeats = roles.id if roles.repeated else None
     answer = questions.one_of(
         "Rows of one experiment share which column", [nothing, *dict.fromkeys(columns)],
         repeats or nothing, AleatorError(""),
@@ -167,7 +173,7 @@ def _command(questions: Questions, command: str, template: Path | None) -> Offer
             "nothing says which file is the template of {input}",
             "--template FILE: a copy of the program's input file with {names} for its values",
         )
-        template = folder / questions.text("Template of the input file", found, missing)
+        template = folder / (found or questions.text("Template of the input file", None, missing))
     if template is not None and not template.is_file():
         raise AleatorError(f"{template}: there is no such file", "check the name of the template")
     offer = offered_by_command(located, template)
@@ -230,11 +236,14 @@ def chosen_parameters(
         return found
 
     limits = {law.name: nominal_limits(law.input) for law in laws if law.scatters}
-    shown = " ".join(f"{name}={f'{e[0]:g}:{e[1]:g}' if e else ''}" for name, e in limits.items())
-    question = "Parameters that differ between experiments, NAME=LOW:HIGH"
+    shown = " ".join(
+        f"{name}={f'{ends[0]:g}:{ends[1]:g}' if ends else 'LOW:HIGH'}"
+        for name, ends in limits.items()
+    )
+    question = "Parameters that differ between experiments, with limits"
     if all(limits.values()):
         return dict(click.prompt(question, default=shown, value_proc=typed, err=True))
-    return dict(click.prompt(f"{question} ({shown})", value_proc=typed, err=True))
+    return dict(click.prompt(f"{question}: {shown}", value_proc=typed, err=True))
 
 
 def _parameter(text: str) -> tuple[str, Limits | float | None]:
