@@ -342,6 +342,22 @@ def test_rows_without_a_measured_value_are_left_out_and_told() -> None:
     assert load_study("study.toml").experiments.observations.lower.tolist() == [0.5, 1.6]
 
 
+@pytest.mark.usefixtures("asked")
+@pytest.mark.parametrize(("answer", "experiments"), [("", 12), ("batch", 3)])
+def test_whether_a_batch_is_one_experiment_is_asked(
+    folder: Path, answer: str, experiments: int
+) -> None:
+    springs(folder)
+    load = np.arange(12.0)
+    table("load,batch,travel", load, np.repeat(["a", "b", "c"], 4), (0.3 + load / 2.0).round(2))
+    typed = ["model.py:spring", answer, "force=1:3"]
+    Path("model.py").write_text("def spring(load, force):\n    return load / force\n")
+    assert run("new", "parts.csv", typed="\n".join([*typed, ""])).exit_code == 0
+    study = load_study("study.toml")
+    assert len(study.experiments.ids) == experiments
+    assert (study.noise is not None) == (answer == "batch")
+
+
 SPRINGS = ["springs.csv", "--function", "model.py"]
 WRONG = {
     "no table": (["--function", "model.py"], "TABLE.csv"),

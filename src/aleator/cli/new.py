@@ -168,12 +168,12 @@ def _command(questions: Questions, command: str, template: Path | None) -> Offer
     """
     located, folder = _located(questions.folder, command), questions.folder
     if template is None and reads_a_file(located):
-        found = _only("*.tpl", "*.tmpl", "*.template", "*.in", folder=folder)
+        found = _only("*.tpl", "*.tmpl", "*.template", "*.in")
         missing = AleatorError(
             "nothing says which file is the template of {input}",
             "--template FILE: a copy of the program's input file with {names} for its values",
         )
-        template = folder / (found or questions.text("Template of the input file", None, missing))
+        template = Path(found or questions.text("Template of the input file", None, missing))
     if template is not None and not template.is_file():
         raise AleatorError(f"{template}: there is no such file", "check the name of the template")
     offer = offered_by_command(located, template)
@@ -314,9 +314,9 @@ def _only_simulator() -> str | None:
     return f"{file}:{names[0]}" if len(names) == 1 else file
 
 
-def _only(*patterns: str, folder: Path = Path()) -> str | None:
-    """The name of the only file in a folder that has one of the patterns; else None."""
-    found = sorted(path.name for pattern in patterns for path in folder.glob(pattern))
+def _only(*patterns: str) -> str | None:
+    """The name of the only file in the current folder with one of the patterns; else None."""
+    found = sorted(path.name for pattern in patterns for path in Path().glob(pattern))
     return found[0] if len(found) == 1 else None
 
 

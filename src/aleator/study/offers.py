@@ -209,7 +209,7 @@ def bound(offer: Offer, columns: Sequence[str]) -> Offer:
              if plain.count(key) == 1 and name not in columns}  # fmt: skip
     called: dict[str, str] = {}
     for column in columns:
-        keys = (_plain(column), _plain(_without_unit(column)))
+        keys = (_plain(column), _plain(without_unit(column)))
         found = next((alone[key] for key in keys if key in alone), None)
         if found and column not in offer.names:
             called.setdefault(found, column)
@@ -239,8 +239,12 @@ def _plain(name: str) -> str:
     return re.sub(r"[\W_]+", "", name).casefold()
 
 
-def _without_unit(name: str) -> str:
-    """A name without a unit at its end, as of "Force_N" and "Force N"."""
+def without_unit(name: str) -> str:
+    """A name without a unit at its end.
+
+    >>> without_unit("Force_N"), without_unit("wear_rate")
+    ('Force', 'wear_rate')
+    """
     found = re.match(r"(.*\w)[_ ](\S+)$", name)
     return found[1] if found and is_unit(found[2]) else name
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from aleator.study.offers import Offer, SimulatorInput
+from aleator.study.offers import Offer, SimulatorInput, without_unit
 from aleator.study.proposal import Proposal, Proposed
 
-LAST = r"(\S+)(?:\s+[A-Za-z%°]\S*)?\s*\Z"
-"""A regular expression for the last word that a program prints, or the one before its unit."""
 OF_NOISE = "the number that is known: one value an experiment hardly tells it from the law"
 FILL_IN = "FILL IN"
 
@@ -186,10 +185,27 @@ def _of_command(proposal: Proposal) -> list[str]:
     else:
         lines += [
             *_could_be_series(proposal),
-            remarked(f"output = {{regex = '{LAST}'}}", "the last number printed, before its unit"),
+            remarked(
+                f"output = {{regex = '{reading(proposal.outcomes[0])}'}}",
+                "what is printed after the outcome's name, or else the last word",
+            ),
             off("output", {"file": "result.csv", "column": proposal.outcomes[0]}, "or of a table"),
         ]
     return [*lines, off("timeout", 60, "seconds after which a run is stopped")]
+
+
+def reading(outcome: str) -> str:
+    """A regular expression for the outcome in what a program prints.
+
+    It is the word after the last mention of its name, or else the last word: a text that has
+    neither gives no number, and the run fails.
+
+    >>> found = re.match(reading("travel_mm"), "Springs 2.0\\nTravel: 5.5 mm, solved in 1 step")
+    >>> found[1]
+    '5.5'
+    """
+    name = re.escape(without_unit(outcome)).replace("'", r"\x27")
+    return rf"(?is)\A(?:.*\b{name}\b\s*[=:]?\s*|.*?(?=\S+\s*\Z))(\S+)"
 
 
 def _of_server(proposal: Proposal) -> list[str]:
