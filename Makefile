@@ -8,7 +8,7 @@ PEERS := $(VENV)/.installed-peers
 WRITERS := $(VENV)/.installed-docs
 EXAMPLES := fission_gas wet_clutch
 # In requirements.lock; the other two locks hold one extra more each, at the same versions.
-EXTRAS := plot report bayes evolution fmi parquet dask mpi petab dev
+EXTRAS := plot report bayes evolution fmi excel parquet dask mpi petab dev
 UV := uv==0.13.9
 COMPILE = $(VENV)-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.11 \
     --fork-strategy fewest --generate-hashes --no-header --no-annotate --no-emit-index-url \

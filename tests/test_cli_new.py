@@ -1,10 +1,12 @@
 """A first study from a table and a simulator: what is recognized, asked and written."""
 
+import importlib.util
 import shutil
 import tomllib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from fmus.build import compiled
 from scipy import optimize
@@ -184,7 +186,7 @@ def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> N
 @pytest.mark.usefixtures("asked")
 def test_what_is_typed_is_taken(folder: Path) -> None:
     springs(folder, "stiffness, mass=1.0")
-    answers = ["springs.csv", "model.py:spring", "travel", "stiffness", "1.5 3"]
+    answers = ["springs.csv", "model.py:spring", "stiffness=3:1.5", "stiffness=1.5:3"]
     assert run("new", typed="\n".join([*answers, ""])).exit_code == 0
     assert load_study("study.toml").inputs.box.tolist() == [[1.5, 3.0]]
 
@@ -197,6 +199,163 @@ def test_a_study_that_is_there_stays_unless_the_user_says_otherwise(folder: Path
     assert Path("study.toml").read_text() == "mine"
     done("new", "--force")
     assert Path("study.toml").read_text() != "mine"
+
+
+def spring_table() -> pd.DataFrame:
+    """20 springs of the function above, with the heads of a test engineer."""
+    rng = np.random.default_rng(4)
+    force = np.repeat([10.0, 20.0, 30.0, 40.0], 5)
+    travel = (force / rng.normal(2.2, 0.15, force.size)).round(4)
+    return pd.DataFrame({"Part": np.arange(1, 21), "Force (N)": force, "Travel [mm]": travel})
+
+
+@pytest.mark.parametrize("kind", ["xlsx", "parquet"])
+def test_a_workbook_and_a_parquet_file_are_read(folder: Path, kind: str) -> None:
+    springs(folder)
+    frame = spring_table()
+    if kind == "xlsx":
+        frame.to_excel("springs.xlsx", index=False)
+    else:
+        frame.to_parquet("springs.parquet")
+    (folder / "springs.csv").unlink()
+    done("new", "--function", "model.py:spring", "--outcome", "Travel")
+    study = load_study("study.toml")
+    assert study.experiments.observations.lower.tolist() == frame["Travel [mm]"].tolist()
+    assert study.units == {"Travel": "mm", "Force": "N"}
+    assert study.runner().values([0], np.array([[2.0]])).ravel().tolist() == [5.0]
+    frame["Travel [mm]"] = frame["Travel [mm]"].astype(object)
+    frame.loc[3, "Travel [mm]"] = "broken"
+    written = frame.to_excel if kind == "xlsx" else frame.astype({"Travel [mm]": str}).to_parquet
+    written(f"springs.{kind}", index=False)
+    assert "row 5, column 'Travel'" in refused("check", "study.toml")
+
+
+@pytest.mark.parametrize("kind", ["xlsx", "parquet"])
+def test_a_file_without_its_reader_names_the_reader(
+    folder: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    springs(folder)
+    Path(f"springs.{kind}").write_bytes(b"PK")
+    assert "cannot be read" in refused("new", f"springs.{kind}", "--function", "model.py:spring")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    said = refused("new", f"springs.{kind}", "--function", "model.py:spring")
+    assert {"xlsx": "openpyxl", "parquet": "pyarrow"}[kind] in said
+
+
+def test_columns_of_other_names_reach_the_simulator(folder: Path) -> None:
+    springs(folder)
+    frame = spring_table().rename(columns={"Force (N)": "Force_N", "Travel [mm]": "way"})
+    frame.to_csv("springs.csv", index=False)
+    done("new")
+    study = load_study("study.toml")
+    assert tomllib.loads(Path("study.toml").read_text())["derived"] == {"force": "Force_N"}
+    assert study.runner().values([0], np.array([[2.0]])).ravel().tolist() == [5.0]
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("marks", ["{}", "{{}}"])
+def test_the_template_of_an_input_file_is_found_with_its_names(marks: str) -> None:
+    opening, closing = marks[: len(marks) // 2], marks[len(marks) // 2 :]
+    beam = f"force {opening}force{closing} modulus {opening}modulus:.9g{closing}\n"
+    Path("beam.tpl").write_text(beam)
+    Path("beam.sh").write_text('#!/bin/sh\nawk \'{print "deflection = " $2 / $4 " mm"}\' "$1"\n')
+    Path("beam.sh").chmod(0o755)
+    table("force,deflection", [1.0, 2.0, 3.0], [0.5, 0.9, 1.6])
+    done("new", "parts.csv", "--command", "./beam.sh {input}", "--parameter", "modulus=1:4")
+    study = load_study("study.toml")
+    assert study.runner().values([1], np.array([[4.0]])).ravel().tolist() == [0.5]
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_server_is_asked_with_its_inputs_in_their_order() -> None:
+    table("load,travel", [1.0, 2.0], [0.5, 0.9])
+    address = ["--umbridge", "http://localhost:4242/forward", "--parameter", "k=1:4"]
+    done("new", "parts.csv", *address, "--inputs", "load; k, 9.81")
+    found = tomllib.loads(Path("study.toml").read_text())["simulator"]
+    assert found["inputs"] == [["load"], ["k", 9.81]]
+    assert (found["umbridge"], found["model"]) == ("http://localhost:4242", "forward")
+    assert load_study("study.toml").experiments.conditions.columns.tolist() == ["load"]
+    assert "--inputs" in refused("new", "parts.csv", *address, "--force")
+
+
+GROUPS = {
+    "experiments of a batch": ("batch,load,travel", "none", ("batch",)),
+    "a bioreactor of a batch": ("batch,time,travel", "batch", ()),
+    "specimens of a batch": ("specimen,batch,load,travel", "specimen", ("batch",)),
+    "repeats of a cup": ("cup,warm,travel", "cup", ()),
+    "rows that are counted, of cups": ("row,subject,load,travel", "subject", ()),
+}
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("case", GROUPS)
+def test_experiments_and_their_groups_are_told_apart(case: str) -> None:
+    head, id, levels = GROUPS[case]
+    k = np.arange(36)
+    columns = {
+        "batch": k // 6, "specimen": [f"s{one}" for one in k], "cup": [f"c{one // 3}" for one in k],
+        "row": k + 1, "subject": [f"p{one // 4}" for one in k], "load": k % 3, "time": k % 6,
+        "warm": 20 + k // 18, "travel": (0.1 * (k * 7 % 11) + 1.0).round(3),
+    }  # fmt: skip
+    table(head, *(columns[name] for name in head.split(",")))
+    condition = next(name for name in ("load", "time", "warm") if name in head)
+    Path("model.py").write_text(f"def travel({condition}, k=1.0):\n    return k\n")
+    done("new", "parts.csv", "--function", "model.py")
+    text = Path("study.toml").read_text()
+    found = tomllib.loads(text)
+    assert found["experiments"].get("id", "none") == id
+    assert [name for name in ("batch",) if f'# level = "{name}"' in text] == [*levels]
+    assert ("noise" in found) == (id in ("batch", "cup", "subject"))
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("laws", [1, 2])
+def test_noise_is_proposed_for_two_outcomes_only_if_one_law_cannot_give_both(laws: int) -> None:
+    load = np.arange(1.0, 21.0)
+    table("load,way,heat", load, (load / 2.0).round(3), (1.0 + load % 3).round(3))
+    Path("model.py").write_text(
+        "def stop(load, drag=2.0, loss=1.0):\n    return {'way': load / drag, 'heat': loss}\n"
+    )
+    chosen = ["--parameter=drag=1:4"] * (laws == 1)
+    done("new", "parts.csv", "--function", "model.py", *chosen)
+    written = tomllib.loads(Path("study.toml").read_text())
+    assert len(written["parameters"]) == laws
+    assert ("noise" in written) == (laws == 1)
+
+
+@pytest.mark.usefixtures("folder")
+def test_of_four_defaults_one_value_an_experiment_tells_of_one() -> None:
+    table("speed,distance", [1.0, 2.0, 3.0], [0.5, 0.9, 1.6])
+    Path("model.py").write_text(
+        "def distance(speed, friction=0.8, delay=0.2, g=9.81, slope=0.0):\n    return speed\n"
+    )
+    done("new", "parts.csv", "--function", "model.py")
+    assert {*tomllib.loads(Path("study.toml").read_text())["parameters"]} == {"friction"}
+
+
+@pytest.mark.usefixtures("folder")
+def test_rows_without_a_measured_value_are_left_out_and_told() -> None:
+    table("load,travel", [1.0, 2.0, 3.0, 4.0], [0.5, "NA", "", 1.6])
+    Path("model.py").write_text("def travel(load, k=1.0):\n    return load * k\n")
+    shown = done("new", "parts.csv", "--function", "model.py").output
+    assert "row 3, row 4" in shown
+    assert load_study("study.toml").experiments.observations.lower.tolist() == [0.5, 1.6]
+
+
+@pytest.mark.usefixtures("asked")
+@pytest.mark.parametrize(("answer", "experiments"), [("", 12), ("batch", 3)])
+def test_whether_a_batch_is_one_experiment_is_asked(
+    folder: Path, answer: str, experiments: int
+) -> None:
+    springs(folder)
+    load = np.arange(12.0)
+    table("load,batch,travel", load, np.repeat(["a", "b", "c"], 4), (0.3 + load / 2.0).round(2))
+    typed = ["model.py:spring", answer, "force=1:3"]
+    Path("model.py").write_text("def spring(load, force):\n    return load / force\n")
+    assert run("new", "parts.csv", typed="\n".join([*typed, ""])).exit_code == 0
+    study = load_study("study.toml")
+    assert len(study.experiments.ids) == experiments
+    assert (study.noise is not None) == (answer == "batch")
 
 
 SPRINGS = ["springs.csv", "--function", "model.py"]

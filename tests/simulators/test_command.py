@@ -9,9 +9,11 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -36,6 +38,7 @@ from aleator.simulators.command import (
 )
 from aleator.simulators.command.inputs import Text, filled
 from aleator.simulators.command.run import run_folder
+from aleator.simulators.runs import Failure, Runs
 
 DIVIDE = ["awk", 'BEGIN {{printf "%.17g", {load} / {stiffness}}}']
 
@@ -333,10 +336,23 @@ def test_a_crash_is_told_with_its_last_words_and_its_folder_is_kept(tmp_path: Pa
     failure = failing(tmp_path, "echo begun; echo 'pressure too high' >&2; exit 3")
     assert failure.log == "begun\npressure too high"
     (kept,) = (tmp_path / "failed_runs").iterdir()
-    assert failure.message == f"it ended with exit code 3 (kept in {kept})"
+    assert failure.message == f"it ended with exit code 3: pressure too high (kept in {kept})"
     assert (kept / "aleator.stdout").read_text() == "begun\n"
     copy = pickle.loads(pickle.dumps(failure))
     assert (copy.message, copy.log) == (failure.message, failure.log)
+
+
+def test_the_failure_that_most_runs_share_is_found() -> None:
+    said = ["no root at 3 (kept in /a/1)", "cold", "no root at 4.5 (kept in /a/2)", "cold 2"]
+    x = np.array([[4.0], [1.0], [3.0], [2.0]])
+    runs = replace(
+        Runs.planned(np.zeros(4, dtype=np.intp), x),
+        failures={row: Failure(text) for row, text in enumerate(said)},
+    )
+    found = runs.frequent_failure()
+    assert found is not None
+    assert found.message == said[2]  # of those alike the one at the least parameter
+    assert Runs.planned(np.zeros(4, dtype=np.intp), x).frequent_failure() is None
 
 
 def test_other_exit_codes_may_be_a_success(tmp_path: Path) -> None:

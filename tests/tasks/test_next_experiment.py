@@ -203,8 +203,10 @@ def test_a_law_that_follows_a_covariate_is_learnt_at_its_far_ends() -> None:
         verification=Check(0),
     )
     (slope,) = (name for name in found.values.index if "heat" in name)
-    new = pd.DataFrame({"heat": [0.0, 0.5, 3.0]})
-    plan = next_experiments(found, new, count=1, about=slope)
+    new = pd.DataFrame({"heat": [0.0, 0.5, 3.0], "load": 1.0})
+    offered = Conditions.from_frame(new, conditions=["load"])  # the simulator takes no heat
+    plan = next_experiments(found, offered, count=1, about=slope)
+    assert plan.table()["heat"].tolist() == [3.0, 0.5, 0.0]
     variance = float(found.values["x.sd"]) ** 2 + 0.01
     design = np.stack([np.ones(36), heat], axis=1)
     for error, at in zip(plan.alone, new["heat"], strict=True):

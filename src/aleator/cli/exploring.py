@@ -88,7 +88,8 @@ def check(
     many, some experiments are chosen, evenly over the measured values. Every run is kept in the
     store.
 
-    Tells for which experiments no run comes to the measured value, which parameters have no
+    Where no run comes to a measured value, more runs are made near the closest one, for twenty
+    values at most. Tells for which experiments none comes there, which parameters have no
     influence, how long a run takes, and how many runs an identification will need. Writes
     DIR/check.json, and DIR/check.png, the outcome over each parameter, if matplotlib is installed.
     """

@@ -23,6 +23,8 @@ from aleator.study.offers import (
     offered_by_command,
     offered_by_fmu,
     offered_by_function,
+    offered_by_server,
+    reads_a_file,
 )
 from aleator.study.petab import FUNCTION, petab_study
 from aleator.study.proposal import (
@@ -37,7 +39,15 @@ from aleator.study.proposal import (
     roles_of,
 )
 from aleator.study.proposal_text import notes, study_text, variables
-from aleator.study.roles import Roles, Sheet, count_of, sheet_of
+from aleator.study.roles import (
+    Roles,
+    Sheet,
+    conditions_each,
+    count_of,
+    levels_in,
+    measured_rows,
+    sheet_of,
+)
 from aleator.study.schema import study_schema
 from aleator.views.terminal import TerminalTable
 
@@ -74,119 +84,102 @@ class Questions:
         choice = click.Choice([*names])
         return str(click.prompt(question, default=default, type=choice, err=True))
 
-    def names(self, question: str, possible: Sequence[str], default: Sequence[str]) -> list[str]:
-        """The user's choice of several of the `possible` names, entered with commas between."""
-        if not self.interactive:
-            return [*default]
-
-        def read(answer: str) -> list[str]:
-            names = [name.strip() for name in answer.split(",") if name.strip()]
-            if wrong := [name for name in names if name not in possible]:
-                raise click.BadParameter(f"'{wrong[0]}' is none of {', '.join(possible)}")
-            return names
-
-        shown = ", ".join(default)
-        found: list[str] = click.prompt(question, default=shown, value_proc=read, err=True)
-        return found
-
-    def limits(
-        self, question: str, default: tuple[float, float] | None
-    ) -> tuple[float, float] | None:
-        """Two limits that the user enters; None for an empty answer without a default."""
-        if not self.interactive:
-            return default
-        shown = "" if default is None else f"{default[0]:g} {default[1]:g}"
-        found: tuple[float, float] | None = click.prompt(
-            question, default=shown, value_proc=_limits, err=True, show_default=bool(shown)
-        )
-        return found
-
-    def number(self, question: str) -> float | None:
-        """A number that the user enters; None for an empty answer."""
-        if not self.interactive:
-            return None
-        found: float | None = click.prompt(
-            question, default="", value_proc=_number, err=True, show_default=False
-        )
-        return found
-
     def agreed(self, question: str) -> bool:
         """Whether the user answers yes; False if there is no user to ask."""
         return self.interactive and click.confirm(question, default=False, err=True)
-
-
-def _limits(answer: str) -> tuple[float, float] | None:
-    if not answer.strip():
-        return None
-    try:
-        low, high = (float(part) for part in answer.replace(":", " ").split())
-    except ValueError:
-        raise click.BadParameter("write two numbers, such as 1.0 3.0") from None
-    if not low < high:
-        raise click.BadParameter(f"{low:g} is not below {high:g}")
-    return low, high
-
-
-def _number(answer: str) -> float | None:
-    try:
-        return float(answer) if answer.strip() else None
-    except ValueError:
-        raise click.BadParameter("write a number, or nothing") from None
 
 
 def chosen_id(questions: Questions, sheet: Sheet, roles: Roles, option: str | None) -> str | None:
     """The column with the ids of experiments; None if each row is an experiment of its own."""
     if option is not None:
         sheet.table.require(option, "the id")
-    columns = [name for name in (roles.id, *roles.others) if name]
+    columns = [*([roles.id] if roles.id and roles.repeated else []),
+               *levels_in(sheet.table, roles.others, roles.id)]  # fmt: skip
     if option is not None or not questions.interactive or not columns:
         return option or roles.id
     nothing = "none"
+    repeats = roles.id if roles.repeated else None
     answer = questions.one_of(
         "Rows of one experiment share which column", [nothing, *dict.fromkeys(columns)],
-        roles.id or nothing, AleatorError(""),
+        repeats or nothing, AleatorError(""),
     )  # fmt: skip
-    return None if answer == nothing else answer
+    if answer == nothing:
+        return None if repeats else roles.id
+    return answer
 
 
 def chosen_table(questions: Questions, option: Path | None) -> Path:
-    """The path of the table of experiments, by default the only CSV file in the current folder."""
+    """The path of the table of experiments, by default the only one in the current folder."""
     if option is not None:
         return option
-    found = _only("*.csv")
+    found = _only("*.csv", "*.xlsx", "*.parquet")
     missing = AleatorError(
         "nothing says which table is meant", "aleator new TABLE.csv: name the file of measurements"
     )
-    return Path(questions.text("Table of experiments (CSV)", found, missing))
+    return Path(questions.text("Table of experiments (CSV, XLSX, Parquet)", found, missing))
 
 
 def chosen_offer(
-    questions: Questions, function: str | None, fmu: Path | None, command: str | None
+    questions: Questions,
+    function: str | None = None,
+    fmu: Path | None = None,
+    command: str | None = None,
+    template: Path | None = None,
+    umbridge: str | None = None,
+    inputs: str | None = None,
 ) -> Offer:
-    """The simulator: an FMU, a command, or a Python function.
+    """The simulator: an FMU, a command, a model of a server, or a Python function.
 
     The default is the only FMU in the current folder, or the only function of its only Python file.
     """
-    require_at_most_one({"--function": function, "--fmu": fmu, "--command": command})
+    require_at_most_one(
+        {"--function": function, "--fmu": fmu, "--command": command, "--umbridge": umbridge}
+    )
+    if template is not None and command is None:
+        raise AleatorError("--template has no meaning without --command", "leave it out")
+    if inputs is not None and umbridge is None:
+        raise AleatorError("--inputs has no meaning without --umbridge", "leave it out")
     if command:
-        return offered_by_command(_located(questions.folder, command))
-    if function is None and fmu is None:
-        missing = AleatorError(
-            "nothing says what the simulator is",
-            "--function FILE.py:NAME, --fmu FILE.fmu or --command '...'",
-        )
-        answer = questions.text(
-            "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})",
-            _only_simulator(),
-            missing,
-        )
-        fmu = Path(answer) if answer.endswith(".fmu") else None
-        if fmu is None and "{" in answer:
-            return offered_by_command(_located(questions.folder, answer))
-        function = answer
+        return _command(questions, command, template)
+    if umbridge:
+        return offered_by_server(umbridge, inputs or "")
     if fmu is not None:
         return offered_by_fmu(fmu, _beside(questions.folder, fmu))
-    return _function(questions, str(function))
+    if function is not None:
+        return _function(questions, function)
+    answer = questions.text(
+        "Simulator (FILE.py:NAME, FILE.fmu, or a command with {names})", _only_simulator(),
+        AleatorError(
+            "nothing says what the simulator is",
+            "--function FILE.py:NAME, --fmu FILE.fmu, --command '...' or --umbridge ADDRESS",
+        ),
+    )  # fmt: skip
+    if answer.endswith(".fmu"):
+        return chosen_offer(questions, fmu=Path(answer))
+    if "{" in answer:
+        return chosen_offer(questions, command=answer)
+    return chosen_offer(questions, function=answer)
+
+
+def _command(questions: Questions, command: str, template: Path | None) -> Offer:
+    """The inputs of a program, and of the template of its input file if it reads one.
+
+    The default of the template is the only file of the folder that ends like one.
+    """
+    located, folder = _located(questions.folder, command), questions.folder
+    if template is None and reads_a_file(located):
+        found = _only("*.tpl", "*.tmpl", "*.template", "*.in")
+        missing = AleatorError(
+            "nothing says which file is the template of {input}",
+            "--template FILE: a copy of the program's input file with {names} for its values",
+        )
+        template = Path(found or questions.text("Template of the input file", None, missing))
+    if template is not None and not template.is_file():
+        raise AleatorError(f"{template}: there is no such file", "check the name of the template")
+    offer = offered_by_command(located, template)
+    if template is None:
+        return offer
+    return replace(offer, further={**offer.further, "template": _beside(folder, template)})
 
 
 def chosen_outcomes(
@@ -199,8 +192,10 @@ def chosen_outcomes(
     found, possible = outcome_of(sheet, offer)
     if not questions.interactive:
         return (require_outcome(found, possible),)
+    if found is not None:
+        return (found,)
     known = possible or sheet.names
-    return (questions.one_of("Measured column", known, found, AleatorError("")),)
+    return (questions.one_of("Measured column", known, known[-1], AleatorError("")),)
 
 
 def chosen_parameters(
@@ -208,6 +203,7 @@ def chosen_parameters(
     offer: Offer,
     roles: Roles,
     most: int,
+    conditions: int,
     option: Sequence[str],
     listed: int = 40,
 ) -> dict[str, Limits | float | None]:
@@ -216,36 +212,45 @@ def chosen_parameters(
     A parameter that is a constant has its number. Raises AleatorError for limits in `option` that
     cannot be read.
     """
+    called = {variable: name for name, variable in offer.variables.items()}
+
+    def read(words: Sequence[str]) -> dict[str, Limits | float | None]:
+        return {called.get(name, name): value for name, value in map(_parameter, words)}
+
     if option or not questions.interactive:
-        called = {variable: name for name, variable in offer.variables.items()}
-        return {called.get(name, name): value for name, value in map(_parameter, option)}
-    laws, others = parameters_of(offer, roles, most, {})
+        return read(option)
+    laws, others = parameters_of(offer, roles, most, conditions, {})
     known = {each.name: each for each in (*(law.input for law in laws), *others)}
-    if others:
-        table = TerminalTable(
-            (("name", "left"), ("unit", "left"), ("value", "right"), ("meaning", "fold")),
-            variables([*known.values()][:listed], offer),
-        )
-        Console(stderr=True).print(table)
-    names = questions.names(
-        "Parameters that differ between experiments", [*known],
-        [law.name for law in laws if law.scatters],
-    )  # fmt: skip
-    limits: dict[str, Limits | float | None] = {
-        name: questions.limits(f"  {name} lies between (two numbers)", nominal_limits(known[name]))
-        for name in names
-    }
-    for law in laws:
-        if law.name not in names and law.input.required:
-            limits[law.name] = questions.number(f"  {law.name}, the same for all, is")
-    return limits
+    table = TerminalTable(
+        (("name", "left"), ("unit", "left"), ("value", "right"), ("meaning", "fold")),
+        variables([*known.values()][:listed], offer),
+    )
+    Console(stderr=True).print(table)
+
+    def typed(answer: str) -> dict[str, Limits | float | None]:
+        try:
+            found = read(answer.replace(",", " ").split())
+            parameters_of(offer, roles, most, conditions, found)
+        except AleatorError as error:
+            raise click.BadParameter(f"{error.problem}. {error.remedy}") from None
+        return found
+
+    limits = {law.name: nominal_limits(law.input) for law in laws if law.scatters}
+    shown = " ".join(
+        f"{name}={f'{ends[0]:g}:{ends[1]:g}' if ends else 'LOW:HIGH'}"
+        for name, ends in limits.items()
+    )
+    question = "Parameters that differ between experiments, with limits"
+    if all(limits.values()):
+        return dict(click.prompt(question, default=shown, value_proc=typed, err=True))
+    return dict(click.prompt(f"{question}: {shown}", value_proc=typed, err=True))
 
 
 def _parameter(text: str) -> tuple[str, Limits | float | None]:
     """The name and the value of an option `stiffness=1:3`, `stiffness=2` or `stiffness`."""
     name, given, value = text.partition("=")
     try:
-        numbers = [float(part) for part in value.split(":")] if given else []
+        numbers = [float(part) for part in value.split(":")] if given and value else []
     except ValueError:
         numbers = [0.0, 0.0]
     if len(numbers) > 2 or (len(numbers) == 2 and not numbers[0] < numbers[1]):
@@ -309,8 +314,9 @@ def _only_simulator() -> str | None:
     return f"{file}:{names[0]}" if len(names) == 1 else file
 
 
-def _only(pattern: str) -> str | None:
-    found = sorted(path.name for path in Path().glob(pattern))
+def _only(*patterns: str) -> str | None:
+    """The name of the only file in the current folder with one of the patterns; else None."""
+    found = sorted(path.name for pattern in patterns for path in Path().glob(pattern))
     return found[0] if len(found) == 1 else None
 
 
@@ -347,13 +353,27 @@ SCHEMA = "study.schema.json"
 
 
 @click.command()
-@click.argument("table", type=FILE, metavar="[TABLE.csv|PROBLEM.yaml]", required=False)
+@click.argument("table", type=FILE, metavar="[TABLE|PROBLEM.yaml]", required=False)
 @click.option("--function", metavar="FILE.py:NAME", help="A Python function is the simulator.")
 @click.option("--fmu", type=FILE, metavar="FILE.fmu", help="An FMU is the simulator.")
 @click.option(
     "--command",
     metavar="TEXT",
     help="A program is the simulator: './spring {force} {stiffness}' prints the outcome.",
+)
+@click.option(
+    "--template",
+    type=FILE,
+    metavar="FILE",
+    help="The program reads {input}: this file, with {names} for the values.",
+)
+@click.option(
+    "--umbridge", metavar="ADDRESS/MODEL", help="A model of an UM-Bridge server is the simulator."
+)
+@click.option(
+    "--inputs",
+    metavar="A,B;C",
+    help="The inputs of the server's model: a semicolon between vectors.",
 )
 @click.option(
     "--outcome", multiple=True, metavar="COLUMN", help="The measured column; may be several."
@@ -385,6 +405,9 @@ def new(
     function: str | None,
     fmu: Path | None,
     command: str | None,
+    template: Path | None,
+    umbridge: str | None,
+    inputs: str | None,
     outcome: tuple[str, ...],
     id: str | None,
     parameters: tuple[str, ...],
@@ -396,9 +419,10 @@ def new(
 ) -> None:
     """Write a first study.toml from a table and a simulator.
 
-    Asks for what the options do not say, and proposes an answer. Columns are recognized by the
-    inputs of the simulator. Each argument of a function without a default gets a law. Limits lie a
-    factor of three below and above a default, or an FMU's start value. Nothing is simulated.
+    The table is a CSV, XLSX or Parquet file. Asks for what neither options nor table say, and
+    proposes an answer. Columns are recognized by the inputs of the simulator. Each argument of a
+    function without a default gets a law. Limits lie a factor of three below and above a default,
+    or an FMU's start value. Nothing is simulated.
     Without a terminal the proposals are taken. A table of NONMEM (ID, TIME, DV, AMT, EVID, ...)
     becomes a table of its observations, with the doses as conditions. Of a PEtab problem (YAML)
     the whole study is written, and a file for the function that simulates its model.
@@ -408,6 +432,8 @@ def new(
       aleator new springs.csv --function model.py:spring --parameter stiffness=1:3
       aleator new tanks.csv --fmu tank.fmu --id tank --outcome level
       aleator new springs.csv --command './spring {force} {stiffness}'
+      aleator new beams.xlsx --command './beam {input}' --template beam.tpl
+      aleator new springs.csv --umbridge http://localhost:4242/forward --inputs force,stiffness
 
     What cannot be known is left as a line that says FILL IN.
     """
@@ -415,12 +441,12 @@ def new(
     _require_free(output, force, questions)
     path = chosen_table(questions, table)
     if path.suffix in (".yaml", ".yml"):
-        stated = {"--fmu": fmu, "--command": command, "--outcome": outcome, "--id": id,
-                  "--parameter": parameters, "--series": series}  # fmt: skip
+        stated = {"--fmu": fmu, "--command": command, "--umbridge": umbridge, "--outcome": outcome,
+                  "--id": id, "--parameter": parameters, "--series": series}  # fmt: skip
         _from_petab(path, function, output, stated, schema, force, questions)
         return
-    sheet = sheet_of(path)
-    offer = chosen_offer(questions, function, fmu, command)
+    sheet, title = sheet_of(path), _title(path)
+    offer = chosen_offer(questions, function, fmu, command, template, umbridge, inputs)
     if has_records(sheet.table):
         spelled = (*offer.names, *(each.name for each in offer.returned))
         subjects = subject_table(sheet, spelled)
@@ -432,14 +458,25 @@ def new(
         for line in subjects.notes:
             click.echo(f"  {line}")
         click.echo(f"Written: {short(path)}")
-    offer = bound(offer, sheet.names)
+    offer = bound(offer, [name for name in sheet.names if name not in outcome])
     outcomes = chosen_outcomes(questions, sheet, offer, outcome)
     roles = roles_of(sheet, offer, outcomes)
+    if measured := measured_rows(sheet, outcomes):
+        text, blank = measured
+        path = output.with_name(f"{path.stem}_measured.csv")
+        _require_free(path, force, questions)
+        documents.write_text(text, path)
+        sheet = sheet_of(path)
+        roles = roles_of(sheet, offer, outcomes)
+        click.echo(f"  nothing was measured in {', '.join(blank)}: left out; where only a bound is "
+                   "known, write it, such as <0.5")  # fmt: skip
+        click.echo(f"Written: {short(path)}")
     named = chosen_id(questions, sheet, roles, id)
     most = laws_for(count_of(sheet.table, named), len(sheet.table))
-    laws = chosen_parameters(questions, offer, roles, most, parameters)
+    each = conditions_each(sheet.table, roles.conditions, named) * len(outcomes)
+    laws = chosen_parameters(questions, offer, roles, most, each, parameters)
     file = Path(os.path.relpath(path.absolute(), output.parent)).as_posix()
-    proposal = proposed(sheet, file, _title(path), offer, outcomes, named, laws, series)
+    proposal = proposed(sheet, file, title, offer, outcomes, named, laws, series)
     if schema:
         documents.write_text(schema_text(), output.with_name(SCHEMA))
     documents.write_text(study_text(proposal, SCHEMA if schema else None), output)

@@ -219,7 +219,8 @@ def requested_conditions(
             "give one table, or values: --at force=50 --at angle=3",
         )
     if tables:
-        return value.read_conditions(Path(short(tables[0].absolute())))
+        table = Path(short(tables[0].absolute()))
+        return value.read_conditions(table, measured=of is not None)
     stated: dict[str, list[str]] = {}
     for name, cells in (one for one in at if not isinstance(one, Path)):
         if name in stated:

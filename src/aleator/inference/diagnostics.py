@@ -586,10 +586,9 @@ def failure_report(runner: Runner) -> FailureReport | None:
     kept = runner.failures
     if not len(kept) and not lost:
         return None
-    shown = kept if len(kept) else straight
-    first = shown.failures[int(_in_order(shown.case, shown.x)[0])]
+    said = (kept if len(kept) else straight).frequent_failure()
     case, x = np.concatenate([kept.case, straight.case]), np.concatenate([kept.x, straight.x])
-    x = x[_in_order(case, x)]
+    x = x[np.lexsort((*x.T[::-1], case))]
     ends = zip(x.min(axis=0).tolist(), x.max(axis=0).tolist(), strict=True)
     some = np.unique(np.linspace(0, len(x) - 1, EXPERIMENTS.points).round().astype(int))
     return FailureReport(
@@ -597,13 +596,9 @@ def failure_report(runner: Runner) -> FailureReport | None:
         runner.runs,
         tuple(runner.ids[k] for k in np.unique(runner.experiment[runner.cases.first[case]])),
         dict(zip(runner.parameters, ends, strict=True)),
-        first.message,
+        said.message if said else "",
         {name: tuple(x[some, k].tolist()) for k, name in enumerate(runner.parameters)},
     )
-
-
-def _in_order(case: Indices, x: Array) -> Indices:
-    return np.lexsort((*x.T[::-1], case))
 
 
 def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
@@ -615,9 +610,9 @@ def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
     return [
         Diagnostic(
             "simulator",
-            f"{report.runs:,} of {report.needed:,} runs failed ({which}), with {where}; the first: "
-            f"{report.message}. Response surfaces and check leave these runs out; where they "
-            "failed a surface extrapolates, and its estimated error is larger",
+            f"{report.runs:,} of {report.needed:,} runs failed ({which}), with {where}; most "
+            f"often: {report.message}. Response surfaces and check leave these runs out; where "
+            "they failed a surface extrapolates, and its estimated error is larger",
             "see them with `aleator runs show STUDY.toml --failures`, mend the simulator and "
             "`aleator runs retry` them, or narrow the box (`aleator box STUDY.toml`)",
             report.experiments,

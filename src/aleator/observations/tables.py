@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import io
 import math
 import re
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
@@ -16,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.core.types import Array, Flags
-from aleator.errors import ExperimentsError, nearest
+from aleator.errors import ExperimentsError, installing, nearest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,6 +102,11 @@ def _text(cell: object) -> str:
 def _blank(cell: object) -> bool:
     """Whether a cell holds nothing: a blank, a missing value, or a NaN."""
     return (isinstance(cell, Real) and cell != cell) or not _text(cell)
+
+
+def _missing(cell: object) -> bool:
+    """Whether a cell of numbers has none: it is blank, or says NA or N/A, as R and others write."""
+    return _blank(cell) or _text(cell).upper() in ("NA", "N/A")
 
 
 def _short(text: str) -> str:
@@ -196,7 +203,7 @@ class Table:
         return self._read(column, _remedy, blank=False)[0]
 
     def numbers_or_blank(self, column: str) -> Array:
-        """The N numbers of a column, NaN where the cell holds nothing.
+        """The N numbers of a column, NaN where the cell is blank or says NA.
 
         Raises ExperimentsError for any other cell that is not a finite number.
         """
@@ -205,7 +212,8 @@ class Table:
     def bounds(self, column: str) -> tuple[Array, NDArray[np.int_]]:
         """The N numbers of a column and their signs: 1 for "> 20", -1 for "<= 0.5", else 0.
 
-        The number is NaN where the cell holds nothing. Raises ExperimentsError for any other cell.
+        The number is NaN where the cell is blank or says NA. Raises ExperimentsError for any other
+        cell.
 
         >>> Table("a", {"y": ["> 20", "<=0,5", "3"]}, ["1", "2", "3"], ",").bounds("y")
         (array([20. ,  0.5,  3. ]), array([ 1, -1,  0]))
@@ -220,7 +228,7 @@ class Table:
             return found, signs
         numbers = np.full(len(self), np.nan)
         for row, cell in enumerate(cells):
-            if blank and _blank(cell):
+            if blank and _missing(cell):
                 continue
             bound = _BOUND.fullmatch(_text(cell)) if signed else None
             if bound:
@@ -306,7 +314,31 @@ def _check_header(header: Sequence[str], source: str) -> None:
 
 
 _DELIMITERS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a vertical bar"}
-_UNIT = re.compile(r"^(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]+)\]$")
+_UNIT = re.compile(r"^(?P<name>.*\S)\s*(\[(?P<unit>[^\[\]]+)\]|\((?P<symbols>[^()]+)\))$")
+_SYMBOL = re.compile(
+    r"[pnµμumcdhkMG]?(m|g|s|N|Pa|J|W|V|A|K|Hz|mol|M|l|L|bar|Ω|ohm|C|F|T|H|eV|Nm|rad)|"
+    r"°C|°F|degC|°|deg|%|h|min|d|rpm|in|ft|psi|ksi|lbf|lb|mmHg"
+)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit: symbols such as mm, kN and °C, with powers, products and quotients.
+
+    >>> is_unit("N/mm^2"), is_unit("1/s"), is_unit("max"), is_unit("left")
+    (True, True, False, False)
+    """
+    symbols = [part for part in re.split(r"[\s/*·^.²³\d-]+", text) if part]
+    return bool(symbols) and all(map(_SYMBOL.fullmatch, symbols))
+
+
+_ENDINGS = {".xlsx": "excel", ".xlsm": "excel", ".parquet": "parquet"}
+"""Endings of tables that are no text, with the extra of Aleator that reads them."""
+_READERS = {"excel": "openpyxl", "parquet": "pyarrow"}
+
+
+def is_text(path: str | Path) -> bool:
+    """Whether a table is a delimited text file, and no workbook and no Parquet file."""
+    return Path(path).suffix.lower() not in _ENDINGS
 
 
 def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
@@ -314,17 +346,27 @@ def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
 
     `delimiter` is one character, and `decimal` is "." or ",". Rows without any text are skipped,
     but counted in row numbers. Columns at the end with neither a name nor a text are skipped.
+    By its ending a file may also be the first sheet of a workbook (.xlsx, needs openpyxl), or a
+    Parquet file (.parquet, needs pyarrow); `delimiter` then has no meaning.
 
-    Raises ExperimentsError for a file that is absent, empty, in another encoding or a workbook, for
-    a delimiter that is not the file's, rows of unequal length and a column name that appears twice.
+    Raises ExperimentsError for a file that is absent, empty or in another encoding, for a
+    delimiter that is not the file's, rows of unequal length and a column name that appears twice.
     """
+    if not is_text(path):
+        return _of_cells(str(path), _cells_of(Path(path)), "", decimal)
     if len(delimiter) != 1 or decimal not in (".", ",") or delimiter == decimal:
         raise ExperimentsError(
             f"{path}: delimiter {delimiter!r} with decimal {decimal!r} cannot be read",
             'the delimiter is one character, the decimal sign "." or ",", and they differ',
         )
     source = str(path)
-    numbered = _rows(_decoded(Path(path)), delimiter, source)
+    return _of_cells(source, _rows(_decoded(Path(path)), delimiter, source), delimiter, decimal)
+
+
+def _of_cells(
+    source: str, numbered: list[tuple[int, list[Any]]], delimiter: str, decimal: str
+) -> Table:
+    """The table of rows of cells with their row numbers; the first row has the column names."""
     if not numbered:
         raise ExperimentsError(
             f"{source}: the file is empty", "write a header and a row per experiment"
@@ -332,11 +374,12 @@ def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
     (_, header), *numbered = numbered
     while (
         header
-        and not header[-1]
-        and not any("".join(row[len(header) - 1 :]) for _, row in numbered)
+        and _blank(header[-1])
+        and all(_blank(cell) for _, row in numbered for cell in row[len(header) - 1 :])
     ):
         header.pop()
         numbered = [(number, row[: len(header)]) for number, row in numbered]
+    header = ["" if _blank(name) else _text(name) for name in header]
     _check_delimiter(header, delimiter, source)
     header, units = _without_units(header)
     _check_header(header, source)
@@ -357,6 +400,8 @@ def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
 
 def stated_units(path: str | Path, delimiter: str = ",") -> dict[str, str]:
     """The units that the headings of a file's columns state, by the column names without units."""
+    if not is_text(path):
+        return dict(read(path).units)
     rows = csv.reader(io.StringIO(_decoded(Path(path)), newline=""), delimiter=delimiter)
     header = next((row for row in rows if any(cell.strip() for cell in row)), [])
     return _without_units([name.strip() for name in header])[1]
@@ -365,31 +410,68 @@ def stated_units(path: str | Path, delimiter: str = ",") -> dict[str, str]:
 def _without_units(header: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     """Column headings without their units, and the units by name.
 
-    Headings that differ only in the unit keep it.
+    A unit stands in square brackets, or in round ones if it has the symbols of a unit. Headings
+    that differ only in what is in brackets keep it.
 
-    >>> _without_units(["travel [mm]", "force [N]", "force [kN]", "id"])
-    (['travel', 'force [N]', 'force [kN]', 'id'], {'travel': 'mm'})
+    >>> _without_units(["travel [mm]", "force [N]", "force [kN]", "id", "wear (µm)", "x (max)"])
+    (['travel', 'force [N]', 'force [kN]', 'id', 'wear', 'x (max)'], {'travel': 'mm', 'wear': 'µm'})
     """
     found = [_UNIT.match(head) for head in header]
     bare = [match["name"] if match else head for match, head in zip(found, header, strict=True)]
     units = {
-        name: match["unit"].strip()
+        name: (match["unit"] or match["symbols"]).strip()
         for name, match in zip(bare, found, strict=True)
-        if match and bare.count(name) == 1
+        if match and bare.count(name) == 1 and (match["unit"] or is_unit(match["symbols"]))
     }
     return [n if n in units else h for n, h in zip(bare, header, strict=True)], units
 
 
-def _decoded(path: Path) -> str:
-    """The text of a file. Raises ExperimentsError if it is absent, unreadable or no text file."""
+def _cells_of(path: Path) -> list[tuple[int, list[Any]]]:
+    """The rows of the first sheet of a workbook, or of a Parquet file, with their row numbers.
+
+    Raises ExperimentsError for a file that is absent or cannot be read, and without its reader.
+    """
+    import pandas as pd
+
+    _require_file(path)
+    kind = _ENDINGS[path.suffix.lower()]
+    reader = _READERS[kind]
+    if importlib.util.find_spec(reader) is None:
+        raise ExperimentsError(
+            f"{path}: this file needs {reader}, which is not installed",
+            f"{installing(kind)}, or save it as CSV UTF-8 and name that file",
+        )
     try:
-        raw = path.read_bytes()
-    except FileNotFoundError:
+        if kind == "excel":
+            frame = pd.read_excel(
+                path, header=None, dtype=object, engine="openpyxl", keep_default_na=False
+            )
+            rows = frame.to_numpy().tolist()
+        else:
+            frame = pd.read_parquet(path)
+            rows = [list(map(str, frame.columns)), *frame.astype(object).to_numpy().tolist()]
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise ExperimentsError(
+            f"{path}: the file cannot be read: {error}", "save it as CSV UTF-8 and name that file"
+        ) from None
+    return [(number, row) for number, row in enumerate(rows, 1) if not all(map(_blank, row))]
+
+
+def _require_file(path: Path) -> None:
+    """Raise ExperimentsError if there is no such file."""
+    if not path.exists():
         beside = sorted(entry.name for entry in path.parent.glob("*"))
         raise ExperimentsError(
             f"{path}: there is no such file{nearest(path.name, beside)}",
             "check the name; it is relative to the study file",
-        ) from None
+        )
+
+
+def _decoded(path: Path) -> str:
+    """The text of a file. Raises ExperimentsError if it is absent, unreadable or no text file."""
+    _require_file(path)
+    try:
+        raw = path.read_bytes()
     except OSError as error:
         raise ExperimentsError(
             f"{path}: the file cannot be read: {error.strerror}", "name a text file (CSV)"
@@ -397,7 +479,7 @@ def _decoded(path: Path) -> str:
     if raw.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise ExperimentsError(
             f"{path}: this is a workbook, not a text file",
-            "save it as CSV UTF-8 and name that file",
+            "end its name in .xlsx if it is one, or save it as CSV UTF-8 and name that file",
         )
     encoding = "utf-16" if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
@@ -431,7 +513,7 @@ def _rows(text: str, delimiter: str, source: str) -> list[tuple[int, list[str]]]
 
 def _check_delimiter(header: Sequence[str], delimiter: str, source: str) -> None:
     """Raise ExperimentsError if there is one column whose heading contains another delimiter."""
-    for other, words in _DELIMITERS.items() if len(header) == 1 else ():
+    for other, words in _DELIMITERS.items() if delimiter and len(header) == 1 else ():
         if other != delimiter and other in header[0]:
             written = other.replace("\t", r"\t")
             raise ExperimentsError(

@@ -289,7 +289,7 @@ class FailureReport(Plain):
     """The failed runs: `runs` of the `needed` ones failed, in `experiments`, all within `region`.
 
     `region` has the lowest and the highest value of each parameter among the failed runs. `message`
-    is the error of the first one. `points` has the parameter values of failed runs, a few hundred
+    is their most frequent error. `points` has the parameter values of failed runs, a few hundred
     at most.
     """
 

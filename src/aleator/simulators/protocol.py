@@ -181,9 +181,9 @@ class RunFailed(Exception):
 
 
 def with_log(message: str, log: str) -> str:
-    """A message with the end of the run's output, if there is any."""
+    """A message with the end of the run's output, if there is any that it does not have itself."""
     last = " ".join(log.split())[-300:]
-    return f"{message}; its log ends: {last}" if last else message
+    return message if last in message else f"{message}; its log ends: {last}"
 
 
 class WorkerLost(BrokenExecutor):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import platform
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -94,6 +96,19 @@ class Runs:
     def keys(self) -> list[bytes]:
         """R byte strings that identify the runs: the case and every bit of the parameters."""
         return row_bytes(np.column_stack([self.case, self.x]))
+
+    def frequent_failure(self) -> Failure | None:
+        """The failure that most of the failed runs have in common; None without failed runs.
+
+        Two messages are alike if they differ only in words with digits or slashes, such as values
+        and folders. The first of the most frequent ones is returned, by conditions and parameters.
+        """
+        order = np.lexsort((*self.x.T[::-1], self.case)).tolist()
+        failures = [self.failures[row] for row in order if row in self.failures]
+        kinds = [re.sub(r"\S*[\d/]\S*", "#", failure.message) for failure in failures]
+        if not kinds:
+            return None
+        return failures[kinds.index(Counter(kinds).most_common(1)[0][0])]
 
     def some(self, rows: slice | Indices | Flags) -> Self:
         """Some of the runs, as runs that are to be made."""

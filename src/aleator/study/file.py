@@ -15,6 +15,7 @@ from pydantic_core import ErrorDetails
 
 from aleator.errors import (
     AleatorError,
+    ExperimentsError,
     InputsError,
     SimulatorError,
     StudyError,
@@ -248,14 +249,15 @@ class Study:
         if close is not None:
             close()
 
-    def read_conditions(self, path: str | Path) -> Conditions:
+    def read_conditions(self, path: str | Path, *, measured: bool = False) -> Conditions:
         """Read a table of new conditions, which has the form of the study's table without outcomes.
 
-        Conditions that the simulator does not take may be missing. A column of numbers in the
-        study's table must have numbers here. Rows with the same id are one new experiment. Raises
-        ExperimentsError for the errors that `Experiments.from_csv` reports.
+        Conditions that the simulator does not take may be missing, covariates of a law may not,
+        except for experiments that were `measured`. A column of numbers in the study's table must
+        have numbers here. Rows with the same id are one new experiment. Raises ExperimentsError for
+        the errors that `Experiments.from_csv` reports.
         """
-        return Conditions.from_csv(
+        found = Conditions.from_csv(
             path,
             id=self.table.id,
             conditions=self.taken,
@@ -264,6 +266,14 @@ class Study:
             delimiter=self.table.delimiter,
             decimal=self.table.decimal,
         )
+        covariates = () if measured else self.inputs.covariates
+        if missing := [name for name in covariates if name not in found.table.columns]:
+            needed = ", ".join(dict.fromkeys([*self.taken, *covariates]))
+            raise ExperimentsError(
+                f"{path}: the column '{missing[0]}' is missing, which a law of the study follows",
+                f"add it, one value for each new experiment; the table needs {needed}",
+            )
+        return found
 
     def stated_conditions(self, columns: Mapping[str, Sequence[str]]) -> Conditions:
         """New conditions from texts by name; a name with one text has it in every row.

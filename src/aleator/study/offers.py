@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from aleator.errors import SimulatorError
-from aleator.simulators.command.inputs import Text
-from aleator.simulators.command.simulator import STUDY
+from aleator.observations.tables import is_unit
+from aleator.simulators.command.inputs import Delimiters, Text
+from aleator.simulators.command.simulator import INPUT, ROWS, STUDY
 from aleator.simulators.fmu.description import REALS, Description, Variable, read_description
 from aleator.simulators.function import load_function
 
@@ -84,16 +85,13 @@ def _sequences(node: ast.AST) -> Iterator[ast.AST]:
         yield from (word.value for word in node.keywords if word.arg == "t_eval")
 
 
-INPUT = "input"
-"""The name of the placeholder `{input}` in a command: the input file of the program."""
-
-
 @dataclass(frozen=True)
 class SimulatorInput:
     """An input or output of a simulator.
 
     `nominal` is the default of a function's argument, or the start value of an FMU's variable;
     `lower` and `upper` are limits that an FMU states. `required` says that an input has no default.
+    `parameter` is false for what an FMU does not call a parameter: inputs and start values.
     """
 
     name: str
@@ -103,16 +101,18 @@ class SimulatorInput:
     upper: float | None = None
     required: bool = False
     description: str = ""
+    parameter: bool = True
 
 
 @dataclass(frozen=True)
 class Offer:
     """A simulator as study.toml names it, with its inputs and the possible names of its outcome.
 
-    `kind` is the key in the section `[simulator]` (function, fmu or command), and `value` the value
-    of that key. `stop_time` is the end of simulation that an FMU states. `variables` maps names in
-    the study to variables of the FMU. `arrays` are the arguments of a function that must be arrays
-    while its others are numbers.
+    `kind` is the key in the section `[simulator]` (function, fmu, command or umbridge), and `value`
+    the value of that key. `stop_time` is the end of simulation that an FMU states. `variables` maps
+    names in the study to inputs of the simulator that it calls otherwise. `arrays` are the
+    arguments of a function that must be arrays while its others are numbers. `further` are other
+    keys of the section, with their values.
     """
 
     kind: str
@@ -123,6 +123,7 @@ class Offer:
     stop_time: float | None = None
     variables: Mapping[str, str] = field(default_factory=dict)
     arrays: frozenset[str] = frozenset()
+    further: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -190,51 +191,137 @@ def offered_by_fmu(file: Path, value: str) -> Offer:
 
 
 def bound(offer: Offer, columns: Sequence[str]) -> Offer:
-    """The simulator with its inputs renamed if the names in its FMU cannot be used in study.toml.
+    """The simulator with its inputs renamed as the columns of a table that mean them.
 
-    A function or a command is unchanged. The last name of an FMU's variable is the part after the
-    last dot ("force" in "spring.force"). A variable is renamed as the column of the table that has
-    its last name, if no other variable has the same. Any other variable whose name is no identifier
+    A column means an input if the names agree but for case, signs between words, and a unit at the
+    end of the column's: `Force_N` is `force`. Of an FMU's variable the part after the last dot
+    counts ("force" in "spring.force"). A variable of an FMU whose name cannot be used in study.toml
     gets its last name, or its whole name with underscores if the last name is taken.
 
     >>> given = (SimulatorInput("spring.force"), SimulatorInput("spring.k"), SimulatorInput("mass"))
-    >>> found = bound(Offer("fmu", "a.fmu", given, ()), ["Force", "travel"])
+    >>> found = bound(Offer("fmu", "a.fmu", given, ()), ["Force_N", "travel"])
     >>> found.names, found.variables
-    (('Force', 'k', 'mass'), {'Force': 'spring.force', 'k': 'spring.k'})
+    (('Force_N', 'k', 'mass'), {'Force_N': 'spring.force', 'k': 'spring.k'})
     """
-    if offer.kind != "fmu":
-        return offer
-    last = [name.rpartition(".")[2] for name in offer.names]
-    alone = {short.lower(): name for short, name in zip(last, offer.names, strict=True)
-             if [one.lower() for one in last].count(short.lower()) == 1}  # fmt: skip
-    called = {alone[c.lower()]: c for c in columns if c not in offer.names and c.lower() in alone}
+    last = [name.rpartition(".")[2] if offer.kind == "fmu" else name for name in offer.names]
+    plain = [_plain(short) for short in last]
+    alone = {key: name for key, name in zip(plain, offer.names, strict=True)
+             if plain.count(key) == 1 and name not in columns}  # fmt: skip
+    called: dict[str, str] = {}
+    for column in columns:
+        keys = (_plain(column), _plain(without_unit(column)))
+        found = next((alone[key] for key in keys if key in alone), None)
+        if found and column not in offer.names:
+            called.setdefault(found, column)
     taken = {*columns, *offer.names}
-    for short, name in zip(last, offer.names, strict=True):
+    for short, name in zip(last, offer.names, strict=True) if offer.kind == "fmu" else ():
         if name not in called and name not in columns and not name.isidentifier():
             good = short.isidentifier() and short not in taken and last.count(short) == 1
             called[name] = short if good else re.sub(r"\W", "_", name)
-    given = tuple(replace(each, name=called.get(each.name, each.name)) for each in offer.inputs)
-    return replace(offer, inputs=given, variables={short: name for name, short in called.items()})
+    return replace(
+        offer,
+        inputs=tuple(replace(one, name=called.get(one.name, one.name)) for one in offer.inputs),
+        variables={short: name for name, short in called.items()},
+        arrays=frozenset(called.get(name, name) for name in offer.arrays),
+    )
 
 
-def offered_by_command(command: str) -> Offer:
+def same_name(one: str, other: str) -> bool:
+    """Whether two names agree but for case and the signs between words.
+
+    >>> same_name("Shifting time", "shifting_time"), same_name("time", "times")
+    (True, False)
+    """
+    return _plain(one) == _plain(other)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\W_]+", "", name).casefold()
+
+
+def without_unit(name: str) -> str:
+    """A name without a unit at its end.
+
+    >>> without_unit("Force_N"), without_unit("wear_rate")
+    ('Force', 'wear_rate')
+    """
+    found = re.match(r"(.*\w)[_ ](\S+)$", name)
+    return found[1] if found and is_unit(found[2]) else name
+
+
+def offered_by_command(command: str, template: Path | None = None) -> Offer:
     """The inputs of a program: the placeholders of its command, `./spring {force} {stiffness}`.
 
-    Raises SimulatorError if the command has no placeholder.
+    With the placeholder {input} they are also those of the `template` of the input file, between
+    {{ and }} if it has any such, else between { and }. Raises SimulatorError if there is no
+    placeholder.
 
     >>> offered_by_command("./spring {force} {stiffness:.3f}").names
     ('force', 'stiffness')
     """
     names = Text.parse(command, escapes=True).names
+    further: dict[str, object] = {}
+    if template is not None:
+        text = template.read_text(encoding="utf-8", errors="replace")
+        doubled = Delimiters("{{", "}}")
+        marks = doubled if Text.parse(text, doubled).names else Delimiters()
+        names = (*names, *Text.parse(text, marks, f"the template {template.name}").names)
+        stem = template.stem if Path(template.stem).suffix else f"{template.stem}.dat"
+        further = {"template": template.name, "input": stem}
+        if marks == doubled:
+            further["delimiters"] = [doubled.opening, doubled.closing]
+    names = tuple(name for name in dict.fromkeys(names) if name not in (STUDY, INPUT, ROWS))
     if not names:
         raise SimulatorError(
             f"the command '{command}' has no place for a condition or a parameter",
-            "write their names in braces: --command './spring {force} {stiffness}'",
+            "write their names in braces: --command './spring {force} {stiffness}'"
+            if template is None
+            else f"write their names in braces in {template.name}: {{force}}",
         )
-    given = tuple(
-        SimulatorInput(name, required=True) for name in names if name not in (STUDY, INPUT)
-    )
-    return Offer("command", command, given, ())
+    given = tuple(SimulatorInput(name, required=True) for name in names)
+    return Offer("command", command, given, (), further=further)
+
+
+def reads_a_file(command: str) -> bool:
+    """Whether a command has the placeholder {input}, for a file that is written for every run."""
+    return INPUT in Text.parse(command, escapes=True).names
+
+
+def offered_by_server(address: str, inputs: str) -> Offer:
+    """The inputs of a model of an UM-Bridge server, whose address ends in the model's name.
+
+    `inputs` are the components of its input vectors, with commas between; a semicolon begins the
+    next vector. Numbers are constants. The server is not asked. Raises SimulatorError for an
+    address without a model, and without a named input.
+
+    >>> offer = offered_by_server("http://localhost:4242/forward", "load; stiffness, 9.81")
+    >>> offer.names, offer.value, offer.further["inputs"]
+    (('load', 'stiffness'), 'http://localhost:4242', [['load'], ['stiffness', 9.81]])
+    """
+    url, _, model = address.rstrip("/").rpartition("/")
+    if not model or "//" not in url or url.endswith("/"):
+        raise SimulatorError(
+            f"'{address}' is no address of a model",
+            "write --umbridge http://localhost:4242/forward",
+        )
+    vectors = [[part.strip() for part in one.split(",") if part.strip()]
+               for one in inputs.split(";")]  # fmt: skip
+    names = dict.fromkeys(part for one in vectors for part in one if not _is_number(part))
+    if not names:
+        raise SimulatorError(
+            f"nothing says what the inputs of the model '{model}' are",
+            "name them in their order: --inputs 'load; stiffness, damping'",
+        )
+    filled = [[float(part) if _is_number(part) else part for part in one] for one in vectors]
+    given = tuple(SimulatorInput(name, required=True) for name in names)
+    return Offer("umbridge", url, given, (), further={"model": model, "inputs": filled})
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _recorded(description: Description) -> list[Variable]:
@@ -252,6 +339,7 @@ def _variable(variable: Variable) -> SimulatorInput:
         variable.minimum,
         variable.maximum,
         description=variable.description,
+        parameter=variable.causality == "parameter",
     )
 
 

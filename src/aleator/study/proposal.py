@@ -11,14 +11,18 @@ from difflib import get_close_matches
 from aleator.errors import ExperimentsError, SimulatorError, nearest
 from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
-from aleator.study.offers import Offer, SimulatorInput
+from aleator.study.offers import Offer, SimulatorInput, same_name
 from aleator.study.roles import (
+    TIMES,
     Roles,
     Sheet,
     censoring_of,
+    conditions_each,
     count_of,
     covariates_in,
     decades_of,
+    is_measured,
+    levels_in,
     roles_in,
     shows_bounds,
     spread_of,
@@ -84,15 +88,17 @@ def parameters_of(
     offer: Offer,
     roles: Roles,
     most: int,
+    told: int,
     chosen: Mapping[str, Limits | float | None],
 ) -> tuple[tuple[Proposed, ...], tuple[SimulatorInput, ...]]:
     """The proposed parameters, and the inputs that keep their value in the simulator.
 
     `chosen` has the parameters that the user named: one with limits scatters between them, one with
     None scatters about its nominal value, and one with a number is a constant. If the user named
-    none to scatter, the inputs without a default do, or else those with a nominal value, but not
-    more than `most`. Other inputs without a default are constants. Raises SimulatorError for a name
-    that the simulator does not take.
+    none to scatter, the inputs without a default do, but not more than `most`. If there are none,
+    those with a nominal value do, but not more than the `told` values of an experiment, those of
+    other outcomes or under other conditions: one value tells of one parameter. Other inputs without
+    a default are constants. Raises SimulatorError for a name that the simulator does not take.
     """
     free = [each for each in offer.inputs if each.name not in roles.conditions]
     known = {each.name for each in free}
@@ -103,7 +109,8 @@ def parameters_of(
                 f"it takes {', '.join(sorted(known)) or 'no parameter'}",
             )
     laws = [name for name, value in chosen.items() if not isinstance(value, float)]
-    laws = laws or [each.name for each in _scattering(free, most) if each.name not in chosen]
+    left = [each for each in free if each.name not in chosen]
+    laws = laws or [each.name for each in _scattering(left, most, told)]
     taken = [each for each in free if each.name in (*laws, *chosen) or each.required]
     if not taken:
         raise SimulatorError(
@@ -141,10 +148,17 @@ def nominal_limits(of: SimulatorInput) -> Limits | None:
     return (low, high) if low < high else None
 
 
-def _scattering(free: Sequence[SimulatorInput], most: int) -> list[SimulatorInput]:
-    """The inputs that are proposed to scatter: those without a default, or else with limits."""
+def _scattering(free: Sequence[SimulatorInput], most: int, told: int) -> list[SimulatorInput]:
+    """The inputs that are proposed to scatter: those without a default, or else with limits.
+
+    Of an FMU the parameters come before inputs and start values.
+    """
     required = [each for each in free if each.required]
-    return (required or [each for each in free if nominal_limits(each)] or [*free])[:most]
+    if required:
+        return required[:most]
+    known = [each for each in free if nominal_limits(each)] or [*free]
+    own = [each for each in known if each.parameter] or known
+    return own[: min(most, told)]
 
 
 def _proposed(given: SimulatorInput, scatters: bool, asked: Limits | float | None) -> Proposed:
@@ -155,10 +169,6 @@ def _proposed(given: SimulatorInput, scatters: bool, asked: Limits | float | Non
     return Proposed(given, True, nominal_limits(given), nominal=given.nominal)
 
 
-TIMES = ("time", "Time", "t")
-"""Names of a column that mark it as times; T is missing, for it often is a temperature."""
-
-
 @dataclass(frozen=True)
 class Proposal:
     """The contents of a proposed study file.
@@ -166,14 +176,15 @@ class Proposal:
     `parameters` are in the order of the simulator's inputs; `untouched` inputs keep the value that
     they have in the simulator. `noise` has for each outcome the limits of its standard deviation,
     or the name of a column with standard deviations, or an assumed number where it must be known;
-    it is empty if each experiment has one exact outcome. `decades` are the outcomes that span
-    several decades. `log` says that there is one outcome and that its logarithm is used. `units`
-    are read from the heads of columns and from the FMU. `unlike` maps each unused column to an
-    input of the simulator with a similar name. `censored` has the rules of censoring for each
-    outcome. `covariates` maps columns on which a law may depend to their terms in a formula.
-    `series` says that one call of the simulator serves all rows of an experiment; `within` are the
-    conditions that vary between these rows. `returned` is the FMU's variable that is the outcome,
-    `time` the column with the times of the FMU's simulation.
+    it is empty if nothing tells it from the law. `decades` are the outcomes that span several
+    decades. `log` says that there is one outcome and that its logarithm is used. `units` are read
+    from the heads of columns and the FMU. `unlike` maps each unused column to an input of the
+    simulator with a similar name. `censored` has the rules of censoring for each outcome.
+    `covariates` maps columns on which a law may depend to their terms in a formula. `levels` are
+    the columns whose groups of experiments may share a draw of a parameter. `series` says that one
+    call of the simulator serves all rows of an experiment; `within` are the conditions that vary
+    between these rows. `returned` is the FMU's variable that is the outcome, `time` the column with
+    the times of the FMU's simulation.
     """
 
     title: str
@@ -193,6 +204,7 @@ class Proposal:
     unlike: Mapping[str, str]
     censored: Mapping[str, Censoring]
     covariates: Mapping[str, str]
+    levels: tuple[str, ...]
     within: tuple[str, ...]
     series: bool
     returned: str | None
@@ -227,13 +239,16 @@ def responses_of(sheet: Sheet, offer: Offer) -> tuple[str, ...]:
 def outcome_of(sheet: Sheet, offer: Offer) -> tuple[str | None, tuple[str, ...]]:
     """The column that seems to be the outcome, or None, and all columns that could be the outcome.
 
-    The outcome is the only column of numbers that the simulator does not take. Of several such
-    columns it is the only one with the name of the function or of an output of the FMU, or else the
+    The outcome is the only column that the simulator does not take and that has the name of the
+    function or of an output of the FMU. Else it is the only one that has numbers, or of several the
     only one with cells such as "> 20".
     """
     possible = roles_in(sheet.table, offer.names).outcomes
-    named = {each.name for each in offer.returned}
-    called = [name for name in possible if name in named]
+    named = [each.name for each in offer.returned]
+    left = [name for name in sheet.names if name not in offer.names]
+    called = [name for name in left if name in named] or [
+        name for name in left if any(same_name(name, one) for one in named)
+    ]
     bounded = [name for name in possible if shows_bounds(sheet.table, name)]
     found = next((one for one in (called, bounded) if len(one) == 1), possible)
     return (found[0] if len(found) == 1 else None), possible
@@ -279,7 +294,8 @@ def proposed(
     roles = roles_of(sheet, offer, outcomes)
     experiments = count_of(sheet.table, id)
     most = laws_for(experiments, len(sheet.table))
-    parameters, untouched = parameters_of(offer, roles, most, chosen)
+    each = conditions_each(sheet.table, roles.conditions, id) * len(outcomes)
+    parameters, untouched = parameters_of(offer, roles, most, each, chosen)
     decades = {name: decades_of(sheet.table, name) for name in outcomes}
     log = len(decades) == 1 and decades[outcomes[0]] >= RULES.log and not roles.errors
     spread = {name: spread_of(sheet.table, name, log=log) for name in outcomes}
@@ -290,7 +306,8 @@ def proposed(
     left = [name for name in roles.others if name not in telling]
     within = tuple(name for name in roles.conditions if varies_within(sheet.table, name, id))
     noise: dict[str, Limits | str | float] = {}
-    if experiments < len(sheet.table) or len(outcomes) > 1:
+    laws = sum(each.scatters for each in parameters)
+    if experiments < len(sheet.table) or _needs_noise(sheet.table, outcomes, laws):
         noise = {name: noise_limits(one) for name, one in spread.items()}
     elif censored:
         noise = {name: _rounded(RULES.assumed * one, math.floor) for name, one in spread.items()}
@@ -301,10 +318,18 @@ def proposed(
         noise, tuple(n for n in outcomes if decades[n] >= RULES.spans), log,
         _units(sheet.table, roles, outcomes, parameters),
         _unlike(sheet, offer, roles, (*outcomes, id)),
-        censored, covariates_in(sheet.table, left, id), within,
+        censored, covariates_in(sheet.table, left, id), levels_in(sheet.table, left, id), within,
         series or bool(offer.arrays & {*within}),
         _returned(offer, outcomes), _time(sheet, offer, outcomes),
     )  # fmt: skip
+
+
+def _needs_noise(table: Table, outcomes: Sequence[str], laws: int) -> bool:
+    """Whether several outcomes of an experiment have no density without noise.
+
+    They have none if they are more than the parameters that scatter, or if a cell is blank.
+    """
+    return len(outcomes) > 1 and (len(outcomes) > laws or not is_measured(table, outcomes).all())
 
 
 def noise_limits(spread: float) -> Limits:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from aleator.study.offers import Offer, SimulatorInput
+from aleator.study.offers import Offer, SimulatorInput, without_unit
 from aleator.study.proposal import Proposal, Proposed
 
-LAST = r"(\S+)\s*\Z"
-"""A regular expression for the last word that a program prints."""
 OF_NOISE = "the number that is known: one value an experiment hardly tells it from the law"
 FILL_IN = "FILL IN"
 
@@ -38,6 +37,7 @@ def study_text(proposal: Proposal, schema: str | None = None) -> str:
     sections = [
         _experiments(proposal),
         _simulator(proposal),
+        _derived(proposal),
         *(_parameter(each, proposal) for each in proposal.parameters),
         _untouched(proposal),
         _noise(proposal),
@@ -73,8 +73,11 @@ def notes(proposal: Proposal) -> list[str]:
                     f"{', '.join(proposal.within)}")  # fmt: skip
     if proposal.covariates:
         said.append(f"laws may follow: {', '.join(proposal.covariates)}")
+    if proposal.levels:
+        said.append(f"groups of experiments: {', '.join(proposal.levels)}")
     telling = {name for one in proposal.censored.values() for name in one.columns}
-    unused = [name for name in roles.others if name not in {*telling, *proposal.covariates}]
+    used = {*telling, *proposal.covariates, *proposal.levels}
+    unused = [name for name in roles.others if name not in used]
     if unused:
         said.append(f"not used: {', '.join(unused)}")
     said += [
@@ -112,7 +115,7 @@ def _experiments(proposal: Proposal) -> list[str]:
     lines.append(line("conditions", [*proposal.conditions], "columns that the simulator is given"))
     lines += _censored(proposal)
     lines.append(_units(proposal))
-    if sheet.delimiter != ",":
+    if sheet.delimiter not in (",", ""):
         lines.append(line("delimiter", sheet.delimiter, "between the cells"))
     if sheet.decimal != ".":
         lines.append(line("decimal", sheet.decimal, "the decimal sign"))
@@ -165,16 +168,79 @@ def _simulator(proposal: Proposal) -> list[str]:
         lines += _of_fmu(proposal, offer)
     if offer.kind == "command":
         lines += _of_command(proposal)
+    if offer.kind == "umbridge":
+        lines += _of_server(proposal)
     return lines
 
 
 def _of_command(proposal: Proposal) -> list[str]:
-    """The lines of study.toml that say where the outcome of a program is read."""
+    """The lines of study.toml on the input file of a program, and where its outcome is read."""
+    lines = [line(name, value, _FURTHER[name]) for name, value in proposal.offer.further.items()]
     if proposal.series:
-        several = off("output", {"file": "result.txt"}, "else all numbers that it prints")
-        return [line("series", True, "one run serves all rows of an experiment"), several]
-    last = remarked(f"output = {{regex = '{LAST}'}}", "the last that it prints; or {file = ...}")
-    return [*_could_be_series(proposal), last]
+        read = off("output", {"file": "result.txt"}, "else all numbers that it prints")
+        return [*lines, line("series", True, "one run serves all rows of an experiment"), read]
+    if len(proposal.outcomes) > 1:
+        columns = {name: {"file": "result.csv", "column": name} for name in proposal.outcomes}
+        lines.append(fill("output", written(columns), "where the program writes each outcome"))
+    else:
+        lines += [
+            *_could_be_series(proposal),
+            remarked(
+                f"output = {{regex = '{reading(proposal.outcomes[0])}'}}",
+                "what is printed after the outcome's name, or else the last word",
+            ),
+            off("output", {"file": "result.csv", "column": proposal.outcomes[0]}, "or of a table"),
+        ]
+    return [*lines, off("timeout", 60, "seconds after which a run is stopped")]
+
+
+def reading(outcome: str) -> str:
+    """A regular expression for the outcome in what a program prints.
+
+    It is the word after the last mention of its name, or else the last word: a text that has
+    neither gives no number, and the run fails.
+
+    >>> found = re.match(reading("travel_mm"), "Springs 2.0\\nTravel: 5.5 mm, solved in 1 step")
+    >>> found[1]
+    '5.5'
+    """
+    name = re.escape(without_unit(outcome)).replace("'", r"\x27")
+    return rf"(?is)\A(?:.*\b{name}\b\s*[=:]?\s*|.*?(?=\S+\s*\Z))(\S+)"
+
+
+def _of_server(proposal: Proposal) -> list[str]:
+    """The lines of study.toml on the model of a server, its inputs and its outputs."""
+    lines = [line(name, value, _FURTHER[name]) for name, value in proposal.offer.further.items()]
+    if proposal.series:
+        lines.append(line("series", True, "one run serves all rows of an experiment"))
+    else:
+        lines += _could_be_series(proposal)
+    several = len(proposal.outcomes) > 1
+    places = {name: k for k, name in enumerate(proposal.outcomes)} if several else 0
+    return [*lines, line("output", places, "the output vector, from 0; or [vector, place]")]
+
+
+_FURTHER = {
+    "template": "written for every run, with values in its placeholders",
+    "input": "the name of the written file, for {input}",
+    "delimiters": "of the placeholders in the template",
+    "model": "the name of the model on the server",
+    "inputs": "conditions, parameters and numbers, a list for each input vector",
+}
+"""Remarks on further keys of a simulator."""
+
+
+def _derived(proposal: Proposal) -> list[str]:
+    """The section of study.toml by which the simulator is given columns of other names.
+
+    An FMU has the key `variables` for that.
+    """
+    offer = proposal.offer
+    renamed = {} if offer.kind == "fmu" else offer.variables
+    if not renamed:
+        return []
+    lines = [remarked("[derived]", "what the simulator is given under another name")]
+    return [*lines, *(f"{key(name)} = {written(column)}" for column, name in renamed.items())]
 
 
 def _could_be_series(proposal: Proposal) -> list[str]:
@@ -189,6 +255,7 @@ _SIMULATORS = {
     "function": "takes conditions and parameters by name",
     "fmu": "conditions and parameters are its variables",
     "command": "a program; {name} is where a value goes",
+    "umbridge": "the address of the server",
 }
 
 
@@ -234,12 +301,16 @@ def _parameter(each: Proposed, proposal: Proposal) -> list[str]:
 
 
 def _follows(proposal: Proposal) -> list[str]:
-    """A comment in study.toml with a formula by which the mean may depend on covariates."""
-    if not proposal.covariates:
-        return []
-    formula = " + ".join(["1", *proposal.covariates.values()])
-    remark = "if the parameter depends on these" + ("" if proposal.noise else "; needs [noise]")
-    return [off("mean", formula, remark)]
+    """Comments in study.toml on covariates of the mean, and on levels of the parameter."""
+    needs = "" if proposal.noise else "; needs [noise]"
+    lines = [
+        off("level", name, f"if it is the same for all experiments of one {name}{needs}")
+        for name in proposal.levels
+    ]
+    if proposal.covariates:
+        formula = " + ".join(["1", *proposal.covariates.values()])
+        lines.append(off("mean", formula, f"if the parameter depends on these{needs}"))
+    return lines
 
 
 def _constant(each: Proposed) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import keyword
 import re
 from collections.abc import Collection, Iterable, Sequence
@@ -10,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aleator.core.types import Array
+from aleator.core.types import Array, Flags
 from aleator.errors import ExperimentsError
 from aleator.observations import tables
 from aleator.observations.experiments import DEFAULT_ID
@@ -26,13 +28,15 @@ class RoleRules:
     each: the number of experiments that each proposed covariate needs. words: the largest number of
     different words in a column that marks censored values. naming: the smallest number of different
     values by which a column identifies experiments if its name does not say so; a column with fewer
-    values rather names suppliers or test benches.
+    values rather names suppliers or test benches. groups: the smallest number of groups of a level:
+    with two of them nobody can tell how much groups differ.
     """
 
     levels: int = 6
     each: int = 10
     words: int = 8
     naming: int = 5
+    groups: int = 3
 
 
 RULES = RoleRules()
@@ -76,6 +80,27 @@ def covariates_in(table: Table, names: Sequence[str], id: str | None) -> dict[st
         (name, term) for name, term in found.items() if term and not varies_within(table, name, id)
     ]
     return dict(known[: max(len(first) // RULES.each, 1)])
+
+
+def levels_in(table: Table, names: Sequence[str], id: str | None) -> tuple[str, ...]:
+    """The columns whose groups of experiments may share a draw of a parameter, such as batches.
+
+    Such a column has a name like "batch", or texts. It has no blank cell, one value for each
+    experiment, three different values or more, and on average two experiments or more for each.
+
+    >>> cells = {"lot": ["1", "1", "2", "2", "3", "3"], "warm": ["1", "1", "2", "2", "3", "3"]}
+    >>> levels_in(Table("a.csv", cells, ["row"] * 6), ["lot", "warm"], None)
+    ('lot',)
+    """
+    first = _first_rows(table, id)
+    found = []
+    for name in names:
+        texts = [table.texts(name)[row] for row in first]
+        groups = len({*texts})
+        told = _GROUPING.search(name) or numbers_of(table, name) is None
+        if told and "" not in texts and RULES.groups <= groups <= len(first) // 2:
+            found.append(name)
+    return tuple(name for name in found if not varies_within(table, name, id))
 
 
 def _first_rows(table: Table, id: str | None) -> list[int]:
@@ -196,20 +221,33 @@ def _by_words(table: Table, name: str) -> Censoring | None:
 
 
 DELIMITERS = (",", ";", "\t", "|")
+TIMES = ("time", "Time", "t", "Zeit")
+"""Names of a column that mark it as times; T is missing, for it often is a temperature."""
 _COMMA = re.compile(r"^[<>≤≥]?=?\s*-?\d+,\d+$")
 _ERROR = re.compile(
     r"(^|_)(sd|std|se|sem|std_?err|sigma|error|uncertainty|noise)($|_)", re.IGNORECASE
 )
 _NAMING = re.compile(
-    r"(^|_)(id|no|nr|number|name|experiment|test|run|unit|specimen|sample|part|serial|subject|"
-    r"person|patient|batch|tank|device|cell)($|_)",
+    r"(^|[_ ])(id|no|nr|number|name|experiment|test|run|unit|specimen|sample|part|serial|subject|"
+    r"person|patient|tank|device|cell|versuch|prüfling|probe|bauteil|gerät|proband)($|[_ ])",
     re.IGNORECASE,
 )
+_GROUPING = re.compile(
+    r"(^|[_ ])(batch|lot|heat|melt|cast|supplier|maker|vendor|day|date|week|shift|operator|machine|"
+    r"rig|bench|lab|site|plant|plate|cask|"
+    r"charge|los|schmelze|lieferant|hersteller|tag|datum|schicht|prüfer|maschine|labor|werk)"
+    r"($|[_ ])",
+    re.IGNORECASE,
+)
+"""Names of columns whose values are groups of experiments, in English and German."""
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table that was read from a file, with the delimiter and the decimal sign of the file."""
+    """A table that was read from a file, with the delimiter and the decimal sign of the file.
+
+    The delimiter is empty for a workbook or a Parquet file.
+    """
 
     table: Table
     delimiter: str
@@ -250,7 +288,7 @@ def sheet_of(path: Path, head: int = 10_000) -> Sheet:
         header = path.read_bytes()[:head].decode("utf-8", "replace").partition("\n")[0]
     except OSError:
         header = ""  # `tables.read` raises the error of a file that cannot be read.
-    delimiter = max(DELIMITERS, key=header.count)
+    delimiter = max(DELIMITERS, key=header.count) if tables.is_text(path) else ""
     table = tables.read(path, delimiter)
     cells = [str(cell) for column in table.columns.values() for cell in column]
     comma = delimiter != "," and any(_COMMA.match(cell) for cell in cells)
@@ -259,22 +297,59 @@ def sheet_of(path: Path, head: int = 10_000) -> Sheet:
     )  # fmt: skip
 
 
+def is_measured(table: Table, outcomes: Sequence[str]) -> Flags:
+    """Whether each outcome (R, m) was measured in each row: its cell is not blank, and not NA.
+
+    A column with cells that are no numbers counts as measured.
+    """
+    numbers = [numbers_of(table, name) for name in outcomes]
+    flags = [np.ones(len(table), bool) if of is None else np.isfinite(of) for of in numbers]
+    return np.stack(flags, axis=1)
+
+
+def measured_rows(sheet: Sheet, outcomes: Sequence[str]) -> tuple[str, tuple[str, ...]] | None:
+    """A CSV text of the rows in which something was measured, and the places of the others.
+
+    None if something was measured in every row.
+
+    >>> cells = {"force": ["1", "2"], "travel": ["0.5", "NA"]}
+    >>> table = Table("a.csv", cells, ["row 2", "row 3"], units={"force": "N"})
+    >>> measured_rows(Sheet(table, ",", "."), ["travel"])
+    ('force [N],travel\\n1,0.5\\n', ('row 3',))
+    """
+    table, kept = sheet.table, np.any(is_measured(sheet.table, outcomes), axis=1).tolist()
+    if all(kept):
+        return None
+    units = table.units
+    head = [f"{name} [{units[name]}]" if name in units else name for name in sheet.names]
+    rows = zip(*(table.texts(name) for name in sheet.names), strict=True)
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter=sheet.delimiter or ";", lineterminator="\n")
+    writer.writerows([head, *(row for row, there in zip(rows, kept, strict=True) if there)])
+    return text.getvalue(), tuple(table.places[row] for row, there in enumerate(kept) if not there)
+
+
 def roles_in(table: Table, taken: Collection[str], outcome: Sequence[str] = ()) -> Roles:
     """The roles of the columns of a table; `taken` are the inputs of the simulator.
 
     A column in `outcome` has no other role. The id is the column "id", or else a column of texts or
     whole numbers that is no condition. Such a column is the id if it has a name like "specimen", a
     different text in each row, consecutive numbers, or values that distinguish rows with equal
-    conditions. Of several such columns the one with the most different values is the id.
+    conditions or repeat with them. A column with a name like "batch" is it only where times vary
+    within its groups. Of several such columns the one with the most different values is the id; a
+    column that counts the rows comes last.
     """
     numbers = {name: numbers_of(table, name) for name in table.columns}
     distinct = {name: len({*table.texts(name)}) for name in table.columns}
     conditions = tuple(name for name in table.columns if name in taken and name not in outcome)
     left = [name for name in table.columns if name not in conditions and name not in outcome]
     naming = [name for name in left if _names_experiments(table, name, conditions, distinct)]
-    chosen = (
-        DEFAULT_ID if DEFAULT_ID in naming else max(naming, key=distinct.__getitem__, default="")
-    )
+
+    def told(name: str) -> tuple[bool, bool, int]:
+        counts = distinct[name] == len(table) and numbers[name] is not None
+        return name == DEFAULT_ID, not counts, distinct[name]
+
+    chosen = max(naming, key=told, default="")
     errors = tuple(n for n in left if _ERROR.search(n) and _positive(numbers[n]) and n != chosen)
     constant = tuple(name for name in left if distinct[name] == 1 and name != chosen)
     rest = [name for name in left if name not in (chosen, *errors, *constant)]
@@ -316,6 +391,15 @@ def count_of(table: Table, id: str | None) -> int:
     return len(table) if id is None else len({*table.texts(id)})
 
 
+def conditions_each(table: Table, conditions: Sequence[str], id: str | None) -> int:
+    """The largest number of different conditions under which one experiment was measured."""
+    if id is None:
+        return 1
+    rows = {*zip(*(table.texts(name) for name in (id, *conditions)), strict=True)}
+    names = [name for name, *_ in rows]
+    return max(map(names.count, {*names}))
+
+
 def decades_of(table: Table, column: str) -> float:
     """The decades from the smallest to the largest number of a column; 0 if one is not positive."""
     known = _known(table, column)
@@ -339,6 +423,9 @@ def _names_experiments(
     texts = table.texts(name)
     if distinct[name] == 1 or "" in texts or not _whole_or_text(table, name):
         return False
+    if _GROUPING.search(name) and distinct[name] < len(table):
+        times = [one for one in conditions if one in TIMES]
+        return any(varies_within(table, one, name) for one in times)
     each_its_own = distinct[name] == len(table) and _counts_or_text(table, name)
     if name == DEFAULT_ID or _NAMING.search(name) or each_its_own:
         return True
@@ -346,7 +433,16 @@ def _names_experiments(
     told_apart = len({*zip(texts, rows, strict=True)}) if rows else 0
     repeated = bool(rows) and len({*rows}) < len(rows)
     some = RULES.naming <= distinct[name] <= len(table) // 2
-    return some and repeated and told_apart == len(table)
+    same = not any(varies_within(table, condition, name) for condition in conditions)
+    again = same and _labels(table, name)
+    return some and repeated and (told_apart == len(table) or again)
+
+
+def _labels(table: Table, name: str) -> bool:
+    """Whether a column has texts, or the whole numbers from 1 on."""
+    numbers = numbers_of(table, name)
+    values = np.unique([] if numbers is None else numbers)
+    return numbers is None or np.array_equal(values, np.arange(1.0, values.size + 1.0))
 
 
 def _counts_or_text(table: Table, name: str) -> bool:

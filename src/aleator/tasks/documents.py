@@ -23,6 +23,8 @@ def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]
         "runs": look.runs,
         "failed": look.failed,
         "fault": look.fault,
+        "failing": {name: list(where) for name, where in look.failing.items()},
+        "at_limit": look.at_limit,
         "seconds_a_run": look.seconds,
         "conditions": {"all": plan.count, "looked_at": look.looked_at},
         "parameters": [

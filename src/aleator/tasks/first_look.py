@@ -117,6 +117,11 @@ class LookSettings:
     """The least size of an outcome in the test whether a parameter has any influence."""
     nothing: float = 1e-6
     """The share of an outcome's whole range below which a parameter's effect counts as zero."""
+    near: int = 20
+    """The largest number of values out of reach near which more runs are made: the nearest ones."""
+    halvings: int = 4
+    """How often the steps of these runs are halved: a maximum between two values of a parameter
+    is then met within a 64th of its range."""
 
 
 LOOK = LookSettings()
@@ -128,7 +133,8 @@ class LookPlan:
 
     Point 0 is the middle of the region. `moving` are the indices of the parameters that are not
     constant. `star[j]` are the points at which only parameter `moving[j]` differs from the middle.
-    `cases` are the indices of the conditions to be run among the `count` different ones.
+    `edges[j]` (E, 2) are pairs of corners that differ in this parameter only. `cases` are the
+    indices of the conditions to be run among the `count` different ones.
     """
 
     names: tuple[str, ...]
@@ -136,6 +142,7 @@ class LookPlan:
     moving: Indices
     x: Array
     star: Indices
+    edges: tuple[Indices, ...]
     cases: Indices
     count: int
 
@@ -143,6 +150,10 @@ class LookPlan:
     def runs(self) -> int:
         """The number of runs of the plan."""
         return len(self.x) * len(self.cases)
+
+    def more(self, settings: LookSettings = LOOK) -> int:
+        """The largest number of further runs near measured values that are out of reach."""
+        return 2 * len(self.moving) * settings.near * settings.halvings
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +165,11 @@ class Look:
     and `upper` (V,) are the ends of the measured values, after the transform of the response.
     `margin` (V,) is three standard deviations of the noise, as known or at the start of its
     search. `runs` is the number of runs, `failed` of which have no outcome; `seconds` is the time
-    of one run, and `fault` the message of the first failure. `looked_at` is the number of
-    conditions that were run.
+    of one run, and `fault` the most frequent message of failures. `looked_at` is the number of
+    conditions that were run. `closest` (V, n) is the point of the run whose outcome comes closest
+    to the measured value, and `closest_outcome` (V,) that outcome: runs near it were made for
+    values out of reach. `failing` has for each parameter that tells failed runs from others the
+    sign >= or <= and the value from which, or up to which, all runs failed.
     """
 
     plan: LookPlan
@@ -171,14 +185,17 @@ class Look:
     failed: int
     fault: str
     looked_at: int
+    closest: Array
+    closest_outcome: Array
+    failing: Mapping[str, tuple[str, float]]
     settings: LookSettings = LOOK
 
     @property
     def reached(self) -> Array:
         """The least and the largest outcome (V, 2) of each observation over all points."""
+        every = np.column_stack([self.outcome, self.closest_outcome])
         with np.errstate(all="ignore"):
-            low = np.fmin.reduce(self.outcome, axis=1)
-            return np.stack([low, np.fmax.reduce(self.outcome, axis=1)], axis=1)
+            return np.stack([np.fmin.reduce(every, axis=1), np.fmax.reduce(every, axis=1)], axis=1)
 
     @property
     def beyond(self) -> Array:
@@ -187,9 +204,7 @@ class Look:
         It is zero inside the range, positive above and negative below it. Of a censored value the
         nearest end counts. NaN if every run failed.
         """
-        low, high = self.reached.T
-        above = np.maximum(self.lower - high, 0.0)
-        return np.asarray(np.where(above > 0.0, above, np.minimum(self.upper - low, 0.0)))
+        return _beyond(self.lower, self.upper, *self.reached.T)
 
     @property
     def out_of_reach(self) -> Indices:
@@ -206,14 +221,32 @@ class Look:
             return np.asarray(np.fmax.reduce(part, axis=2) - np.fmin.reduce(part, axis=2))
 
     @property
+    def at_limit(self) -> tuple[str, str, float] | None:
+        """A parameter and its lower or upper limit, at which all closest runs to values lie.
+
+        These values are out of reach. None if there is no such parameter.
+        """
+        points = self.closest[self.out_of_reach]
+        for i in self.plan.moving if len(points) else ():
+            for side, end in zip(("lower", "upper"), self.plan.region[i].tolist(), strict=True):
+                if np.all(points[:, i] == end):
+                    return self.plan.names[i], side, end
+        return None
+
+    @property
     def without_influence(self) -> Flags:
-        """Which of the n' varied parameters have no effect on any outcome."""
+        """Which of the n' varied parameters have no effect on any outcome, alone or at corners."""
         low, high = self.reached.T
         size = self.settings.nothing * np.maximum(np.abs(high), self.settings.tiny)
         least = np.where(
             high > low, self.settings.nothing * high - self.settings.nothing * low, size
         )
-        return np.asarray(np.all(~(self.swing > least[:, None]), axis=0))
+        swing = self.swing
+        with np.errstate(all="ignore"):
+            for j, pairs in enumerate(self.plan.edges):
+                apart = np.abs(np.diff(self.outcome[:, pairs], axis=2)[:, :, 0])
+                swing[:, j] = np.fmax(swing[:, j], np.fmax.reduce(apart, axis=1, initial=0.0))
+        return np.asarray(np.all(~(swing > least[:, None]), axis=0))
 
 
 def planned_look(
@@ -231,9 +264,9 @@ def planned_look(
         inputs = inputs.resolved(covariates(table, inputs.columns))
     region = first_region(inputs, inputs.hyperparameters, len(table.ids))
     moving = moving_parameters(region)
-    x, star = _points(region, moving, settings)
+    x, star, edges = _points(region, moving, settings)
     return LookPlan(
-        inputs.names, region, moving, x, star,
+        inputs.names, region, moving, x, star, edges,
         _chosen(runner, table, settings.runs // len(x), settings), len(runner.cases),
     )  # fmt: skip
 
@@ -248,6 +281,8 @@ def first_look(
 ) -> Look:
     """Make the first runs of a plan; a vectorized simulator is run under all conditions.
 
+    Where a measured value is out of reach of these, more runs are made near the closest one, for
+    the twenty nearest such values: steps up and down of each parameter, halved up to four times.
     Single failing runs are counted. Raises SimulatorError if more than nine of ten runs fail.
     """
     progress = progress or Silent()
@@ -260,23 +295,114 @@ def first_look(
     case = runner.cases.condition[single.unit]
     there = np.flatnonzero([int(c) in values for c in case])
     outcome = np.array([values[int(case[k])][:, single.column[k]] for k in there])
-    faults = runner.failures.failures
+    lower, upper = seen.lower[there], seen.upper[there]
+    margin = np.zeros(len(there))
+    if noise is not None:
+        margin = _margin(table, noise, there, outcome, settings)
+    with np.errstate(all="ignore"):
+        ends = np.fmin.reduce(outcome, axis=1), np.fmax.reduce(outcome, axis=1)
+        side = np.sign(_beyond(lower, upper, *ends))
+    goals = _Goals(lower, upper, margin, np.asarray(there), side)
+    closest, found = _approached(single, goals, plan, outcome, settings)
+    fault = runner.failures.frequent_failure()
     names = table.observations.names
     return Look(
         plan,
         tuple(single.ids[k] for k in there),
         tuple(single.owner[k] for k in there),
         tuple(names[seen.response[k]] for k in there),
-        seen.lower[there],
-        seen.upper[there],
-        np.zeros(len(there)) if noise is None else _margin(table, noise, there, outcome, settings),
+        lower,
+        upper,
+        margin,
         outcome,
         runner.seconds,
         len(runner.completed) + len(runner.failures),
         len(runner.failures),
-        next(iter(faults.values())).message if faults else "",
+        fault.message if fault else "",
         len(values),
+        closest,
+        found,
+        _failing(runner, plan),
     )
+
+
+def _beyond(lower: Array, upper: Array, low: Array, high: Array) -> Array:
+    """The distance of measured values within [lower, upper] from outcomes within [low, high]."""
+    above = np.maximum(lower - high, 0.0)
+    return np.asarray(np.where(above > 0.0, above, np.minimum(upper - low, 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Goals:
+    """The measured values (V,) that runs should reach within margins, and their numbers `index`.
+
+    `side` is 1 for a value above all outcomes so far, -1 for one below, and 0 for one within.
+    """
+
+    lower: Array
+    upper: Array
+    margin: Array
+    index: Indices
+    side: Array
+
+    def missed(self, outcome: Array, of: Indices | slice = slice(None)) -> Array:
+        """By how much outcomes (V,) do not come to goals `of`; infinite where a run failed."""
+        above = self.lower[of] - self.margin[of] - outcome
+        below = outcome - self.upper[of] - self.margin[of]
+        with np.errstate(invalid="ignore"):
+            gap = np.where(self.side[of] > 0.0, above, np.where(self.side[of] < 0.0, below, 0.0))
+        return np.where(np.isnan(outcome), np.inf, np.maximum(gap, 0.0))
+
+
+def _approached(
+    single: SingleValues, goals: _Goals, plan: LookPlan, outcome: Array, settings: LookSettings
+) -> tuple[Array, Array]:
+    """The closest points (V, n) to the measured values and their outcomes (V,).
+
+    Of values that no outcome (V, P) reaches, the nearest ones are approached by more runs, until
+    these come to the value, or lead to a corner of the region from which no step comes nearer.
+    """
+    gaps = np.stack([goals.missed(column) for column in outcome.T], axis=1)
+    best, every = np.argmin(gaps, axis=1), np.arange(len(gaps))
+    closest, found, gap = plan.x[best].copy(), outcome[every, best].copy(), gaps[every, best]
+    width = np.diff(plan.region, axis=1)[:, 0] / (settings.levels - 1)
+    part = outcome[:, plan.star]
+    with np.errstate(all="ignore"):
+        swing = np.fmax.reduce(part, axis=2) - np.fmin.reduce(part, axis=2)
+    moved = plan.moving[np.any(swing > 0.0, axis=0)]
+    left = np.argsort(gap, kind="stable")
+    left = left[(gap[left] > 0.0) & np.isfinite(gap[left])][: settings.near]
+    for halved in range(1, settings.halvings + 1):
+        of, i = np.repeat(left, 2 * len(moved)), np.tile(np.repeat(moved, 2), len(left))
+        side, row = np.tile([-1.0, 1.0], len(of) // 2), np.arange(len(of))
+        x = closest[of]
+        x[row, i] += 0.5**halved * side * width[i]
+        inside = (x[row, i] >= plan.region[i, 0]) & (x[row, i] <= plan.region[i, 1])
+        of, x, number = of[inside], x[inside], goals.index[of[inside]]
+        if not of.size:
+            break
+        whole = single.runner.values(single.unit[number], x, settings.most_failed)
+        value, before = whole[np.arange(len(of)), single.column[number]], gap.copy()
+        for k, miss, point, one in zip(of, goals.missed(value, of), x, value, strict=True):
+            if miss < gap[k]:
+                gap[k], closest[k], found[k] = miss, point, one
+        near = closest[:, moved]
+        ends = np.all((near == plan.region[moved, 0]) | (near == plan.region[moved, 1]), axis=1)
+        left = np.array([k for k in left if gap[k] > 0.0 and (gap[k] < before[k] or not ends[k])])
+        left = left.astype(np.intp)
+    return closest, found
+
+
+def _failing(runner: Runner, plan: LookPlan) -> dict[str, tuple[str, float]]:
+    """The parameters that tell failed runs from others: all failed above, or below, a value."""
+    lost, worked = runner.failures.x, runner.completed.x
+    found: dict[str, tuple[str, float]] = {}
+    for i in plan.moving if len(lost) and len(worked) else ():
+        if lost[:, i].min() > worked[:, i].max():
+            found[plan.names[i]] = (">=", float(lost[:, i].min()))
+        elif lost[:, i].max() < worked[:, i].min():
+            found[plan.names[i]] = ("<=", float(lost[:, i].max()))
+    return found
 
 
 def _margin(
@@ -295,8 +421,10 @@ def _margin(
     return np.asarray(settings.sure * errors.scale(values, eta, slice(0, len(eta)))[there, 0])
 
 
-def _points(region: Array, moving: Indices, settings: LookSettings) -> tuple[Array, Indices]:
-    """The points (P, n) of a plan, and the indices of the points that vary one parameter each."""
+def _points(
+    region: Array, moving: Indices, settings: LookSettings
+) -> tuple[Array, Indices, tuple[Indices, ...]]:
+    """The points (P, n) of a plan, those that vary one parameter each, and pairs of corners."""
     middle = region.mean(axis=1)
     shares = np.linspace(0.0, 1.0, settings.levels)
     points, star = [middle], np.zeros((len(moving), settings.levels), dtype=np.intp)
@@ -306,11 +434,18 @@ def _points(region: Array, moving: Indices, settings: LookSettings) -> tuple[Arr
                 star[j, k] = len(points)
                 points.append(middle.copy())
                 points[-1][i] = region[i, 0] + share * (region[i, 1] - region[i, 0])
-    if len(moving) > 1:
-        for corner in _corners(len(moving), settings):
-            points.append(middle.copy())
-            points[-1][moving] = region[moving, corner]
-    return np.array(points), star
+    corners = _corners(len(moving), settings) if len(moving) > 1 else []
+    at = {tuple(corner.tolist()): len(points) + k for k, corner in enumerate(corners)}
+    for corner in corners:
+        points.append(middle.copy())
+        points[-1][moving] = region[moving, corner]
+    edges = [
+        [(place, other) for corner, place in at.items() if corner[j] == 0
+         and (other := at.get((*corner[:j], 1, *corner[j + 1 :]))) is not None]
+        for j in range(len(moving))
+    ]  # fmt: skip
+    pairs = (np.array(one, dtype=np.intp).reshape(-1, 2) for one in edges)
+    return np.array(points), star, tuple(pairs)
 
 
 def _corners(n: int, settings: LookSettings) -> list[Indices]:

@@ -217,8 +217,8 @@ class NextExperiments:
     def table(self) -> pd.DataFrame:
         """A table with a row for each candidate by its id, the most useful first.
 
-        The columns are its conditions (of its first row), the `standard_error` after it alone, and
-        `chosen`, how often it is in the best set.
+        The columns are its conditions (of its first row) and covariates, the `standard_error` after
+        it alone, and `chosen`, how often it is in the best set.
         """
         found = self.conditions.assign(
             standard_error=self.alone,
@@ -373,10 +373,12 @@ def _conditions(candidates: Conditions | pd.DataFrame, fit: Fit) -> Conditions:
 
 
 def _first_rows(offered: Fit) -> pd.DataFrame:
-    """The conditions of the first row of each candidate, by its name."""
+    """The conditions of the first row of each candidate, and its covariates, by its name."""
     first = np.unique(offered.cluster[offered.table.experiment], return_index=True)[1]
     names = pd.Index(offered.cluster_names, name="id")
-    return offered.table.conditions.iloc[first].set_axis(names)
+    conditions, every = offered.table.conditions, offered.table.table
+    beside = [name for name in offered.inputs.columns if name in every and name not in conditions]
+    return conditions.join(every[beside]).iloc[first].set_axis(names)
 
 
 def require_enough_candidates(count: int, candidates: int, repeat: int) -> None:

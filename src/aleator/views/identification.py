@@ -482,7 +482,7 @@ def _simulator(
     more = f" and {len(ids) - amounts.failed:,} more" if len(ids) > amounts.failed else ""
     yield Sentence(
         f"{failures['runs']:,} of {failures['needed']:,} runs had no outcome, in the experiments "
-        f"{', '.join(ids[: amounts.failed])}{more}. The first one said: {failures['message']}",
+        f"{', '.join(ids[: amounts.failed])}{more}. Most often: {failures['message']}",
         depth=PAGE,
     )
     columns = heads("parameter", ">from", ">to")

@@ -39,16 +39,17 @@ def first_look(document: Document) -> Content:
     if idle:
         parts.append(
             Sentence(
-                f"{', '.join(idle)}. Leave it out, or make it a known constant; if it should "
-                "matter, see that the simulator uses it.",
+                f"{', '.join(idle)}: the other parameters alone gave the same outcomes in all of "
+                "these runs. As a known constant it costs nothing; if it should matter, see that "
+                "the simulator uses it.",
                 "warning", "No influence on any outcome",
             )
         )  # fmt: skip
     if document["failed"]:
         parts.append(
             Sentence(
-                f"{document['failed']:,} of {document['runs']:,} runs failed, the first because: "
-                f"{document['fault']}. `aleator box STUDY.toml` finds the box in which all work.",
+                f"{document['failed']:,} of {document['runs']:,} runs failed{_failing(document)}. "
+                f"Most often: {document['fault']}.",
                 "warning", "Failures",
             )
         )  # fmt: skip
@@ -110,18 +111,20 @@ def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
         return f"All {of} measured values lie within what the simulator reaches in this region."
     more = f" ({size - amounts.named} more are in check.json)" if size > amounts.named else ""
     noisy = any(row["margin"] for row in document["observations"])
-    by = ", within three standard deviations of the noise, known or in the middle of its limits"
-
-    def share(row: Document) -> float:
-        widths = {name: ends[1] - ends[0] for name, ends in document["measured"].items()}
-        return max(float(m / (widths[name] or 1.0)) for name, m in row["moves"].items())
-
-    strongest = max(document["parameters"], key=share)["name"]
+    by = " within three standard deviations of the noise, known or in the middle of its limits"
+    at = document["at_limit"]
+    where = f" All runs that come closest have {at[0]} at its {at[1]} limit." if at else ""
     return (
-        f"{size} of {of} measured values are out of reach{more}: no point that was tried comes "
-        f"to them{by if noisy else ''}. Widen the limits of {strongest}, which moves the outcome "
-        "most; check these rows of the table; or give [noise] an sd that covers the gap."
+        f"{size} of {of} measured values are out of reach{more}: no run came to them"
+        f"{by if noisy else ''}, not even those that were made near the closest ones.{where}"
     )
+
+
+def _failing(document: Document) -> str:
+    """The parameter that tells failed runs from others, with the values that failed."""
+    for name, (side, value) in document["failing"].items():
+        return f", all those with {name} {side} {number(value)} and no others"
+    return ""
 
 
 def _cost(document: Document) -> str:

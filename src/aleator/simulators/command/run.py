@@ -181,10 +181,13 @@ class Limits:
         require_pattern(self.stop_on)
 
     def judged(self, failure: RunFailed, folder: Path) -> RunFailed | SurroundingsError:
-        """The failure of a run in `folder` with its log, or the error for a machine at fault."""
+        """The failure of a run in `folder`, or the error for a machine at fault.
+
+        The message of the failure has the last lines of the error output, its log has more.
+        """
         said = failure.log or log(folder)
         fault = printed(said, self.stop_on) or full_disk(folder)
-        return fault or RunFailed(failure.message, said)
+        return fault or RunFailed(f"{failure.message}{_last_words(folder)}", said)
 
 
 def run(
@@ -257,6 +260,13 @@ def log(folder: Path, most: int = 4000) -> str:
     """
     texts = [_tail(folder / name, most) for name in (STDOUT, STDERR)]
     return "\n".join(filter(None, texts))
+
+
+def _last_words(folder: Path, lines: int = 3, most: int = 200) -> str:
+    """The last lines of a run's error output after a colon, cut (both by judgement), or nothing."""
+    last = _tail(folder / STDERR, 4 * most).splitlines()[-lines:]
+    text = " / ".join(" ".join(line.split()) for line in last)
+    return f": {text[-most:]}" if text else ""
 
 
 def _tail(path: Path, most: int) -> str:
