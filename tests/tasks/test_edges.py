@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time as clock
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,9 +26,8 @@ from aleator import (
     Normal,
     ResponseSurface,
     TruncatedNormal,
-    identify,
 )
-from aleator.errors import AleatorError, ExperimentsError
+from aleator.errors import ExperimentsError
 from aleator.observations.outcomes import Censoring
 
 # ------------------------------------------------------------------------------ a binding box
@@ -146,24 +144,6 @@ def test_a_sum_of_parameters_is_told_as_a_direction_and_not_sound(propagation) -
     assert "search" in [w.about for w in found.warnings]
     assert all(e.interval is None and e.standard_error is None for e in found.alpha.values())
     assert not found.sound
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("noise", 0.6), ("noise", {"y": 0.6}), ("inputs", {"x": Normal(1.0, 0.1)}), ("table", [1.0])],
-)
-def test_what_is_no_value_of_aleator_is_misuse(name: str, value: Any) -> None:
-    given: dict[str, Any] = {
-        "table": pd.DataFrame({"load": [1.0, 2.0], "y": [1.1, 1.8]}),
-        "inputs": Inputs({"x": Normal(Free(0.5, 1.5), 0.1)}),
-        "noise": None,
-        name: value,
-    }
-    with pytest.raises(AleatorError, match="write "):
-        identify(
-            lambda load, x: load * x, given["table"], given["inputs"],
-            outcome="y", noise=given["noise"],
-        )  # fmt: skip
 
 
 # ---------------------------------------------------------------- incomplete data, and other maxima

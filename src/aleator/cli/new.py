@@ -433,7 +433,7 @@ def new(
       aleator new tanks.csv --fmu tank.fmu --id tank --outcome level
       aleator new springs.csv --command './spring {force} {stiffness}'
       aleator new beams.xlsx --command './beam {input}' --template beam.tpl
-      aleator new springs.csv --umbridge http://localhost:4242/forward --inputs force,stiffness
+      aleator new springs.csv --umbridge http://localhost:4242/spring --inputs force,k
 
     What cannot be known is left as a line that says FILL IN.
     """

@@ -78,7 +78,7 @@ def law_ends(inputs: Inputs, alpha: Array, count: int, settings: RangeSettings =
     for i in inputs.scattered:
         law, own = inputs.law(i), values[i]
         if not _follows(inputs, i):
-            found.append(law.quantile(own.reshape(len(own), -1)[:, 0], ENDS))
+            found.append(law.quantile(own[:, 0] if own.ndim > 1 else own, ENDS))
             continue
         kept = np.unique(np.linspace(0, count - 1, settings.experiments).round().astype(int))
         points = settings.points // kept.size
