@@ -210,6 +210,7 @@ def recover(
     workers: int = 1,
     progress: Progress | None = None,
     restricted: bool = False,
+    small_sample: bool = False,
 ) -> Recovery:
     """Identify data sets simulated under the law `truth`, and compare the estimates with it.
 
@@ -238,7 +239,8 @@ def recover(
     if not isinstance(experiments, Experiments):
         experiments = _unmeasured(experiments, noise)
     choices = Choices.of(
-        experiments, inputs, noise, propagation, density, search, restricted=restricted
+        experiments, inputs, noise, propagation, density, search, restricted=restricted,
+        small_sample=small_sample,
     )  # fmt: skip
     hyperparameters = choices.hyperparameters
     alpha = _checked(truth, hyperparameters, replicates)
