@@ -36,6 +36,7 @@ from aleator.search.interface import LogLikelihood
 from aleator.study import load_study
 from tests.studies import SPRINGS, springs
 
+SLEEP = Path(__file__).parents[2] / "examples" / "sleep_study" / "correlated.toml"
 NORMAL = Inputs({"x": Normal(mean=Free(-1.0, 3.0), sd=Free(0.01, 2.0))})
 TABLE = pd.DataFrame({"load": np.ones(12), "y": np.random.default_rng(1).normal(1.0, 0.2, 12)})
 
@@ -65,6 +66,22 @@ def test_ends_of_a_normal_law_are_those_of_student_and_helmert(adjusted: Identif
         found, width = adjusted.alpha[name], np.ptp(ends)
         assert found.interval == pytest.approx(ends, abs=0.02 * width)
         assert found.unadjusted != pytest.approx(ends, abs=0.02 * width)
+
+
+def test_means_of_a_balanced_mixed_model_have_the_ends_of_student() -> None:
+    study = load_study(SLEEP)
+    found = identify(
+        study.runner(), study.experiments, study.inputs, noise=study.noise, small_sample=True,
+        consistency=False, best_law=False,
+    )  # fmt: skip
+    table = pd.read_csv(SLEEP.with_name("reactions.csv"))
+    # Every person was tested on the same days, so that the lines of single persons tell the means.
+    lines = [np.polyfit(own["days"], own["reaction"], 1) for _, own in table.groupby("unit")]
+    for name, of in zip(("slope.mean", "start.mean"), np.transpose(lines), strict=True):
+        half = stats.t.ppf(0.975, len(of) - 1) * stats.sem(of)
+        assert found.alpha[name].interval == pytest.approx(
+            (of.mean() - half, of.mean() + half), abs=0.02 * half
+        )
 
 
 def test_only_the_intervals_change_and_the_file_keeps_both(

@@ -40,7 +40,8 @@ class SmallSampleSettings:
     experiments: int = 300
     """The least number of experiments in all drawn data sets. Over five seeds the root of an end
     then had a standard deviation of at most 0.008, in five studies of 12 experiments of
-    `python -m benchmarks small-samples`; ends are found to 0.01."""
+    `python -m benchmarks small-samples`, and of 0.05 in one with a correlation on its limit; ends
+    are found to 0.01."""
     draws: int = 10
     """The least number of drawn data sets, by judgement."""
     share: float = 0.5
