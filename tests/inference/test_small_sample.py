@@ -14,6 +14,7 @@ from scipy import stats
 from aleator import (
     Check,
     Free,
+    GradientMultistart,
     Identification,
     Inputs,
     LogNormal,
@@ -34,7 +35,7 @@ from aleator.laws import Hyperparameter
 from aleator.observations.responses import Observations
 from aleator.search.interface import LogLikelihood
 from aleator.study import load_study
-from tests.studies import SPRINGS, springs
+from tests.studies import SPRINGS, done, springs
 
 SLEEP = Path(__file__).parents[2] / "examples" / "sleep_study" / "correlated.toml"
 NORMAL = Inputs({"x": Normal(mean=Free(-1.0, 3.0), sd=Free(0.01, 2.0))})
@@ -72,7 +73,7 @@ def test_means_of_a_balanced_mixed_model_have_the_ends_of_student() -> None:
     study = load_study(SLEEP)
     found = identify(
         study.runner(), study.experiments, study.inputs, noise=study.noise, small_sample=True,
-        consistency=False, best_law=False,
+        search=GradientMultistart(starts=2), consistency=False, best_law=False,
     )  # fmt: skip
     table = pd.read_csv(SLEEP.with_name("reactions.csv"))
     # Every person was tested on the same days, so that the lines of single persons tell the means.
@@ -249,3 +250,12 @@ def test_a_study_says_it_in_one_key(tmp_path: Path, line: str, key: str) -> None
     path.write_text(f"{SPRINGS}[intervals]\n{line}\n")
     with pytest.raises(StudyError, match=key):
         load_study(path)
+
+
+def test_the_command_adjusts_what_the_study_asks_for(tmp_path: Path) -> None:
+    path = springs(tmp_path, f"{SPRINGS}[intervals]\nsmall_sample = true\n")
+    done("identify", path, "--output", tmp_path, "--no-verify", "--no-figures", "--quiet")
+    found = load(tmp_path / "identification.json").alpha["softness.sd"]
+    assert found.unadjusted is not None
+    assert found.interval is not None
+    assert np.all(np.greater(found.interval, found.unadjusted))
