@@ -36,6 +36,7 @@ from benchmarks.runs import print_runs
 from benchmarks.searches import print_searches
 from benchmarks.simulator import simulator_rows
 from benchmarks.small import small_rows
+from benchmarks.small_samples import print_small_samples
 
 ROWS: dict[str, Callable[[], list[Row]]] = {
     "identify": identification_rows,
@@ -68,6 +69,7 @@ LONG: dict[str, Callable[[Console, Path, int], None]] = {
     "right": print_right,
     "verdicts": print_verdicts,
     "resampled": print_resampled,
+    "small-samples": print_small_samples,
     "linear": print_linear,
     "linear-verdicts": print_linear_verdicts,
     "limit_states": lambda console, _, __: print_limit_states(console),

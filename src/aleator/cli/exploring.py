@@ -99,7 +99,7 @@ def check(
     value = work.study
     Choices.of(
         value.experiments, value.inputs, value.noise, value.propagation, value.density,
-        restricted=value.restricted,
+        restricted=value.restricted, small_sample=value.small_sample,
     ).require_enough()  # fmt: skip
     with work.running() as (runner, progress):
         plan = planned_look(runner, value.experiments, value.inputs)

@@ -321,6 +321,7 @@ def recover(
             density=value.density,
             search=value.search,
             restricted=value.restricted,
+            small_sample=value.small_sample,
             replicates=replicates,
             seed=value.seed,
             workers=options.workers or os.cpu_count() or 1,

@@ -271,6 +271,7 @@ def identified(
         search=study.search,
         verification=study.verification,
         restricted=study.restricted,
+        small_sample=study.small_sample,
         seed=study.seed,
         progress=progress,
         best_law=best_law,

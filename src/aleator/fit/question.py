@@ -81,6 +81,7 @@ class Choices:
     density: Density | None = None
     search: Search = DEFAULT_SEARCH
     restricted: bool = False
+    small_sample: bool = False
 
     @classmethod
     def of(
@@ -93,14 +94,16 @@ class Choices:
         search: Search = DEFAULT_SEARCH,
         *,
         restricted: bool = False,
+        small_sample: bool = False,
     ) -> Choices:
         """Checked choices; laws that depend on covariates get the covariates of the table.
 
         Raises InputsError for combinations that have no likelihood: a density method, collocation
         or nodes of the law together with noise, several observations of an experiment without
-        noise, the restricted likelihood without noise, and no scattering parameter.
+        noise, the restricted likelihood without noise, and no scattering parameter. Raises it also
+        for intervals for few experiments with the restricted likelihood, or with a prior.
         """
-        made = cls(table, inputs, noise, propagation, density, search, restricted)
+        made = cls(table, inputs, noise, propagation, density, search, restricted, small_sample)
         if restricted and noise is None:
             raise InputsError(
                 "the restricted likelihood is known with measurement noise only",
@@ -116,9 +119,11 @@ class Choices:
         elif not table.simple or len(inputs.classes) > 1:
             _require_processes(propagation, density)
         if inputs.individual_laws:
-            return replace(made, inputs=inputs.resolved(covariates(table, inputs.columns)))
-        if made.exact:
+            made = replace(made, inputs=inputs.resolved(covariates(table, inputs.columns)))
+        elif made.exact:
             Model.of(inputs, propagation, density)
+        if small_sample:
+            _require_likelihood_alone(made)
         return made
 
     @property
@@ -309,6 +314,22 @@ def _without_density(table: Experiments, inputs: Inputs) -> str | None:
             f"measurement noise: without it at most {CURVES.most} parameters may scatter"
         )
     return None
+
+
+def _require_likelihood_alone(choices: Choices) -> None:
+    """Raise InputsError where intervals for few experiments are asked of more than a likelihood."""
+    if choices.restricted:
+        raise InputsError(
+            "`small_sample` adjusts the intervals of the likelihood, and `restricted` maximizes "
+            "another one",
+            "keep one of the two",
+        )
+    believed = [h.name for h in choices.hyperparameters if h.prior is not None]
+    if believed:
+        raise InputsError(
+            f"`small_sample` is for intervals without priors, and {', '.join(believed)} has one",
+            "leave the prior out, or `small_sample`",
+        )
 
 
 def _require_processes(propagation: ResponseSurface | Collocation, density: Density | None) -> None:

@@ -339,6 +339,7 @@ def estimates_of(
     for k, h in enumerate(hyperparameters):
         known = bool(np.isfinite(inference.standard_error[k]))
         (low, high), (lower, upper) = profile.intervals[k], profile.drops[k]
+        before = None if profile.unadjusted is None else profile.unadjusted[k]
         # A profile interval is measured from a maximum; without one it is not reported.
         sure = bool(np.isfinite(low) and np.isfinite(high)) and inference.positive
         estimates[h.name] = Estimate(
@@ -350,6 +351,7 @@ def estimates_of(
             fixed=not h.free,
             cut=CUT[low == h.lower, high == h.upper] if sure else None,
             drops=(float(lower), float(upper)) if sure else None,
+            unadjusted=None if before is None or not sure else (float(before[0]), float(before[1])),
         )
     return estimates
 

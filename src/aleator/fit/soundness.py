@@ -13,6 +13,7 @@ from aleator.fit.flow import Answer
 from aleator.fit.quadrature import AnyLikelihood, Maximum
 from aleator.inference import diagnostics
 from aleator.inference import surface_diagnostics as on_surfaces
+from aleator.inference.small_sample import unadjusted_warnings
 from aleator.inference.surface_diagnostics import BUDGET
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
 from aleator.likelihood.individual.rules import standard_points
@@ -183,10 +184,13 @@ class Reviewed:
         hyperparameters, runner = likelihood.hyperparameters, inferred.refined.question.runner
         made, exact = inferred.refined.surfaces, isinstance(likelihood, Problem)
         notes = [
-            *diagnostics.count_warnings(len(ids), inference),
+            *diagnostics.count_warnings(
+                len(ids), inference, adjusted=profile.unadjusted is not None
+            ),
             *diagnostics.group_warnings(likelihood.inputs, hyperparameters, inference),
             *diagnostics.once_warnings(inferred.search_result),
             *diagnostics.bound_warnings(hyperparameters, inference, profile),
+            *unadjusted_warnings(hyperparameters, profile),
             *diagnostics.weak_directions(inference, hyperparameters),
             *self._centering,
             *diagnostics.rival_warnings(inferred.rivals, hyperparameters, profile.intervals),

@@ -22,12 +22,15 @@ from aleator.fit.quadrature import (
     nearest_maximum,
     with_enough_nodes,
 )
+from aleator.fit.question import Question
 from aleator.fit.refine import WITH_NOISE, Refined, spread
 from aleator.fit.search import in_order
 from aleator.inference.diagnostics import ESTIMATES, Rival
 from aleator.inference.information import Inference, infer
-from aleator.inference.profile import ENDS, Profile, profile_intervals
-from aleator.laws.hyperparameter import limits_of
+from aleator.inference.likelihood_at import IndividualsAt, OutcomesAt
+from aleator.inference.profile import ENDS, TARGET, Profile, profile_intervals
+from aleator.inference.small_sample import modified_targets
+from aleator.laws.hyperparameter import Hyperparameter, limits_of
 from aleator.likelihood.individual import (
     Following,
     GaussHermite,
@@ -35,6 +38,7 @@ from aleator.likelihood.individual import (
     PlanePanels,
 )
 from aleator.search import SearchResult
+from aleator.search.interface import Scored
 from aleator.search.newton import ascend, ascended, outer
 
 
@@ -81,6 +85,35 @@ UNCERTAINTY = UncertaintySettings()
 
 
 @dataclass(frozen=True, eq=False)
+class EndSearch:
+    """How the ends of intervals are computed: the progress told of each, and what is known.
+
+    `rivals` (K,) are lower optima, from which the profile likelihood is maximized too. `near`
+    (K, 2, K) are points near the ends, and `targets` (K, 2) their roots, if these are not 1.96.
+    """
+
+    progress: Progress
+    rivals: Sequence[Array] = ()
+    near: Array | None = None
+    targets: Array | None = None
+
+    def profile(
+        self,
+        objective: Scored,
+        alpha: Array,
+        hyperparameters: Sequence[Hyperparameter],
+        inference: Inference,
+        only: Indices | None = None,
+        near: Array | None = None,
+    ) -> Profile:
+        """The profile intervals (see `profile_intervals`); `near` takes the place of the field."""
+        return profile_intervals(
+            objective, alpha, hyperparameters, inference, only, self.rivals,
+            self.near if near is None else near, self.progress, self.targets,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
 class Inferred:
     """A maximum with its information matrix, profile intervals, and rivals (other maxima)."""
 
@@ -105,8 +138,9 @@ def with_uncertainty(answer: Refined, ledger: Ledger) -> Inferred:
     for widened in range(UNCERTAINTY.wider + 1):
         with ledger.stage("inference"):
             end, found, inference, profile = inferred(
-                answer.maximum, answer.search_result, answer.possible, ledger.progress
-            )
+                answer.maximum, answer.search_result, answer.possible, ledger.progress,
+                answer.question if answer.question.choices.small_sample else None,
+            )  # fmt: skip
             answer = replace(answer, maximum=end, search_result=found)
         if widened == UNCERTAINTY.wider:
             break
@@ -124,12 +158,14 @@ def inferred(
     found: SearchResult,
     others: Sequence[Array] = (),
     progress: Progress | None = None,
+    small: Question | None = None,
 ) -> tuple[Maximum, SearchResult, Inference, Profile]:
     """The maximum, its search, the information matrix and the profile intervals.
 
     Each interval end has as few quadrature nodes as it needs. `others` (K,) are lower optima, from
     which the profile likelihood is maximized too. If a profile meets a higher likelihood, the
-    maximum moves there.
+    maximum moves there. The ends are adjusted for few experiments if the question is given as
+    `small`.
     """
     progress = progress or Silent()
     for _ in range(UNCERTAINTY.climbs):
@@ -147,13 +183,40 @@ def inferred(
             end = replace(end, alpha=alpha, likelihood=likelihood.adapted(alpha))
         if end is not before:
             found = found.moved(alpha, end.value)
-        profile = _profiled(end, alpha, inference, others, progress)
+        search = EndSearch(progress, others)
+        profile = _profiled(end, alpha, inference, search)
+        if small is not None and profile.better is None:
+            profile = _adjusted(replace(end, alpha=alpha), inference, profile, search, small)
         if profile.better is None:
             break
         others = (alpha, *others)
         end = with_enough_nodes(likelihood, profile.better)
         found = found.improved(end.alpha, end.likelihood(end.alpha), inference.identified)
     return end, found, inference, profile
+
+
+def _adjusted(
+    end: Maximum, inference: Inference, plain: Profile, search: EndSearch, question: Question
+) -> Profile:
+    """The profile with ends for few experiments (see `inference.small_sample`).
+
+    An end that cannot be computed so keeps its value, and its target is NaN.
+    """
+    likelihood, alpha = end.likelihood, end.alpha
+    at: OutcomesAt | IndividualsAt
+    if isinstance(likelihood, IndividualLikelihood):
+        assert end.coarse is not None
+        at = IndividualsAt(likelihood, alpha, end.coarse.rule)
+    else:
+        at = OutcomesAt(likelihood, alpha)
+    targets = modified_targets(
+        at, question.table.observations, inference, plain, question.seed, search.progress
+    )
+    known = np.where(np.isnan(targets), TARGET, targets)
+    found = _profiled(end, alpha, inference, replace(search, near=plain.points, targets=known))
+    lost = np.isnan(found.drops) & ~np.isnan(plain.drops)
+    targets = np.where(lost, np.nan, targets)
+    return replace(found.with_ends(plain, lost), targets=targets, unadjusted=plain.intervals)
 
 
 def _rivals(answer: Refined, inference: Inference) -> tuple[Rival, ...]:
@@ -272,8 +335,7 @@ def _profiled(
     end: Maximum,
     alpha: Array,
     inference: Inference,
-    rivals: Sequence[Array],
-    progress: Progress,
+    search: EndSearch,
 ) -> Profile:
     """Profile intervals with few quadrature nodes, and with more where these change an end.
 
@@ -282,23 +344,17 @@ def _profiled(
     """
     likelihood = end.likelihood
     if end.coarse is None or not isinstance(likelihood, IndividualLikelihood):
-        return profile_intervals(
-            likelihood.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals,
-            progress=progress,
-        )  # fmt: skip
+        return search.profile(likelihood.continued, alpha, likelihood.hyperparameters, inference)
     if likelihood.parameters is not None:
         same = end.coarse.rule == likelihood.rule
         few = likelihood if same else likelihood.by(end.coarse.rule, alpha)
-        return _by_held(few, alpha, inference, rivals, progress)
+        return _by_held(few, alpha, inference, search)
     many = likelihood.nodes.xi.shape[1] > UNCERTAINTY.dear
-    found = profile_intervals(
-        end.coarse.continued, alpha, likelihood.hyperparameters, inference, rivals=rivals,
-        progress=progress,
-    )  # fmt: skip
+    found = search.profile(end.coarse.continued, alpha, likelihood.hyperparameters, inference)
     if found.better is not None:
         return found
     least = UNCERTAINTY.unknown if many else UNCERTAINTY.differs
-    found = _anew(likelihood, alpha, found, least, inference, rivals, progress)
+    found = _anew(likelihood, alpha, found, least, inference, search)
     if many:
         return found
     finer = _finer(likelihood, alpha)
@@ -306,7 +362,7 @@ def _profiled(
         return found
     if finer.nodes.xi.shape[1] > UNCERTAINTY.dear:
         return found.masked(_off(finer, alpha, found, UNCERTAINTY.unknown))
-    again = _anew(finer, alpha, found, UNCERTAINTY.unknown, inference, rivals, progress)
+    again = _anew(finer, alpha, found, UNCERTAINTY.unknown, inference, search)
     finest = _finer(finer, alpha)
     if again is found or again.better is not None or finest is None:
         return again
@@ -319,8 +375,7 @@ def _anew(
     found: Profile,
     least: float,
     inference: Inference,
-    rivals: Sequence[Array],
-    progress: Progress,
+    search: EndSearch,
 ) -> Profile:
     """The profile, with ends computed again whose drop this likelihood changes by `least`.
 
@@ -334,9 +389,7 @@ def _anew(
     if not rows.size:
         return found
     objective, hyperparameters = likelihood.continued, likelihood.hyperparameters
-    again = profile_intervals(
-        objective, alpha, hyperparameters, inference, rows, rivals, higher.points, progress
-    )
+    again = search.profile(objective, alpha, hyperparameters, inference, rows, higher.points)
     return found.joined(again, rows)
 
 
@@ -377,8 +430,7 @@ def _by_held(
     likelihood: IndividualLikelihood,
     alpha: Array,
     inference: Inference,
-    rivals: Sequence[Array],
-    progress: Progress,
+    search: EndSearch,
 ) -> Profile:
     """Profile intervals with quadrature nodes that are fixed points of the parameters.
 
@@ -388,7 +440,7 @@ def _by_held(
     """
     objective, found = likelihood.continued, Profile.unknown_ends(alpha.size)
     for k in inference.identified:
-        row = _row_by_held(objective, likelihood, alpha, inference, rivals, np.array([k]), progress)
+        row = _row_by_held(objective, likelihood, alpha, inference, search, np.array([k]))
         found = found.joined(row, np.array([k]))
         if found.better is not None:
             break
@@ -400,9 +452,8 @@ def _row_by_held(
     likelihood: IndividualLikelihood,
     alpha: Array,
     inference: Inference,
-    rivals: Sequence[Array],
+    search: EndSearch,
     only: Indices,
-    progress: Progress,
 ) -> Profile:
     """The interval of one hyperparameter with fixed nodes.
 
@@ -411,9 +462,7 @@ def _row_by_held(
     hyperparameters, top = likelihood.hyperparameters, likelihood.evaluate(alpha).total
     off, about = np.full((alpha.size, 2), np.inf), None
     for _ in range(UNCERTAINTY.adapted):
-        found = profile_intervals(
-            objective, alpha, hyperparameters, inference, only, rivals, about, progress
-        )
+        found = search.profile(objective, alpha, hyperparameters, inference, only, about)
         if found.better is not None:
             if top - _with_own(objective, likelihood, found.better) < -ENDS.better:
                 return found

@@ -67,21 +67,30 @@ ESTIMATES = EstimateSettings()
 
 
 def count_warnings(
-    experiments: int, inference: Inference, settings: EstimateSettings = ESTIMATES
+    experiments: int,
+    inference: Inference,
+    settings: EstimateSettings = ESTIMATES,
+    *,
+    adjusted: bool = False,
 ) -> list[Diagnostic]:
-    """A warning where there are too few experiments for normal theory."""
+    """A warning where there are too few experiments for normal theory.
+
+    Intervals that are `adjusted` for few experiments are not said to be too short.
+    """
     free = inference.identified.size
     if experiments >= settings.experiments * free:
         return []
     return [
         Diagnostic(
             "experiments",
-            f"{experiments} experiments for {free} free hyperparameters: intervals hold the truth "
-            "in less than 93 % of all cases, estimates -+ 1.96 standard errors in less than 90 %, "
+            f"{experiments} experiments for {free} free hyperparameters: "
+            + ("" if adjusted else "intervals hold the truth in less than 93 % of all cases, ")
+            + "estimates -+ 1.96 standard errors in less than 90 %, "
             "and estimated standard deviations tend to be too small, by about the ratio of "
             "hyperparameters to experiments",
-            "take the intervals, not the standard errors; fix some, or add experiments "
-            f"({2 * settings.experiments} for each is a start)",
+            "take the intervals, not the standard errors; "
+            + ("" if adjusted else "adjust them ([intervals] small_sample = true); ")
+            + f"fix some, or add experiments ({2 * settings.experiments} for each is a start)",
         )
     ]
 

@@ -222,7 +222,8 @@ class Trace:
     profile. `top` is the maximum of the log-likelihood, and `scores` (N, K) are the experiments'
     scores there. `rivals` (K,) are other local maxima, from which the search is repeated where an
     end would be, since the profile may be higher there. A maximum that is separated by a valley is
-    not included in the interval; a warning then reports the two maxima.
+    not included in the interval; a warning then reports the two maxima. `lower` and `upper` are the
+    roots at the two ends.
     """
 
     objective: Objective
@@ -234,10 +235,12 @@ class Trace:
     top: float
     scores: Array
     rivals: Sequence[Array] = ()
+    lower: float = TARGET
+    upper: float = TARGET
     settings: EndSettings = ENDS
 
     def end(self, alpha: Array, sign: float, inference: Inference, about: Array) -> End:
-        """The end on one side, where the profile has dropped by 1.92; or a better maximum.
+        """The end on one side, where the root of the profile is the target; or a better maximum.
 
         The search starts at the point `about` (K,) if the end is known approximately; otherwise
         `about` is NaN.
@@ -250,9 +253,10 @@ class Trace:
     ) -> End:
         h = self.hyperparameters[self.k]
         limit = h.lower if sign < 0 else h.upper
+        target = self.lower if sign < 0 else self.upper
         if inference.at_bound[self.k] == ("lower" if sign < 0 else "upper"):
             return End(limit, 0.0, alpha)
-        bracket = Bracket.from_center(alpha[self.k], limit, TARGET)
+        bracket = Bracket.from_center(alpha[self.k], limit, target)
         inner = known = End(alpha[self.k], 0.0, alpha)
         information, value = self.information, self._first(bracket, sign, inference)
         if np.all(np.isfinite(about)) and about[self.k] != alpha[self.k]:
@@ -266,25 +270,26 @@ class Trace:
             if value == doubted:
                 guesses, information, most = guesses[1:2], self.information, np.inf
             summit = self._summit(guesses, information, most)
-            if value == doubted or abs(_root(self._drop(summit)) - TARGET) < self.settings.close:
+            if value == doubted or abs(_root(self._drop(summit)) - target) < self.settings.close:
                 summit = self._above(summit, value)
             drop = self._drop(summit)
-            if abs(_root(drop) - TARGET) < self.settings.close or (drop < DROP and value == limit):
+            close = abs(_root(drop) - target) < self.settings.close
+            if close or (_root(drop) < target and value == limit):
                 summit = self._verified(summit)
                 drop = self._drop(summit)
             better = summit.value > self.top + self.settings.better
             here, root = End(value, drop, summit.alpha, better), _root(drop)
             if np.isfinite(root):
                 nearest = summit
-            if better or (root < TARGET and value == limit):
+            if better or (root < target and value == limit):
                 return here
-            if abs(root - TARGET) < self.settings.close and summit.gain < self.settings.left:
+            if abs(root - target) < self.settings.close and summit.gain < self.settings.left:
                 return here
-            if root < self.settings.beyond * TARGET:
+            if root < self.settings.beyond * target:
                 # A point far below the maximum has no information about the curvature at the end.
                 known, information = here, summit.information
                 steep = root / abs(value - alpha[self.k])
-            inner = here if root < TARGET else inner
+            inner = here if root < target else inner
             bracket = bracket.with_root(value, root)
             if bracket.jumps and bracket.outer[0] != doubted:
                 value = doubted = bracket.outer[0]
@@ -361,7 +366,7 @@ class Trace:
         )  # fmt: skip
 
     def _first(self, bracket: Bracket, sign: float, inference: Inference) -> float:
-        reach = TARGET * inference.standard_error[self.k]
+        reach = bracket.target * inference.standard_error[self.k]
         if not np.isfinite(reach):
             reach = self.settings.first * abs(bracket.limit - bracket.center)
         return bracket.within(bracket.center + sign * reach)
@@ -441,12 +446,17 @@ class Profile:
     `drops` (K, 2) is the computed drop of the profile at each end. It is 1.92, or less at a limit
     that the experiments do not rule out, or at a jump. An end whose drop could not be computed is
     NaN, and so is its drop. `points` (K, 2, K) are the conditional maxima at the ends.
+
+    For few experiments `targets` (K, 2) are the roots at the ends instead of 1.96, NaN where none
+    is known and 1.96 is kept, and `unadjusted` (K, 2) are the intervals before.
     """
 
     intervals: Array
     drops: Array
     points: Array
     better: Array | None
+    targets: Array | None = None
+    unadjusted: Array | None = None
 
     @classmethod
     def unknown_ends(cls, size: int) -> Profile:
@@ -461,10 +471,18 @@ class Profile:
 
     def joined(self, other: Profile, rows: Indices) -> Profile:
         """The profile with the given rows replaced by those of another profile."""
-        found = Profile(self.intervals.copy(), self.drops.copy(), self.points.copy(), other.better)
-        found.intervals[rows] = other.intervals[rows]
-        found.drops[rows], found.points[rows] = other.drops[rows], other.points[rows]
-        return found
+        wanted = np.zeros((len(self.drops), 1), dtype=np.bool_)
+        wanted[rows] = True
+        return replace(self.with_ends(other, wanted), better=other.better)
+
+    def with_ends(self, other: Profile, wanted: Flags) -> Profile:
+        """The profile with the `wanted` ends (K, 2), or (K, 1) for both, of another profile."""
+        return replace(
+            self,
+            intervals=np.where(wanted, other.intervals, self.intervals),
+            drops=np.where(wanted, other.drops, self.drops),
+            points=np.where(wanted[..., None], other.points, self.points),
+        )
 
     def unknown(self, identified: Indices) -> Indices:
         """The `identified` hyperparameters whose interval has an unknown end."""
@@ -503,6 +521,7 @@ def profile_intervals(
     rivals: Sequence[Array] = (),
     about: Array | None = None,
     progress: Progress | None = None,
+    targets: Array | None = None,
     settings: EndSettings = ENDS,
 ) -> Profile:
     """The profile-likelihood interval of every free hyperparameter at the maximum alpha (K,).
@@ -520,12 +539,14 @@ def profile_intervals(
     The search stops early, with `better` set, when a conditional maximum exceeds the maximum.
     `only` restricts it to some hyperparameters; the others are NaN. `about` (K, 2, K) are points
     near the ends, if known, which save trials. `progress` is told of each end as it begins.
+    `targets` (K, 2) are the roots at the ends if these are not 1.96.
     """
     maximum, size, ends = objective(alpha), alpha.size, 2 * inference.identified.size
     assert maximum.scores is not None
     progress = progress or Silent()
     climbed = _Remembering(objective_of(objective))
     known = np.full((size, 2, size), np.nan) if about is None else about
+    roots = np.full((size, 2), TARGET) if targets is None else targets
     found = Profile.unknown_ends(size)
     for row, k in enumerate(inference.identified):
         if only is not None and k not in only:
@@ -539,7 +560,7 @@ def profile_intervals(
         follow = -np.linalg.pinv(information, hermitian=True) @ coupling
         trace = Trace(
             climbed, hyperparameters, k, moving, information, follow, maximum.total,
-            maximum.scores, rivals, settings,
+            maximum.scores, rivals, float(roots[k, 0]), float(roots[k, 1]), settings,
         )  # fmt: skip
         for side, sign in enumerate((-1.0, 1.0)):
             done, name = 2 * row + side, hyperparameters[k].name

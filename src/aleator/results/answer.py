@@ -159,6 +159,7 @@ def log_likelihood(document: Document) -> Sentence:
     """A sentence with the log-likelihood, its numerical error, the log prior, and its verification.
 
     The verification is the log-likelihood from runs of the simulator itself, where these were made.
+    It ends with how the intervals were adjusted, if they were.
     """
     value, density = document["log_likelihood"], document.get("density")
     line = f"log-likelihood {to_three(value.get('estimated'))}"
@@ -171,6 +172,8 @@ def log_likelihood(document: Document) -> Sentence:
     if value.get("verified") is not None:
         error = number(value.get("verified_standard_error"), 2)
         line += f"; on the simulator itself {to_three(value['verified'])} +- {error}"
+    if any(entry.get("unadjusted") for entry in document["alpha"].values()):
+        line += "; 95 % intervals adjusted for few experiments (Skovgaard's r*)"
     return Sentence(line)
 
 

@@ -101,8 +101,9 @@ class Estimate(Plain):
     wrong model. `at_bound` is "lower" or "upper" if the estimate lies on that limit. `cut` is
     "lower", "upper" or "both" if the interval ends at that limit of the hyperparameter, because the
     profile likelihood has not dropped far enough there. `drops` are the drops of the profile
-    log-likelihood at the two ends: 1.92 at an inner end, less at a limit. A fixed hyperparameter
-    has neither errors nor interval.
+    log-likelihood at the two ends: 1.92 at an inner end, less at a limit. `unadjusted` is the
+    interval with these drops if `interval` is adjusted for few experiments, which has other drops.
+    A fixed hyperparameter has neither errors nor interval.
     """
 
     estimate: float
@@ -113,6 +114,7 @@ class Estimate(Plain):
     fixed: bool
     cut: str | None = None
     drops: tuple[float, float] | None = None
+    unadjusted: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -161,9 +161,10 @@ class Study:
 
     `file` is the study file, `sha256` the hash of its bytes, and `store` the file of the
     simulator's runs, which need not exist. `restricted` says that the restricted likelihood is
-    maximized. A failed run is repeated `retries` times; a share of
-    failures above `max_failed` stops a study. `units` has the units of outcomes, conditions and
-    parameters; a unit in the study file takes precedence over the unit in an FMU.
+    maximized, `small_sample` that intervals are adjusted for few experiments. A failed run is
+    repeated `retries` times; a share of failures above `max_failed` stops a study. `units` has the
+    units of outcomes, conditions and parameters; a unit in the study file takes precedence over the
+    unit in an FMU.
     """
 
     file: Path
@@ -179,6 +180,7 @@ class Study:
     search: Search
     verification: Check
     restricted: bool
+    small_sample: bool
     table: ExperimentsSection
     store: Path
     retries: int
@@ -434,6 +436,7 @@ def _build(file: StudyFile, path: Path, sha256: str) -> Study:
         search=built("search", file.search),
         verification=made("verification", file.verification.build),
         restricted=file.likelihood.restricted,
+        small_sample=file.intervals.small_sample,
         table=table,
         store=folder / runs.store,
         retries=runs.retries,

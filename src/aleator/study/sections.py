@@ -438,6 +438,12 @@ class LikelihoodSection(Section):
     restricted: bool = False
 
 
+class IntervalsSection(Section):
+    """`[intervals]`: whether the ends of intervals are adjusted for few experiments."""
+
+    small_sample: bool = False
+
+
 class StudyFile(Section):
     """The whole of study.toml: its sections, with the defaults of those that it lacks."""
 
@@ -458,3 +464,4 @@ class StudyFile(Section):
     search: Annotated[ChosenKind[Search], PlainValidator(SEARCHES.read)] = SEARCHES.read({})
     verification: VerificationSection = VerificationSection()
     likelihood: LikelihoodSection = LikelihoodSection()
+    intervals: IntervalsSection = IntervalsSection()

@@ -68,6 +68,7 @@ def identify(
     units: Mapping[str, str] | None = None,
     jac: bool | Callable[..., Any] = False,
     restricted: bool = False,
+    small_sample: bool = False,
 ) -> Identification:
     """Identify the law of the inputs from experiments, by maximum likelihood.
 
@@ -97,7 +98,8 @@ def identify(
     a store, Gaussian processes begin with the runs that it has when the study is identified first;
     later runs change nothing. `units` of outcomes, conditions and parameters are only
     displayed. `restricted` maximizes the restricted likelihood (REML), for variances from few
-    experiments.
+    experiments. `small_sample` adjusts the intervals for few experiments by Skovgaard's modified
+    signed root of the profile (see docs/statistics/intervals.md); the estimates stay.
 
     Raises AleatorError for input that cannot be used. Numerical failures are statuses and warnings
     on the result. Cost: the runs of the surfaces and of the check, and some milliseconds for each
@@ -122,7 +124,8 @@ def identify(
     spend(budget, runner, inputs, propagation, density is not None)
     ledger = Ledger(runner, progress or Silent())
     choices = Choices.of(
-        table, inputs, noise, propagation, density, search, restricted=restricted
+        table, inputs, noise, propagation, density, search, restricted=restricted,
+        small_sample=small_sample,
     )  # fmt: skip
     choices.require_enough()
     answer = identified(choices.question(runner, table.observations, seed), verification, ledger)

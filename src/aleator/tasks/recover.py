@@ -197,6 +197,7 @@ def recover(
     workers: int = 1,
     progress: Progress | None = None,
     restricted: bool = False,
+    small_sample: bool = False,
 ) -> Recovery:
     """Identify data sets simulated under the law `truth`, and compare the estimates with it.
 
@@ -227,7 +228,8 @@ def recover(
     if not isinstance(table, Experiments):
         table = unmeasured(conditions_in(table, "experiments", noise))
     choices = Choices.of(
-        table, inputs, noise, propagation, density, search, restricted=restricted
+        table, inputs, noise, propagation, density, search, restricted=restricted,
+        small_sample=small_sample,
     )  # fmt: skip
     hyperparameters = choices.hyperparameters
     alpha = _checked(truth, hyperparameters, replicates)

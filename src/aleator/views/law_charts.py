@@ -129,18 +129,22 @@ def profile_chart(document: Document, name: str) -> Chart:
     x, y = profile_line(at, below)
     source = Series(f"profile-{name}", {"at": at, "below": -below})
     ends = [end for end in entry.get("interval") or () if end is not None]
+    across = [GuideLine(end, across=False) for end in ends]
     best = [GuideLine(entry["estimate"], across=False, color=chart.INK)] if entry else []
+    # Ends that are adjusted for few experiments have drops of their own.
+    drops = [one for one in entry.get("drops") or () if one] if entry.get("unadjusted") else [DROP]
+    told = " and ".join(f"{drop:.2f}" for drop in drops)
     return Chart(
         source.name, f"Profile of {name}",
         "The largest log-likelihood for each value. Dashed: the 95 % interval, where it has "
-        "dropped by 1.92, or a limit.",
+        f"dropped by {told}, or a limit.",
         Axis(label(document, name)), Axis("log-likelihood − maximum"),
         [
             Mark("line", Series(f"line-{name}", {"x": x, "y": y}), width=2.0),
             Mark("points", source, "at", "below", color=chart.BLUE, size=4.0),
         ],
         {"at": name, "below": "log-likelihood minus its maximum"},
-        [GuideLine(-DROP), *(GuideLine(end, across=False) for end in ends), *best],
+        [*(GuideLine(-drop) for drop in drops), *across, *best],
         height=CHARTS.low, data=source,
     )  # fmt: skip
 
