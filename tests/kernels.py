@@ -14,6 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 NUMERICAL = (
     "core", "laws", "moments", "likelihood", "search", "surrogates", "inference", "tasks",
+    "test_exact_answers.py",
 )  # fmt: skip
 KERNELS = {"Haswell": "Haswell", "SkylakeX": "SkylakeX", "Prescott": "Katmai"}
 """Kernels to ask for, and what OpenBLAS calls those that it then has: the wide ones of AVX2 and

@@ -36,7 +36,8 @@ LINE = replace(REGRESSION, z=np.linspace(-2.0, 3.0, 40))
 
 def circe(problem: Problem, y: Array, x0: Array) -> LinearGaussian:
     value, slope = at_point(problem, np.arange(y.size))(x0)
-    return linear_gaussian(problem.inputs, x0, value, slope, y, GradientMultistart(4), seed=0)
+    own = value[:, None], slope[:, None], y[:, None]
+    return linear_gaussian(problem.inputs, x0, *own, GradientMultistart(4), seed=0)
 
 
 def at_point(problem: Problem, condition: Array):
@@ -129,11 +130,30 @@ def test_the_linear_gaussian_law_takes_any_law(law: Law) -> None:
     y = 1.0 + LOADS * WEIBULL.rvs(size=60, random_state=np.random.default_rng(1))
     x0 = start_point(inputs)
     value, slope = LOADS * x0[0] + x0[1], np.stack([LOADS, np.ones(60)], axis=1)
-    found = linear_gaussian(inputs, x0, value, slope, y, GradientMultistart(3), seed=0)
+    each = value[:, None], slope[:, None], y[:, None]
+    found = linear_gaussian(inputs, x0, *each, GradientMultistart(3), seed=0)
     *own, b = found.alpha
     moments = law.mean_and_sd(np.array(own))
     truth = stats.norm.logpdf(y, LOADS * moments.mean + b, LOADS * moments.sd).sum()
     assert found.log_likelihood == pytest.approx(truth, abs=1e-9)
+
+
+def test_the_linear_gaussian_law_of_several_outcomes_is_that_of_their_sample() -> None:
+    """Two outcomes of a linear simulator of two correlated normal parameters, in closed form."""
+    law = Normal(Free(-5.0, 5.0), Free(0.01, 5.0))
+    inputs = Inputs({"a": law, "b": law}, {("a", "b"): Free(-0.95, 0.95)})
+    x = np.random.default_rng(2).multivariate_normal([1.0, -0.5], [[0.5, 0.2], [0.2, 0.3]], 40)
+    turn, x0 = np.array([[1.0, 2.0], [-1.0, 0.5]]), np.zeros(2)
+    y = x @ turn.T
+    slope = np.broadcast_to(turn, (40, 2, 2))
+    found = linear_gaussian(inputs, x0, np.zeros((40, 2)), slope, y, GradientMultistart(3), seed=0)
+    covariance = np.cov(x.T, bias=True)
+    sds = np.sqrt(np.diag(covariance))
+    rho = covariance[0, 1] / sds.prod()
+    truth = [x[:, 0].mean(), sds[0], x[:, 1].mean(), sds[1], rho]
+    np.testing.assert_allclose(found.alpha, truth, atol=1e-4)
+    value = stats.multivariate_normal.logpdf(y, y.mean(axis=0), np.cov(y.T, bias=True)).sum()
+    assert found.log_likelihood == pytest.approx(value, abs=1e-8)
 
 
 # ------------------------------------------------------------------------------ many experiments

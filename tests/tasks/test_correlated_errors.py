@@ -297,11 +297,7 @@ def test_growth_of_soybeans_with_a_power_variance() -> None:
 
 def test_ten_decays_with_a_relative_error() -> None:
     """Wang, J. Pharmacokinet. Pharmacodyn. 34 (2007) 575: y = 10 exp(-k t), at his values."""
-    y = [
-        10.68, 3.6837, 10.402, 6.454, 9.8814, 5.8565, 9.3408, 5.6209, 10.082, 6.7583,
-        9.8938, 6.5049, 9.8908, 6.9557, 10.234, 6.4488, 9.9882, 6.7112, 9.6736, 6.6402,
-    ]  # fmt: skip
-    frame = pd.DataFrame({"id": np.repeat(np.arange(10), 2), "time": np.tile([0, 1], 10), "y": y})
+    frame = pd.read_csv(DATA / "wang.csv")
     variance = 0.04  # of log k, so that k has the mean 0.5 exp(0.02)
     mean = 0.5 * np.exp(0.5 * variance)
     inputs = Inputs({"k": LogNormal(mean, mean * np.sqrt(np.expm1(variance)))})

@@ -15,6 +15,7 @@ from aleator import Check, Constant, Free, Identification, Inputs, Noise, Normal
 from aleator.core.types import Array
 from aleator.errors import AleatorError, ExperimentsError, InputsError
 from aleator.search import GradientMultistart
+from aleator.views.page import page
 
 DATA = Path(__file__).parents[1] / "data"
 STUDY = f"""\
@@ -219,3 +220,14 @@ def test_what_levels_do_not_have_is_refused(crossed: Identification) -> None:
     mixture = aleator.Mixture((component, Normal(3.0, 1.0)))
     with pytest.raises(AleatorError, match="is a mixture"):
         Inputs({"m": mixture, "a": component}, levels={"a": "day"})
+
+
+def test_a_report_offers_no_ceiling_and_says_that_rows_do_not_add_up(
+    crossed: Identification,
+) -> None:
+    document = crossed.to_dict()
+    text = page(document)
+    assert "aleator ceiling" not in text
+    assert "share day, machine with it" in text
+    each = sum(entry["log_density"] for entry in document["experiments"])
+    assert abs(each - crossed.log_likelihood.estimated) > 1.0

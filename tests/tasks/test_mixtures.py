@@ -176,29 +176,13 @@ def test_without_noise_a_component_without_a_density_is_refused() -> None:
 
 # ---------------------------------------------------- points, and maxima of which there are several
 
-# NIST StRD, AtmWtAg (Powell, Murphy and Gramlich, 1982): silver by two instruments
-SILVER = [
-    """
-    1568 1465 1572 1785 1446 1903 1526 1494 1616 1587 1519 1486 1419 1569 1508 1672 1385 1518 1662
-    1424 1360 1333 1610 1477""",
-    """
-    1079 1344 1513 1197 1604 1385 1642 1365 1151 1082 1517 1448 1198 1482 1334 1609 1101 1512 1469
-    1360 1254 1261 1450 1368""",
-]
-
-
-# Roeder (1990): 82 velocities of galaxies in km/s
-GALAXIES = """9172 9350 9483 9558 9775 10227 10406 16084 16170 18419 18552 18600 18927 19052 19070
-19330 19343 19349 19440 19473 19529 19541 19547 19663 19846 19856 19863 19914 19918 19973 19989
-20166 20175 20179 20196 20215 20221 20415 20629 20795 20821 20846 20875 20986 21137 21492 21701
-21814 21921 21960 22185 22209 22242 22249 22314 22374 22495 22746 22747 22888 22914 23206 23241
-23263 23484 23538 23542 23666 23706 23711 24129 24285 24289 24366 24717 24990 25633 26960 26995
-32065 32789 34279"""
+DATA = Path(__file__).parents[1] / "data"
 
 
 def silver() -> list[Array]:
-    """107.868 and so many ten-millionths."""
-    return [107.868 + 1e-7 * np.array(row.split(), dtype=float) for row in SILVER]
+    """NIST StRD, AtmWtAg: 107.868 and so many ten-millionths, by two instruments."""
+    rows = pd.read_csv(DATA / "silver.csv").groupby("instrument")["silver"]
+    return [107.868 + 1e-7 * own.to_numpy(float) for _, own in rows]
 
 
 def closed(data: list[Array]) -> tuple[Array, Array]:
@@ -243,7 +227,7 @@ def test_errors_of_two_instruments_are_those_of_the_closed_form(
 
 
 def of_galaxies(k: int, seed: int, points: bool = True) -> Identification:
-    y = np.array(GALAXIES.split(), dtype=float) / 1000.0
+    y = pd.read_csv(DATA / "galaxies.csv")["velocity"].to_numpy() / 1000.0
     component = Constant(Free(5.0, 40.0)) if points else Normal(Free(5.0, 40.0), 1e-3)
     return unjudged(
         lambda m: m, pd.DataFrame({"y": y}), Inputs({"m": Mixture((component,) * k)}), outcome="y",
@@ -261,7 +245,7 @@ def test_points_with_normal_noise_are_normal_components_of_one_sd(k: int, best: 
 
 def test_without_noise_components_have_sds_of_their_own() -> None:
     """Twice the log-likelihood of three normal components in Aitkin (2001): 406.96."""
-    y = np.array(GALAXIES.split(), dtype=float) / 1000.0
+    y = pd.read_csv(DATA / "galaxies.csv")["velocity"].to_numpy() / 1000.0
     component = Normal(Free(5.0, 40.0), Free(0.2, 10.0))
     found = unjudged(
         lambda m: m, pd.DataFrame({"y": y}), Inputs({"m": Mixture((component,) * 3)}), outcome="y",

@@ -28,6 +28,9 @@ from aleator import (
 )
 from aleator.core.types import Array
 from aleator.errors import InputsError
+from aleator.inference.fit import stepped
+from aleator.likelihood.level_sets import curves
+from aleator.views.page import page
 
 POSITIVE = LogNormal(Free(0.2, 5.0), Free(0.01, 3.0))
 PAIR = Inputs({"a": POSITIVE, "b": POSITIVE}, {("a", "b"): Free(-0.9, 0.9)})
@@ -81,11 +84,33 @@ def test_the_maximum_is_that_of_a_lognormal_sample(found: Identification) -> Non
     assert found.consistent
 
 
+def test_its_report_offers_no_ceiling(found: Identification) -> None:
+    assert "aleator ceiling" not in page(found.to_dict())
+
+
 def test_the_only_preimage_of_each_experiment_is_told(found: Identification) -> None:
     logs = drawn()[1]
     told = found.individuals[["a.mean", "b.mean"]].to_numpy()
     np.testing.assert_allclose(told, np.exp(logs), rtol=1e-6)
     assert [entry.response for entry in found.observations[:2]] == ["p", "q"]
+
+
+def test_a_replicate_is_fitted_by_the_level_sets_of_one_law(
+    found: Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    laid, traced = [], curves.traced
+
+    def counted(*own: object) -> curves.SetPoints:
+        laid.append(own)
+        return traced(*own)  # type: ignore[arg-type]
+
+    other = found.fit.for_replicates().drawn(np.random.default_rng(2))
+    monkeypatch.setattr(curves, "traced", counted)
+    fitted = stepped(stepped(other))
+    assert fitted.scored().total > other.scored().total
+    assert len(laid) == 1
+    alone = other.likelihood.seeing(other.table.observations).at(fitted.alpha)
+    assert alone.scored().total == pytest.approx(fitted.scored().total, abs=1e-8)
 
 
 def test_predictions_are_those_of_the_law(found: Identification) -> None:
@@ -142,6 +167,8 @@ def test_outcomes_at_two_loads_and_a_constant() -> None:
     names = ["a.sd", "b.mean", "b.sd", "k.value"]
     np.testing.assert_allclose(found.values[names], best.x, atol=2e-3)
     assert found.log_likelihood.estimated == pytest.approx(-best.fun, abs=1e-5)
+    # The simulator is linear and the laws are normal, so that its linearization is itself.
+    assert found.baselines["circe"]["log_likelihood"] == pytest.approx(-best.fun, abs=1e-5)
     assert found.sound
 
 

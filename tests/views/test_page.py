@@ -145,6 +145,7 @@ def test_it_is_one_well_formed_file_with_every_section_and_nothing_from_elsewher
     assert reader.all("src") == []
     assert all(link.startswith("#") and link[1:] in reader.all("id") for link in reader.all("href"))
     assert "@import" not in text
+    assert "aleator ceiling" in text  # experiments with noise and one law have a best possible law
     assert not re.search(r"url\(\s*['\"]?https?:", text)
     assert "<title>Springs &lt;&amp;&gt;</title>" in text
 

@@ -191,8 +191,7 @@ class Emulation:
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
     `itself` says whether the processes themselves are used in place of these. `together` is the
     number of runs of a round if workers enlarge it, or zero. `earlier` is the number of stored runs
-    with which the processes began. `told` has the errors of all rounds. `least` is the least error
-    of alpha so far, and `stalled` the number of rounds since.
+    with which the processes began. `told` has the errors of all rounds.
     """
 
     def __init__(
@@ -220,7 +219,6 @@ class Emulation:
         )
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
         self.distances, self.calm, self.terms, self.itself = np.empty(0), 0, 0, False
-        self.least, self.stalled = np.inf, 0
         self.told: list[EmulatorRound] = []
         self.surface: Surface
         self.where: Array
@@ -311,11 +309,7 @@ class Emulation:
                 end = self._climbed(self._likelihood(self.where), end.alpha)
                 continue
             self.calm = calm
-            # Before new values have tested the processes, their error may be far too small.
-            if self.distances.size:
-                least = min(self.least, self.error.alpha)
-                self.stalled, self.least = 0 if least < self.least else self.stalled + 1, least
-            ended = self.calm >= self._confirmed or self.stalled >= settings.patience
+            ended = self.calm >= self._confirmed or self._stalled >= settings.patience
             if ended or rounds >= settings.most:
                 return end, rounds
             with self.ledger.stage(SURFACE):
@@ -385,6 +379,16 @@ class Emulation:
         tested = known and self.error.enough(len(self.question.ids), settings)
         few = settings.fewest if tested else usual(len(self.processes.conditions), settings)
         return max(self.together, few)
+
+    @property
+    def _stalled(self) -> int:
+        """The number of rounds since the least error of alpha.
+
+        The first error does not count: new values have not tested the processes before it, so that
+        it may be far too small.
+        """
+        errors = [one.alpha for one in self.told[1:]]
+        return len(errors) - 1 - int(np.argmin(errors)) if errors else 0
 
     def expected_runs(self, goal: float, calm: int = 0) -> float:
         """The number of all runs that is expected for an error of the estimates of `goal`.

@@ -74,7 +74,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     with ledger.stage("baselines"):
         fit = least_squares(likelihood, question.measured)
         baselines = _baselines(fit, likelihood.inputs)
-        if isinstance(likelihood, Problem) and likelihood.each == 1:
+        if isinstance(likelihood, Problem):
             linear = by_tangent(likelihood, question.choices.search, question.seed)
             alpha_of_tangent = _named(linear.alpha, hyperparameters)
             baselines["circe"] = {
@@ -104,6 +104,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
             restricted=reviewed.at.total if question.choices.restricted else None,
         ),
         propagation_reason=certain.refined.reason,
+        levels=dict(question.inputs.levels),
         sound=reviewed.sound,
         warnings=(*reviewed.warnings, *notes),
         failures=diagnostics.failure_report(question.runner) if failing else None,

@@ -240,8 +240,9 @@ def linear_gaussian(
 ) -> LinearGaussian:
     """Identify the law with the simulator replaced by its tangent at x0 (n,).
 
-    y_l ~ Normal(eta_l(x0) + g_l (mean - x0), g_l Cov(x) g_l') with outcomes y, values (N,) and
-    slopes (N, n): the model of CIRCE (de Crecy and Bazin), maximized here by the same search.
+    y_l ~ Normal(eta_l(x0) + G_l (mean - x0), G_l Cov(x) G_l') with m outcomes of an experiment
+    y (N, m), values (N, m) and slopes G (N, m, n): the model of CIRCE (de Crecy and Bazin),
+    maximized here by the same search.
     """
     likelihood = _GaussianModel(inputs, x0, value, slope, y)
     result = search.maximize(likelihood, inputs.hyperparameters, seed=seed)
@@ -249,20 +250,19 @@ def linear_gaussian(
 
 
 def by_tangent(problem: Problem, search: Search, seed: int) -> LinearGaussian:
-    """The law identified with the simulator linearized at the laws' starting means.
-
-    Several outcomes of an experiment count as if they were independent.
-    """
+    """The law identified with the simulator linearized at the laws' starting means."""
     x0 = np.clip(start_point(problem.inputs), *problem.region.T)
-    own = problem.inputs, x0, *problem.at_point(x0), problem.outcomes
-    return linear_gaussian(*own, search, seed)
+    value, slope = problem.at_point(x0)
+    shape = problem.count, problem.each
+    own = value.reshape(shape), slope.reshape(*shape, x0.size), problem.outcomes.reshape(shape)
+    return linear_gaussian(problem.inputs, x0, *own, search, seed)
 
 
 @dataclass(frozen=True)
 class _GaussianModel:
-    """The log-likelihood of outcomes y_l that are normal with the moments of a linear simulator.
+    """The log-likelihood of outcomes y (N, m) that are normal, of a linear simulator.
 
-    The simulator is eta_l(x0) + g_l (x - x0) with slopes g_l (n,) at x0 (n,).
+    The simulator is eta_l(x0) + G_l (x - x0) with slopes G (N, m, n) at x0 (n,).
     """
 
     inputs: Inputs
@@ -272,13 +272,17 @@ class _GaussianModel:
     outcomes: Array
 
     def __call__(self, alpha: Array) -> LogLikelihood:
-        """The log-likelihood and its score at alpha (K,); degenerate where the sd is zero."""
-        mean, sd, dmean, dsd = self._moments(alpha)
-        some = sd > 0.0
-        scale = np.where(some, sd, 1.0)
-        u = (self.outcomes - mean) / scale
-        each = np.where(some, -0.5 * (u**2 + np.log(2.0 * np.pi)) - np.log(scale), DEGENERATE_VALUE)
-        scores = (u / scale)[:, None] * dmean + ((u**2 - 1.0) / scale)[:, None] * dsd
+        """The log-likelihood and its score at alpha (K,); degenerate where outcomes are certain."""
+        mean, covariance, by_mean, by_covariance = self._moments(alpha)
+        sign, size = np.linalg.slogdet(2.0 * np.pi * covariance)
+        some = sign > 0.0
+        covariance[~some] = np.eye(self.outcomes.shape[1])
+        left, inverse = self.outcomes - mean, np.linalg.inv(covariance)
+        u = np.einsum("nij,nj->ni", inverse, left)
+        each = np.where(some, -0.5 * (np.sum(left * u, axis=1) + size), DEGENERATE_VALUE)
+        bend = u[:, :, None] * u[:, None] - inverse
+        scores = np.einsum("ni,nik->nk", u, by_mean)
+        scores += 0.5 * np.einsum("nij,nijk->nk", bend, by_covariance)
         status = np.where(some, int(Status.SOLVED), int(Status.DEGENERATE))
         found = LogLikelihood(each, np.where(some[:, None], scores, 0.0), status)
         return found.believed(self.inputs.hyperparameters, alpha)
@@ -288,6 +292,7 @@ class _GaussianModel:
         return np.array([self(alpha).total for alpha in np.asarray(alphas)])
 
     def _moments(self, alpha: Array) -> tuple[Array, Array, Array, Array]:
+        """Means (N, m) and covariances (N, m, m), with derivatives by alpha as last axes."""
         n, k_total = self.x0.size, alpha.size
         center, spread = np.zeros(n), np.zeros(n)
         d_center, d_spread = np.zeros((n, k_total)), np.zeros((n, k_total))
@@ -296,16 +301,17 @@ class _GaussianModel:
             own = law.mean_and_sd(alpha[part])
             center[i], d_center[i, part] = own.mean, own.dmean
             spread[i], d_spread[i, part] = own.sd, own.dsd
-        mean = self.value + self.slope @ (center - self.x0)
-        scaled = self.slope * spread
-        mixed = scaled @ self.inputs.correlation_matrix(alpha)
-        sd = np.sqrt(np.maximum(np.sum(mixed * scaled, axis=1), 0.0))
-        safe = np.where(sd > 0.0, sd, 1.0)
-        by_correlation = self.inputs.correlation_slope(alpha)
-        sd_jac = (mixed * self.slope) @ d_spread / safe[:, None]
-        for k in np.flatnonzero(np.any(by_correlation, axis=(0, 1))):
-            sd_jac[:, k] += np.sum(scaled @ by_correlation[:, :, k] * scaled, axis=1) / (2.0 * safe)
-        return mean, sd, self.slope @ d_center, sd_jac
+        correlation = self.inputs.correlation_matrix(alpha)
+        half = (correlation * spread)[:, :, None] * d_spread[:, None]
+        by_law = half + half.transpose(1, 0, 2)
+        by_law += np.outer(spread, spread)[:, :, None] * self.inputs.correlation_slope(alpha)
+        slope, covariance = self.slope, correlation * np.outer(spread, spread)
+        return (
+            self.value + slope @ (center - self.x0),
+            slope @ covariance @ slope.transpose(0, 2, 1),
+            slope @ d_center,
+            np.einsum("nia,abk,njb->nijk", slope, by_law, slope, optimize=True),
+        )
 
 
 # --------------------------------------------------------------------------------------- guesses

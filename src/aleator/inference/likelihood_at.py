@@ -118,8 +118,11 @@ class OutcomesAt:
         return None if surface is None else relative_errors(surface)[of]
 
     def scored(self) -> LogLikelihood:
-        """Log-densities (N,) of the outcomes and scores (N, K) at alpha."""
-        return self.problem.continued(self.alpha)
+        """Log-densities (N,) of the outcomes and scores (N, K) at alpha.
+
+        Level sets are kept for the fits of the same data at other alphas.
+        """
+        return (self.problem.levels or self.problem.continued)(self.alpha)
 
     def log_likelihood(self) -> float:
         """The log-likelihood without priors; minus infinity if an outcome is impossible."""

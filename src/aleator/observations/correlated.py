@@ -182,6 +182,14 @@ class ErrorCorrelation(Protocol):
         """
 
 
+class WholeScale:
+    """Errors of which each one alone has the scale of the noise."""
+
+    def marginal(self, values: Sequence[float], scale: Array) -> Array:  # noqa: ARG002
+        """The standard deviation of each single error: the scale itself."""
+        return scale
+
+
 def _remembered(known: dict[bytes, Any], most: int, key: bytes, make: Callable[[], T]) -> T:
     """The value of a key, made if it is not known; all are forgotten where there are too many."""
     if key not in known:
@@ -248,7 +256,7 @@ _SHARE = Free(0.0, 0.99)
 
 
 @dataclass(frozen=True)
-class AR1:
+class AR1(WholeScale):
     """Errors that follow the one before: corr(e_j, e_k) = rho^|t_j - t_k| at whole numbers t.
 
     It is the autoregressive process of order one (Box, Jenkins and Reinsel, 1994), `corAR1` of
@@ -288,10 +296,6 @@ class AR1:
             "`along`",
         )
 
-    def marginal(self, values: Sequence[float], scale: Array) -> Array:  # noqa: ARG002
-        """The scale itself."""
-        return scale
-
     def whitening(
         self,
         values: Sequence[float],
@@ -306,7 +310,7 @@ class AR1:
 
 
 @dataclass(frozen=True)
-class CAR1:
+class CAR1(WholeScale):
     """Errors that fade along a column t: corr(e_j, e_k) = exp(-|t_j - t_k|/length).
 
     It is the continuous autoregressive process of order one (Jones, 1993), the exponential
@@ -335,10 +339,6 @@ class CAR1:
         bad = np.flatnonzero(gaps <= 0.0)
         return (int(bad[0]), *_TWICE) if bad.size else None
 
-    def marginal(self, values: Sequence[float], scale: Array) -> Array:  # noqa: ARG002
-        """The scale itself."""
-        return scale
-
     def whitening(
         self,
         values: Sequence[float],
@@ -361,7 +361,7 @@ _TWICE = (
 
 
 @dataclass(frozen=True)
-class CompoundSymmetry:
+class CompoundSymmetry(WholeScale):
     """Errors of an experiment that are all alike: corr(e_j, e_k) = rho for any two of them.
 
     It is `corCompSymm` of nlme: an error of variance rho scale^2 that is common to the experiment,
@@ -390,10 +390,6 @@ class CompoundSymmetry:
     def fault(self, gaps: Array) -> tuple[int, str, str] | None:  # noqa: ARG002
         """Any gaps are admissible."""
         return None
-
-    def marginal(self, values: Sequence[float], scale: Array) -> Array:  # noqa: ARG002
-        """The scale itself."""
-        return scale
 
     def whitening(
         self,

@@ -57,6 +57,26 @@ def is_individual(document: Document) -> bool:
     return bool(document.get("observations"))
 
 
+def has_one_law(document: Document) -> bool:
+    """Whether experiments have noise and all one law, so that a best possible law is defined.
+
+    The means of laws that follow columns are coefficients, named as in `k.mean[temperature]`.
+    """
+    follows = any("[" in name for name in document["alpha"])
+    return bool(document.get("quadrature")) and not follows and not document.get("levels")
+
+
+def conditional_rows(document: Document) -> str:
+    """What the log-densities of experiments are given where some share parameters of levels."""
+    shared = ", ".join(dict.fromkeys((document.get("levels") or {}).values()))
+    if not shared:
+        return ""
+    return (
+        f" The log-density of an experiment is given all others that share {shared} with it, so "
+        "that the rows do not add up to log L."
+    )
+
+
 def words(name: object) -> str:
     """The name of a method or a status with blanks for its underscores; "-" where there is none."""
     return str(name or NONE).replace("_", " ")

@@ -86,6 +86,7 @@ class Result(Plain):
     best_possible: Mapping[str, float] | None = None
     pictures: Mapping[str, Any] = field(default_factory=dict)
     propagation_reason: str = ""
+    levels: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.observations:

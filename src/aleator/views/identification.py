@@ -16,7 +16,9 @@ from rich.console import RenderableType
 
 from aleator.results.answer import (
     answer,
+    conditional_rows,
     estimates,
+    has_one_law,
     is_individual,
     log_likelihood,
     verdicts,
@@ -143,15 +145,14 @@ def _law(document: Document, drawn: Drawn | None) -> Iterator[Part]:
         yield law_charts.law_chart(document, name, drawn.individuals, drawn.ceiling)
     for pair in (document.get("pictures") or {}).get("contours") or ():
         yield law_charts.joint_chart(document, pair, drawn.individuals)
-    ceiling = drawn.ceiling
-    if ceiling is None:
-        yield missing(
-            "Where the best of all laws has its mass is not known here.",
-            "aleator ceiling STUDY.toml with the same --output writes ceiling.json, and aleator "
-            "report shows it.",
-        )
+    if drawn.ceiling is None:
+        if has_one_law(document):
+            yield missing(
+                "Where the best of all laws has its mass is not known here.",
+                "aleator ceiling STUDY.toml with the same --output finds it for aleator report.",
+            )
         return
-    best = {**ceiling.get("log_likelihood", {}), **(ceiling.get("bootstrap") or {})}
+    best = {**drawn.ceiling.get("log_likelihood", {}), **(drawn.ceiling.get("bootstrap") or {})}
     if "gap" in best:
         yield Sentence(f"A law of any family would have {_gap(best)}.", depth=PAGE)
 
@@ -533,11 +534,10 @@ def _experiments(
         (_head(document, name), "left" if name in ("experiment", "density") else "right")
         for name in names
     ]
-    title = f"{len(entries):,} experiments"
-    if len(kept) < len(entries):
-        title += f", of which these {len(kept):,} are the least expected"
-    responses = [label(document, name) for name in transforms(document) if name]
-    yield Sentence(f"Measured: {', '.join(responses) or 'outcome'}.", depth=PAGE)
+    few = f", of which these {len(kept):,} are the least expected"
+    title = f"{len(entries):,} experiments{few if len(kept) < len(entries) else ''}"
+    told = ", ".join(label(document, name) for name in transforms(document) if name) or "outcome"
+    yield Sentence(f"Measured: {told}.{conditional_rows(document)}", depth=PAGE)
     cells = [list(row.values()) for row in rows]
     yield TextTable(columns, cells, "experiments", title, PAGE, folded=True)
 

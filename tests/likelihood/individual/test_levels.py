@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+from scipy import integrate, special, stats
 
 from aleator import By, Constant, Free, Inputs, Noise, Normal, TruncatedNormal
 from aleator.core.types import Array, Indices
@@ -232,7 +232,7 @@ def test_crossed_levels_with_specimens_in_two_clusters() -> None:
     assert share[own] @ (x[own, :, 0] - mean) ** 2 == pytest.approx(sd**2, rel=0.02)
 
 
-STRESS = np.tile(np.linspace(275.0, 400.0, 8), 3)
+STRESS = np.tile(np.linspace(275.0, 400.0, 8), 12)
 
 
 class Life(Direct):
@@ -247,11 +247,65 @@ class Life(Direct):
         return self.values(block, x), np.stack([over, np.ones_like(over)])
 
 
+def by_fixed_nodes(y: Array, mean: float, sd: float, of_batch: float, noise: float) -> float:
+    """log L by Legendre nodes over the box of the limit and a trapezoidal rule over the shift."""
+    b = np.linspace(-8.0, 8.0, 801) * of_batch
+    x, w = np.polynomial.legendre.leggauss(300)
+    x, w = 185.0 + 85.0 * x, 85.0 * w
+    law = stats.truncnorm((100.0 - mean) / sd, (270.0 - mean) / sd, mean, sd).pdf(x) * w
+    log_sum = np.zeros((len(y) // 8, b.size))
+    for k, own in enumerate(y):
+        eta = 9.0 - 2.0 * np.log10(STRESS[k] - x)
+        with np.errstate(divide="ignore"):
+            log_sum[k // 8] += np.log(stats.norm.pdf(own, eta + b[:, None], noise) @ law)
+    of_law = stats.norm.pdf(b, 0.0, of_batch) * (b[1] - b[0])
+    return float(np.log(np.exp(log_sum) @ of_law).sum())
+
+
+def by_adaptive_nodes(y: Array, mean: float, sd: float, of_batch: float, noise: float) -> float:
+    """The same by adaptive Gauss-Kronrod rules (QUADPACK's), one within the other."""
+    inside = np.diff(special.ndtr((np.array([100.0, 270.0]) - mean) / sd))[0]
+
+    def of_specimens(b: float, first: int) -> Array:
+        """p(y | b) of the eight specimens of a batch."""
+        own, stress = y[first : first + 8] - 9.0 - b, STRESS[:8]
+
+        def density(x: float) -> Array:
+            far = (own + 2.0 * np.log10(stress - x)) / noise
+            return np.asarray(np.exp(-0.5 * far**2 - 0.5 * ((x - mean) / sd) ** 2))
+
+        whole = integrate.quad_vec(density, 100.0, 270.0, epsabs=1e-7, epsrel=1e-7)[0]
+        return np.asarray(whole / (2.0 * np.pi * noise * sd * inside))
+
+    total = 0.0
+    for first in range(0, len(y), 8):
+
+        def of_batches(v: float, first: int = first) -> float:
+            return float(np.prod(of_specimens(of_batch * v, first)) * np.exp(-0.5 * v * v))
+
+        found = integrate.quad(of_batches, -6.0, 6.0, epsabs=0.0, epsrel=1e-6, limit=200)[0]
+        total += np.log(found / np.sqrt(2.0 * np.pi))
+    return float(total)
+
+
+def lives() -> Array:
+    """Logarithms of lives of eight specimens of each of twelve batches."""
+    rng = np.random.default_rng(4)
+    shift, limit = np.repeat(rng.normal(0.0, 0.25, 12), 8), rng.normal(205.0, 18.0, 96)
+    return np.asarray(9.0 + shift - 2.0 * np.log10(STRESS - limit) + rng.normal(0.0, 0.05, 96))
+
+
+@pytest.mark.long
+def test_two_integrals_of_our_own_agree() -> None:
+    alpha = (203.0, 16.0, 0.27, 0.06)
+    assert by_adaptive_nodes(lives(), *alpha) == pytest.approx(
+        by_fixed_nodes(lives(), *alpha), abs=1e-8
+    )
+
+
 def test_a_nonlinear_simulator_by_a_plain_integral() -> None:
     """The error of the nodes falls to nothing, and the differences to finer rules tell it."""
-    rng = np.random.default_rng(4)
-    shift, limit = np.repeat(rng.normal(0.0, 0.25, 3), 8), rng.normal(205.0, 18.0, 24)
-    y = 9.0 + shift - 2.0 * np.log10(STRESS - limit) + rng.normal(0.0, 0.05, 24)
+    y = lives()
     inputs = Inputs(
         {
             "limit": TruncatedNormal(box=(100.0, 270.0), mean=Free(150, 250), sd=Free(1.0, 50.0)),
@@ -259,26 +313,14 @@ def test_a_nonlinear_simulator_by_a_plain_integral() -> None:
         },
         levels={"shift": "batch"},
     )
-    table = pd.DataFrame({"batch": np.repeat(["a", "b", "c"], 8), "y": y})
+    table = pd.DataFrame({"batch": np.repeat(np.arange(12), 8), "y": y})
     made, _ = likelihood_of(table, inputs, "y")
     predictor = Life(None, np.arange(2), inputs.box)  # type: ignore[arg-type]
     likelihood = IndividualLikelihood.of(
         made.inputs, made.errors, predictor, made.layout, first_rule(made.inputs)
     )
     alpha = np.array([203.0, 16.0, 0.0, 0.27, 0.06])
-
-    # Legendre nodes over the box of the limit, and the trapezoidal rule over the shift.
-    b = np.linspace(-8.0, 8.0, 801) * 0.27
-    x, w = np.polynomial.legendre.leggauss(300)
-    x, w = 185.0 + 85.0 * x, 85.0 * w
-    law = stats.truncnorm((100.0 - 203.0) / 16.0, (270.0 - 203.0) / 16.0, 203.0, 16.0).pdf(x) * w
-    log_sum = np.zeros((3, b.size))
-    for k in range(24):
-        eta = 9.0 - 2.0 * np.log10(STRESS[k] - x)
-        with np.errstate(divide="ignore"):
-            log_sum[k // 8] += np.log(stats.norm.pdf(y[k], eta + b[:, None], 0.06) @ law)
-    of_law = stats.norm.pdf(b, 0.0, 0.27) * (b[1] - b[0])
-    exact = float(np.log(np.exp(log_sum) @ of_law).sum())
+    exact = by_fixed_nodes(y, 203.0, 16.0, 0.27, 0.06)
 
     grouping = made.inputs.grouping
     assert grouping is not None
@@ -286,7 +328,7 @@ def test_a_nonlinear_simulator_by_a_plain_integral() -> None:
     for nodes in (5, 11, 25):
         rule = LevelRule.first(grouping, GaussHermite(nodes), nodes)
         errors.append(abs(likelihood.by(rule, alpha).evaluate(alpha).total - exact))
-    assert errors[0] < 0.02
+    assert errors[0] < 0.08
     assert errors[2] < 1e-5
     fine = likelihood.by(LevelRule.first(grouping, GaussHermite(25), 15), alpha)
     free = [0, 1, 3, 4]

@@ -1,0 +1,1 @@
+"""The website: its settings, its gallery, and the pages that scripts write."""
