@@ -73,14 +73,8 @@ def draw(name: str, found: Mapping[str, Any], parameter: str, response: str | No
     return FIGURES / f"{name}.png"
 
 
-def told(page: str, alpha: Mapping[str, Any]) -> Iterator[str]:
-    """What a page's table says otherwise than the answer, by more than a unit of its last digit.
-
-    >>> row = "| `a.mean`, mm | 1.0 | 1.05 | 0.10 | [0.85, 1.25] |"
-    >>> list(told(row, {"a.mean": {"estimate": 1.048, "standard_error": 0.1,
-    ...                            "interval": [0.853, 1.31]}}))
-    ['a.mean: 1.25 in the table, 1.31 in the answer']
-    """
+def differences(page: str, alpha: Mapping[str, Any]) -> Iterator[str]:
+    """What a page's table says otherwise than the answer, by more than a unit of its last digit."""
     for name, *written in ROW.findall(page):
         row = alpha[name]
         for text, value in zip(
@@ -92,20 +86,22 @@ def told(page: str, alpha: Mapping[str, Any]) -> Iterator[str]:
 
 def main() -> None:
     """Draw every figure, or those that are named."""
-    wrong = []
+    failures = []
     for name in sys.argv[1:] or SHOWN:
         study, parameter, response = SHOWN[name]
         try:
             found = answer(name, study)
         except subprocess.CalledProcessError as error:
-            wrong.append(f"{name}: not identified (exit code {error.returncode})")
+            failures.append(f"{name}: not identified (exit code {error.returncode})")
             continue
         print(draw(name, found, parameter, response).relative_to(ROOT))
         page = ROOT / "examples" / name / "README.md"
         if page.exists():
             text = page.read_text(encoding="utf-8")
-            wrong += [f"{page.relative_to(ROOT)}: {line}" for line in told(text, found["alpha"])]
-    sys.exit("\n".join(wrong) or None)
+            failures += [
+                f"{page.relative_to(ROOT)}: {line}" for line in differences(text, found["alpha"])
+            ]
+    sys.exit("\n".join(failures) or None)
 
 
 if __name__ == "__main__":
