@@ -6,6 +6,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PEERS := $(VENV)/.installed-peers
 WRITERS := $(VENV)/.installed-docs
+# Simulators that examples need: an environment of their own, with what their pages say to install.
+GALLERY := $(VENV)-gallery
 EXAMPLES := fission_gas wet_clutch
 # In requirements.lock; the other two locks hold one extra more each, at the same versions.
 EXTRAS := plot report bayes evolution fmi excel parquet dask mpi petab dev
@@ -59,8 +61,8 @@ docs: $(WRITERS) ## Build the site into out/docs; a warning is an error
 browser-docs: docs ## Look at every page of the site in a headless Chromium
 	$(BIN)/pytest tests/browser/pages.py
 
-gallery: $(STAMP) ## Draw the figures of the gallery anew (the answers in out/gallery are kept)
-	$(BIN)/python website/gallery.py
+gallery: $(GALLERY)/.installed ## Identify the gallery's examples, with their simulators; draw figures, hold numbers
+	$(GALLERY)/bin/python website/gallery.py
 
 bench: $(PEERS) ## Run the benchmarks, against peers that only they need
 	$(BIN)/python -m benchmarks
@@ -103,6 +105,14 @@ $(PEERS): requirements-bench.lock $(STAMP)
 
 $(WRITERS): requirements-docs.lock $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.lock
+	@touch $@
+
+$(GALLERY)/.installed: requirements.lock pyproject.toml $(wildcard examples/*/README.md) | $(STAMP)
+	$(BIN)/python -m venv $(GALLERY)
+	$(GALLERY)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(GALLERY)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	sed -n 's/^    pip install \(.*==.*\)/\1/p' examples/*/README.md | \
+	    xargs $(GALLERY)/bin/python -m pip install --quiet --disable-pip-version-check
 	@touch $@
 
 create-venv:

@@ -33,7 +33,7 @@ from aleator.study.sections import (
     VerificationSection,
 )
 from aleator.study.simulators import SIMULATORS
-from website import settings
+from website import gallery, settings
 
 ROOT = Path(__file__).parents[1]
 EVERY = [
@@ -322,6 +322,26 @@ def test_every_public_name_is_in_the_reference_once() -> None:
     told = re.findall(r"^\.\. auto(?:class|function|exception):: aleator\.(\w+)$", pages, re.M)
     told += re.findall(r"^\.\. autoexception:: aleator\.errors\.(AleatorError)$", pages, re.M)
     assert sorted(told) == sorted(aleator.__all__)
+
+
+def test_the_gallery_shows_every_example_once_below_a_question() -> None:
+    page = (DOCS / "gallery.md").read_text("utf-8")
+    assert sorted(re.findall(r"\(images/gallery/(\w+)\.png\)", page)) == sorted(gallery.SHOWN)
+    for question in page.split("\n## ")[1:]:
+        heading, *cards = question.split("\n### ")
+        assert re.search(r"`[^`\n]+`.*\]\(", heading), heading  # what answers it, and its page
+        assert cards, heading
+        assert all(card.count("![") == 1 for card in cards), heading
+
+
+def test_a_number_of_a_page_that_differs_from_the_answer_is_named() -> None:
+    row = "| `a.mean`, mm | 1.0 | 1.05 | 0.10 | [0.85, 1.25] |\n"
+    alpha = {"a.mean": {"estimate": 1.048, "standard_error": 0.1, "interval": [0.853, 1.266]}}
+    assert list(gallery.differences(row, alpha)) == []
+    alpha["a.mean"]["interval"] = [0.853, 1.31]
+    assert list(gallery.differences(row, alpha)) == [
+        "a.mean: 1.25 in the table, 1.31 in the answer"
+    ]
 
 
 def test_every_command_on_a_page_exists_with_its_options() -> None:

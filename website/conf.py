@@ -51,6 +51,8 @@ html_additional_pages = {"index": "start.html"}
 html_math_renderer = "mathml"
 html_show_sphinx = False
 html_copy_source = False
+# A summary is fetched from the page that was found, which browsers refuse for local files.
+html_show_search_summary = False
 html_theme_options: dict[str, list[str]] = {"top_of_page_buttons": []}
 pygments_style = "friendly"
 pygments_dark_style = "native"

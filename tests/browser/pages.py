@@ -44,6 +44,45 @@ def test_no_page_complains_asks_the_network_or_is_wider_than_the_window(
         assert page.ask(BROKEN) == [], path
 
 
-def test_the_search_finds_pages_without_a_network(page: Page) -> None:
-    visit(page, SITE / "search.html", 1300, "light", "?q=censored")
-    page.wait("document.querySelectorAll('ul.search li').length > 2")
+SEARCHED = "[...document.querySelectorAll('ul.search li a')].map((a) => a.href)"
+
+
+@pytest.mark.parametrize(
+    ("word", "wanted"),
+    [
+        ("censored", "docs/howto/censored.html"),
+        ("PyBaMM", "examples/discharge/README.html"),
+        ("next_experiments", "docs/api/questions.html#aleator.next_experiments"),
+        ("ferx", "docs/coming_from.html"),
+    ],
+)
+def test_the_search_finds_a_page_without_a_network(page: Page, word: str, wanted: str) -> None:
+    visit(page, SITE / "docs" / "index.html", 1300, "light")
+    page.ask(
+        "(() => { const form = document.querySelector('form.sidebar-search-container');"
+        f" form.querySelector('input[name=q]').value = '{word}'; form.submit(); }})()"
+    )
+    page.wait("(document.querySelector('p.search-summary')?.textContent ?? '').includes('found')")
+    assert (SITE / wanted.partition("#")[0]).exists()
+    assert any(link.endswith(wanted) for link in page.ask(SEARCHED))
+    assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+    assert page.console == []
+
+
+@pytest.mark.parametrize("width", [1200, 420])
+def test_the_questions_of_the_first_page_lead_to_those_of_the_gallery(
+    page: Page, width: int
+) -> None:
+    visit(page, SITE / "docs" / "index.html", width, "light")
+    links = page.ask(
+        "[...document.querySelectorAll('a[href*=\"gallery.html#\"]')].map((a) => a.hash)"
+    )
+    visit(page, SITE / "docs" / "gallery.html", width, "light")
+    asked = page.ask("[...document.querySelectorAll('#gallery > section')].map((s) => '#' + s.id)")
+    assert sorted(links) == sorted(asked)
+    shown = page.ask("[...document.querySelectorAll('#gallery section img')].map((i) => i.src)")
+    assert (
+        len(shown)
+        == len(set(shown))
+        == len(page.ask("[...document.querySelectorAll('h3')].map(() => 0)"))
+    )
