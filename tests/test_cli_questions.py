@@ -175,8 +175,8 @@ def test_next_prints_tables_and_writes_files() -> None:
     assert [row["id"] for row in result["chosen"]] == ["C", "B"]
     table = pd.read_csv("out/next.csv", index_col="id")
     assert table.loc["C", "standard_error"] < table.loc["A", "standard_error"]
-    given = ("--count", 4, "--repeat", 4, "--quiet", "--for-prediction", "use.csv", "--above", 6)
-    quiet = done(*asked, *given)
+    given = ("--count", 4, "--repeat", 4, "--quiet", "--for-prediction", "use.csv")
+    quiet = done(*asked, *given, "--event", "length > 6")
     assert quiet.stdout.count("\n") == 1
     assert "4 experiments" in quiet.stdout
 
@@ -187,9 +187,9 @@ def test_next_prints_tables_and_writes_files() -> None:
         ("--count 4", "4 experiments of 3 candidates"),
         ("--for softness.s", "did you mean"),
         ("--for noise.sd", "is fixed"),
-        ("--above 6", "--for-prediction"),
+        ("--event y>6", "--for-prediction"),
         ("--for all --for-prediction use.csv", "contradict"),
-        ("--for-prediction use.csv --above 1 --below 2", "below and above"),
+        ("--for-prediction use.csv --event y>1 --quantile 0.9", "contradict"),
     ],
 )
 @pytest.mark.usefixtures("to_measure")

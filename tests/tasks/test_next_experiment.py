@@ -86,16 +86,23 @@ def test_a_predicted_quantile_is_known_as_the_delta_method_says() -> None:
     assert not plan.relative
 
 
-@pytest.mark.parametrize("limit", [{"above": 4.0}, {"below": 4.0}])
-def test_so_is_a_predicted_probability(limit: dict[str, float]) -> None:
-    found = found_with()
+@pytest.mark.parametrize(
+    ("event", "ends"),
+    [("y > 4", (4.0, np.inf)), ("y < 4", (-np.inf, 4.0)), ("2.5 < y < 4", (2.5, 4.0))],
+)
+def test_so_is_a_predicted_probability(event: str, ends: tuple[float, float]) -> None:
+    found, limits = found_with(), np.array(ends)
     plan = next_experiments(
-        found, asked(), count=1, about=Predicted(asked(np.array([3.0])), **limit)
+        found, asked(), count=1, about=Predicted(asked(np.array([3.0])), event=event)
     )
     mean, sd = found.values[["x.mean", "x.sd"]]
     scale = np.hypot(3.0 * sd, NOISE)
-    u = (4.0 - 3.0 * mean) / scale
-    gradient = stats.norm.pdf(u) / scale * np.array([3.0, u * 9.0 * sd / scale])
+    u = (limits - 3.0 * mean) / scale
+    density = stats.norm.pdf(u) / scale
+    each = np.array(
+        [-3.0 * density, -np.where(np.isfinite(u), u, 0.0) * density * 9.0 * sd / scale]
+    )
+    gradient = each[:, 1] - each[:, 0]
     now = gradient @ found.covariance.to_numpy() @ gradient
     assert plan.now == pytest.approx(np.sqrt(now), rel=1e-3)
 
@@ -108,10 +115,12 @@ def test_misuse_is_told() -> None:
         next_experiments(found, asked(), about="noise.sd")
     with pytest.raises(AleatorError, match="6 experiments of 5 candidates"):
         next_experiments(found, asked(), count=6)
-    with pytest.raises(AleatorError, match="quantile and above"):
-        Predicted(asked(), quantile=0.5, above=1.0)
+    with pytest.raises(AleatorError, match="a quantile and an event"):
+        Predicted(asked(), quantile=0.5, event="y > 1")
     with pytest.raises(AleatorError, match="neither"):
         Predicted(asked())
+    with pytest.raises(AleatorError, match="no outcome 'length'"):
+        next_experiments(found, asked(), about=Predicted(asked(), event="length > 1"))
 
 
 def test_a_result_that_was_read_from_a_file_says_so(tmp_path: object) -> None:

@@ -35,6 +35,7 @@ from aleator.tasks.next_experiment import (
     require_enough_candidates,
     require_free,
 )
+from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.screen import SCREEN, screen
 from aleator.views import planning
 from aleator.views.figures import save_check, save_sensitivity
@@ -204,8 +205,9 @@ def sensitivity(
     help="Know better what is predicted under these conditions: a quantile or a probability.",
 )
 @click.option("--quantile", type=float, help="The quantile that is predicted [default: 0.95].")
-@click.option("--above", type=float, help="The limit whose probability above is predicted.")
-@click.option("--below", type=float, help="The limit whose probability below is predicted.")
+@click.option(
+    "--event", metavar="EVENT", help='The event whose probability is predicted: "travel > 26".'
+)
 @whole_number("--repeat", 1, "How often a candidate may be chosen.")
 @whole_number(
     "--laws",
@@ -223,8 +225,7 @@ def next(
     about: str | None,
     for_prediction: Path | None,
     quantile: float | None,
-    above: float | None,
-    below: float | None,
+    event: str | None,
     repeat: int,
     laws: int,
     output: Path | None,
@@ -246,7 +247,7 @@ def next(
     require_enough_candidates(count, len(table.ids), repeat)
     require_free(about, value.hyperparameters)
     require_at_most_one({"--for": about, "--for-prediction": for_prediction})
-    predicted = _predicted(value, for_prediction, quantile, above, below)
+    predicted = _predicted(value, for_prediction, quantile, event)
     with work.running() as (runner, progress):
         found = identified(value, runner, progress)
         with running(value, replace(options, quiet=True), table) as others:
@@ -264,22 +265,24 @@ def _predicted(
     study: Study,
     conditions: Path | None,
     quantile: float | None,
-    above: float | None,
-    below: float | None,
+    event: str | None,
 ) -> Predicted | None:
     """The prediction that new experiments shall make more precise; None if none is requested.
 
-    It is a quantile, or the probability of an outcome beyond a limit if a limit is given.
+    It is a quantile, or the probability of an event if one is given.
     """
-    limits = {"--quantile": quantile, "--above": above, "--below": below}
+    wanted = {"--quantile": quantile, "--event": event}
     if conditions is None:
-        for option, given in limits.items():
+        for option, given in wanted.items():
             if given is not None:
                 raise AleatorError(
                     f"{option} says what to predict, but not under which conditions",
                     "add --for-prediction CONDITIONS.csv",
                 )
         return None
-    if above is None and below is None and quantile is None:
+    require_at_most_one(wanted)
+    if event is not None:
+        OutcomeEvent.of(event, study.experiments.observations.names, study.units)
+    elif quantile is None:
         quantile = 0.95
-    return Predicted(study.read_conditions(conditions), quantile, below, above)
+    return Predicted(study.read_conditions(conditions), quantile, event)

@@ -31,6 +31,7 @@ from aleator.results.printed import number
 from aleator.results.values import Estimate
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
+from aleator.tasks.outcome_event import OutcomeEvent
 
 ALL = "all"
 """The name that stands for all hyperparameters together."""
@@ -38,11 +39,11 @@ ALL = "all"
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """A predicted quantity: a quantile of a measurement, or its probability beyond a limit.
+    """A predicted quantity: a quantile of a measurement, or the probability of an event.
 
-    The measurement is made under the `conditions`. Give one of `quantile` (a probability), `below`
-    and `above` (a limit in the outcome's unit). Raises InputsError for none or several of them, and
-    for a probability outside (0, 1).
+    The measurement is made under the `conditions`. Give one of `quantile` (a probability) and
+    `event`, such as "travel > 26" (see `Identification.probability`). Raises InputsError for none
+    or both of them, and for a probability outside (0, 1).
 
     >>> Predicted(pd.DataFrame({"load": [3.0]}), quantile=0.99).name
     'the quantile 0.99'
@@ -50,15 +51,13 @@ class Predicted:
 
     conditions: Conditions | pd.DataFrame
     quantile: float | None = None
-    below: float | None = None
-    above: float | None = None
+    event: str | None = None
 
     def __post_init__(self) -> None:
-        given = [name for name in ("quantile", "below", "above") if getattr(self, name) is not None]
-        if len(given) != 1:
+        if (self.quantile is None) == (self.event is None):
+            given = "neither a quantile nor an" if self.event is None else "a quantile and an"
             raise InputsError(
-                f"a prediction says {' and '.join(given) or 'neither quantile nor limit'}",
-                "give one of quantile, below and above",
+                f"a prediction has {given} event", "give quantile=0.95, or event='travel > 26'"
             )
         if self.quantile is not None and not 0.0 < self.quantile < 1.0:
             raise InputsError(f"quantile {self.quantile}", "choose a probability between 0 and 1")
@@ -68,8 +67,7 @@ class Predicted:
         """The predicted quantity in words, such as "the quantile 0.99"."""
         if self.quantile is not None:
             return f"the quantile {self.quantile:g}"
-        side, limit = ("below", self.below) if self.above is None else ("above", self.above)
-        return f"the probability {side} {limit:g}"
+        return f"the probability of {self.event}"
 
     def gradients(self, scores: Scores, fit: Fit) -> Array:
         """The gradient (G, K) of the quantity with respect to alpha, under each of G conditions."""
@@ -80,11 +78,15 @@ class Predicted:
             )
         if self.quantile is not None:
             return quantile_gradients(scores, self.quantile)[1]
-        limit = self.below if self.above is None else self.above
-        scale = fit.table.transform
-        if (fault := scale.fault(float(limit or 0.0))) != "":
-            raise InputsError(f"{self.name}: {fault}", "choose a limit above zero")
-        return probability_gradients(scores, float(scale(limit or 0.0)))[1]
+        event = OutcomeEvent.of(self.event or "", fit.table.observations.names)
+        ((low, high),) = event.on(fit.table.transform).parts
+        return _slopes(scores, high) - _slopes(scores, low)
+
+
+def _slopes(scores: Scores, limit: float) -> Array:
+    """The derivatives (G, K) of P(outcome <= limit) with respect to alpha."""
+    slopes = probability_gradients(scores, limit)[1]
+    return slopes if np.isfinite(limit) else np.zeros_like(slopes)
 
 
 @dataclass(frozen=True, eq=False)
