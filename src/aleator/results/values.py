@@ -102,7 +102,7 @@ class Estimate(Plain):
     "lower", "upper" or "both" if the interval ends at that limit of the hyperparameter, because the
     profile likelihood has not dropped far enough there. `drops` are the drops of the profile
     log-likelihood at the two ends: 1.92 at an inner end, less at a limit. A fixed hyperparameter
-    has neither errors nor interval.
+    has neither errors nor interval; if it is only bounded, `interval` has its bounds.
     """
 
     estimate: float
