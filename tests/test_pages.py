@@ -100,7 +100,8 @@ OTHERS = [
     pytest.param(
         page,
         marks=[pytest.mark.long]
-        if page.stem in {"repeated", "runs", "posterior", "censored", "bootstrap", "compare"}
+        if page.stem
+        in {"repeated", "runs", "posterior", "censored", "bootstrap", "compare", "p_box"}
         else [],
     )
     for page in PAGES

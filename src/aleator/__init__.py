@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from aleator.errors import AleatorError as AleatorError
     from aleator.inference.check import Check as Check
     from aleator.laws import Beta as Beta
+    from aleator.laws import Between as Between
     from aleator.laws import By as By
     from aleator.laws import Constant as Constant
     from aleator.laws import Free as Free
@@ -66,6 +67,8 @@ if TYPE_CHECKING:
     from aleator.tasks.identify import identify as identify
     from aleator.tasks.next_experiment import Predicted as Predicted
     from aleator.tasks.next_experiment import next_experiments as next_experiments
+    from aleator.tasks.p_box import PBox as PBox
+    from aleator.tasks.p_box import p_box as p_box
     from aleator.tasks.posterior import Posterior as Posterior
     from aleator.tasks.posterior import posterior as posterior
     from aleator.tasks.predict import predict as predict
@@ -78,6 +81,7 @@ _HOMES = {
     "tasks.identify": ["identify"],
     "tasks.identification": ["Identification", "load"],
     "tasks.predict": ["predict"],
+    "tasks.p_box": ["p_box", "PBox"],
     "tasks.posterior": ["posterior", "Posterior"],
     "tasks.recover": ["recover"],
     "tasks.next_experiment": ["next_experiments", "Predicted"],
@@ -100,7 +104,7 @@ _HOMES = {
     "simulators.umbridge": ["UMBridgeSimulator"],
     "laws": [
         "Normal", "TruncatedNormal", "Uniform", "Beta", "Gamma", "LogNormal", "Mixture", "ScipyLaw",
-        "By", "Constant", "Free",
+        "Between", "By", "Constant", "Free",
     ],
     "laws.correlation": ["full"],
     "laws.inputs": ["Inputs"],

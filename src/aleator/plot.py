@@ -6,7 +6,7 @@ of a chart that the document lacks are computed if the identification was made i
 
 >>> from aleator import plot
 >>> plot.__all__
-['calibration', 'histogram', 'experiments', 'law', 'profile', 'surface', 'response']
+['calibration', 'histogram', 'experiments', 'law', 'profile', 'surface', 'response', 'p_box']
 """
 
 from __future__ import annotations
@@ -18,14 +18,17 @@ from aleator.core.types import Array
 from aleator.errors import AleatorError
 from aleator.results.result import Result
 from aleator.tasks.identification import Identification, pictured
-from aleator.views import law_charts, outcome_charts
+from aleator.views import law_charts, outcome_charts, p_boxes
 from aleator.views.measured import measured
 from aleator.views.plots import drawn, lacking, named, required
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
 
-__all__ = ["calibration", "histogram", "experiments", "law", "profile", "surface", "response"]
+__all__ = [
+    "calibration", "histogram", "experiments", "law", "profile", "surface", "response", "p_box",
+]  # fmt: skip
 
 Identified = Result | Mapping[str, Any]
 
@@ -141,6 +144,29 @@ def response(
     required(curves.get("nodes") or curves.get("over"), parameter, "parameters that were drawn")
     name = named(law_charts.responses_drawn(curves), response)
     return drawn(law_charts.response_chart(document, parameter, name), ax)
+
+
+def p_box(band: pd.DataFrame, ax: Axes | None = None, *, outcome: str = "outcome") -> Axes:
+    """The band of distribution functions of one new outcome (probability box).
+
+    `band` is a table of `PBox.quantiles` for one outcome; take twenty levels or more. The inner
+    band holds the distribution functions over the bounded hyperparameters, the outer one has the
+    uncertainty of the identified ones too. `outcome` is the title of the axis. Raises AleatorError
+    if the table has several outcomes, or if matplotlib is not installed.
+
+    >>> import pandas as pd
+    >>> band = pd.DataFrame({"id": ["a", "a"], "probability": [0.05, 0.95],
+    ...                      "lower": [1.0, 2.0], "upper": [1.5, 3.0]})
+    >>> p_box(band, outcome="force").get_xlabel()
+    'force'
+    """
+    if band["probability"].duplicated().any():
+        raise AleatorError(
+            "the table has several outcomes", 'choose one: band[band["id"] == "..."]'
+        )
+    axes = drawn(p_boxes.band_chart(band.to_dict("list"), outcome), ax)
+    axes.set_ylim(0.0, 1.0)
+    return axes
 
 
 def _document(found: Identified) -> Mapping[str, Any]:

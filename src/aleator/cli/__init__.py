@@ -4,8 +4,8 @@ Three nouns: a *command* is a function that the package click calls; its file is
 command is used (`program`). `RunOptions` say which processes run the simulator and which file keeps
 the runs. A `Work` is a command with its study and the folder of its results (`running`).
 
-`new` writes a study, `exploring` prepares an identification, `identify` makes it and `predict` uses
-it, `judging` assesses it, and `runs` manages the stored runs.
+`new` writes a study, `exploring` prepares an identification, `identify` makes it, `predict` and
+`pbox` use it, `judging` assesses it, and `runs` manages the stored runs.
 """
 
 from aleator.cli.starting import ended_at_once

@@ -205,6 +205,18 @@ class _At(click.ParamType[Any]):
         return FILE.shell_complete(ctx, param, incomplete)
 
 
+AT = click.option(
+    "--at",
+    type=_At(),
+    multiple=True,
+    metavar="NAME=VALUE|NEW.csv",
+    help="A condition with its value, or values (force=50,60); several times for several "
+    "conditions. Or a table of conditions, written as the study's table is; it needs no outcomes "
+    "[default: the conditions of the experiments, each once].",
+)
+"""The option --at; `requested_conditions` makes conditions of it."""
+
+
 def requested_conditions(
     value: Study, at: Sequence[Path | tuple[str, list[str]]], of: str | None
 ) -> Conditions:
@@ -236,15 +248,7 @@ def requested_conditions(
 
 @click.command()
 @click.argument("identification", type=FILE, metavar="IDENTIFICATION.json")
-@click.option(
-    "--at",
-    type=_At(),
-    multiple=True,
-    metavar="NAME=VALUE|NEW.csv",
-    help="A condition with its value, or values (force=50,60); several times for several "
-    "conditions. Or a table of conditions, written as the study's table is; it needs no outcomes "
-    "[default: the conditions of the experiments, each once].",
-)
+@AT
 @click.option(
     "--output",
     type=RESULT,

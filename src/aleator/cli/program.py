@@ -54,6 +54,7 @@ GROUPS = {
         "report": "Write report.html of an answer, or of two side by side.",
         "show": "Print a stored answer again.",
         "predict": "Predict outcomes of untested conditions.",
+        "pbox": "Bound predictions where hyperparameters are only bounded.",
     },
     "judge": {
         "compare": "Tell which of several models is to be believed.",

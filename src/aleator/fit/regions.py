@@ -110,7 +110,7 @@ def plausible_alphas(
     """Quasi-random values (32, K) of alpha that represent its uncertainty, within its limits.
 
     They scatter 1.5 times as much as the information matrix says, and in no direction more than
-    the limits admit.
+    the limits admit. Hyperparameters that are only bounded are at one of their bounds.
     """
     free = inference.identified
     lower, upper = limits_of(hyperparameters)
@@ -122,6 +122,10 @@ def plausible_alphas(
     root = vectors / size
     out = np.tile(alpha, (REGIONS.alphas, 1))
     out[:, free] += REGIONS.spread * width * (special.ndtri(np.clip(u, 1e-9, 1.0)) @ root.T)
+    bounded = np.flatnonzero([h.bounded for h in hyperparameters])
+    if bounded.size:
+        corner = qmc.Sobol(bounded.size, rng=3).random(len(out)) > 0.5
+        out[:, bounded] = np.where(corner, upper[bounded], lower[bounded])
     return np.clip(out, lower, upper)
 
 

@@ -347,7 +347,9 @@ def estimates_of(
             estimate=float(alpha[k]),
             standard_error=float(inference.standard_error[k]) if known else None,
             sandwich_error=float(inference.sandwich_error[k]) if known else None,
-            interval=(float(low), float(high)) if sure else None,
+            interval=(
+                (float(low), float(high)) if sure else (h.lower, h.upper) if h.bounded else None
+            ),
             at_bound=inference.at_bound[k],
             fixed=not h.free,
             cut=CUT[low == h.lower, high == h.upper] if sure else None,

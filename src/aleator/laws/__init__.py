@@ -14,6 +14,7 @@ that a likelihood needs. `quadrature` has nodes and weights for averages over th
 
 from aleator.laws.hyperparameter import (
     OPEN,
+    Between,
     By,
     Free,
     Hyperparameter,
@@ -30,6 +31,7 @@ from aleator.laws.truncated_normal import TruncatedNormal
 
 __all__ = [
     "Beta",
+    "Between",
     "By",
     "Constant",
     "OPEN",

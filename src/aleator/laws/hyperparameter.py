@@ -85,11 +85,26 @@ class By(Free):
         object.__setattr__(self, "terms", dict(terms or {}))
 
 
+@dataclass(frozen=True, init=False)
+class Between(Free):
+    """A hyperparameter that is only bounded: it lies between two numbers, and is not identified.
+
+    No value between the bounds is more probable than another. An identification holds it at
+    `start`, by default the middle; `Identification.p_box` moves it through its bounds.
+
+    >>> Between(0.9, 1.1)
+    Between(lower=0.9, upper=1.1, start=None, prior=None)
+    """
+
+    def __init__(self, lower: float, upper: float, start: float | None = None) -> None:
+        super().__init__(lower, upper, start)
+
+
 OPEN = Free()
 """A hyperparameter to be identified within the law's default limits."""
 
 Specification = float | Free
-"""A hyperparameter as the user states it: a number fixes it, `Free` identifies it."""
+"""A hyperparameter as the user states it: a number, `Free` (identified), `Between` (bounded)."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +145,7 @@ class Beside:
 class Hyperparameter:
     """One hyperparameter with its limits, its start, and whether it is identified (`free`).
 
+    One that is not free is a known number, with equal limits, or is only `bounded` by its limits.
     With `log` the search uses its logarithm, as for a standard deviation. `by` is the formula of
     covariates that gives its value, until a table replaces it by coefficients. `beside` names other
     hyperparameters whose multiples the search adds to this one (see `Beside`). `prior` is its prior
@@ -145,6 +161,16 @@ class Hyperparameter:
     by: By | None = None
     beside: Beside | None = None
     prior: Prior | None = None
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it is a number: neither identified nor only bounded."""
+        return self.lower == self.upper
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it is only bounded by its limits, and not identified (see `Between`)."""
+        return not (self.free or self.is_number)
 
     @property
     def reaches_zero(self) -> bool:
@@ -220,7 +246,8 @@ def resolve(
             "give a small positive lower limit, such as a thousandth of the upper one",
         )
     nearest_zero = max(lower, LIMITS.nearest * upper) if lower <= LIMITS.zero * upper else lower
-    middle = math.sqrt(nearest_zero * upper) if positive else 0.5 * (lower + upper)
+    free = not isinstance(specification, Between)
+    middle = math.sqrt(nearest_zero * upper) if positive and free else 0.5 * (lower + upper)
     start = middle if specification.start is None else float(specification.start)
     _require(
         lower <= start <= upper,
@@ -230,7 +257,7 @@ def resolve(
     by = specification if isinstance(specification, By) else None
     law = specification.prior
     prior = None if law is None else Prior.of(law, name, lower, upper)
-    return Hyperparameter(name, lower, upper, start, free=True, log=positive, by=by, prior=prior)
+    return Hyperparameter(name, lower, upper, start, free, log=positive, by=by, prior=prior)
 
 
 def location_and_scale(

@@ -660,7 +660,9 @@ def _standard(law: Law, values: Array, theta: Array) -> Standard:
     found = law.standard(values, theta.ravel())
     shape = theta.shape
     return Standard(
-        found.x.reshape(shape), found.dtheta.reshape(shape), found.dvalues.reshape(*shape, -1)
+        found.x.reshape(shape),
+        found.dtheta.reshape(shape),
+        found.dvalues.reshape(*shape, found.dvalues.shape[-1]),
     )
 
 

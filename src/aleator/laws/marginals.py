@@ -317,8 +317,8 @@ class Uniform(ByMeanAndSd):
 
     @property
     def bounded(self) -> bool:
-        """Whether the law has no free hyperparameter; its support is then its `box`."""
-        return not any(h.free for h in self.hyperparameters)
+        """Whether all hyperparameters are known; the support of the law is then its `box`."""
+        return all(h.is_number for h in self.hyperparameters)
 
     def rule(self, values: Array, nodes: int) -> Rule:
         """The Gauss-Legendre rule, whose weights do not depend on alpha."""

@@ -88,7 +88,7 @@ class ScipyLaw(ThroughNormal):
     def bounded(self) -> bool:
         """Whether the law is known and has finite ends, which are then its `box`."""
         lower, upper = _ends(self.distribution)
-        return math.isfinite(upper - lower) and not any(h.free for h in self.hyperparameters)
+        return math.isfinite(upper - lower) and all(h.is_number for h in self.hyperparameters)
 
     def log_density(self, values: Array, x: Array) -> Array:
         """The log-density of the shifted and scaled T at x."""

@@ -250,7 +250,7 @@ class ProjectedPropagation:
         dweights = np.zeros((weights.size, alpha.size))
         for k, h in enumerate(self.inputs.hyperparameters):
             # The basis depends on alpha too. It costs no run, so that differences can be used.
-            if not h.free:
+            if h.is_number:
                 continue
             step = np.zeros_like(alpha)
             step[k] = self.step * (alpha[k] if h.log else h.upper - h.lower)

@@ -145,7 +145,7 @@ def estimates(document: Document) -> TextTable:
 
 def _note(entry: Document, thresholds: Thresholds = THRESHOLDS) -> str:
     if entry.get("fixed"):
-        return "fixed"
+        return "only bounded" if entry.get("interval") else "fixed"
     if entry.get("at_bound"):
         return f"at its {entry['at_bound']} bound"
     notes = []

@@ -153,7 +153,10 @@ class Result(Plain):
 
     @property
     def intervals(self) -> pd.DataFrame:
-        """95 % intervals by profile likelihood: columns lower, upper; NaN where there is none."""
+        """95 % intervals by profile likelihood: columns lower, upper; NaN where there is none.
+
+        Of a hyperparameter that is only bounded they are its bounds.
+        """
         ends = {name: e.interval or (np.nan, np.nan) for name, e in self.alpha.items()}
         return pd.DataFrame.from_dict(ends, orient="index", columns=["lower", "upper"])
 

@@ -103,7 +103,8 @@ class Estimate(Plain):
     profile likelihood has not dropped far enough there. `drops` are the drops of the profile
     log-likelihood at the two ends: 1.92 at an inner end, less at a limit. `unadjusted` is the
     interval with these drops if `interval` is adjusted for few experiments, which has other drops.
-    A fixed hyperparameter has neither errors nor interval.
+    A fixed hyperparameter has neither errors nor interval; if it is only bounded, `interval` has
+    its bounds.
     """
 
     estimate: float

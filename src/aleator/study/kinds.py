@@ -45,6 +45,7 @@ from aleator.errors import AleatorError, StudyError, nearest
 from aleator.laws import (
     OPEN,
     Beta,
+    Between,
     By,
     Constant,
     Free,
@@ -94,16 +95,26 @@ class FreeSection(Section):
     """A hyperparameter to be identified: `{lower = 0.5, upper = 1.4, start = 1.0}`.
 
     `prior` is a law with numbers as its keys: `prior = {law = "normal", mean = 1.0, sd = 0.1}`.
+    `{between = [0.9, 1.1]}` is a hyperparameter that is only bounded, and not identified.
     """
 
     lower: FiniteFloat | None = None
     upper: FiniteFloat | None = None
     start: FiniteFloat | None = None
     prior: Annotated[Any, PlainValidator(_law)] = None
+    between: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] | None = None
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
         low, high, start = self.lower, self.upper, self.start
+        if self.between is not None:
+            if self.model_fields_set - {"between", "start"}:
+                raise fault(
+                    "a value that is only bounded has no limits of a search and no prior",
+                    "keep between, or else lower, upper and prior",
+                    "between",
+                )
+            low, high = self.between
         if low is not None and high is not None and not low < high:
             raise fault(f"lower {low:g} >= upper {high:g}", "swap or correct the two numbers")
         for bad, side, bound in (
@@ -216,8 +227,8 @@ LawSpec = Annotated[
 def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
     """The library's specification of a hyperparameter, from the value of its key.
 
-    A number is a fixed value, a table has the limits of a free hyperparameter, and a text is a
-    formula of covariates.
+    A number is a fixed value, a table has the limits of a free hyperparameter or the bounds of one
+    that is only bounded, and a text is a formula of covariates.
 
     >>> specification(FreeSection(lower=0.0, upper=1.0))
     Free(lower=0.0, upper=1.0, start=None, prior=None)
@@ -231,6 +242,9 @@ def specification(spec: FiniteFloat | str | FreeSection) -> Specification:
         return By(spec.formula, spec.lower, spec.upper, spec.start, terms)
     if not isinstance(spec, FreeSection):
         return spec
+    if spec.between is not None:
+        lower, upper = spec.between
+        return Between(lower, upper, spec.start)
     prior = None if spec.prior is None else spec.prior.build(Path())
     return Free(spec.lower, spec.upper, spec.start, prior)
 

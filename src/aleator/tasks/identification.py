@@ -29,6 +29,7 @@ from aleator.surrogates import ResponseSurface
 from aleator.tasks.arguments import AnyNoise, Laws, RequestedConditions, inputs_of, noise_of
 from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.outcome_event import OutcomeEvent
+from aleator.tasks.p_box import PBox, p_box_of, require_one_law
 from aleator.tasks.prediction import PREDICTION
 from aleator.tasks.probability import Tolerance, limits, probabilities, requested_responses
 from aleator.tasks.session import Runners, Session, kept, missing, runners, runners_like
@@ -214,6 +215,31 @@ class Identification(Result):
         context = self.session.context(at, draws.estimate, of, noise)
         return self._with_units(probabilities(context, draws, asked, checks, progress))
 
+    def p_box(
+        self,
+        at: RequestedConditions = None,
+        *,
+        noise: bool = True,
+        progress: Progress | None = None,
+    ) -> PBox:
+        """The distributions of new outcomes that bounded hyperparameters leave possible.
+
+        For each value b of the hyperparameters that are only bounded (`Between`), the others are
+        identified again: alpha(b). The band holds P(y <= t) for every b that the experiments do not
+        rule out, those with log L(alpha(b)) at most 1.92 below the highest. A second, wider band
+        has the uncertainty of the identified ones too: all alpha and b with log L(alpha, b) at most
+        1.92 below the highest. Ask `quantiles`, `probability` and `pinched` of the result. `at` are
+        the conditions, as in `predict`.
+
+        Identifying again takes no runs: it uses the surfaces of the identification, which was made
+        with b at its start. Raises InputsError if nothing is only bounded, AleatorError if the
+        identification was read from a file.
+        """
+        return p_box_of(
+            self.session, in_order(self.alpha, self._hyperparameters), at,
+            noise=noise, sound=self.sound, units=self.units, progress=progress,
+        )  # fmt: skip
+
     def tolerance(
         self,
         content: float = 0.95,
@@ -251,6 +277,7 @@ class Identification(Result):
         return table
 
     def _taken(self, uncertainty: bool | AlphaDraws) -> AlphaDraws:
+        require_one_law(self._hyperparameters)
         if isinstance(uncertainty, AlphaDraws):
             return uncertainty
         if not isinstance(uncertainty, bool):

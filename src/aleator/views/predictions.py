@@ -49,10 +49,10 @@ def probabilities(columns: Columns, title: str) -> Content:
     """A table of probabilities with their intervals, and notes on how far they can be trusted."""
     rows = [
         (
-            _chance(row["probability"]),
+            chance(row["probability"]),
             NONE if math.isnan(row["lower"])
-            else f"{_chance(row['lower'])} .. {_chance(row['upper'])}",
-            _chance(row["error"], 1), beyond(row.get("beyond")),
+            else f"{chance(row['lower'])} .. {chance(row['upper'])}",
+            chance(row["error"], 1), beyond(row.get("beyond")),
             _note(row["status"]),
         )
         for row in _rows(columns)
@@ -68,7 +68,7 @@ def probabilities(columns: Columns, title: str) -> Content:
     if unseen:
         notes.append(
             "Fresh runs all over the law look for regions that the surface does not have. By them "
-            f"alone one with a probability above {_chance(max(unseen), 1)} is excluded with 95 % "
+            f"alone one with a probability above {chance(max(unseen), 1)} is excluded with 95 % "
             "confidence, a smaller one is not."
         )
     values = (">probability", ">95 % interval", ">+-", ">beyond", "~note")
@@ -109,6 +109,14 @@ def _content(
     rows: Sequence[Sequence[str]],
     *notes: Sentence,
 ) -> Content:
+    """A report with a table of predictions and notes."""
+    table = predicted_table(columns, values, rows)
+    return Content(title, sections=[Chapter("table", title, (table, *notes))])
+
+
+def predicted_table(
+    columns: Columns, values: Sequence[str], rows: Sequence[Sequence[str]]
+) -> TextTable:
     """The table of the conditions with the `rows` of values, under the heads `values`."""
     conditions = [*columns][: [*columns].index("outcome")]
     numeric = {n: all(isinstance(cell, int | float) for cell in columns[n]) for n in conditions}
@@ -118,7 +126,7 @@ def _content(
         for row in _rows(columns)
     ]
     whole = [(*of, *found) for of, found in zip(cells, rows, strict=True)]
-    return Content(title, sections=[Chapter("table", title, (TextTable(shown, whole), *notes))])
+    return TextTable(shown, whole)
 
 
 def _note(status: str) -> str:
@@ -129,7 +137,7 @@ def _rows(columns: Columns) -> list[dict[Any, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _chance(value: float, digits: int = 3, thresholds: Thresholds = THRESHOLDS) -> str:
+def chance(value: float, digits: int = 3, thresholds: Thresholds = THRESHOLDS) -> str:
     """The text of a probability; if it is near 1, as 1 minus a small number."""
     if math.isnan(value):
         return NONE

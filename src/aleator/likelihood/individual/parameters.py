@@ -164,7 +164,7 @@ def holds(inputs: Inputs, values: int, settings: FollowingSettings = FOLLOWING) 
 
 @lru_cache
 def moving(inputs: Inputs, settings: FollowingSettings = FOLLOWING) -> tuple[int, ...]:
-    """The indices of free hyperparameters that change the possible values of the parameters.
+    """The indices of hyperparameters, not known, that change the possible values of the parameters.
 
     They are the values of constants, and all hyperparameters of a law whose support depends on
     them. The score of such a law has a mean different from zero. This mean is computed at the start
@@ -174,7 +174,7 @@ def moving(inputs: Inputs, settings: FollowingSettings = FOLLOWING) -> tuple[int
     found = list[int]()
     for i, (law, part) in enumerate(zip(inputs.laws.values(), inputs.slices, strict=True)):
         if i not in inputs.scattered or not _fixed_support(law, start[part], settings):
-            found += [k for k in range(part.start, part.stop) if own[k].free]
+            found += [k for k in range(part.start, part.stop) if not own[k].is_number]
     return tuple(found)
 
 
@@ -229,7 +229,7 @@ def _scores_of(
     """
     found, scores = np.zeros((count, inputs.size)), inputs.normal_scores(alpha, x)
     for k, h in enumerate(inputs.hyperparameters):
-        if h.free:
+        if not h.is_number:
             size = max(abs(alpha[k]), settings.least_size * (h.upper - h.lower))
             step = settings.step * size
             up, down = (

@@ -70,7 +70,7 @@ def restricted(
     if not slope:
         return found
     by = np.zeros(alpha.size)
-    for k in np.flatnonzero([h.free for h in hyperparameters]):
+    for k in np.flatnonzero([not h.is_number for h in hyperparameters]):
         ahead, behind = alpha.copy(), alpha.copy()
         ahead[k] = min(alpha[k] + step[k], upper[k])
         behind[k] = max(alpha[k] - step[k], lower[k])
