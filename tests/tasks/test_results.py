@@ -273,8 +273,8 @@ WAYS = [
     (smooth, ONE, law_of_x(), {"density": MaximumEntropy(4)}, "maximum entropy, 4 moments"),
     (smooth, ONE, law_of_x(), {"density": MaximumEntropy(6)}, "maximum entropy, 6 moments"),
     (smooth, ONE, law_of_x(), {"propagation": Collocation()}, "maximum entropy, 4 moments"),
-    (smooth, ONE, law_of_x(), WITH_NOISE, "Gauss-Hermite, 5 nodes"),
-    (smooth, REPEATED, law_of_x(), WITH_NOISE, "Gauss-Hermite, 5 nodes"),
+    (smooth, ONE, law_of_x(), WITH_NOISE, "Gauss-Hermite, 9 nodes"),
+    (smooth, REPEATED, law_of_x(), WITH_NOISE, "Gauss-Hermite, 9 nodes"),
     (jump, FEW, law_of_x(), SMALL, "panels"),
 ]  # fmt: skip
 

@@ -100,7 +100,9 @@ class Differences:
                 behind[row] = max(point[row] - step, lower[row])
                 apart = ahead[row] - behind[row]
                 bend = (scores(behind) - scores(ahead)) / apart
-                off = 0.5 * abs(float(bend[:, row].sum())) * (0.5 * apart) ** 2 / self.drop
+                whole = bool(np.all(np.isfinite(bend)))
+                bent = abs(float(bend[:, row].sum())) if whole else np.inf
+                off = 0.5 * bent * (0.5 * apart) ** 2 / self.drop
                 if 1.0 / self.within < off < self.within or (off < 1.0 and step == longest):
                     break
                 least = 1.0 / self.farthest
