@@ -52,7 +52,8 @@ def test_every_command_and_option_is_documented() -> None:
     assert {name.removeprefix("aleator").strip() for name in found} == {
         "", "identify", "predict", "recover", "ceiling", "sensitivity", "box", "compare",
         "bootstrap", "posterior", "next", "pbox", "report", "new", "check", "schema", "demo",
-        "show", "runs", "runs list", "runs show", "runs export", "runs import", "runs retry", "runs forget",
+        "show", "runs", "runs list", "runs show", "runs export", "runs import", "runs retry",
+        "runs forget",
     }  # fmt: skip
     for name, command in found.items():
         assert command.help, name
