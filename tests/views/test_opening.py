@@ -1,5 +1,6 @@
 """The first screen: how a law and a new outcome are told, and what the two charts show."""
 
+import dataclasses
 import sys
 from typing import Any
 
@@ -12,10 +13,12 @@ from scipy import optimize, stats
 from aleator import AleatorError, By, Check, Experiments, Free, Inputs, Noise, Normal, identify
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.law_ranges import law_ranges
+from aleator.inference.pictures import law_bands, law_bands_by_level
 from aleator.results.findings import findings
 from aleator.tasks.identification import Identification, pictured
 from aleator.views.figures import experiments_figure
 from aleator.views.identification import identification, render
+from aleator.views.law_charts import law_chart
 from aleator.views.measured import measured
 from aleator.views.opening import outcome_chart
 
@@ -65,6 +68,47 @@ def test_a_law_that_follows_a_covariate_has_the_range_of_the_mean_law() -> None:
     ends = [optimize.brentq(lambda x, p=p: below(x) - p, -9.0, 9.0) for p in (0.025, 0.975)]
     assert (found.lower, found.upper) == pytest.approx(ends, abs=2e-3)
     assert found.follows
+
+
+def test_a_law_that_follows_a_factor_has_the_range_of_each_level() -> None:
+    table = pd.DataFrame({"by": ["a", "b"] * 15, "t": np.arange(30.0)})
+    inputs = Inputs({"k": Normal(By("0 + C(by) + t", -99.0, 99.0), 0.5)}).resolved(table)
+    alpha = np.array([1.0, 3.0, 0.2, 0.5])
+    z = stats.norm.ppf((np.arange(4000) + 0.5) / 4000)
+    sure = draws(alpha.tolist(), alpha + np.outer(z, [0.1, 0.3, 0.0, 0.0]))
+    found = law_ranges(inputs, inputs.hyperparameters, sure, 30, table)["k"]
+    assert (found.factor, found.at) == ("by", {"t": 14.5})
+    for level, mean, error in (("a", 1.0, 0.1), ("b", 3.0, 0.3)):
+        own = found.by_level[level]
+        middle = mean + 0.2 * 14.5
+        assert (own.lower, own.upper) == pytest.approx((middle - 0.5 * END, middle + 0.5 * END))
+        assert own.upper_interval is not None
+        assert 0.5 * np.diff(own.upper_interval)[0] == pytest.approx(error * END, rel=1e-2)
+    said = told(ranges={"k": dataclasses.asdict(found)}, units={"t": "s"})
+    assert ["by a, t 14.5 s" in said[0], "by b, t 14.5 s" in said[1]] == [True, True]
+
+
+@pytest.mark.parametrize("levels", [1, 5])
+def test_a_factor_of_one_or_many_levels_is_not_told_apart(levels: int) -> None:
+    table = pd.DataFrame({"by": [f"{k % levels}" for k in range(30)], "t": np.arange(30.0)})
+    formula = "1 + t + C(by)" if levels > 1 else "1 + t"
+    inputs = Inputs({"k": Normal(By(formula, -99.0, 99.0), 0.5)}).resolved(table)
+    alpha = AlphaDraws.at(np.array([h.start for h in inputs.hyperparameters]))
+    assert not law_ranges(inputs, inputs.hyperparameters, alpha, 30, table)["k"].by_level
+
+
+def test_the_chart_of_such_a_law_has_the_density_of_each_level() -> None:
+    table = pd.DataFrame({"by": ["a", "b"] * 15})
+    inputs = Inputs({"k": Normal(By("0 + C(by)", -9.0, 9.0), 0.5)}).resolved(table)
+    alpha = AlphaDraws.at(np.array([1.0, 3.0, 0.5]))
+    pictures = {"laws": law_bands(inputs, alpha, 30),
+                "laws_by_level": law_bands_by_level(inputs, alpha, table)}  # fmt: skip
+    chart = law_chart({"pictures": pictures, "ranges": {"k": {"factor": "by"}}}, "k")
+    lines = {mark.legend: mark for mark in chart.marks if mark.legend}
+    assert [*lines] == ["by a", "by b"]
+    for mark, mean in zip(lines.values(), (1.0, 3.0), strict=True):
+        expected = stats.norm.pdf(mark.array("x"), mean, 0.5)
+        assert mark.series.array("density") == pytest.approx(expected, abs=1e-4)
 
 
 # ------------------------------------------------------------------------------------ the sentences

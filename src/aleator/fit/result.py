@@ -41,7 +41,7 @@ from aleator.likelihood.individual import (
 )
 from aleator.likelihood.level_sets.predicted import PointPredictor as PointPredictor
 from aleator.likelihood.problem import Problem
-from aleator.observations.experiments import Experiments
+from aleator.observations.experiments import Experiments, covariates
 from aleator.results.result import Result
 from aleator.results.values import (
     REPORTED,
@@ -97,7 +97,13 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
     draws = alpha_draws(estimated(estimates, names, correlation, hyperparameters))
     return Result(
         alpha=estimates,
-        ranges=law_ranges(likelihood.inputs, hyperparameters, draws, len(table.ids)),
+        ranges=law_ranges(
+            likelihood.inputs,
+            hyperparameters,
+            draws,
+            len(table.ids),
+            covariates(table, likelihood.inputs.covariates),
+        ),
         log_likelihood=replace(
             log_likelihood,
             log_prior=log_prior(hyperparameters, alpha) if has_prior(hyperparameters) else None,

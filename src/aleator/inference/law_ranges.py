@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy import special
 
 from aleator.core.types import Array
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
+from aleator.inference.factors import LawsByLevel
 from aleator.inference.information import INTERVALS
+from aleator.laws.covariates import Table
 from aleator.laws.hyperparameter import Hyperparameter
 from aleator.laws.inputs import Inputs
-from aleator.results.values import LawRange
+from aleator.results.values import LawEnds, LawRange
 
 ENDS = np.array(INTERVALS.ends)
 
@@ -33,14 +38,20 @@ RANGES = RangeSettings()
 
 
 def law_ranges(
-    inputs: Inputs, hyperparameters: tuple[Hyperparameter, ...], draws: AlphaDraws, count: int
+    inputs: Inputs,
+    hyperparameters: tuple[Hyperparameter, ...],
+    draws: AlphaDraws,
+    count: int,
+    covariates: Table | None = None,
 ) -> dict[str, LawRange]:
     """The 95 % range of each scattering parameter, by name, for `count` experiments.
 
     q_p = F^-1(p | alpha) for p = 2.5 and 97.5 %, at the estimate; the interval of an end is that of
     the same quantiles of q_p over the `draws` of alpha. `hyperparameters` (K,) are those of alpha.
-    If a law follows covariates, F is the mean of the laws of the experiments. A law without finite
-    quantiles is left out. Cost: milliseconds, with covariates a second.
+    If a law follows covariates, F is the mean of the laws of the experiments; if one of them is a
+    factor of few levels, each level has its range too, which takes the `covariates` of the
+    experiments. A law without finite quantiles is left out. Cost: milliseconds, with covariates a
+    second.
 
     >>> from aleator.laws import Normal
     >>> inputs = Inputs({"x": Normal(2.0, 0.5)})
@@ -49,26 +60,48 @@ def law_ranges(
     >>> round(found.lower, 3), round(found.upper, 3), found.lower == found.lower_interval[0]
     (1.02, 2.98, True)
     """
-    here = law_ends(inputs, draws.estimate, count)
-    each = np.array([law_ends(inputs, alpha, count) for alpha in draws.alpha])
-    with np.errstate(invalid="ignore"):
-        sure = quantiles(np.moveaxis(each, 0, -1), draws.weights, ENDS)
+    every = _ends(lambda alpha: law_ends(inputs, alpha, count), draws)
     unknown = {hyperparameters[k].name.partition(".")[0] for k in draws.fixed}
     found = {}
-    for i, ends, (low, high) in zip(inputs.scattered, here, sure, strict=True):
+    for i, ends in zip(inputs.scattered, every, strict=True):
         name = inputs.names[i]
-        if not np.all(np.isfinite(ends)):
+        if not np.all(np.isfinite(ends[0])):
             continue
-        told = name not in unknown and bool(np.all(np.isfinite([low, high])))
+        apart = LawsByLevel.of(inputs, i, covariates)
+        known = name not in unknown
         found[name] = LawRange(
-            lower=float(ends[0]),
-            upper=float(ends[1]),
-            lower_interval=(float(low[0]), float(low[1])) if told else None,
-            upper_interval=(float(high[0]), float(high[1])) if told else None,
-            level=inputs.levels.get(name),
-            follows=_follows(inputs, i),
+            **_told(ends, known=known), level=inputs.levels.get(name), follows=_follows(inputs, i)
         )
+        if apart is not None:
+            each = _ends(partial(_ends_by_level, apart), draws)
+            by_level = {
+                level: LawEnds(**_told(own, known=known))
+                for level, own in zip(apart.levels, each, strict=True)
+            }
+            found[name] = replace(found[name], factor=apart.factor, at=apart.at, by_level=by_level)
     return found
+
+
+def _ends(of: Callable[[Array], Array], draws: AlphaDraws) -> Array:
+    """Ends (s, 2) at the estimate, then the low and the high ends of their intervals: (s, 3, 2)."""
+    each = np.array([of(alpha) for alpha in draws.alpha])
+    with np.errstate(invalid="ignore"):
+        sure = quantiles(np.moveaxis(each, 0, -1), draws.weights, ENDS)
+    return np.stack([of(draws.estimate), sure[..., 0], sure[..., 1]], axis=1)
+
+
+def _told(ends: Array, *, known: bool) -> dict[str, Any]:
+    """The fields of `LawEnds` for ends (3, 2); without intervals if these are not `known`."""
+    (lower, upper), *sure = ends.tolist()
+    intervals = [*zip(*sure, strict=True)] if known and np.all(np.isfinite(sure)) else [None, None]
+    return {"lower": lower, "upper": upper,
+            "lower_interval": intervals[0], "upper_interval": intervals[1]}  # fmt: skip
+
+
+def _ends_by_level(laws: LawsByLevel, alpha: Array) -> Array:
+    """The quantiles (E, 2) of 2.5 and 97.5 % of the laws of E levels."""
+    law = laws.inputs.law(laws.i)
+    return np.array([law.quantile(own, ENDS) for own in laws.values(alpha).T])
 
 
 def law_ends(inputs: Inputs, alpha: Array, count: int, settings: RangeSettings = RANGES) -> Array:

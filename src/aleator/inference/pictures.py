@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -15,6 +15,7 @@ from scipy import stats
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Indices
 from aleator.inference.alpha_draws import AlphaDraws, quantiles
+from aleator.inference.factors import LawsByLevel
 from aleator.inference.fit import Fit
 from aleator.inference.information import INTERVALS
 from aleator.inference.likelihood_shape import (
@@ -24,8 +25,10 @@ from aleator.inference.likelihood_shape import (
     weakest_pair,
 )
 from aleator.laws import Law, Mixture
+from aleator.laws.covariates import Table
 from aleator.laws.inputs import Inputs
 from aleator.laws.inputs import drawn as of_law
+from aleator.observations.experiments import covariates
 from aleator.results.result import Result
 from aleator.results.values import REPORTED, Estimate
 from aleator.search.interface import Scored
@@ -121,25 +124,55 @@ def law_bands(
     others = [_values(inputs, alpha, count, settings) for alpha in draws.alpha]
     found = {}
     for i in inputs.scattered:
-        law, name = [*inputs.laws.values()][i], inputs.names[i]
-        if isinstance(law, Mixture) and law.points:
+        band = _band(inputs.law(i), here[i], [own[i] for own in others], draws, settings)
+        if band is not None:
+            found[inputs.names[i]] = band
+    return found
+
+
+def law_bands_by_level(
+    inputs: Inputs, draws: AlphaDraws, covariates: Table, settings: PictureSettings = PICTURES
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """The entries of `law_bands` for each level of the factor that a law follows.
+
+    They are by the names of the parameters, then by level (see `LawsByLevel`).
+    """
+    found: dict[str, dict[str, dict[str, Any]]] = {}
+    for i in inputs.scattered:
+        apart = LawsByLevel.of(inputs, i, covariates)
+        if apart is None:
             continue
-        low, high = _ends(law, here[i])
-        wide = np.array([_ends(law, own[i]) for own in others])
-        low = min(low, float(np.quantile(wide[:, 0], settings.wide[0])))
-        high = max(high, float(np.quantile(wide[:, 1], settings.wide[1])))
-        x = np.linspace(low, high, settings.band_points)
-        density = _density(law, here[i], x)
-        each = np.array([_density(law, own[i], x) for own in others])
-        if not np.all(np.isfinite(x)) or not np.any(np.isfinite(density)):
-            continue
-        found[name] = {"x": drawn(x, settings.places), "density": drawn(density)}
-        if not draws.certain:
-            with np.errstate(invalid="ignore"):
-                band = quantiles(
-                    each.T, np.broadcast_to(draws.weights, each.T.shape), np.array(INTERVALS.ends)
-                )
-            found[name] |= {"lower": drawn(band[:, 0]), "upper": drawn(band[:, 1])}
+        here, others = apart.values(draws.estimate), [*map(apart.values, draws.alpha)]
+        for e, level in enumerate(apart.levels):
+            one = [own[:, e : e + 1] for own in others]
+            band = _band(inputs.law(i), here[:, e : e + 1], one, draws, settings)
+            if band is not None:
+                found.setdefault(inputs.names[i], {})[level] = band
+    return found
+
+
+def _band(
+    law: Law, here: Array, others: Sequence[Array], draws: AlphaDraws, settings: PictureSettings
+) -> dict[str, Any] | None:
+    """The mean density of a law at hyperparameters (k, E), and its band over `others` like it."""
+    if isinstance(law, Mixture) and law.points:
+        return None
+    low, high = _ends(law, here)
+    wide = np.array([_ends(law, own) for own in others])
+    low = min(low, float(np.quantile(wide[:, 0], settings.wide[0])))
+    high = max(high, float(np.quantile(wide[:, 1], settings.wide[1])))
+    x = np.linspace(low, high, settings.band_points)
+    density = _density(law, here, x)
+    each = np.array([_density(law, own, x) for own in others])
+    if not np.all(np.isfinite(x)) or not np.any(np.isfinite(density)):
+        return None
+    found = {"x": drawn(x, settings.places), "density": drawn(density)}
+    if not draws.certain:
+        with np.errstate(invalid="ignore"):
+            band = quantiles(
+                each.T, np.broadcast_to(draws.weights, each.T.shape), np.array(INTERVALS.ends)
+            )
+        found |= {"lower": drawn(band[:, 0]), "upper": drawn(band[:, 1])}
     return found
 
 
@@ -451,6 +484,9 @@ def opening_pictures(
     return {
         "conditions": _conditions(fit, settings),
         "laws": law_bands(fit.inputs, draws, fit.count, settings),
+        "laws_by_level": law_bands_by_level(
+            fit.inputs, draws, covariates(fit.table, fit.inputs.covariates), settings
+        ),
         "predicted": _predicted(fit, settings) if result.observations else {},
     }
 

@@ -95,6 +95,18 @@ class DesignMatrix:
         return DesignMatrix(self.formula, self.names, np.asarray(found, dtype=float), self.state)
 
     @property
+    def factors(self) -> tuple[str, ...]:
+        """The columns of the table whose entries the formula takes as levels."""
+        kinds = {str(factor): kind.value for factor, (kind, _) in self.state.encoder_state.items()}
+        named = [
+            re.sub(r"^C\((\w+).*\)$", r"\1", factor)
+            for factor, kind in kinds.items()
+            if kind == "categorical"
+        ]
+        known = variables(self.formula)
+        return tuple(name for name in dict.fromkeys(named) if name in known)
+
+    @property
     def base(self) -> Flags:
         """Flags (p,) of the columns whose sum is one: the intercept, or all levels of a factor."""
         ones = np.ones(len(self.matrix))
@@ -367,12 +379,7 @@ def _require_levels(design: DesignMatrix, covariates: Table) -> None:
 
     The coefficient of such a level cannot be separated from the scatter between experiments.
     """
-    for factor, (kind, _) in design.state.encoder_state.items():
-        if kind.value != "categorical":
-            continue
-        name = re.sub(r"^C\((\w+).*\)$", r"\1", str(factor))
-        if name not in covariates.columns:
-            continue
+    for name in design.factors:
         counts = covariates[name].value_counts()
         for level in counts.index[counts == 1]:
             alone = covariates.index[covariates[name] == level][0]

@@ -29,7 +29,7 @@ def findings(document: Document) -> tuple[Sentence, ...]:
     >>> one = {"lower": 0.1012, "upper": 0.1788, "lower_interval": [0.093, 0.109],
     ...        "upper_interval": [0.17, 0.188]}
     >>> print(*findings({"alpha": {}, "experiments": [], "ranges": {"friction": one}}))
-    95 % of experiments: friction 0.1012 to 0.1788 (ends sure to +- 0.0080 and 0.0090).
+    95 % of experiments: friction 0.1012 to 0.1788 (ends known to +- 0.0080 and 0.0090).
     """
     return (*_laws(document), *_constants(document), *_noise(document), *_new(document))
 
@@ -41,17 +41,25 @@ def _laws(document: Document) -> Iterator[Sentence]:
     for name, entry in (document.get("ranges") or {}).items():
         level = entry.get("level")
         whose = f"the groups by {level}" if level else "experiments"
-        whose += " like those of the table" if entry.get("follows") else ""
-        reach = [_half(entry.get(f"{end}_interval")) for end in ("lower", "upper")]
-        low, high = (
-            with_error(entry[end], own, estimate=True)[0]
-            for end, own in zip(("lower", "upper"), reach, strict=True)
-        )
-        unit = _unit(document, name)
-        yield _found(
-            f"{percent(0.95)} of {whose}",
-            f"{name} {low} to {high}{unit} ({_sure(reach, unit)})",
-        )
+        at = named_values(document, entry.get("at") or {})
+        for factor, ends in (entry.get("by_level") or {}).items():
+            with_ = ", ".join([f"{entry['factor']} {factor}", *at])
+            yield _law(document, name, f"{whose} with {with_}", ends)
+        if not entry.get("by_level"):
+            like = " like those of the table" if entry.get("follows") else ""
+            yield _law(document, name, f"{whose}{like}", entry)
+
+
+def _law(document: Document, name: str, whose: str, entry: Document) -> Sentence:
+    reach = [_half(entry.get(f"{end}_interval")) for end in ("lower", "upper")]
+    low, high = (
+        with_error(entry[end], own, estimate=True)[0]
+        for end, own in zip(("lower", "upper"), reach, strict=True)
+    )
+    unit = _unit(document, name)
+    return _found(
+        f"{percent(0.95)} of {whose}", f"{name} {low} to {high}{unit} ({_sure(reach, unit)})"
+    )
 
 
 def _half(ends: Sequence[float | None] | None) -> float | None:
@@ -67,8 +75,8 @@ def _sure(reach: Sequence[float | None], unit: str) -> str:
         return "this law is given"
     low, high = (with_error(own, own)[0] for own in reach if own is not None)
     if low == high:
-        return f"each end sure to +- {low}{unit}"
-    return f"ends sure to +- {low} and {high}{unit}"
+        return f"each end known to +- {low}{unit}"
+    return f"ends known to +- {low} and {high}{unit}"
 
 
 def _constants(document: Document) -> Iterator[Sentence]:
@@ -151,12 +159,17 @@ def _at(document: Document, id: object, varying: Document, amounts: Amounts = AM
         for name, column in columns.items()
         if place is not None and len(column) == len(entries) and name not in varying
     }
-    named = [
+    named = named_values(document, own | dict(varying))
+    return f" ({', '.join(named)})" if 0 < len(named) <= amounts.named_conditions else ""
+
+
+def named_values(document: Document, values: Document) -> list[str]:
+    """Values of conditions in words, each with its name and unit."""
+    return [
         f"{name} {number(v) if isinstance(v, int | float) else v}{_unit(document, name)}"
-        for name, v in (own | dict(varying)).items()
+        for name, v in values.items()
         if v is not None
     ]
-    return f" ({', '.join(named)})" if 0 < len(named) <= amounts.named_conditions else ""
 
 
 def _unit(document: Document, name: str) -> str:

@@ -294,6 +294,7 @@ class Pictures(DocumentEntry):
 
     conditions: dict[str, list[Number | str]] = {}
     laws: dict[str, Curve] = {}
+    laws_by_level: dict[str, dict[str, Curve]] = {}
     contours: list[Contour] = []
     profiles: dict[str, ProfileEntry] = {}
     surface: SurfaceEntry | None = None

@@ -119,22 +119,35 @@ class Estimate(Plain):
 
 
 @dataclass(frozen=True)
-class LawRange(Plain):
-    """The range of a scattering parameter that holds 95 % of its identified law.
+class LawEnds(Plain):
+    """The two ends of the range that holds 95 % of a law, and how sure they are.
 
     `lower` and `upper` are the quantiles of 2.5 % and 97.5 % of the law at the estimate of alpha.
     `lower_interval` and `upper_interval` hold 95 % of these quantiles over draws of alpha (see
     `found.draws`); they are None where the uncertainty of a hyperparameter of the law is unknown.
-    `level` is the column whose groups share one value; it is None if each experiment has its own.
-    If a law `follows` covariates, the range holds 95 % of the mean of the experiments' laws.
     """
 
     lower: float
     upper: float
     lower_interval: tuple[float, float] | None
     upper_interval: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class LawRange(LawEnds):
+    """The range of a scattering parameter that holds 95 % of its identified law.
+
+    `level` is the column whose groups share one value; it is None if each experiment has its own.
+    If a law `follows` covariates, the range holds 95 % of the mean of the experiments' laws. If it
+    follows a `factor` of two to four levels, `by_level` has the range of each level, where the
+    other covariates of the law have the values `at`.
+    """
+
     level: str | None = None
     follows: bool = False
+    factor: str | None = None
+    at: Mapping[str, Any] = field(default_factory=dict)
+    by_level: Mapping[str, LawEnds] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
 # ------------------------------------------------------------------------------------ charts
 
 
-LINES = {"solid": "-", "dashed": "--", "dotted": ":"}
+LINES = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
 MARKERS = {
     "circle": "o", "diamond": "D", "triangle": "^", "inverted_triangle": "v", "square": "s",
     "cross": "+", "x": "x", "tick": "|",

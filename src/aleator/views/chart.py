@@ -49,7 +49,8 @@ class ChartSettings:
     """Settings of charts: sizes in pixels of a page. The values are chosen by judgement, by eye.
 
     thin: width of a thin line. over: width of a line on a color map. halo: width of a light line
-    under it, against which it is seen. faint: opacity of a line through which others are seen. dot:
+    under it, against which it is seen. faint: opacity of a line through which others are seen.
+    behind: opacity of bands that may lie over each other. dot:
     size of a mark. tick: size of ticks and crosses. low, high: heights of a chart that needs little
     room, and of one that needs much. cell: width of a cell of a color map over the distance to the
     next cell; above 1 so that no gaps are seen. spans: the total width of all bars of predictions,
@@ -61,6 +62,7 @@ class ChartSettings:
     over: float = 2.5
     halo: float = 5.0
     faint: float = 0.7
+    behind: float = 0.2
     dot: float = 6.0
     tick: float = 14.0
     low: int = 250

@@ -55,7 +55,7 @@ TEX = re.compile(r'\[(?:\{start:"[^"]+",end:"[^"]+",inline:![01]\},?)+\]')
 """A pattern for the part of Bokeh's script that lists the delimiters of TeX in labels."""
 RENDERER = re.compile(r"https://cdn\.jsdelivr\.net/npm/mathjax[^\"]*")
 """A pattern for the address from which Bokeh would load a renderer of TeX."""
-DASHES = {"solid": [], "dashed": [6], "dotted": [2, 4]}
+DASHES = {"solid": [], "dashed": [6], "dotted": [2, 4], "dashdot": [6, 3, 2, 3]}
 
 
 def drawable(charts: Iterable[Chart]) -> Data:

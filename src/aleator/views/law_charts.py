@@ -13,6 +13,7 @@ from scipy.interpolate import PchipInterpolator, RectBivariateSpline, RegularGri
 from aleator.core.types import Array
 from aleator.inference.pictures import PICTURES, PictureSettings
 from aleator.inference.profile import DROP
+from aleator.results.findings import named_values
 from aleator.results.units import label, transforms, unit_of, with_unit
 from aleator.views import chart
 from aleator.views.chart import CHARTS, Axis, Chart, GuideLine, Mark, Series, numbers
@@ -26,6 +27,13 @@ The regions are for two hyperparameters: half of a chi-squared quantile with 2 d
 """
 DASHES = {"first": "dotted", "middle": "dashed", "last": "solid"}
 """The style of the line of a row, by the place of the row in its series."""
+LEVEL_LOOKS = (
+    (chart.BLUE, "solid"),
+    (chart.VERMILION, "dashed"),
+    (chart.GREEN, "dotted"),
+    (chart.INK, "dashdot"),
+)
+"""Color and line style of the law at each level of a factor."""
 
 # ------------------------------------------------------------------------------------ the law
 
@@ -46,16 +54,15 @@ def law_chart(
 
     `best` is the content of ceiling.json; the points of its best possible law are stems.
     """
-    curve, head = law_curves(document)[name], label(document, name)
-    source = Series(f"law-{name}", {key: numbers(curve[key]) for key in curve})
-    marks, columns = [], {"x": name, "density": "density"}
-    caption = "The line is the density at the estimate."
-    if "lower" in curve:
-        marks.append(Mark("band", source, y="lower", high="upper", color=chart.WIDE,
-                          legend="95 % band"))  # fmt: skip
-        columns |= {"lower": "density, lower", "upper": "density, upper"}
-        caption += " The band holds 95 % of the densities of plausible laws, at each value."
-    marks.append(Mark("line", source, y="density", width=2.0, legend="identified law"))
+    head, told = label(document, name), (document.get("ranges") or {}).get(name) or {}
+    apart = ((document.get("pictures") or {}).get("laws_by_level") or {}).get(name) or {}
+    if apart:
+        marks, data, caption = _by_level(document, name, apart, told)
+        columns, ends = {"of": str(told.get("factor")), "x": name, "density": "density"}, []
+    else:
+        marks, columns, caption = _one_law(document, name)
+        data = marks[0].series
+        ends = [GuideLine(told[end], across=False) for end in ("lower", "upper") if told]
     if individuals is not None and name in individuals.parameters:
         mean = f"mean_{name}"
         marks.append(Mark("points", individuals.series, mean, "foot", color=chart.INK,
@@ -74,8 +81,6 @@ def law_chart(
                           color=chart.VERMILION, width=2.0, legend="best law",
                           right=True))  # fmt: skip
         caption += " Stems are the points of the best of all laws, with a scale on the right."
-    held = (document.get("ranges") or {}).get(name)
-    ends = [GuideLine(held[end], across=False) for end in ("lower", "upper")] if held else []
     if ends:
         caption += (
             " Dashed: the ends of the 95 %; how sure each is: half of its 95 % interval over "
@@ -87,8 +92,49 @@ def law_chart(
     )
     return Chart(
         f"law-{name}", f"Law of {name}", caption, Axis(head), Axis(density), marks, columns, ends,
-        right=Axis("probability") if masses else None,
+        right=Axis("probability") if masses else None, data=data,
     )  # fmt: skip
+
+
+def _one_law(document: Document, name: str) -> tuple[list[Mark], dict[str, str], str]:
+    """The marks of one law for all experiments, the columns that are saved, and the caption."""
+    curve = law_curves(document)[name]
+    source = Series(f"law-{name}", {key: numbers(curve[key]) for key in curve})
+    marks, columns = [], {"x": name, "density": "density"}
+    caption = "The line is the density at the estimate."
+    if "lower" in curve:
+        marks.append(Mark("band", source, y="lower", high="upper", color=chart.WIDE,
+                          legend="95 % band"))  # fmt: skip
+        columns |= {"lower": "density, lower", "upper": "density, upper"}
+        caption += " The band holds 95 % of the densities of plausible laws, at each value."
+    marks.append(Mark("line", source, y="density", width=2.0, legend="identified law"))
+    return marks, columns, caption
+
+
+def _by_level(
+    document: Document, name: str, apart: Mapping[str, Document], told: Document
+) -> tuple[list[Mark], Series, str]:
+    """The marks of the laws at the levels of a factor, their data, and the caption."""
+    marks: list[Mark] = []
+    rows: list[tuple[Any, ...]] = []
+    for (level, curve), (color, dash) in zip(apart.items(), LEVEL_LOOKS, strict=False):
+        source = Series(f"law-{name}-{len(rows)}", {key: numbers(curve[key]) for key in curve})
+        said = f"{told.get('factor')} {level}"
+        if "lower" in curve:
+            marks.append(Mark("band", source, y="lower", high="upper", color=color,
+                              alpha=CHARTS.behind))  # fmt: skip
+        marks.append(Mark("line", source, y="density", color=color, dash=dash, width=2.0,
+                          legend=said))  # fmt: skip
+        rows.append((level, *(source.array(key).tolist() for key in ("x", "density"))))
+    columns = zip(("of", "x", "density"), zip(*rows, strict=True), strict=True)
+    data = Series(f"law-{name}", {key: [*column] for key, column in columns})
+    marks.append(Mark("lines", data, y="density", alpha=0.0))
+    caption = f"Lines are the densities at the estimate, one for each {told.get('factor')}."
+    if kept := named_values(document, told.get("at") or {}):
+        caption += f" The others are held at their median or most frequent: {', '.join(kept)}."
+    if any("lower" in curve for curve in apart.values()):
+        caption += " Bands hold 95 % of the densities of plausible laws, at each value."
+    return marks, data, caption
 
 
 def joint_chart(document: Document, pair: Document, individuals: Individuals | None) -> Chart:
