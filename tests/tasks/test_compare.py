@@ -193,6 +193,36 @@ def test_a_number_and_fewer_terms_are_special_cases() -> None:
     assert all(r.statistic > -1e-3 for r in found.ratios)
 
 
+def test_a_formula_is_nested_by_its_columns_and_not_by_its_spelling() -> None:
+    rng = np.random.default_rng(4)
+    frame = pd.DataFrame({"id": range(20), "by": ["a", "b"] * 10, "t": rng.uniform(0.0, 1.0, 20)})
+    frame["y"] = rng.normal(2.0 + (frame["by"] == "b"), 0.5)
+    table = Experiments.from_frame(frame, outcome="y", id="id")
+
+    def model(mean: Free | By) -> Identification:
+        return found_by(lambda m: m, table, Noise(0.1), m=Normal(mean, Free(0.01, 3.0)))
+
+    equal = model(Free(-9.0, 9.0))
+    found = compare(
+        equal=equal, zero=model(By("0 + C(by)", -9.0, 9.0)), one=model(By("1 + C(by)", -9.0, 9.0)),
+        sum=model(By("1 + C(by, contr.sum) + t", -9.0, 9.0)), slope=model(By("1 + t", -9.0, 9.0)),
+        ceilings=False,
+    )  # fmt: skip
+    rows = {(r["smaller"], r["larger"]): r for r in found.nested().to_dict("records")}
+    assert {*rows} == {("equal", "zero"), ("equal", "one"), ("equal", "slope"), ("equal", "sum"),
+                       ("zero", "sum"), ("one", "sum"), ("slope", "sum")}  # fmt: skip
+    first, second = rows["equal", "zero"], rows["equal", "one"]
+    assert (first["df"], first["reference"]) == (1, "chi2(1)")
+    assert first["ratio"] == pytest.approx(second["ratio"], abs=1e-4)
+    # Equal means and equal variances of two normal samples: the variance of the residuals decides.
+    y, by = frame["y"], frame.groupby("by")["y"].transform("mean")
+    exact = 20.0 * np.log(np.sum((y - y.mean()) ** 2) / np.sum((y - by) ** 2))
+    assert first["ratio"] == pytest.approx(exact, abs=1e-3)
+    assert {frozenset(pair[:2]) for pair in found.without} == {
+        frozenset(pair) for pair in (("zero", "one"), ("zero", "slope"), ("one", "slope"))
+    }
+
+
 def test_other_families_and_other_simulators_are_no_special_cases() -> None:
     """Their hyperparameters have the same names; their log-likelihoods there differ."""
     frame, fixed = made(), LogNormal(2.0, Free(0.0, 2.0))

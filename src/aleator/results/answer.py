@@ -58,12 +58,14 @@ def is_individual(document: Document) -> bool:
 
 
 def has_one_law(document: Document) -> bool:
-    """Whether experiments have noise and all one law, so that a best possible law is defined.
+    """Whether experiments have noise and all one law that scatters: `aleator ceiling` can answer.
 
     The means of laws that follow columns are coefficients, named as in `k.mean[temperature]`.
     """
     follows = any("[" in name for name in document["alpha"])
-    return bool(document.get("quadrature")) and not follows and not document.get("levels")
+    scatters = document.get("ranges") or document.get("law_curves")
+    noise = document.get("quadrature")
+    return bool(noise and scatters) and not follows and not document.get("levels")
 
 
 def conditional_rows(document: Document) -> str:

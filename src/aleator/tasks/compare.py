@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, permutations
+from itertools import combinations, pairwise
 from string import ascii_uppercase
 from typing import Any
 
@@ -15,7 +15,6 @@ from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array
 from aleator.errors import ExperimentsError, InputsError, nearest
 from aleator.inference.fit import Fit, names_of, refitted
-from aleator.inference.information import side_of
 from aleator.inference.model_choice import (
     Criteria,
     LeaveOneOut,
@@ -23,25 +22,22 @@ from aleator.inference.model_choice import (
     leave_one_out,
     summed_error,
 )
-from aleator.laws import Hyperparameter, Law, Mixture
-from aleator.laws.hyperparameter import has_prior, limits_of
+from aleator.laws.hyperparameter import has_prior
 from aleator.laws.levels import connected
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Transform
 from aleator.results import printed
 from aleator.tasks.ceiling import gap_of
 from aleator.tasks.identification import Identification
+from aleator.tasks.nesting import Embedding, embedded
 
 
 @dataclass(frozen=True)
 class ComparisonSettings:
-    """Settings that decide whether two models have equal data or laws; chosen by judgement."""
+    """Settings that decide whether two models have equal data; chosen by judgement."""
 
     same: float = 1e-9
     """The relative difference up to which two measured values are equal."""
-    agree: float = 0.02
-    """The difference of an experiment's log-density up to which two models have the same law there;
-    it allows for the errors of their response surfaces."""
 
 
 COMPARISON = ComparisonSettings()
@@ -102,137 +98,6 @@ def _difference(
     return None
 
 
-@dataclass(frozen=True, eq=False)
-class Embedding:
-    """A rule for the K hyperparameters of a larger model at which it equals a smaller one.
-
-    `source` (K,) is the index of the hyperparameter of the smaller model that has the same value.
-    It is -1 for a fixed value, which is in `value` (K,). `df` is the number of hyperparameters that
-    are free in the larger model only; `on_boundary` of these are then on a limit.
-    """
-
-    source: Array
-    value: Array
-    df: int
-    on_boundary: int
-
-    def of(self, alpha: Array) -> Array:
-        """The alpha (K,) of the larger model that equals the smaller model at its `alpha`."""
-        return np.where(self.source >= 0, alpha[self.source], self.value)
-
-
-def embedded(
-    smaller: Fit, larger: Fit, settings: ComparisonSettings = COMPARISON
-) -> Embedding | None:
-    """The embedding of a smaller model in a larger one; None if none is known.
-
-    The hyperparameters are matched by their names. The smaller model may have a number in place of
-    a free hyperparameter, a constant in place of a law whose scale may be zero, no correlation, or
-    a formula with fewer terms. Laws must be of the same family. Every experiment must have the same
-    log-likelihood in both models, or all together that share parameters, so that different
-    simulators or codings of covariates are not taken as nested. Cost: an evaluation of the
-    likelihood.
-    """
-    if not _same_families(smaller.inputs.laws, larger.inputs.laws):
-        return None
-    found = matched(smaller.hyperparameters, larger.hyperparameters)
-    if found is None or found.df < 1:
-        return None
-    alpha = found.of(smaller.alpha)
-    lower, upper = limits_of(larger.hyperparameters)
-    if np.any((alpha < lower) | (alpha > upper)):
-        return None
-    group = connected(np.array([smaller.cluster, larger.cluster]))
-    there, here = (fit.scored().summed(group)[0] for fit in (larger.at(alpha), smaller))
-    gaps = there - here
-    return found if np.all(np.abs(gaps) <= settings.agree) else None
-
-
-def _same_families(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> bool:
-    return smaller.keys() == larger.keys() and all(
-        not law.scatters or _family(law) == _family(larger[name]) for name, law in smaller.items()
-    )
-
-
-def _family(law: Law) -> object:
-    """A key that two laws have in common if they differ in their hyperparameters only."""
-    if isinstance(law, Mixture):
-        return [_family(component) for component in law.components]
-    own = {h.name for h in law.hyperparameters}
-    stated = [name for name in getattr(law, "__dataclass_fields__", ()) if name not in own]
-    return type(law), [_frozen(getattr(law, name)) for name in stated]
-
-
-def _frozen(value: object) -> object:
-    """A comparable form of a value: a SciPy distribution by its name and arguments."""
-    family = getattr(value, "dist", None)
-    return value if family is None else (family.name, value.args, value.kwds)  # type: ignore[attr-defined]
-
-
-def matched(
-    smaller: Sequence[Hyperparameter], larger: Sequence[Hyperparameter]
-) -> Embedding | None:
-    """The embedding of a smaller model in a larger one by hyperparameter names; None if none.
-
-    The likelihoods are not compared.
-
-    >>> from aleator.laws import Constant, Free, Inputs, Normal
-    >>> one = Inputs({"x": Constant(Free(0.0, 1.0))}).hyperparameters
-    >>> two = Inputs({"x": Normal(Free(0.0, 1.0), Free(0.0, 1.0))}).hyperparameters
-    >>> found = matched(one, two)
-    >>> found.of(np.array([0.3])).tolist(), found.df, found.on_boundary
-    ([0.3, 1e-06], 1, 1)
-    >>> matched(two, one) is None
-    True
-    """
-    known = {h.name: j for j, h in enumerate(smaller)}
-    sources, values, on_boundary = list[int](), list[float](), 0
-    for h in larger:
-        j = next((known[name] for name in _aliases(h.name) if name in known), -1)
-        value = _absent(h, known) if j < 0 else smaller[j].start
-        if value is None or not _reaches(h, None if j < 0 else smaller[j]):
-            return None
-        added = h.free and (j < 0 or not smaller[j].free)
-        on_boundary += added and side_of(value, h) is not None
-        sources.append(j)
-        values.append(value)
-    if set(range(len(smaller))) - set(sources):
-        return None
-    df = sum(h.free for h in larger) - sum(h.free for h in smaller)
-    return Embedding(np.array(sources, dtype=np.intp), np.array(values), df, on_boundary)
-
-
-def _aliases(name: str) -> list[str]:
-    """The names that a hyperparameter may have in a smaller model.
-
-    There the parameter may be a constant ("value" for "mean"), or not depend on a covariate.
-    """
-    bare = name.removesuffix("[Intercept]")
-    return [
-        *dict.fromkeys(
-            form.replace(".mean", old, 1) for form in (name, bare) for old in (".mean", ".value")
-        )
-    ]
-
-
-def _reaches(h: Hyperparameter, source: Hyperparameter | None) -> bool:
-    """Whether a hyperparameter can take the values of `source` in the smaller model."""
-    return source is None or h.free or (not source.free and source.start == h.start)
-
-
-def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
-    """The value at which a hyperparameter that the smaller model lacks has no effect; else None."""
-    parameter = h.name.partition(".")[0]
-    constant = any(name.startswith(f"{parameter}.value") for name in known)
-    further = parameter == "noise" and any(name.startswith("noise.") for name in known)
-    if h.log and (constant or further):
-        return h.lower
-    term = h.name.endswith("]") and any(name.startswith(f"{parameter}.") for name in known)
-    if parameter == "correlation" or (term and not h.log):
-        return 0.0 if h.lower <= 0.0 <= h.upper else None
-    return None
-
-
 RATIO = ("smaller", "larger", "ratio", "df", "reference", "p", "bootstrap_p", "replicates")
 """The columns of the table of likelihood ratios."""
 
@@ -243,7 +108,7 @@ class Competitor:
 
     `sound` and `consistent` are the verdicts of its identification. `left_out` has the predictive
     log-density of each experiment. `below_ceiling` is how much its log-likelihood is below that of
-    the best possible law; NaN where this was not computed.
+    the best possible law; where there is none it is NaN, and `no_ceiling` says why.
     """
 
     name: str
@@ -252,18 +117,21 @@ class Competitor:
     criteria: Criteria
     left_out: LeaveOneOut
     below_ceiling: float
+    no_ceiling: str = ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
     """The models of N experiments `ids`, the best prediction first, and their likelihood ratios.
 
-    Experiments that share parameters in a model are left out together, and count as one.
+    Experiments that share parameters in a model are left out together, and count as one. `without`
+    has the pairs of models that have no likelihood ratio, each with the reason.
     """
 
     ids: tuple[str, ...]
     models: tuple[Competitor, ...]
     ratios: tuple[LikelihoodRatio, ...]
+    without: tuple[tuple[str, str, str], ...] = ()
 
     def __repr__(self) -> str:
         return f"{self.table().to_string()}\n\n{self.nested().to_string()}"
@@ -335,6 +203,7 @@ class Comparison:
                 "of_rest": model.criteria.of_rest,
                 "observations": model.criteria.observations,
                 "not_arrived": int(np.sum(~model.left_out.arrived)),
+                "no_ceiling": model.no_ceiling,
             }
             for model in self.models
         }
@@ -345,6 +214,9 @@ class Comparison:
                 for name, row in self.table().to_dict("index").items()
             ],
             "nested": self.nested().to_dict("records"),
+            "without_ratio": [
+                {"models": [one, other], "reason": reason} for one, other, reason in self.without
+            ],
             "left_out": self.experiments().rename_axis("id").reset_index().to_dict("records"),
         }
 
@@ -418,19 +290,23 @@ def compared(
     for name, fit in fits.items():
         progress.stage(f"{name}: leave one out")
         left_out = leave_one_out(fit, progress, group)
-        gap = float("nan")
+        gap, reason = float("nan"), ""
         if ceilings:
             progress.stage("best possible law")
-            gap = _below_ceiling(fit, seed)
-        competitors.append(Competitor(name, *verdicts[name], criteria(fit), left_out, gap))
-    pairs = _pairs(fits, nested, settings)
+            try:
+                gap = gap_of(fit, seed)
+            except InputsError as error:
+                reason = error.problem
+        own = criteria(fit)
+        competitors.append(Competitor(name, *verdicts[name], own, left_out, gap, reason))
+    pairs, without = _pairs(fits, nested)
     ratios = []
     for (small, large), found_in in pairs.items():
         progress.stage(f"{small} in {large}: likelihood ratio")
         ratios.append(_ratio(fits, small, large, found_in, bootstrap, seed, progress))
     competitors.sort(key=lambda model: -np.nan_to_num(model.left_out.total, nan=-np.inf))
     ids = names_of(group, next(iter(fits.values())).table.ids)
-    return Comparison(ids, tuple(competitors), tuple(ratios))
+    return Comparison(ids, tuple(competitors), tuple(ratios), tuple(without))
 
 
 def criteria(fit: Fit) -> Criteria:
@@ -448,17 +324,6 @@ def criteria(fit: Fit) -> Criteria:
         fit.scored().likelihood, of_law, len(identified) - of_law, fit.count,
         len(fit.table.observations),
     )  # fmt: skip
-
-
-def _below_ceiling(fit: Fit, seed: int) -> float:
-    """The gap of a fit to the best possible law; NaN where that law is not defined.
-
-    It is not defined without noise, for laws that depend on covariates, and if nothing scatters.
-    """
-    try:
-        return gap_of(fit, seed)
-    except InputsError:
-        return float("nan")
 
 
 def _lettered(
@@ -497,22 +362,30 @@ def _check(
 
 
 def _pairs(
-    fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]], settings: ComparisonSettings
-) -> dict[tuple[str, str], Embedding | None]:
-    """The nested pairs (smaller, larger), with the embedding if one is known, else None."""
+    fits: Mapping[str, Fit], nested: Sequence[tuple[str, str]]
+) -> tuple[dict[tuple[str, str], Embedding | None], list[tuple[str, str, str]]]:
+    """The nested pairs (smaller, larger), with the embedding if one is known, else None.
+
+    Then the pairs that are not nested, with the reason.
+    """
     found: dict[tuple[str, str], Embedding | None] = {}
-    for small, large in permutations(fits, 2):
-        place = embedded(fits[small], fits[large], settings=settings)
-        if place is not None or (small, large) in nested:
+    without = []
+    for pair in combinations(fits, 2):
+        small, large = sorted(pair, key=lambda name: fits[name].inference.identified.size)
+        place = embedded(fits[small], fits[large])
+        if isinstance(place, Embedding):
             found[small, large] = place
+        elif not {(small, large), (large, small)} & {*nested}:
+            without.append((small, large, place))
     for small, large in nested:
+        found.setdefault((small, large), None)
         free = [fits[name].inference.identified.size for name in (small, large)]
         if free[1] <= free[0]:
             raise InputsError(
                 f"nested: '{large}' has {free[1]} free hyperparameters, '{small}' has {free[0]}",
                 "name the smaller model first",
             )
-    return found
+    return found, without
 
 
 def _ratio(

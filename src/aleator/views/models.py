@@ -39,7 +39,7 @@ def comparison(document: Document) -> Content:
     sections = [
         Chapter("criteria", "Criteria", _criteria(models)),
         Chapter("predictions", "Predictions", _predictions(models)),
-        Chapter("ratios", "Likelihood ratios", _ratios(document["nested"])),
+        Chapter("ratios", "Likelihood ratios", _ratios(document)),
         Chapter("notes", "Notes", [Sentence(note) for note in map(_note, models) if note]),
     ]
     return Content(
@@ -91,6 +91,10 @@ def _criteria(models: Sequence[Document]) -> list[Part]:
          str(model["free"]), *(_to_two(model[key]) for key in ("aic", "aicc", "bic")))
         for model in models
     ]  # fmt: skip
+    unknown: dict[str, list[str]] = {}
+    for model in models:
+        if model.get("no_ceiling"):
+            unknown.setdefault(model["no_ceiling"], []).append(model["name"])
     return [
         TextTable(columns, rows, "criteria", "Criteria"),
         Sentence(
@@ -98,6 +102,10 @@ def _criteria(models: Sequence[Document]) -> list[Part]:
             "those of laws that scatter and log M for those of the noise and of constants. Below "
             "best law: how much higher log L could be with a law of any shape (aleator ceiling "
             "judges that)."
+        ),
+        *(
+            Sentence(f"Below best law is not known for {_listed(names)}: {why}.")
+            for why, names in unknown.items()
         ),
     ]
 
@@ -121,24 +129,32 @@ def _predictions(models: Sequence[Document]) -> list[Part]:
     ]
 
 
-def _ratios(nested: Sequence[Document]) -> list[Part]:
+def _ratios(document: Document) -> list[Part]:
     columns = heads("in", ">ratio", ">p", ">bootstrap p", "~reference")
     rows = []
-    for ratio in nested:
+    for ratio in document["nested"]:
         p = ratio["p"]
         rows.append((
             f"{ratio['smaller']} < {ratio['larger']}", _to_two(ratio["ratio"]),
             number(p, 3) if p is not None and math.isfinite(p) else NONE,
             f"{ratio['bootstrap_p']:.4f}" if ratio["replicates"] else NONE, ratio["reference"],
         ))  # fmt: skip
+    reasons: dict[str, list[str]] = {}
+    for one in document.get("without_ratio") or ():
+        reasons.setdefault(one["reason"], []).append(_listed(one["models"]))
+    without = [
+        Sentence(f"No likelihood ratio of {', nor of '.join(pairs)}: {why}.")
+        for why, pairs in reasons.items()
+    ]
     if not rows:
-        return []
+        return [*without]
     return [
         TextTable(columns, rows, "ratios", "Likelihood ratios"),
         Sentence(
             "Ratio: 2 (log L of the larger - log L of the smaller). A small p speaks against the "
             "smaller."
         ),
+        *without,
     ]
 
 

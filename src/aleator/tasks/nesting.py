@@ -1,0 +1,218 @@
+"""Models that contain one another: at which hyperparameters a larger one equals a smaller one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aleator.core.types import Array
+from aleator.inference.fit import Fit
+from aleator.inference.information import side_of
+from aleator.laws import Hyperparameter, Law, Mixture
+from aleator.laws.hyperparameter import limits_of
+from aleator.laws.inputs import Inputs
+from aleator.laws.levels import connected
+
+
+@dataclass(frozen=True)
+class NestingSettings:
+    """Settings that decide whether two models have the same law; chosen by judgement."""
+
+    agree: float = 0.02
+    """The difference of an experiment's log-density up to which two models have the same law there;
+    it allows for the errors of their response surfaces."""
+    spanned: float = 1e-6
+    """A column of a design matrix lies in the column space of another if what that does not explain
+    is smaller than this, relative to the column."""
+
+
+NESTING = NestingSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Embedding:
+    """A rule for the K hyperparameters of a larger model at which it equals a smaller one.
+
+    They are `value` (K,) + `matrix` (K, k) alpha for the k hyperparameters alpha of the smaller
+    model. `df` is the number of hyperparameters that are free in the larger model only;
+    `on_boundary` of these are then on a limit.
+    """
+
+    matrix: Array
+    value: Array
+    df: int
+    on_boundary: int
+
+    def of(self, alpha: Array) -> Array:
+        """The alpha (K,) of the larger model that equals the smaller model at its `alpha`."""
+        return np.asarray(self.value + self.matrix @ alpha)
+
+
+def embedded(smaller: Fit, larger: Fit, settings: NestingSettings = NESTING) -> Embedding | str:
+    """The embedding of a smaller model in a larger one; if none is known, the reason in words.
+
+    The hyperparameters are matched by their names. The smaller model may have a number in place of
+    a free hyperparameter, a constant in place of a law whose scale may be zero, no correlation, or
+    a formula whose columns are linear combinations of those of the larger model, however it is
+    written. Laws must be of the same family. Every experiment must have the same log-likelihood in
+    both models, or all together that share parameters, so that different simulators are not taken
+    as nested. Cost: an evaluation of the likelihood.
+    """
+    if _free(larger) <= _free(smaller):
+        return "neither has more free hyperparameters than the other"
+    if not _same_families(smaller.inputs.laws, larger.inputs.laws):
+        return "their parameters have laws of other families, or not the same parameters scatter"
+    spans = _spans(smaller.inputs, larger.inputs, settings)
+    found = matched(smaller.hyperparameters, larger.hyperparameters, spans)
+    if isinstance(found, str):
+        return found
+    alpha = found.of(smaller.alpha)
+    lower, upper = limits_of(larger.hyperparameters)
+    if np.any(beyond := (alpha < lower) | (alpha > upper)):
+        h = larger.hyperparameters[int(np.argmax(beyond))]
+        return f"the limits of {h.name} in the larger model leave the smaller one out"
+    group = connected(np.array([smaller.cluster, larger.cluster]))
+    there, here = (fit.scored().summed(group)[0] for fit in (larger.at(alpha), smaller))
+    if not np.all(np.abs(there - here) <= settings.agree):
+        return "where their hyperparameters are equal, their likelihoods are not"
+    return found
+
+
+def _free(fit: Fit) -> int:
+    return sum(h.free for h in fit.hyperparameters)
+
+
+def _same_families(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> bool:
+    return smaller.keys() == larger.keys() and all(
+        not law.scatters or _family(law) == _family(larger[name]) for name, law in smaller.items()
+    )
+
+
+def _family(law: Law) -> object:
+    """A key that two laws have in common if they differ in their hyperparameters only."""
+    if isinstance(law, Mixture):
+        return [_family(component) for component in law.components]
+    own = {h.name for h in law.hyperparameters}
+    stated = [name for name in getattr(law, "__dataclass_fields__", ()) if name not in own]
+    return type(law), [_frozen(getattr(law, name)) for name in stated]
+
+
+def _frozen(value: object) -> object:
+    """A comparable form of a value: a SciPy distribution by its name and arguments."""
+    family = getattr(value, "dist", None)
+    return value if family is None else (family.name, value.args, value.kwds)  # type: ignore[attr-defined]
+
+
+def _spans(smaller: Inputs, larger: Inputs, settings: NestingSettings) -> dict[int, Array]:
+    """Rows of the matrix of an `Embedding` for coefficients that span those of the smaller model.
+
+    They are by the places of the coefficients of the larger model, which must be free.
+    """
+    if larger.covariate_model is None:
+        return {}
+    found: dict[int, Array] = {}
+    own = {name: (places, design) for name, places, design in _designs(smaller, larger)}
+    for entry in larger.covariate_model.entries:
+        name = entry.hyperparameter.name
+        known = next((own[one] for one in _aliases(name) if one in own), None)
+        free = all(h.free for h in larger.hyperparameters[entry.places])
+        if entry.design is None or known is None or not free:
+            continue
+        places, columns = known
+        by = np.linalg.lstsq(entry.design.matrix, columns)[0]
+        missed = np.linalg.norm(entry.design.matrix @ by - columns, axis=0)
+        if np.all(missed <= settings.spanned * np.linalg.norm(columns, axis=0)):
+            rows = np.zeros((len(by), len(smaller.hyperparameters)))
+            rows[:, places] = by
+            found |= dict(zip(range(*entry.places.indices(larger.size)), rows, strict=True))
+    return found
+
+
+def _designs(smaller: Inputs, larger: Inputs) -> list[tuple[str, slice, Array]]:
+    """The name, places and design matrix of each hyperparameter of the smaller model's laws."""
+    assert larger.covariate_model is not None
+    ones = np.ones((larger.covariate_model.count, 1))
+    if smaller.covariate_model is None:
+        every = enumerate(smaller.hyperparameters[: smaller.partials.start])
+        return [(h.name, slice(k, k + 1), ones) for k, h in every]
+    return [
+        (e.hyperparameter.name, e.places, ones if e.design is None else e.design.matrix)
+        for e in smaller.covariate_model.entries
+    ]
+
+
+def matched(
+    smaller: Sequence[Hyperparameter],
+    larger: Sequence[Hyperparameter],
+    spans: Mapping[int, Array] | None = None,
+) -> Embedding | str:
+    """The embedding of a smaller model in a larger one by hyperparameter names, or why none is.
+
+    `spans` has rows of its matrix that are known otherwise, for the first hyperparameters of the
+    smaller model. The likelihoods are not compared.
+
+    >>> from aleator.laws import Constant, Free, Inputs, Normal
+    >>> one = Inputs({"x": Constant(Free(0.0, 1.0))}).hyperparameters
+    >>> two = Inputs({"x": Normal(Free(0.0, 1.0), Free(0.0, 1.0))}).hyperparameters
+    >>> found = matched(one, two)
+    >>> found.of(np.array([0.3])).tolist(), found.df, found.on_boundary
+    ([0.3, 1e-06], 1, 1)
+    >>> matched(two, one)
+    'x.value is in the larger model only, and no value of it has no effect'
+    """
+    known, spans = {h.name: j for j, h in enumerate(smaller)}, spans or {}
+    matrix, values = np.zeros((len(larger), len(smaller))), np.zeros(len(larger))
+    on_boundary = 0
+    for k, h in enumerate(larger):
+        if k in spans:
+            matrix[k, : spans[k].size] = spans[k]
+            continue
+        j = next((known[name] for name in _aliases(h.name) if name in known), -1)
+        value = _absent(h, known) if j < 0 else smaller[j].start
+        if value is None:
+            return f"{h.name} is in the larger model only, and no value of it has no effect"
+        if not _reaches(h, None if j < 0 else smaller[j]):
+            return f"{h.name} is fixed in the larger model"
+        on_boundary += h.free and (j < 0 or not smaller[j].free) and side_of(value, h) is not None
+        if j < 0:
+            values[k] = value
+        else:
+            matrix[k, j] = 1.0
+    alone = np.flatnonzero(~matrix.any(axis=0))
+    if alone.size:
+        return f"{smaller[int(alone[0])].name} is in the smaller model only"
+    df = sum(h.free for h in larger) - sum(h.free for h in smaller)
+    return Embedding(matrix, values, df, on_boundary)
+
+
+def _aliases(name: str) -> list[str]:
+    """The names that a hyperparameter may have in a smaller model.
+
+    There the parameter may be a constant ("value" for "mean"), or not depend on a covariate.
+    """
+    bare = name.removesuffix("[Intercept]")
+    return [
+        *dict.fromkeys(
+            form.replace(".mean", old, 1) for form in (name, bare) for old in (".mean", ".value")
+        )
+    ]
+
+
+def _reaches(h: Hyperparameter, source: Hyperparameter | None) -> bool:
+    """Whether a hyperparameter can take the values of `source` in the smaller model."""
+    return source is None or h.free or (not source.free and source.start == h.start)
+
+
+def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
+    """The value at which a hyperparameter that the smaller model lacks has no effect; else None."""
+    parameter = h.name.partition(".")[0]
+    constant = any(name.startswith(f"{parameter}.value") for name in known)
+    further = parameter == "noise" and any(name.startswith("noise.") for name in known)
+    if h.log and (constant or further):
+        return h.lower
+    term = h.name.endswith("]") and any(name.startswith(f"{parameter}.") for name in known)
+    if parameter == "correlation" or (term and not h.log):
+        return 0.0 if h.lower <= 0.0 <= h.upper else None
+    return None
