@@ -1,7 +1,10 @@
 """Figures and charts on axes: what is drawn is what the document holds, in the same bytes."""
 
+import json
 import math
 import random
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,6 +20,7 @@ from scipy.stats import kstwo, norm
 from aleator import AleatorError, Check, Free, Identification, Inputs, Noise, Normal, identify, plot
 from aleator.views.chart import GRAY, INK, VERMILION
 from aleator.views.figures import calibration_figure, experiments_figure, save_figures
+from aleator.views.interactive import LOG_TICKS
 
 QUANTILES = ("0.025", "0.25", "0.5", "0.75", "0.975")
 
@@ -87,6 +91,37 @@ def test_an_experiment_without_a_density_has_a_dot_but_no_bar(tmp_path: Path) ->
     assert dots(axes, GRAY).T.tolist() == [[6.0, 9.0]]
     assert len(axes.patches) == 10
     assert len(save_figures({"experiments": [unsolved(1.0), unsolved(2.0)]}, tmp_path)) == 2
+
+
+def test_a_logarithmic_axis_has_a_number_at_1_2_and_5_of_each_decade() -> None:
+    result = document(20, outcome="cycles", transform="log")
+    for k, entry in enumerate(result["experiments"]):
+        entry["outcome"] = middle = np.log(300.0 * 1.1**k)
+        entry["quantiles"] = {p: middle + float(norm.ppf(float(p))) / 4.0 for p in QUANTILES}
+    axes = experiments_figure(result).axes[0]
+    low, high = axes.get_ylim()
+    shown = [t for t in axes.get_yticks() if low <= t <= high]
+    every = [digit * 10.0**k for k in range(1, 5) for digit in (1.0, 2.0, 5.0)]
+    assert shown == pytest.approx([t for t in every if low <= t <= high])
+    assert len(shown) > 2
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+@pytest.mark.parametrize(
+    ("low", "high", "ticks"),
+    [
+        (190.0, 1.1e4, [200, 500, 1000, 2000, 5000, 10000]),
+        (0.03, 0.7, [0.05, 0.1, 0.2, 0.5]),
+        (2e-3, 5e4, [0.01, 0.1, 1, 10, 100, 1000, 10000]),
+        (620.0, 910.0, [650, 700, 750, 800, 850, 900]),
+    ],
+)
+def test_the_page_has_such_an_axis_too(low: float, high: float, ticks: list[float]) -> None:
+    call = f"(function (cb_data) {{{LOG_TICKS}}})({{start: {low}, end: {high}}})"
+    seen = subprocess.run(
+        ["node", "-p", f"JSON.stringify({call})"], capture_output=True, text=True, check=True
+    )
+    assert json.loads(seen.stdout) == pytest.approx(ticks)
 
 
 def test_a_logarithm_is_drawn_as_the_outcome_on_a_logarithmic_scale() -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aleator.errors import AleatorError, short
+from aleator.results.printed import number
 from aleator.views.chart import BLUE as BLUE
 from aleator.views.chart import CHARTS, INK, LINE, TEXT, Chart, Mark, looks, meaning
 from aleator.views.chart import GRAY as GRAY
@@ -150,11 +151,12 @@ def draw(chart: Chart, axes: Axes) -> Axes:
         line(rule.at, color=rule.color, lw=1, ls=dash, zorder=1)
     axes.set(xlabel=chart.x.title, ylabel=chart.y.title)
     if chart.y.log:
-        from matplotlib.ticker import LogFormatter
+        from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(LogFormatter())
-        axes.yaxis.set_minor_formatter(LogFormatter())
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
     if chart.foot:
         axes.set_ylim(bottom=0.0)
     return axes

@@ -55,6 +55,26 @@ TEX = re.compile(r'\[(?:\{start:"[^"]+",end:"[^"]+",inline:![01]\},?)+\]')
 """A pattern for the part of Bokeh's script that lists the delimiters of TeX in labels."""
 RENDERER = re.compile(r"https://cdn\.jsdelivr\.net/npm/mathjax[^\"]*")
 """A pattern for the address from which Bokeh would load a renderer of TeX."""
+LOG_TICKS = """
+const low = Math.min(cb_data.start, cb_data.end), high = Math.max(cb_data.start, cb_data.end);
+const decades = Math.log10(high / low), ticks = [];
+if (!(low > 0 && decades > 0)) return ticks;
+if (decades < 1) {
+  const wanted = (high - low) / 6, size = 10 ** Math.floor(Math.log10(wanted));
+  const step = size * [1, 2, 5, 10].find((digit) => digit * size >= wanted);
+  for (let k = Math.ceil(low / step); k * step <= high; k++) ticks.push(k * step);
+  return ticks;
+}
+const digits = decades > 4 ? [1] : [1, 2, 5], every = Math.ceil(decades / 12);
+for (let k = Math.floor(Math.log10(low)); k <= Math.log10(high); k++)
+  for (const digit of k % every ? [] : digits) ticks.push(Number(`${digit}e${k}`));
+return ticks.filter((tick) => tick >= low && tick <= high);
+"""
+"""The ticks of a logarithmic axis: 1-2-5 in each decade, of many decades their ends only.
+
+Within one decade they are evenly spaced. Bokeh's own are evenly spaced below two decades, which
+leaves the lower half of the axis without a number.
+"""
 DASHES = {"solid": [], "dashed": [6], "dotted": [2, 4], "dashdot": [6, 3, 2, 3]}
 
 
@@ -211,7 +231,8 @@ def _figure(plot: Plot, chart: Chart) -> BokehModel:
 def axis(of: Axis) -> BokehModel:
     """The axis of a plot, with its title and its scale."""
     has = {
-        "ticker": BokehModel("LogTicker" if of.log else "BasicTicker", {"mantissas": [1, 2, 5]}),
+        "ticker": BokehModel("CustomJSTicker", {"major_code": LOG_TICKS}) if of.log
+        else BokehModel("BasicTicker", {"mantissas": [1, 2, 5]}),
         "formatter": BokehModel("LogTickFormatter" if of.log else "BasicTickFormatter"),
         "axis_label": of.title, "axis_line_color": colors.LINE,
         "major_tick_line_color": colors.LINE, "minor_tick_line_color": None,
