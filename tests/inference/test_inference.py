@@ -11,9 +11,10 @@ from scipy import optimize, stats
 
 from aleator import Constant, Free, Gaussian, GradientMultistart, Inputs, Normal
 from aleator.core.types import Array
-from aleator.inference.diagnostics import weak_directions
+from aleator.inference.diagnostics import bound_warnings
+from aleator.inference.identifiability import identifiability_warnings, weak_directions
 from aleator.inference.information import Inference, infer, observed_information
-from aleator.inference.profile import profile_intervals
+from aleator.inference.profile import Profile, profile_intervals
 from aleator.moments.likelihood import Likelihood
 from aleator.search import SearchResult
 
@@ -261,6 +262,24 @@ def test_a_nearly_flat_direction_is_named_with_its_combination() -> None:
     assert inference.correlation[0, 1] == pytest.approx(expected, abs=2e-4)
     (weak,) = weak_directions(inference, problem.hyperparameters)
     assert sorted(weak.concerns) == ["b0.mean", "b1.value"]
+
+
+@pytest.mark.parametrize(
+    ("drops", "told"), [((0.01, 1.05), True), ((0.01, 1.6), False), ((1.92, 0.1), False)]
+)
+def test_a_profile_that_is_flat_from_limit_to_limit_is_told_with_what_goes_with_it(
+    drops: tuple[float, float], told: bool
+) -> None:
+    *_, inference = maximized(SAMPLE, SAMPLE.draw(13))
+    k = int(inference.free[1])
+    profile = Profile.unknown_ends(len(SAMPLE.hyperparameters))
+    h = SAMPLE.hyperparameters[k]
+    profile.intervals[k], profile.drops[k] = (h.lower, h.upper), drops
+    found = identifiability_warnings(inference, SAMPLE.hyperparameters, profile)
+    assert [one.concerns for one in found] == [(h.name,)] * told
+    assert all(SAMPLE.hyperparameters[inference.free[0]].name in one.message for one in found)
+    (unknown,) = bound_warnings(SAMPLE.hyperparameters, inference, profile)
+    assert (h.name in unknown.remedy) is told
 
 
 def test_a_parameter_without_effect_is_named() -> None:

@@ -54,7 +54,7 @@ from aleator.results.values import (
     ParameterCorrelation,
 )
 from aleator.search import SearchResult
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import Hill, LogLikelihood
 
 DIRECT = "direct"
 """The name of the propagation method in a result where the simulator itself was integrated over."""
@@ -116,7 +116,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         failures=diagnostics.failure_report(question.runner) if failing else None,
         correlation_names=names,
         correlation=correlation,
-        search=search_of(certain.search_result, inference, hyperparameters),
+        search=search_of(certain.search_result, reviewed.hills, inference, hyperparameters),
         baselines=baselines,
         runs=sum(ledger.runs.values()),
         runs_by_stage=ledger.runs,
@@ -393,22 +393,31 @@ def parameter_correlations_of(
 
 
 def search_of(
-    found: SearchResult, inference: Inference, hyperparameters: Sequence[Hyperparameter]
+    found: SearchResult,
+    hills: Sequence[Hill],
+    inference: Inference,
+    hyperparameters: Sequence[Hyperparameter],
 ) -> dict[str, Any]:
-    """The report of the search: its method, number of starts and evaluations, and optima."""
+    """The report of the search: its method, number of starts and evaluations, and optima.
+
+    `stopped` are ends of ascents that had used up their evaluations before an optimum.
+    """
+    ends: dict[bool, list[dict[str, Any]]] = {True: [], False: []}
+    for hill in hills:
+        ends[hill.arrived].append(
+            {
+                "log_likelihood": hill.log_likelihood,
+                "alpha": _named(hill.alpha, hyperparameters),
+                "starts": hill.starts,
+            }
+        )
     return {
         "method": found.method,
         "starts": len(found.ascents),
         "evaluations": found.evaluations,
-        "distinct_optima": len(found.optima),
-        "optima": [
-            {
-                "log_likelihood": optimum.log_likelihood,
-                "alpha": _named(optimum.alpha, hyperparameters),
-                "starts": optimum.starts,
-            }
-            for optimum in found.optima
-        ],
+        "distinct_optima": len(ends[True]),
+        "optima": ends[True],
+        "stopped": ends[False],
         "edm": inference.edm,
         "converged": found.converged,
     }

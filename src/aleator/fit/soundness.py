@@ -13,6 +13,7 @@ from aleator.fit.flow import Answer
 from aleator.fit.quadrature import AnyLikelihood, Maximum
 from aleator.inference import diagnostics
 from aleator.inference import surface_diagnostics as on_surfaces
+from aleator.inference.identifiability import identifiability_warnings
 from aleator.inference.small_sample import unadjusted_warnings
 from aleator.inference.surface_diagnostics import BUDGET
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
@@ -20,7 +21,7 @@ from aleator.likelihood.individual.rules import standard_points
 from aleator.likelihood.problem import Problem
 from aleator.observations.experiments import Experiments
 from aleator.results.values import Diagnostic
-from aleator.search.interface import LogLikelihood
+from aleator.search.interface import Hill, LogLikelihood, hills_of
 
 EMULATOR = "emulator"
 NONE = EmulatorError(0.0, 0.0, 1.0, np.zeros(0))
@@ -120,6 +121,13 @@ class Reviewed:
             return np.zeros((2, problem.count))
         return on_surfaces.by_finer_cells(problem, self._end.alpha)
 
+    @cached_property
+    def hills(self) -> tuple[Hill, ...]:
+        """The maxima that the search met, the best first, each with the starts that ended there."""
+        inferred = self.answer.inferred
+        scores = self._likelihood(self._end.alpha).scores
+        return hills_of(inferred.search_result, scores, inferred.inference.identified)
+
     @property
     def surface_error(self) -> Array:
         """The relative error (M,) of the surface near each observation; NaN without a check."""
@@ -191,7 +199,7 @@ class Reviewed:
             *diagnostics.once_warnings(inferred.search_result),
             *diagnostics.bound_warnings(hyperparameters, inference, profile),
             *unadjusted_warnings(hyperparameters, profile),
-            *diagnostics.weak_directions(inference, hyperparameters),
+            *identifiability_warnings(inference, hyperparameters, profile),
             *self._centering,
             *diagnostics.rival_warnings(inferred.rivals, hyperparameters, profile.intervals),
             *on_surfaces.level_warnings(self.by_cells),

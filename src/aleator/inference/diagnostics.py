@@ -1,8 +1,9 @@
 """What a reader must know before trusting a result: warnings and refusals, each with a remedy.
 
 A refusal says that the result is not sound. About the estimates: too few experiments, estimates on
-limits, directions that the experiments do not determine. About single experiments: no density, no
-runs, no observations. The errors of surfaces and level sets are in `surface_diagnostics.py`.
+limits, a search that did not arrive. About single experiments: no density, no runs, no
+observations. What the experiments do not determine is in `identifiability.py`, the errors of
+surfaces and level sets are in `surface_diagnostics.py`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from aleator.core.status import Status
 from aleator.core.types import Array, Flags, Indices
+from aleator.inference.identifiability import flat_profiles
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
 from aleator.laws import Hyperparameter
@@ -44,12 +46,6 @@ class EstimateSettings:
     law contain the truth in less than 93 % of all cases: 92 % with four, 91 % with three, by the
     laws of Student and Helmert.
     """
-    weak: float = 0.02
-    """Curvature of the log-likelihood along a direction, relative to that of the single
-    hyperparameters, below which the direction is called weak.
-    """
-    part: float = 0.3
-    """Component of a weak direction from which a hyperparameter is named in the message."""
     correlation: float = 0.95
     """Correlation of two estimates from which advice about the pair is given."""
     distance: float = 3.0
@@ -167,15 +163,19 @@ def bound_warnings(
     """Warnings about estimates on a limit, and about intervals of which an end is unknown."""
     sides = zip(hyperparameters, inference.at_bound, strict=True)
     warnings = [_on_limit(h, side) for h, side in sides if side is not None]
+    flat = flat_profiles(hyperparameters, inference, profile)
     unknown = tuple(hyperparameters[k].name for k in profile.unknown(inference.identified))
     if unknown and inference.positive:
+        names = ", ".join(hyperparameters[k].name for k in flat)
         warnings.append(
             Diagnostic(
                 "interval",
                 f"no interval is told of {', '.join(unknown)}: an end of it could not be found, at "
                 "which the profile of the log-likelihood has dropped by 1.92",
-                "take the standard error for what it is worth, or a bootstrap of the experiments; "
-                "see whether the likelihood is rough because the simulator jumps",
+                f"first fix {names}, which these data cannot tell"
+                if flat
+                else "take the standard error for what it is worth, or a bootstrap of the "
+                "experiments; see whether the likelihood is rough because the simulator jumps",
                 unknown,
             )
         )
@@ -200,97 +200,6 @@ def _on_limit(h: Hyperparameter, side: str) -> Diagnostic:
         "widen the limit if it is not physical, or fix the hyperparameter"
         + (constant if scatter else ""),
         (h.name,),
-    )
-
-
-REMEDY = "fix a hyperparameter, or measure under more varied conditions"
-
-
-def weak_directions(
-    inference: Inference,
-    hyperparameters: Sequence[Hyperparameter],
-    settings: EstimateSettings = ESTIMATES,
-) -> list[Diagnostic]:
-    """Warnings about hyperparameters that are hardly determined: pairs, groups, single ones.
-
-    Pairs and groups are those whose estimates are correlated beyond 0.98. A single standard
-    deviation is not reported, since its interval says how uncertain it is.
-    """
-    weak = _correlated if inference.positive else _flat
-    return [*weak(inference, [hyperparameters[k] for k in inference.free], settings)]
-
-
-def _correlated(
-    inference: Inference, free: Sequence[Hyperparameter], settings: EstimateSettings
-) -> Iterator[Diagnostic]:
-    if inference.free.size < 2:
-        return
-    names = [h.name for h in free]
-    values, vectors = np.linalg.eigh(inference.correlation)
-    for vector in vectors.T[values <= settings.weak]:
-        # A small eigenvalue of the correlation matrix belongs to a well determined combination; the
-        # hyperparameters with large components in it cannot be separated.
-        parts = _large(vector, settings)
-        which = [names[i] for i in parts]
-        yield _weak(
-            f"{', '.join(which)} can hardly be told apart: if they change together, the "
-            "likelihood hardly changes; well determined is only "
-            f"{_combination(vector, parts, names)} (se: standard error)",
-            *which,
-            remedy=_remedy([free[i] for i in parts]),
-        )
-
-
-def _remedy(which: Sequence[Hyperparameter]) -> str:
-    """The remedy: centering, if a hyperparameter is an intercept far from all experiments."""
-    terms = [name for h in which if h.beside for name, _ in h.beside.terms]
-    if not terms:
-        return REMEDY
-    covariate = terms[0].partition("[")[2].removesuffix("]")
-    return (
-        f"write center({covariate}) for {covariate} in the formula: the other coefficient is then "
-        "the value at the mean of the covariate, not at zero; nothing else changes"
-    )
-
-
-def _flat(
-    inference: Inference, free: Sequence[Hyperparameter], settings: EstimateSettings
-) -> Iterator[Diagnostic]:
-    """Warnings about directions along which the log-likelihood is flat: there is no covariance."""
-    inside = np.isin(inference.identified, inference.free)
-    information = inference.information[np.ix_(inside, inside)]
-    scale = np.sqrt(np.abs(np.diag(information)))
-    if not np.all(np.isfinite(information)):
-        return
-    acts = scale > 0.0
-    for h, act in zip(free, acts, strict=True):
-        if not act:
-            yield _weak(f"{h.name} has no effect", h.name)
-    names = [h.name for h, act in zip(free, acts, strict=True) if act]
-    values, vectors = np.linalg.eigh(
-        information[np.ix_(acts, acts)] / np.outer(scale[acts], scale[acts])
-    )
-    for vector in vectors.T[np.abs(values) < settings.weak]:
-        parts = _large(vector, settings)
-        which = [names[i] for i in parts]
-        yield _weak(
-            f"{', '.join(which)} can change together without effect, along "
-            f"{_combination(vector, parts, names)} (se: standard error of each by itself)",
-            *which,
-        )
-
-
-def _weak(message: str, *names: str, remedy: str = REMEDY) -> Diagnostic:
-    return Diagnostic("identifiability", message, remedy, names)
-
-
-def _large(vector: Array, settings: EstimateSettings) -> list[int]:
-    return [int(i) for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > settings.part]
-
-
-def _combination(vector: Array, parts: Sequence[int], names: Sequence[str]) -> str:
-    return " ".join(
-        f"{'+' if vector[i] >= 0 else '-'} {abs(vector[i]):.2f} {names[i]}/se" for i in parts
     )
 
 

@@ -109,8 +109,10 @@ def _method(document: Document) -> str:
     principle = principle if prior is None else "maximum a posteriori"
     reason = document.get("propagation_reason")
     because = f" ({reason})" if reason else ""
-    starts = (document.get("search") or {}).get("starts", 0)
+    search = document.get("search") or {}
+    starts, warm = search.get("starts", 0), str(search.get("method")).startswith("warm_start")
     best = f", best of {starts} starts" if starts > 1 else ""
+    best += ", one of them the maximum before the last runs" if best and warm else ""
     if not is_individual(document):
         what = f"{document.get('density') or NONE}, propagation by "
         what += f"{words(document.get('propagation'))}{because}"
@@ -166,15 +168,16 @@ def _note(entry: Document, thresholds: Thresholds = THRESHOLDS) -> str:
 def _to_limit(cut: str, drops: Sequence[float] | None) -> str:
     """A note on an interval that ends at a limit of the hyperparameter.
 
-    It gives the drop of the profile log-likelihood at the limit, which is 1.92 at an inner end.
+    It says by how much the profile log-likelihood falls to the limit, which is 1.92 at an inner
+    end.
 
     >>> _to_limit("lower", (1.263, 1.92)), _to_limit("both", (0.5, 0.004))
-    ('to its lower limit (drop 1.26)', 'from limit to limit (drops 0.50, 0.00)')
+    ('to its lower limit: log L falls by 1.26', 'from limit to limit: log L falls by 0.50, 0.00')
     """
-    if cut == "both":
-        known = f" (drops {drops[0]:.2f}, {drops[1]:.2f})" if drops else ""
-        return f"from limit to limit{known}"
-    return f"to its {cut} limit" + (f" (drop {drops[cut == 'upper']:.2f})" if drops else "")
+    which = {"both": slice(0, 2), "lower": slice(0, 1), "upper": slice(1, 2)}[cut]
+    limit = "from limit to limit" if cut == "both" else f"to its {cut} limit"
+    falls = ", ".join(f"{drop:.2f}" for drop in (drops or ())[which])
+    return f"{limit}: log L falls by {falls}" if falls else limit
 
 
 def log_likelihood(document: Document) -> Sentence:

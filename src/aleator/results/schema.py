@@ -105,6 +105,7 @@ class SearchEntry(DocumentEntry):
     evaluations: int = 0
     distinct_optima: int = 0
     optima: list[OptimumEntry] = []
+    stopped: list[OptimumEntry] = []
 
 
 class RoundEntry(DocumentEntry):

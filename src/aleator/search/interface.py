@@ -221,6 +221,20 @@ class Optimum:
 
 
 @dataclass(frozen=True)
+class Hill:
+    """A maximum at `alpha` (K,) with all ends of ascents that belong to it by `one_hill`.
+
+    `starts` is the number of these ascents. `arrived` is False where all of them were stopped by
+    their number of evaluations, so that it need not be a maximum.
+    """
+
+    alpha: Array
+    log_likelihood: float
+    starts: int
+    arrived: bool
+
+
+@dataclass(frozen=True)
 class SearchResult:
     """The best alpha (K,), the ascents from all starts, and the distinct optima, best first.
 
@@ -296,6 +310,48 @@ class SearchResult:
         return replace(
             self, alpha=alpha, log_likelihood=log_likelihood, ascents=ascents, optima=optima
         )
+
+
+def hills_of(found: SearchResult, scores: Array | None, free: Indices) -> tuple[Hill, ...]:
+    """The maxima that a search met, the best first: its optima, joined by `one_hill`.
+
+    `scores` (N, K) are those at the best alpha, and `free` (F,) the places of the free
+    hyperparameters. Without finite scores no optima are joined.
+
+    >>> ends = [Ascent(np.zeros(1), np.array([x]), -x, 5, x < 2.0) for x in (0.0, 0.1, 5.0)]
+    >>> optima = tuple(Optimum(a.alpha, a.log_likelihood, 1) for a in ends)
+    >>> met = SearchResult(np.zeros(1), 0.0, tuple(ends), optima)
+    >>> [(hill.starts, hill.arrived) for hill in hills_of(met, np.ones((4, 1)), np.arange(1))]
+    [(2, True), (1, False)]
+    """
+    known = scores is not None and bool(np.all(np.isfinite(scores)))
+
+    def same(one: Array, other: Array) -> bool:
+        if scores is None or not known:
+            return np.array_equal(one, other)
+        return one_hill(one - other, scores, free)
+
+    kept: list[Optimum] = []
+    for optimum in found.optima:
+        if not any(same(optimum.alpha, one.alpha) for one in kept):
+            kept.append(optimum)
+    ends: list[list[Ascent]] = [[] for _ in kept]
+    finite = [a for a in found.ascents if np.isfinite(a.log_likelihood)]
+    finite.sort(key=lambda ascent: -ascent.log_likelihood)
+    for j, ascent in enumerate(finite):
+        # The best optimum may have been moved since its ascents ended.
+        places = [k for k, one in enumerate(kept) if same(ascent.alpha, one.alpha)]
+        for place in [0] if j < kept[0].starts else places[:1]:
+            ends[place].append(ascent)
+    return tuple(
+        Hill(
+            one.alpha,
+            one.log_likelihood,
+            max(len(own), one.starts),
+            k == 0 or any(ascent.converged for ascent in own),
+        )
+        for k, (one, own) in enumerate(zip(kept, ends, strict=True))
+    )
 
 
 class Search(Protocol):

@@ -436,7 +436,7 @@ class WarmStart:
 
     >>> import numpy as np
     >>> WarmStart(np.array([1.0])).name
-    'gradient_multistart(3)'
+    'warm_start(3)'
     """
 
     alpha: Array
@@ -445,7 +445,7 @@ class WarmStart:
     @property
     def name(self) -> str:
         """The name of this search in a result."""
-        return self._multistart.name
+        return f"warm_start({self._multistart.starts})"
 
     def maximize(
         self,
@@ -461,7 +461,7 @@ class WarmStart:
         found = self._multistart.maximize(
             objective, hyperparameters, seed=seed, guesses=known, progress=progress
         )
-        return replace(found, once=self.once)
+        return replace(found, once=self.once, method=self.name)
 
     @property
     def _multistart(self) -> GradientMultistart:

@@ -45,10 +45,14 @@ def effort(document: Document) -> Iterator[Part]:
     optima = search.get("optima") or ()
     if search:
         method = f"{words(search['method'])}, " if search.get("method") else ""
-        values = [f"{to_three(one.get('log_likelihood'))} ({count(one.get('starts', 0), 'start')})"
-                  for one in optima[:4]]  # fmt: skip
+        values, stopped = (
+            [f"{to_three(one.get('log_likelihood'))} ({count(one.get('starts', 0), 'start')})"
+             for one in some[:4]]
+            for some in (optima, search.get("stopped") or ())
+        )  # fmt: skip
         distinct = search.get("distinct_optima", len(optima))
         shown = f": {', '.join(values)}" if values else ""
+        shown += f"; out of evaluations before an optimum: {', '.join(stopped)}" if stopped else ""
         evaluations = search.get("evaluations", NONE)
         yield Sentence(
             f"{method}{evaluations} evaluations, {distinct} distinct "
