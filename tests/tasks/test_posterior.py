@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ import aleator
 from aleator import Check, Free, Identification, Inputs, Noise, Normal, Posterior, posterior
 from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, installing
+from aleator.inference.posterior import Convergence
 from aleator.laws import Constant, Law
 from aleator.results.documents import write_json
 
@@ -139,6 +141,19 @@ def test_arviz_itself_tells_the_same_of_the_data(drawn: Posterior) -> None:
 def test_few_draws_are_not_called_converged(few: Posterior) -> None:
     assert not few.converged
     assert "--draws" in few.verdict
+
+
+@pytest.mark.parametrize(
+    ("r_hat", "size", "failed"),
+    [(1.002, 250.0, "effective sample size is not"), (1.05, 900.0, "R-hat is not")],
+)
+def test_the_verdict_names_only_what_failed(
+    few: Posterior, r_hat: float, size: float, failed: str
+) -> None:
+    found = Convergence(np.array([r_hat]), np.array([size]), np.array([size]))
+    verdict = " ".join(replace(few, convergence=found).verdict.split())
+    both = ("effective sample size is not", "R-hat is not")
+    assert [one for one in both if one in verdict] == [failed]
 
 
 def test_misuse_is_told(found: Identification, tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def test_the_range_of_the_count_holds_though_observations_of_one_experiment_depe
             for k, (v, p) in enumerate(zip(y.ravel(), stats.norm.cdf(w.ravel()), strict=True))
         ]
         (seen,) = measured({"experiments": rows})
-        caption = predicted_chart(seen, seen.series()).caption.split("experiment,")[1]
+        caption = predicted_chart(seen, seen.series()).caption.split("(diamonds)")[1]
         beyond, _, low, high = map(int, re.findall(r"\d+", caption)[:4])
         inside += low <= beyond <= high
     assert inside >= 180
@@ -144,6 +144,24 @@ def test_the_report_counts_values_given_the_earlier_ones_of_their_experiment() -
     found = re.findall(r"(\d+) of (\d+) are, and (\d+) to (\d+)", words(printed(render(document))))
     low, high = stats.binom.ppf([0.025, 0.975], 120, 0.05).astype(int)
     assert [tuple(map(int, row)) for row in found] == [(40, 120, low, high)]
+
+
+def test_without_earlier_values_the_report_does_not_speak_of_them() -> None:
+    rows = [
+        {
+            "id": str(k), "row": k + 1, "response": "y", "lower": 1.0, "upper": 1.0,
+            "predicted": 1.0, "scale": 0.1, "residual": 0.0, "conditions": {}, "pit": 0.5,
+        }
+        for k in range(40)
+    ]  # fmt: skip
+    own = [{"id": row["id"], "mean": {}, "sd": {}} for row in rows]
+    document = result(
+        observations=rows, responses={"y": "none"}, experiments=own, shrinkage={},
+        propagation="direct",
+    )  # fmt: skip
+    shown = words(printed(render(document)))
+    assert "0 of 40 are" in shown
+    assert "earlier" not in shown
 
 
 # ------------------------------------------------------------------------------------ width

@@ -366,10 +366,17 @@ class Convergence:
     @property
     def converged(self) -> bool:
         """Whether every R-hat is below 1.01 and every effective sample size above 400."""
-        return bool(
-            np.all(self.r_hat < self.settings.largest_r_hat)
-            and self.least > self.settings.least_ess
-        )
+        return self.mixed and self.enough
+
+    @property
+    def mixed(self) -> bool:
+        """Whether every R-hat is below 1.01: the chains agree."""
+        return bool(np.all(self.r_hat < self.settings.largest_r_hat))
+
+    @property
+    def enough(self) -> bool:
+        """Whether every effective sample size is above 400."""
+        return self.least > self.settings.least_ess
 
     @property
     def least(self) -> float:

@@ -126,9 +126,14 @@ class Posterior:
         )
         if self.converged:
             return f"Converged: {diagnosis}."
+        wanted = []
+        if not found.mixed:
+            wanted.append(f"R-hat is not below {POSTERIOR.largest_r_hat}")
+        if not found.enough:
+            wanted.append(f"the effective sample size is not above {POSTERIOR.least_ess:.0f}")
         return (
-            f"NOT converged: {diagnosis}, where below {POSTERIOR.largest_r_hat} and above "
-            f"{POSTERIOR.least_ess:.0f} are wanted. Take more draws: --draws {self._enough}."
+            f"NOT converged: {' and '.join(wanted)} ({diagnosis}). "
+            f"Take more draws: --draws {self._enough}."
         )
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from aleator.results.answer import words
@@ -79,6 +79,35 @@ def effort(document: Document) -> Iterator[Part]:
     yield TextTable(columns, cells, "optima", "Optima that the search met", DETAILS, folded=True)
 
 
+WORDS: Mapping[str, tuple[Callable[[Document], bool], str]] = {
+    "sandwich error": (
+        lambda document: bool(document.get("alpha")),
+        "a standard error that stays valid if the model is wrong; it is told in a note where it "
+        "differs much from the standard error",
+    ),
+    "shrinkage": (
+        lambda document: bool(document.get("shrinkage")),
+        "0 % where the observations of an experiment alone say what its parameter is, 100 % where "
+        "only the law does",
+    ),
+    "emulator": (
+        lambda document: bool((document.get("surface") or {}).get("rounds")),
+        "a function that is fitted to the runs made, and used in place of further runs",
+    ),
+    "panels": (
+        lambda document: "panels" in str(document.get("density")),
+        "the integral over the parameters of an experiment is the sum over intervals, the panels, "
+        "which are halved until that does not change it",
+    ),
+    "best possible law": (
+        lambda document: bool(document.get("best_possible")),
+        "of all laws, of any shape, the one under which the outcomes are most likely; what it "
+        "gains is the most that another family could gain",
+    ),
+}
+"""Words of a report by the documents that use them, with their meaning."""
+
+
 def origin(document: Document, study: str | None) -> Iterator[Part]:
     """The section with all that is needed to repeat the computation: versions, seed, study file.
 
@@ -87,6 +116,8 @@ def origin(document: Document, study: str | None) -> Iterator[Part]:
     columns = heads("what", "~value")
     rows = [(name, str(value)) for name, value in _facts(document) if value not in (None, "")]
     yield TextTable(columns, rows, "origin", "What was computed with what", PAGE)
+    said = [(word, text) for word, (used, text) in WORDS.items() if used(document)]
+    yield TextTable(heads("word", "~meaning"), said, "words", "Words of this page", PAGE)
     yield Sentence("The same again", "heading", depth=PAGE)
     yield Sentence(_commands(document), "code", depth=PAGE)
     yield Sentence("The study file", "heading", depth=PAGE)

@@ -277,9 +277,10 @@ def _predicted(document: Document, drawn: Drawn | None) -> Iterator[Part]:
     yield from _worst_observed(document) if is_individual(document) else _worst(document)
     if drawn is None:
         pit = [p for seen in measured(document) for p in seen.exact_probabilities]
+        ids = [entry["id"] for entry in document.get("observations") or ()]
         given = "given the earlier observations of their experiments, "
         if pit:
-            said = f"Outside their 95 %, {given if is_individual(document) else ''}{outside(pit)}"
+            said = f"Outside their 95 %, {given if len({*ids}) < len(ids) else ''}{outside(pit)}"
             yield Sentence(said, depth=WHOLE)
         return
     for seen, source in zip(drawn.measured, drawn.sources, strict=True):

@@ -72,9 +72,12 @@ def _outside(seen: MeasuredValues, source: Series) -> str:
     known = seen.exact & np.isfinite([seen.array(key) for key in seen.ends]).all(axis=0)
     beyond = int(np.sum(seen.outside))
     words = f"Outside the predicted 95 % are {beyond} of {int(known.sum()):,} (diamonds). "
-    if pit := seen.exact_probabilities:
+    pit = seen.exact_probabilities
+    if pit and len({*seen.columns["id"]}) < len(seen):
         # These probabilities are conditional on earlier observations, hence independent.
         words += "Given the earlier observations of its experiment, " + outside(pit)
+    elif pit:
+        words = f"Outside the predicted 95 % (diamonds) {outside(pit)}"
     if not seen.exact.all():
         words += " Triangles are bounds: the value lies above, or below."
     drawn = len(source.columns["id"])
