@@ -209,8 +209,8 @@ def test_tables_have_the_units_of_the_user(found: Identification) -> None:
     shown = replace(found, units={"load": "N", "y": "mm", "x": "mm/N"})
     known = {"load": "N", "y": "mm"}
     for table in (
-        shown.predict(NEW),
-        shown.probability("y > 2 mm", at=NEW),
+        shown.predict(NEW, uncertainty=False),
+        shown.probability("y > 2 mm", at=NEW, uncertainty=False),
         shown.tolerance(at=NEW),
     ):
         assert table.attrs["units"] == known

@@ -22,6 +22,7 @@ from aleator.fit.earlier_runs import earlier_runs
 from aleator.fit.expected_runs import EXPECTED_RUNS, RoundsAhead
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
 from aleator.fit.quadrature import (
+    NODE_ACCURACY,
     AnyLikelihood,
     Highest,
     Maximum,
@@ -548,7 +549,8 @@ class Emulation:
         """The maximum with as many quadrature nodes as it needs, on the present surfaces."""
         self.question.runner.outlook = ""
         with self.ledger.stage(SEARCH):
-            return with_other_optima(with_enough_nodes(self._plain(end), end.alpha), found)
+            enough = NODE_ACCURACY.on_surfaces
+            return with_other_optima(with_enough_nodes(self._plain(end), end.alpha, enough), found)
 
     def _in_reach(self, end: Maximum) -> tuple[Maximum, bool]:
         """The maximum where surfaces reach all exact outcomes, and whether runs were made for it.
