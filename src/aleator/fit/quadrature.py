@@ -277,9 +277,11 @@ def _some(
 def _refined(likelihood: IndividualLikelihood, alpha: Array, enough: float) -> _IntegralMaximum:
     """The local maximum with one kind of quadrature rule, whose nodes are added until `enough`."""
     tried = list[tuple[float, IndividualLikelihood]]()
-    variates = likelihood.inputs.scattering
+    variates, information = likelihood.inputs.scattering, None
     while True:
-        held, alpha = _nearest_of_integral(likelihood, alpha, _arrived(enough))
+        held, alpha, information = _nearest_of_integral(
+            likelihood, alpha, _arrived(enough), information
+        )
         gaps = _gaps(held, alpha)
         gap = held.rule.gap(gaps, variates)
         before = tried[-1][0] if tried else np.inf
@@ -373,7 +375,7 @@ def nearest_maximum(
     `arrived` is the predicted gain of log-likelihood that may be left.
     """
     if not isinstance(likelihood, Problem):
-        return _nearest_of_integral(likelihood, alpha, arrived)
+        return _nearest_of_integral(likelihood, alpha, arrived)[:2]
     hyperparameters = likelihood.hyperparameters
     free = np.flatnonzero([h.free for h in hyperparameters])
     if not free.size:
@@ -387,9 +389,13 @@ def nearest_maximum(
 
 
 def _nearest_of_integral(
-    likelihood: IndividualLikelihood, alpha: Array, arrived: float
-) -> tuple[IndividualLikelihood, Array]:
-    """The local maximum with noise: nodes are adapted to alpha until it is near, then fixed."""
+    likelihood: IndividualLikelihood, alpha: Array, arrived: float, known: Array | None = None
+) -> tuple[IndividualLikelihood, Array, Array | None]:
+    """The local maximum with noise: nodes are adapted to alpha until it is near, then fixed.
+
+    It is returned with the information (F, F) about the free hyperparameters at the end of the
+    ascent, which is `known` to the next one; None if nothing is free.
+    """
     hyperparameters = likelihood.hyperparameters
     free = np.flatnonzero([h.free for h in hyperparameters])
     held = (
@@ -398,8 +404,8 @@ def _nearest_of_integral(
         else likelihood.adapted(alpha)
     )
     if not free.size:
-        return held, alpha
-    information = _information(held, alpha, free)
+        return held, alpha, None
+    information = _information(held, alpha, free, known)
     following = held.continued
     near = ascended(following, alpha, hyperparameters, free, information, NODE_ACCURACY.rough)
     alpha, information = near.alpha, near.information
@@ -408,10 +414,10 @@ def _nearest_of_integral(
     if isinstance(held.rule, RidgePoints | LevelRule):
         # Points fixed along one ridge give wrong, too high values beside it, and fixed points of
         # many shared parameters miss those that belong to another alpha.
-        alpha = ascended(held.followed, alpha, hyperparameters, free, information).alpha
-        return held.adapted(alpha), alpha
+        end = ascended(held.followed, alpha, hyperparameters, free, information)
+        return held.adapted(end.alpha), end.alpha, end.information
     if held.rule.centers > 1:
-        return _climbed_with_points(held, alpha, information, free)
+        return *_climbed_with_points(held, alpha, information, free), information
     for _ in range(NODE_ACCURACY.rounds):
         before = held.evaluate(alpha).total
         following.remember(held)
@@ -428,7 +434,7 @@ def _nearest_of_integral(
         held, alpha, information = again, end.alpha, end.information
         if close or abs(gain) < NODE_ACCURACY.still:
             break
-    return held, alpha
+    return held, alpha, information
 
 
 def _climbed_with_points(
@@ -447,15 +453,19 @@ def _climbed_with_points(
     return held, alpha
 
 
-def _information(held: IndividualLikelihood, alpha: Array, free: Indices) -> Array:
+def _information(
+    held: IndividualLikelihood, alpha: Array, free: Indices, known: Array | None
+) -> Array:
     """The information (F, F) with which a quasi-Newton ascent from alpha begins.
 
     Scores of experiments that share parameters depend on each other, and their outer products are
-    no estimate of it; it is then the difference of scores.
+    no estimate of it; it is then that of the last ascent, or at first the difference of scores.
     """
     here, hyperparameters = held(alpha), held.hyperparameters
     if here.cluster is None:
         return _outer(here.scores, free, hyperparameters)
+    if known is not None:
+        return known
     assert here.scores is not None
     own = here.scores[:, free]
     return positive(observed_information(held.followed, alpha, hyperparameters, free, own))
