@@ -189,6 +189,7 @@ def test_predict_prints_or_writes_and_finds_a_study_that_was_moved_or_changed(st
     shown = done(*asked)
     assert "Predicted distribution of length" in shown.stdout
     assert "twenty" in shown.stdout
+    assert done("predict", "result", *asked[2:]).stdout == shown.stdout
     done(*asked, "--output", "p.json")
     assert done("show", "p.json").stdout == shown.stdout
     assert done(*asked, "--output", "p.csv", "--quiet").output == "Written: p.csv\n"
@@ -446,6 +447,11 @@ def test_what_is_no_answer_is_not_shown(study: Path) -> None:
     Path("other.json").write_text('{"rows": []}')
     for name in ("other.json", study, "nowhere.json", "springs"):
         refused("show", name)
+    done("show", "out")
+    Path("other.json").rename("out/other.json")
+    said = refused("show", "out")
+    assert "out/check.json" in said
+    assert "out/other.json" in said
 
 
 @pytest.mark.usefixtures("study")

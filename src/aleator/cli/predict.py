@@ -31,7 +31,7 @@ from aleator.observations.experiments import Conditions
 from aleator.observations.noise import noise_columns
 from aleator.results import documents
 from aleator.results.printed import Content, number
-from aleator.results.schema import read_answer
+from aleator.results.schema import answer_file, read_answer
 from aleator.results.units import label
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
@@ -287,7 +287,8 @@ def predict(
 ) -> None:
     """Predict outcomes of untested conditions.
 
-    Takes the law from IDENTIFICATION.json and the simulator from its study file. For each row of
+    Takes the law from IDENTIFICATION.json, or from the file of this name in a folder, and the
+    simulator from its study file. For each row of
     the conditions --at: mean, standard deviation, median and 95 % range of the outcome as it would
     be measured, noise included. With transform = "log", mean and standard deviation are those of
     the logarithm. --output writes a file with skewness and kurtosis too, in which the quantiles are
@@ -318,6 +319,7 @@ def predict(
     folder = None if output is None else output.parent
     require_folder(options, folder)
     at = tuple(one.absolute() if isinstance(one, Path) else one for one in at)
+    identification = answer_file(identification)
     document = read_answer(identification)
     value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != documents.study_entry(document).get("sha256"):
