@@ -367,7 +367,7 @@ WRONG = {
     "no such outcome": ([*SPRINGS, "--outcome", "tavel"], "travel"),
     "no such function": (["springs.csv", "--function", "model.py:sprong"], "spring"),
     "no such parameter": ([*SPRINGS, "--parameter", "stifness=1:2"], "stiffness"),
-    "limits in the wrong order": ([*SPRINGS, "--parameter", "stiffness=3:1"], "1.0:3.0"),
+    "limits in the wrong order": ([*SPRINGS, "--parameter", "stiffness=3:1"], "stiffness=1:3"),
     "no such id": ([*SPRINGS, "--id", "sprng"], "'sprng' is not a column"),
     "no such file": (["springs.csv", "--function", "modle.py"], "did you mean 'model.py'"),
     "an argument as outcome": ([*SPRINGS, "--outcome", "force"], "cannot be the outcome"),

@@ -416,7 +416,7 @@ def test_limits_and_design_values() -> None:
         (("--event", "length > 1", "--tolerance", "0.9", "0.9"), "--event"),
         (("--event", "2 < length < 1"), "between"),
         (("--event", "lenght > 2"), "did you mean 'length'?"),
-        (("--tolerance", "1.5", "0.9"), "1.5"),
+        (("--tolerance", "1.5", "0.9"), "content = 1.5"),
         (("--tolerance", "0.9", "0"), "confidence"),
         (("--side", "upper"), "--tolerance"),
     ],

@@ -13,7 +13,7 @@ import click
 from rich.console import Console
 
 from aleator.cli.running import FILE, RESULT, make_place, require_at_most_one
-from aleator.errors import AleatorError, SimulatorError, nearest, short
+from aleator.errors import AleatorError, SimulatorError, disordered, nearest, short
 from aleator.results import documents
 from aleator.study.nonmem import has_records, subject_table
 from aleator.study.offers import (
@@ -253,6 +253,12 @@ def _parameter(text: str) -> tuple[str, Limits | float | None]:
         numbers = [float(part) for part in value.split(":")] if given and value else []
     except ValueError:
         numbers = [0.0, 0.0]
+    if len(numbers) == 2 and numbers[0] > numbers[1]:
+        low, high = value.split(":")
+        problem, _ = disordered(*numbers)
+        raise AleatorError(
+            f"--parameter {text}: {problem}", f"write --parameter {name}={high}:{low}"
+        )
     if len(numbers) > 2 or (len(numbers) == 2 and not numbers[0] < numbers[1]):
         raise AleatorError(
             f"--parameter {text}: '{value}' is neither a number nor limits",

@@ -107,6 +107,10 @@ class PredictionRequest:
                 raise AleatorError(
                     f"--{name} says which tolerance limits are meant", "add --tolerance 0.95 0.95"
                 )
+        try:
+            _ = self.limits
+        except AleatorError as error:
+            raise AleatorError(f"--tolerance: {error.problem}", error.remedy) from None
 
     @property
     def limits(self) -> Tolerance | None:
@@ -308,8 +312,10 @@ def predict(
     status is "unsettled". `unseen` is the probability of a region that the runs do not exclude.
 
     With --tolerance: limits of the outcome, or with --side one limit, a design value. All are in
-    the unit of the outcome, and predict the measured value. To judge whether something fails, the
-    true value matters: predict it with --no-noise.
+    the unit of the outcome, and predict the measured value. The life that 90 % exceed (B10, L10)
+    with 90 % confidence is --tolerance 0.9 0.9 --side lower. To judge whether something fails, the
+    true value matters: predict it with --no-noise if [noise] is the error of a measurement. If it
+    stands for an error of the model or for scatter of the part itself, keep it.
 
     If experiments have several observations, NEW.csv has a row for each prediction; rows with the
     same id are one new experiment. With --of the rows are further measurements of an experiment

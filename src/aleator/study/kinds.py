@@ -41,7 +41,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 from scipy import stats
 
-from aleator.errors import AleatorError, StudyError, nearest
+from aleator.errors import AleatorError, StudyError, disordered, nearest
 from aleator.laws import (
     OPEN,
     Beta,
@@ -116,7 +116,7 @@ class FreeSection(Section):
                 )
             low, high = self.between
         if low is not None and high is not None and not low < high:
-            raise fault(f"lower {low:g} >= upper {high:g}", "swap or correct the two numbers")
+            raise fault(*disordered(low, high))
         for bad, side, bound in (
             (low is not None and start is not None and start < low, "below lower", low),
             (high is not None and start is not None and start > high, "above upper", high),
