@@ -186,9 +186,15 @@ def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> N
 @pytest.mark.usefixtures("asked")
 def test_what_is_typed_is_taken(folder: Path) -> None:
     springs(folder, "stiffness, mass=1.0")
-    answers = ["springs.csv", "model.py:spring", "stiffness=3:1.5", "stiffness=1.5:3"]
+    answers = ["springs.csv", "model.py:spring", "stiffness=3:1.5", "stiffness=1.5:3", "-1", "0.3"]
     assert run("new", typed="\n".join([*answers, ""])).exit_code == 0
-    assert load_study("study.toml").inputs.box.tolist() == [[1.5, 3.0]]
+    study = load_study("study.toml")
+    assert study.inputs.box.tolist() == [[1.5, 3.0]]
+    noise = tomllib.loads(Path("study.toml").read_text())["noise"]
+    assert noise == {"sd": 0.3}
+    words = "new springs.csv --function model.py --parameter stiffness=1.5:3 --yes --force"
+    done(*words.split(), "--noise", "0.2")
+    assert tomllib.loads(Path("study.toml").read_text())["noise"] == {"sd": 0.2}
 
 
 def test_a_study_that_is_there_stays_unless_the_user_says_otherwise(folder: Path) -> None:
@@ -350,7 +356,7 @@ def test_whether_a_batch_is_one_experiment_is_asked(
     springs(folder)
     load = np.arange(12.0)
     table("load,batch,travel", load, np.repeat(["a", "b", "c"], 4), (0.3 + load / 2.0).round(2))
-    typed = ["model.py:spring", answer, "force=1:3"]
+    typed = ["model.py:spring", answer, "force=1:3", *([] if answer else [""])]
     Path("model.py").write_text("def spring(load, force):\n    return load / force\n")
     assert run("new", "parts.csv", typed="\n".join([*typed, ""])).exit_code == 0
     study = load_study("study.toml")
