@@ -335,6 +335,8 @@ def predict(
     table = requested_conditions(value, at, of)
     if output is not None:
         make_place(output, value.file)
+    for note in untested(value, table):  # Before the runs, which may fail there.
+        options.say(note)
     with (
         running(value, options, table) as runner,
         running(value, options) if of or value.inputs.levels else nullcontext() as measured,
@@ -353,8 +355,6 @@ def predict(
     if draws is not None and draws.fixed.size:
         names = ", ".join(answer.session.hyperparameters[k].name for k in draws.fixed.tolist())
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
-    for note in untested(value, table):
-        options.say(note)
     made = {
         "title": document.get("title"), **units_in(value), "request": vars(request),
         "rows": found.to_dict("records"),
