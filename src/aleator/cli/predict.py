@@ -110,7 +110,10 @@ class PredictionRequest:
         try:
             _ = self.limits
         except AleatorError as error:
-            raise AleatorError(f"--tolerance: {error.problem}", error.remedy) from None
+            raise AleatorError(
+                f"--tolerance: {error.problem}",
+                "write --tolerance 0.95 0.90: the content, then the confidence",
+            ) from None
 
     @property
     def limits(self) -> Tolerance | None:
