@@ -167,6 +167,8 @@ BAD = {
     "start above": ("start = 1.0", "start = 3", ["stiffness.mean'", "3", "1.4"]),
     "box in disorder": (r"\[0.5, 1.5\]", "[1.5, 0.5]", ["stiffness'", "1.5", "0.5, 1.5"]),
     "unknown law": ('"constant"', '"constnt"', ["offset.law'", "'constant'"]),
+    "limits of a constant": ("value = ", "limits = ", [".offset.limits'", "value = {lower ="]),
+    "a list for limits": (r"\{lower = 0.6.*\}", "[0.6, 1.4]", ["mean = {lower"]),
     "key of a law": ("value = ", "vlue = ", ["'parameters.offset.vlue'", "mean 'value'"]),
     "sd below zero": ("lower = 0.005", "lower = -1", ["parameters.stiffness", "sd", "-1.0"]),
     "noise without bounds": (r"lower = 0.01, upper = 2.0", "", ["'noise.sd'", "lower", "upper"]),
