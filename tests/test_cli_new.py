@@ -344,7 +344,7 @@ def test_rows_without_a_measured_value_are_left_out_and_told() -> None:
     table("load,travel", [1.0, 2.0, 3.0, 4.0], [0.5, "NA", "", 1.6])
     Path("model.py").write_text("def travel(load, k=1.0):\n    return load * k\n")
     shown = done("new", "parts.csv", "--function", "model.py").output
-    assert "row 3, row 4" in shown
+    assert "line 3, line 4" in shown
     assert load_study("study.toml").experiments.observations.lower.tolist() == [0.5, 1.6]
 
 
