@@ -432,7 +432,7 @@ WRONG_TABLES = {
     ),
     "a known sd of zero": (
         WIDE, NOISES.replace('"mass_sd"', '"spare"'),
-        ["wide.csv: row 5, column 'spare'", "experiment 'A'"],
+        ["wide.csv: line 5, column 'spare'", "experiment 'A'"],
     ),
     "df of a normal error": (PLAIN, "[noise]\nsd = 1\ndf = 4", ["'noise.df'", "student_t"]),
     "no such correlation": (
@@ -455,7 +455,7 @@ WRONG_TABLES = {
     ),
     "correlated bounds": (
         WIDE, NOISES.replace("relative = 0.05", 'correlation = "ar1"'),
-        ["wide.csv: row 4", "experiment 'B'", "only a bound"],
+        ["wide.csv: line 4", "experiment 'B'", "only a bound"],
     ),
     "a variance without an sd": (
         PLAIN, '[noise]\nrelative = 0.1\nvariance = "power"', ["noise", "sd", "relative"],
@@ -729,7 +729,7 @@ def test_all_pairs_of_a_list_are_tied_but_for_those_with_a_key_of_their_own(tmp_
     ("old", "new", "told"),
     [
         ("1 + heat", "1 + haet", ["'haet'", "mean 'heat'"]),
-        ("1 + heat", "1 + time", ["'time'", "'1'", "row 2", "row 3"]),
+        ("1 + heat", "1 + time", ["'time'", "'1'", "line 2", "line 3"]),
         ("1 + heat", "1 + (heat", ["parameters", "k.mean"]),
         ("heat = {lower", "hete = {lower", ["parameters", "'hete'", "mean 'heat'"]),
         ('formula = "1 + heat + C(supplier)", ', "", ["parameters.k.mean", "formula"]),
