@@ -189,6 +189,7 @@ def test_predict_prints_or_writes_and_finds_a_study_that_was_moved_or_changed(st
     shown = done(*asked)
     assert "Predicted distribution of length" in shown.stdout
     assert "twenty" in shown.stdout
+    assert done("predict", "result", *asked[2:]).stdout == shown.stdout
     done(*asked, "--output", "p.json")
     assert done("show", "p.json").stdout == shown.stdout
     assert done(*asked, "--output", "p.csv", "--quiet").output == "Written: p.csv\n"
@@ -321,8 +322,8 @@ def model(new: str) -> Callable[[Path], object]:
 
 # One of each kind; the tables of what is wrong with a file are with the file's own tests.
 WRONG: dict[str, tuple[Callable[[Path], object], list[str]]] = {
-    "a cell": (changed("springs.csv", "2.1", "long"), ["springs.csv: row 3, column 'length'"]),
-    "a bound": (changed("springs.csv", "3.2", "> 20"), ["row 4", "'> 20'", "signs = true"]),
+    "a cell": (changed("springs.csv", "2.1", "long"), ["springs.csv: line 3, column 'length'"]),
+    "a bound": (changed("springs.csv", "3.2", "> 20"), ["line 4", "'> 20'", "signs = true"]),
     "a formula without end": (
         changed("study.toml", "sd = {", f'mean = "{"1 + " * 1000}1"\nsd = {{'),
         ["study.toml: key 'parameters'", "softness.mean"],
@@ -363,7 +364,7 @@ def test_the_program_itself_prints_no_traceback(study: Path) -> None:
     command = [sys.executable, "-m", "aleator", "identify", str(study)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout) == (2, "")
-    assert ended.stderr.startswith("aleator: error: springs/springs.csv: row 3")
+    assert ended.stderr.startswith("aleator: error: springs/springs.csv: line 3")
     assert "Traceback" not in ended.stderr
 
 
@@ -385,7 +386,7 @@ PREDICTIONS = {
     "no identification": ("none.json", "law\n", "none.json"),
     "not an identification": ("springs/study.toml", "law\n", "study.toml"),
     "unknown condition": ("law.json", "laod\n1\n", "'laod'"),
-    "text": ("law.json", "load\nhigh\n", "new.csv: row 2, column 'load'"),
+    "text": ("law.json", "load\nhigh\n", "new.csv: line 2, column 'load'"),
     "empty": ("law.json", "", "new.csv"),
     "no study": ("lost.json", "load\n1\n", "--study"),
     "another law": ("other.json", "load\n1\n", "softness"),
@@ -446,6 +447,11 @@ def test_what_is_no_answer_is_not_shown(study: Path) -> None:
     Path("other.json").write_text('{"rows": []}')
     for name in ("other.json", study, "nowhere.json", "springs"):
         refused("show", name)
+    done("show", "out")
+    Path("other.json").rename("out/other.json")
+    said = refused("show", "out")
+    assert "out/check.json" in said
+    assert "out/other.json" in said
 
 
 @pytest.mark.usefixtures("study")

@@ -186,9 +186,15 @@ def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> N
 @pytest.mark.usefixtures("asked")
 def test_what_is_typed_is_taken(folder: Path) -> None:
     springs(folder, "stiffness, mass=1.0")
-    answers = ["springs.csv", "model.py:spring", "stiffness=3:1.5", "stiffness=1.5:3"]
+    answers = ["springs.csv", "model.py:spring", "stiffness=3:1.5", "stiffness=1.5:3", "-1", "0.3"]
     assert run("new", typed="\n".join([*answers, ""])).exit_code == 0
-    assert load_study("study.toml").inputs.box.tolist() == [[1.5, 3.0]]
+    study = load_study("study.toml")
+    assert study.inputs.box.tolist() == [[1.5, 3.0]]
+    noise = tomllib.loads(Path("study.toml").read_text())["noise"]
+    assert noise == {"sd": 0.3}
+    words = "new springs.csv --function model.py --parameter stiffness=1.5:3 --yes --force"
+    done(*words.split(), "--noise", "0.2")
+    assert tomllib.loads(Path("study.toml").read_text())["noise"] == {"sd": 0.2}
 
 
 def test_a_study_that_is_there_stays_unless_the_user_says_otherwise(folder: Path) -> None:
@@ -338,7 +344,7 @@ def test_rows_without_a_measured_value_are_left_out_and_told() -> None:
     table("load,travel", [1.0, 2.0, 3.0, 4.0], [0.5, "NA", "", 1.6])
     Path("model.py").write_text("def travel(load, k=1.0):\n    return load * k\n")
     shown = done("new", "parts.csv", "--function", "model.py").output
-    assert "row 3, row 4" in shown
+    assert "line 3, line 4" in shown
     assert load_study("study.toml").experiments.observations.lower.tolist() == [0.5, 1.6]
 
 
@@ -350,7 +356,7 @@ def test_whether_a_batch_is_one_experiment_is_asked(
     springs(folder)
     load = np.arange(12.0)
     table("load,batch,travel", load, np.repeat(["a", "b", "c"], 4), (0.3 + load / 2.0).round(2))
-    typed = ["model.py:spring", answer, "force=1:3"]
+    typed = ["model.py:spring", answer, "force=1:3", *([] if answer else [""])]
     Path("model.py").write_text("def spring(load, force):\n    return load / force\n")
     assert run("new", "parts.csv", typed="\n".join([*typed, ""])).exit_code == 0
     study = load_study("study.toml")
@@ -367,7 +373,7 @@ WRONG = {
     "no such outcome": ([*SPRINGS, "--outcome", "tavel"], "travel"),
     "no such function": (["springs.csv", "--function", "model.py:sprong"], "spring"),
     "no such parameter": ([*SPRINGS, "--parameter", "stifness=1:2"], "stiffness"),
-    "limits in the wrong order": ([*SPRINGS, "--parameter", "stiffness=3:1"], "1.0:3.0"),
+    "limits in the wrong order": ([*SPRINGS, "--parameter", "stiffness=3:1"], "stiffness=1:3"),
     "no such id": ([*SPRINGS, "--id", "sprng"], "'sprng' is not a column"),
     "no such file": (["springs.csv", "--function", "modle.py"], "did you mean 'model.py'"),
     "an argument as outcome": ([*SPRINGS, "--outcome", "force"], "cannot be the outcome"),

@@ -214,13 +214,13 @@ def test_values_below_a_limit_become_bounds(
 
 RECORDS = "ID,TIME,DV,AMT,EVID,{}\n1,0,.,9,1,{}\n1,1,5,.,{},.\n2,0,6,.,0,."
 REFUSED = {
-    "reset": ("X", ".", "3", "row 3, column 'EVID' resets the subject"),
-    "unknown": ("X", ".", "101", "row 3, column 'EVID' is none of 0, 1 and 2"),
-    "steady": ("SS", "1", "0", "row 2, column 'SS' asks for a steady state"),
-    "rate": ("RATE", "-2", "0", "row 2, column 'RATE' asks for a modelled rate"),
-    "more": ("ADDL", "3", "0", "row 2, column 'ADDL' adds doses"),
-    "date": ("DATE", "1-1-99", "0", "row 2, column 'DATE' is a date"),
-    "text": ("RATE", "x", "0", "row 2, column 'RATE': 'x' is not a number"),
+    "reset": ("X", ".", "3", "line 3, column 'EVID' resets the subject"),
+    "unknown": ("X", ".", "101", "line 3, column 'EVID' is none of 0, 1 and 2"),
+    "steady": ("SS", "1", "0", "line 2, column 'SS' asks for a steady state"),
+    "rate": ("RATE", "-2", "0", "line 2, column 'RATE' asks for a modelled rate"),
+    "more": ("ADDL", "3", "0", "line 2, column 'ADDL' adds doses"),
+    "date": ("DATE", "1-1-99", "0", "line 2, column 'DATE' is a date"),
+    "text": ("RATE", "x", "0", "line 2, column 'RATE': 'x' is not a number"),
 }
 
 
@@ -237,15 +237,15 @@ def test_records_that_no_table_can_say_are_refused(case: str) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("ID,TIME,DV,AMT\n1,0,.,9\n2,0,.,9\n2,1,5,.\n1,1,5,.", "row 5, column 'ID' ended"),
-        ("ID,TIME,DV,AMT,EVID\n1,0,.,9,0\n1,1,5,.,0", "row 2, column 'EVID' is 0, and the record"),
-        ("ID,TIME,DV,AMT\n1,0,1,.\n1,0,.,9\n2,0,.,9\n2,0,8,.", "row 2, column 'TIME' is the time"),
+        ("ID,TIME,DV,AMT\n1,0,.,9\n2,0,.,9\n2,1,5,.\n1,1,5,.", "line 5, column 'ID' ended"),
+        ("ID,TIME,DV,AMT,EVID\n1,0,.,9,0\n1,1,5,.,0", "line 2, column 'EVID' is 0, and the record"),
+        ("ID,TIME,DV,AMT\n1,0,1,.\n1,0,.,9\n2,0,.,9\n2,0,8,.", "line 2, column 'TIME' is the time"),
         ("ID,TIME,DV,AMT\n1,0,.,9", "no record is an observation"),
-        ("ID,TIME,DV,AMT\n1,0,.,9\n1,.,5,.", "row 3, column 'TIME' is blank"),
-        ("ID,TIME,DV,AMT,BLQ\n1,0,.,9,0\n1,1,0,.,1", "row 3, column 'BLQ' is 1, and nothing says"),
-        ("ID,TIME,DV,MDV,CENS\n1,1,.,0,1\n1,2,2,0,0", "row 2, column 'DV' is blank, and CENS"),
-        ("ID,TIME,DV,MDV,CENS\n1,1,1,0,2\n1,2,2,0,0", "row 2, column 'CENS' is none of -1, 0"),
-        ("ID,TIME,DV,MDV,CENS,LIMIT\n1,1,2,0,1,1\n1,2,2,0,1,.", "row 3, column 'LIMIT' is blank"),
+        ("ID,TIME,DV,AMT\n1,0,.,9\n1,.,5,.", "line 3, column 'TIME' is blank"),
+        ("ID,TIME,DV,AMT,BLQ\n1,0,.,9,0\n1,1,0,.,1", "line 3, column 'BLQ' is 1, and nothing says"),
+        ("ID,TIME,DV,MDV,CENS\n1,1,.,0,1\n1,2,2,0,0", "line 2, column 'DV' is blank, and CENS"),
+        ("ID,TIME,DV,MDV,CENS\n1,1,1,0,2\n1,2,2,0,0", "line 2, column 'CENS' is none of -1, 0"),
+        ("ID,TIME,DV,MDV,CENS,LIMIT\n1,1,2,0,1,1\n1,2,2,0,1,.", "line 3, column 'LIMIT' is blank"),
     ],
 )
 def test_records_that_contradict_themselves_are_refused(text: str, said: str) -> None:

@@ -217,31 +217,31 @@ ROW = PARAMETERS + START
 REFUSED = {
     "preequilibration": (
         Case(0.0, OVERRIDDEN.format("preequilibrationConditionId", "c0", "c0")),
-        "measurements.tsv: row 2, column 'preequilibrationConditionId' asks for a condition before",
+        "measurements.tsv: line 2, column 'preequilibrationConditionId' asks for a condition",
     ),
-    "no end": (Case(0.0, TWO.replace(" 10 ", " inf ")), "row 3, column 'time': 'inf' is not a fin"),
-    "no condition": (Case(0.0, TWO.replace("c0 10", "c9 10")), "row 3, column 'simulationCond"),
+    "no end": (Case(0.0, TWO.replace(" 10 ", " inf ")), "line 3, column 'time': 'inf' is not"),
+    "no condition": (Case(0.0, TWO.replace("c0 10", "c9 10")), "line 3, column 'simulationCond"),
     "no observable": (Case(0.0, TWO.replace("obs_a c0 10", "obs_z c0 10")), "is 'obs_z', which no"),
     "of one condition": (
         Case(0.0, TWO.replace("c0 10", "c1 10"), conditions="conditionId B\nc0 k1\nc1 k2"),
-        "conditions.tsv: row 2, column 'B' is 'k1'",
+        "conditions.tsv: line 2, column 'B' is 'k1'",
     ),
     "laplace": (
         Case(0.0, observables="observableId observableFormula noiseFormula noiseDistribution\n"
              "obs_a A 1 laplace"),
-        "observables.tsv: row 2, column 'noiseDistribution' is 'laplace'",
+        "observables.tsv: line 2, column 'noiseDistribution' is 'laplace'",
     ),
     "noise of two": (
         Case(0.0, observables=OBSERVABLE.replace("0.5", "k1+k2*A")),
-        r"row 2, column 'noiseFormula' is 'k1\+k2\*A'",
+        r"line 2, column 'noiseFormula' is 'k1\+k2\*A'",
     ),
     "overrides": (
         Case(0.0, OVERRIDDEN.format("observableParameters", "k1", "k2")),
-        "row 3, column 'observableParameters' is not that of the other rows",
+        "line 3, column 'observableParameters' is not that of the other rows",
     ),
     "logarithm": (
         Case(0.0, parameters=ROW.replace("k1 lin", "k1 log10")),
-        "parameters.tsv: row 2, column 'lowerBound' 0 has no logarithm",
+        "parameters.tsv: line 2, column 'lowerBound' 0 has no logarithm",
     ),
     "limits": (Case(0.0, parameters=ROW.replace("k2 lin 0 10", "k2 lin 9 2")), "2 is not above 9"),
     "flag": (Case(0.0, parameters=ROW.replace("0.6 1", "0.6 yes")), "'estimate' is 'yes'"),

@@ -163,10 +163,12 @@ BAD = {
     "missing key": (r'^outcome = "length"\n', "", ["'experiments.outcome'"]),
     "missing box": (r"\nbox = .*", "", ["'parameters.stiffness.box'", "[LOWER, UPPER]"]),
     "text for a number": ("seed = 3", 'seed = "3"', ["'seed' = \"3\"", "without quotes"]),
-    "bounds in disorder": ("lower = 0.6", "lower = 1.6", [".stiffness.mean'", "1.6 >= upper 1.4"]),
+    "bounds in disorder": ("lower = 0.6", "lower = 1.6", [".stiffness.mean'", "1.4, 1.6"]),
     "start above": ("start = 1.0", "start = 3", ["stiffness.mean'", "3", "1.4"]),
-    "box in disorder": (r"\[0.5, 1.5\]", "[1.5, 0.5]", ["stiffness'", "lower 1.5 >= upper 0.5"]),
+    "box in disorder": (r"\[0.5, 1.5\]", "[1.5, 0.5]", ["stiffness'", "1.5", "0.5, 1.5"]),
     "unknown law": ('"constant"', '"constnt"', ["offset.law'", "'constant'"]),
+    "limits of a constant": ("value = ", "limits = ", [".offset.limits'", "value = {lower ="]),
+    "a list for limits": (r"\{lower = 0.6.*\}", "[0.6, 1.4]", ["mean = {lower"]),
     "key of a law": ("value = ", "vlue = ", ["'parameters.offset.vlue'", "mean 'value'"]),
     "sd below zero": ("lower = 0.005", "lower = -1", ["parameters.stiffness", "sd", "-1.0"]),
     "noise without bounds": (r"lower = 0.01, upper = 2.0", "", ["'noise.sd'", "lower", "upper"]),
@@ -430,7 +432,7 @@ WRONG_TABLES = {
     ),
     "a known sd of zero": (
         WIDE, NOISES.replace('"mass_sd"', '"spare"'),
-        ["wide.csv: row 5, column 'spare'", "experiment 'A'"],
+        ["wide.csv: line 5, column 'spare'", "experiment 'A'"],
     ),
     "df of a normal error": (PLAIN, "[noise]\nsd = 1\ndf = 4", ["'noise.df'", "student_t"]),
     "no such correlation": (
@@ -453,7 +455,7 @@ WRONG_TABLES = {
     ),
     "correlated bounds": (
         WIDE, NOISES.replace("relative = 0.05", 'correlation = "ar1"'),
-        ["wide.csv: row 4", "experiment 'B'", "only a bound"],
+        ["wide.csv: line 4", "experiment 'B'", "only a bound"],
     ),
     "a variance without an sd": (
         PLAIN, '[noise]\nrelative = 0.1\nvariance = "power"', ["noise", "sd", "relative"],
@@ -727,7 +729,7 @@ def test_all_pairs_of_a_list_are_tied_but_for_those_with_a_key_of_their_own(tmp_
     ("old", "new", "told"),
     [
         ("1 + heat", "1 + haet", ["'haet'", "mean 'heat'"]),
-        ("1 + heat", "1 + time", ["'time'", "'1'", "row 2", "row 3"]),
+        ("1 + heat", "1 + time", ["'time'", "'1'", "line 2", "line 3"]),
         ("1 + heat", "1 + (heat", ["parameters", "k.mean"]),
         ("heat = {lower", "hete = {lower", ["parameters", "'hete'", "mean 'heat'"]),
         ('formula = "1 + heat + C(supplier)", ', "", ["parameters.k.mean", "formula"]),

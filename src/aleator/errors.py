@@ -18,8 +18,8 @@ class AleatorError(Exception):
 
     The command line prints the message and exits with code 2.
 
-    >>> str(AleatorError("study.toml: key 'box': lower 2.0 >= upper 1.0", "swap the two numbers"))
-    "study.toml: key 'box': lower 2.0 >= upper 1.0\\n  Remedy: swap the two numbers"
+    >>> str(AleatorError("study.toml: key 'box' has one number", "write two numbers"))
+    "study.toml: key 'box' has one number\\n  Remedy: write two numbers"
     """
 
     def __init__(self, problem: str, remedy: str = "") -> None:
@@ -125,6 +125,20 @@ def short(path: Path) -> str:
     except OSError:  # The current folder does not exist any more.
         return str(path)
     return str(path.relative_to(here) if path.is_relative_to(here) else path)
+
+
+def disordered(lower: float, upper: float) -> tuple[str, str]:
+    """The problem and the remedy of limits of which the lower one is not below the upper one.
+
+    >>> disordered(90.0, 30.0)
+    ('the lower limit 90 is above the upper limit 30', 'write 30, 90')
+    >>> disordered(1.0, 1.0)
+    ('the lower and the upper limit are both 1', 'make the upper limit larger')
+    """
+    if lower == upper:
+        return f"the lower and the upper limit are both {lower:g}", "make the upper limit larger"
+    problem = f"the lower limit {lower:g} is above the upper limit {upper:g}"
+    return problem, f"write {upper:g}, {lower:g}"
 
 
 def require_filled(value: object, interface: type, place: str) -> None:

@@ -63,27 +63,27 @@ def test_the_same_table_in_many_spellings(tmp_path: Path, raw: bytes) -> None:
 
 
 BAD = {
-    "text": ("v,y\n1,2\n3,high\n", ["row 3", "column 'y'", "'high'"]),
-    "blank": ("v,y\n1,2\n3,\n", ["row 3", "column 'y'"]),
-    "nan": ("v,y\n1,2\n3,NaN\n", ["row 3", "column 'y'", "'NaN'"]),
-    "infinity": ("v,y\n1,2\n3,-inf\n", ["row 3", "column 'y'", "'-inf'"]),
-    "underscore": ("v,y\n1,1_000\n", ["row 2", "column 'y'", "'1_000'"]),
-    "condition": ("v,y\n1,2\nx,3\n4,5\n", ["row 3", "column 'v'", "'x'"]),
-    "blank rows count": ("v,y\n1,2\n\n3,high\n", ["row 4", "column 'y'"]),
-    "blank id": ("id,v,y\nA,1,2\n,1,2\n", ["row 3", "'id'"]),
+    "text": ("v,y\n1,2\n3,high\n", ["line 3", "column 'y'", "'high'"]),
+    "blank": ("v,y\n1,2\n3,\n", ["line 3", "column 'y'"]),
+    "nan": ("v,y\n1,2\n3,NaN\n", ["line 3", "column 'y'", "'NaN'"]),
+    "infinity": ("v,y\n1,2\n3,-inf\n", ["line 3", "column 'y'", "'-inf'"]),
+    "underscore": ("v,y\n1,1_000\n", ["line 2", "column 'y'", "'1_000'"]),
+    "condition": ("v,y\n1,2\nx,3\n4,5\n", ["line 3", "column 'v'", "'x'"]),
+    "blank rows count": ("v,y\n1,2\n\n3,high\n", ["line 4", "column 'y'"]),
+    "blank id": ("id,v,y\nA,1,2\n,1,2\n", ["line 3", "'id'"]),
     "missing outcome": ("v,Y\n1,2\n", ["'y'", "'v', 'Y'"]),
     "empty": ("", []),
     "only a header": ("v,y\n", []),
     "semicolons": ("v;y\n1;2\n", ['delimiter = ";"']),
     "tabs": ("v\ty\n1\t2\n", [r'delimiter = "\t"']),
-    "decimal comma": ("v,y\n1,2\n0,5,3\n", ["row 3", "decimal"]),
-    "short row": ("v,w,y\n1,2,3\n1,2\n", ["row 3", "2", "3"]),
+    "decimal comma": ("v,y\n1,2\n0,5,3\n", ["line 3", "decimal"]),
+    "short row": ("v,w,y\n1,2,3\n1,2\n", ["line 3", "2", "3"]),
     "duplicate header": ("v,v,y\n1,2,3\n", ["'v'", "1 and 2"]),
     "unnamed column": ("v,,y\n1,2,3\n", ["column 2"]),
     "open quotes": ('v,y\n1,"2\n3,4\n', ["line 3"]),
-    "latin-1": ("v,y\n1,2\n\u00e9,3\n".encode("latin-1"), ["row 3", "UTF-8", "0xe9"]),
+    "latin-1": ("v,y\n1,2\n\u00e9,3\n".encode("latin-1"), ["line 3", "UTF-8", "0xe9"]),
     "workbook": (b"PK\x03\x04rest", ["CSV UTF-8"]),
-    "binary": (b"v,y\n\x00\x01", ["row 2"]),
+    "binary": (b"v,y\n\x00\x01", ["line 2"]),
 }
 
 
@@ -109,7 +109,7 @@ def test_a_delimiter_is_one_character(tmp_path: Path, delimiter: str) -> None:
 @pytest.mark.parametrize("outcome", ["0", "-1"])
 def test_no_logarithm_of_an_outcome_that_is_not_positive(tmp_path: Path, outcome: str) -> None:
     path = written(tmp_path, f"v,y\n1,2\n1,{outcome}\n")
-    with pytest.raises(ExperimentsError, match=rf"row 3, column 'y'.*{outcome}"):
+    with pytest.raises(ExperimentsError, match=rf"line 3, column 'y'.*{outcome}"):
         Experiments.from_csv(path, outcome="y", transform="log")
 
 
@@ -117,7 +117,7 @@ def test_columns_of_text_stay_text_and_slips_do_not_turn_numbers_into_text(tmp_p
     path = written(tmp_path, "site,v,y\nA1,1,2\n7,2,3\nB,3,4\n")
     experiments = Experiments.from_csv(path, outcome="y")
     assert experiments.conditions["site"].tolist() == ["A1", "7", "B"]
-    with pytest.raises(ExperimentsError, match=r"row 2, column 'site'.*'A1'"):
+    with pytest.raises(ExperimentsError, match=r"line 2, column 'site'.*'A1'"):
         Experiments.from_csv(path, outcome="y", conditions=["site"])
 
 

@@ -238,7 +238,7 @@ def test_signals_are_read_from_csv(fmu: Path, tmp_path: Path) -> None:
     for text, reference, message in (
         ("time,ambient\n0,1\n", "drive.csv:ambiant", "no column 'ambiant' .did you mean"),
         ("t,ambient\n0,1\n", "drive.csv:ambient", "no column 'time'"),
-        ("time,ambient\n0,1\n1,x\n", "drive.csv:ambient", "row 3, column 'ambient' is not"),
+        ("time,ambient\n0,1\n1,x\n", "drive.csv:ambient", "line 3, column 'ambient' is not"),
         ("time,ambient\n1,1\n0,1\n", "drive.csv", "is empty or decreases"),
         ("", "drive.csv", "cannot be read as a CSV"),
         ("", "drive2.csv", "does not exist"),

@@ -60,6 +60,7 @@ def test_an_unreachable_outcome_is_named_with_its_remedy() -> None:
     with pytest.raises(ExperimentsError, match="experiment 5: ") as caught:
         identified(problem, y)
     assert "noise" in caught.value.remedy
+    assert "experiment 5" in caught.value.remedy  # Its value lies apart from all others.
 
 
 def test_a_known_constant_is_no_parameter_of_the_surface() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator import Constant, Free, Inputs, Noise, TruncatedNormal, identify
+from aleator import Constant, Free, Inputs, Noise, Normal, TruncatedNormal, identify
 from aleator.errors import SimulatorError
 from aleator.inference.check import Check
 from aleator.observations.experiments import Experiments
@@ -58,6 +58,15 @@ def test_what_noise_explains_is_not_out_of_reach() -> None:
         expected = {name for name, gap in gaps.items() if gap > 3.0 * sd}
         assert beyond(Noise(sd)) == beyond(Noise(Free(sd / 4.0, 4.0 * sd))) == expected
     assert beyond(Noise(relative=0.04)) == set()
+
+
+def test_a_law_with_a_known_mean_is_looked_at_as_far_as_its_sd_may_reach() -> None:
+    """An sd of 0.1 at most: 3.1 of it are 0.31, on either side of the known mean."""
+    table = pd.DataFrame({"force": [1.0, 1.0, 1.0], "travel": [0.0, 0.25, 0.5]})
+    inputs = Inputs({"shift": Normal(mean=0.0, sd=Free(0.001, 0.1))})
+    look = looked(inputs, table, lambda force, shift: force * shift)
+    assert look.plan.region[0].tolist() == pytest.approx([-0.31, 0.31])
+    assert [look.ids[k] for k in look.out_of_reach] == ["3"]
 
 
 def test_a_corner_of_two_parameters_is_reached() -> None:

@@ -227,7 +227,7 @@ def test_misuse_is_told() -> None:
         p_box(line, new, Inputs(known))
     with pytest.raises(AleatorError, match="only bounded"):
         identified(ALIKE, {**LAWS, "b": Constant(1.5)}).p_box(new)
-    with pytest.raises(AleatorError, match=r"2\.0 >= upper 1\.0"):
+    with pytest.raises(AleatorError, match="write 1, 2"):
         Normal(Between(2.0, 1.0), 0.1)
     with pytest.raises(AleatorError, match=r"a\.mean"):
         p_box(line, new, Inputs({**LAWS, "b": Constant(Between(1.0, 2.0))}), {"a.sd": 0.1})

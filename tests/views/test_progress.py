@@ -26,8 +26,9 @@ def test_without_a_terminal_there_are_plain_lines() -> None:
         assert isinstance(progress, Lines)
         progress.stage("search")
         progress.update("start 1 of 10", 1, 10)
-        progress.stage("inference")
-    assert without_times(file) == ["search ...", "inference ..."]
+        for stage in ("response surface", "search", "response surface", "inference"):
+            progress.stage(stage)
+    assert without_times(file) == ["search ...", "response surface ...", "inference ..."]
 
 
 def test_a_long_stage_is_told_again() -> None:

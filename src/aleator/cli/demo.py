@@ -7,10 +7,11 @@ from pathlib import Path
 
 import click
 
-from aleator.cli.identify import IDENTIFICATION, REPORT, identify
+from aleator.cli.identify import REPORT, identify
 from aleator.cli.running import output_option
 from aleator.errors import AleatorError, short
 from aleator.results import documents
+from aleator.results.schema import IDENTIFICATION
 
 STUDY = "study.toml"
 WRITTEN = {

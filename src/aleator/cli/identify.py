@@ -32,7 +32,7 @@ from aleator.cli.running import (
 from aleator.errors import AleatorError, short
 from aleator.results import documents
 from aleator.results.answer import brief
-from aleator.results.schema import read_answer, read_ceiling
+from aleator.results.schema import IDENTIFICATION, read_answer, read_ceiling
 from aleator.simulators import Budget
 from aleator.study import load_study
 from aleator.tasks.identification import pictured
@@ -101,9 +101,6 @@ def _study_text(document: Document, study: Path | None) -> str | None:
     if hashlib.sha256(content).hexdigest() != documents.study_entry(document).get("sha256"):
         return None
     return content.decode("utf-8", "replace")
-
-
-IDENTIFICATION = "identification.json"
 
 
 @click.command()

@@ -9,11 +9,11 @@ from pathlib import Path
 import click
 
 from aleator.cli.running import (
+    ANSWER,
     FILE,
     NO_FIGURES,
     NO_VERIFY,
     OUTPUT,
-    RESULT,
     SEED,
     STUDY,
     RunOptions,
@@ -279,7 +279,7 @@ def posterior(
 @SEED
 @click.option(
     "--law",
-    type=RESULT,
+    type=ANSWER,
     metavar="IDENTIFICATION.json",
     help="Take the true law from there [default: the study is identified first].",
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ import click
 from rich.console import Console
 
 from aleator.cli.running import FILE, RESULT, make_place, require_at_most_one
-from aleator.errors import AleatorError, SimulatorError, nearest, short
+from aleator.errors import AleatorError, SimulatorError, disordered, nearest, short
 from aleator.results import documents
 from aleator.study.nonmem import has_records, subject_table
 from aleator.study.offers import (
@@ -29,6 +30,7 @@ from aleator.study.offers import (
 from aleator.study.petab import FUNCTION, petab_study
 from aleator.study.proposal import (
     Limits,
+    Proposal,
     laws_for,
     nominal_limits,
     outcome_of,
@@ -37,6 +39,7 @@ from aleator.study.proposal import (
     require_outcome,
     responses_of,
     roles_of,
+    with_noise,
 )
 from aleator.study.proposal_text import notes, study_text, variables
 from aleator.study.roles import (
@@ -246,6 +249,34 @@ def chosen_parameters(
     return dict(click.prompt(f"{question}: {shown}", value_proc=typed, err=True))
 
 
+def stated_noise(questions: Questions, proposal: Proposal, option: float | None) -> Proposal:
+    """The proposal with the measurement error that the user knows, by option or by question.
+
+    The question is asked where an experiment has one value, which hardly tells its error from the
+    scatter of the parameters, and no column has the error.
+    """
+    if option is not None:
+        return with_noise(proposal, option)
+    several = proposal.repeated or len(proposal.outcomes) > 1
+    if several or proposal.roles.errors or not questions.interactive:
+        return proposal
+    unknown, unit = "unknown", proposal.units.get(proposal.outcomes[0])
+
+    def typed(answer: str) -> float | None:
+        try:
+            sd = None if answer.strip() == unknown else float(answer)
+        except ValueError:
+            sd = 0.0
+        if sd is not None and not 0.0 < sd < math.inf:
+            raise click.BadParameter(f"write a number above zero, or {unknown}")
+        return sd
+
+    scale = "as a share, 0.1 is 10 %" if proposal.log else f"in {unit}" if unit else ""
+    said = ", ".join(filter(None, ["Standard deviation of the measurement error", scale]))
+    sd = click.prompt(f"{said}, if it is known", default=unknown, value_proc=typed, err=True)
+    return proposal if sd is None else with_noise(proposal, sd)
+
+
 def _parameter(text: str) -> tuple[str, Limits | float | None]:
     """The name and the value of an option `stiffness=1:3`, `stiffness=2` or `stiffness`."""
     name, given, value = text.partition("=")
@@ -253,6 +284,12 @@ def _parameter(text: str) -> tuple[str, Limits | float | None]:
         numbers = [float(part) for part in value.split(":")] if given and value else []
     except ValueError:
         numbers = [0.0, 0.0]
+    if len(numbers) == 2 and numbers[0] > numbers[1]:
+        low, high = value.split(":")
+        problem, _ = disordered(*numbers)
+        raise AleatorError(
+            f"--parameter {text}: {problem}", f"write --parameter {name}={high}:{low}"
+        )
     if len(numbers) > 2 or (len(numbers) == 2 and not numbers[0] < numbers[1]):
         raise AleatorError(
             f"--parameter {text}: '{value}' is neither a number nor limits",
@@ -387,6 +424,13 @@ SCHEMA = "study.schema.json"
     help="It differs between experiments, within limits; NAME=NUMBER is a constant.",
 )
 @click.option(
+    "--noise",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SD",
+    help="The known standard deviation of the measurement error, in the unit of the outcome; of "
+    "its logarithm where that is proposed.",
+)
+@click.option(
     "--series", is_flag=True, help="A run serves all rows of an experiment: arrays of times."
 )
 @click.option(
@@ -411,6 +455,7 @@ def new(
     outcome: tuple[str, ...],
     id: str | None,
     parameters: tuple[str, ...],
+    noise: float | None,
     series: bool,
     output: Path,
     schema: bool,
@@ -442,7 +487,8 @@ def new(
     path = chosen_table(questions, table)
     if path.suffix in (".yaml", ".yml"):
         stated = {"--fmu": fmu, "--command": command, "--umbridge": umbridge, "--outcome": outcome,
-                  "--id": id, "--parameter": parameters, "--series": series}  # fmt: skip
+                  "--id": id, "--parameter": parameters, "--noise": noise,
+                  "--series": series}  # fmt: skip
         _from_petab(path, function, output, stated, schema, force, questions)
         return
     sheet, title = sheet_of(path), _title(path)
@@ -477,6 +523,7 @@ def new(
     laws = chosen_parameters(questions, offer, roles, most, each, parameters)
     file = Path(os.path.relpath(path.absolute(), output.parent)).as_posix()
     proposal = proposed(sheet, file, title, offer, outcomes, named, laws, series)
+    proposal = stated_noise(questions, proposal, noise)
     if schema:
         documents.write_text(schema_text(), output.with_name(SCHEMA))
     documents.write_text(study_text(proposal, SCHEMA if schema else None), output)

@@ -31,7 +31,7 @@ from aleator.observations.experiments import Conditions
 from aleator.observations.noise import noise_columns
 from aleator.results import documents
 from aleator.results.printed import Content, number
-from aleator.results.schema import read_answer
+from aleator.results.schema import answer_file, read_answer
 from aleator.results.units import label
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
@@ -107,6 +107,13 @@ class PredictionRequest:
                 raise AleatorError(
                     f"--{name} says which tolerance limits are meant", "add --tolerance 0.95 0.95"
                 )
+        try:
+            _ = self.limits
+        except AleatorError as error:
+            raise AleatorError(
+                f"--tolerance: {error.problem}",
+                "write --tolerance 0.95 0.90: the content, then the confidence",
+            ) from None
 
     @property
     def limits(self) -> Tolerance | None:
@@ -287,7 +294,8 @@ def predict(
 ) -> None:
     """Predict outcomes of untested conditions.
 
-    Takes the law from IDENTIFICATION.json and the simulator from its study file. For each row of
+    Takes the law from IDENTIFICATION.json, or from the file of this name in a folder, and the
+    simulator from its study file. For each row of
     the conditions --at: mean, standard deviation, median and 95 % range of the outcome as it would
     be measured, noise included. With transform = "log", mean and standard deviation are those of
     the logarithm. --output writes a file with skewness and kurtosis too, in which the quantiles are
@@ -307,8 +315,10 @@ def predict(
     status is "unsettled". `unseen` is the probability of a region that the runs do not exclude.
 
     With --tolerance: limits of the outcome, or with --side one limit, a design value. All are in
-    the unit of the outcome, and predict the measured value. To judge whether something fails, the
-    true value matters: predict it with --no-noise.
+    the unit of the outcome, and predict the measured value. The life that 90 % exceed (B10, L10)
+    with 90 % confidence is --tolerance 0.9 0.9 --side lower. To judge whether something fails, the
+    true value matters: predict it with --no-noise if [noise] is the error of a measurement. If it
+    stands for an error of the model or for scatter of the part itself, keep it.
 
     If experiments have several observations, NEW.csv has a row for each prediction; rows with the
     same id are one new experiment. With --of the rows are further measurements of an experiment
@@ -318,6 +328,7 @@ def predict(
     folder = None if output is None else output.parent
     require_folder(options, folder)
     at = tuple(one.absolute() if isinstance(one, Path) else one for one in at)
+    identification = answer_file(identification)
     document = read_answer(identification)
     value = load_study(study or documents.study_file(document, identification))
     if value.sha256 != documents.study_entry(document).get("sha256"):
@@ -327,6 +338,8 @@ def predict(
     table = requested_conditions(value, at, of)
     if output is not None:
         make_place(output, value.file)
+    for note in untested(value, table):  # Before the runs, which may fail there.
+        options.say(note)
     with (
         running(value, options, table) as runner,
         running(value, options) if of or value.inputs.levels else nullcontext() as measured,
@@ -345,8 +358,6 @@ def predict(
     if draws is not None and draws.fixed.size:
         names = ", ".join(answer.session.hyperparameters[k].name for k in draws.fixed.tolist())
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
-    for note in untested(value, table):
-        options.say(note)
     made = {
         "title": document.get("title"), **units_in(value), "request": vars(request),
         "rows": found.to_dict("records"),

@@ -103,6 +103,8 @@ FILE = _Named(path_type=Path)
 """The type of a command-line argument: a file that is read before the simulator runs."""
 RESULT = _Placed(path_type=Path, dir_okay=False)
 """The type of a command-line argument: a file that is written, or read after runs."""
+ANSWER = _Placed(path_type=Path)
+"""The type of a command-line argument: an answer's file, or the folder that has it."""
 FOLDER = _Placed(path_type=Path, file_okay=False)
 """The type of a command-line argument: a folder."""
 STUDY = click.argument("study", type=FILE, metavar="STUDY.toml")

@@ -8,13 +8,13 @@ from typing import Any
 
 import click
 
-from aleator.cli.identify import IDENTIFICATION, show_identification
+from aleator.cli.identify import show_identification
 from aleator.cli.predict import predicted
 from aleator.cli.running import FILE, show_answer
 from aleator.errors import AleatorError, short
 from aleator.results.printed import Content
-from aleator.results.schema import NEEDED, read_answer, read_ceiling, read_document
-from aleator.views import models, planning, uncertainty
+from aleator.results.schema import NEEDED, answer_file, read_answer, read_ceiling, read_document
+from aleator.views import models, p_boxes, planning, uncertainty
 
 Document = Mapping[str, Any]
 View = Callable[[Document], Content]
@@ -30,6 +30,7 @@ KEYS = {
     "bootstrap": ("statuses", "hyperparameters"),
     "posterior": ("chains", "draws"),
     "recover": ("replicates", "hyperparameters"),
+    "pbox": ("bounded", "rows", "pinched"),
 }
 """The keys by which the document of a command is recognized; the first that has all is meant."""
 
@@ -43,6 +44,7 @@ VIEWS: Mapping[str, View] = {
     "bootstrap": uncertainty.bootstrap,
     "posterior": uncertainty.posterior,
     "recover": uncertainty.recovery,
+    "pbox": p_boxes.bounds,
 }
 """The report of each command's document; that of predictions has one for each response."""
 
@@ -56,11 +58,12 @@ def show(result: Path, details: bool, quiet: bool) -> None:
 
     RESULT is a JSON file that a command wrote: identification.json, check.json, box.json,
     sensitivity.json, ceiling.json, compare.json, bootstrap.json, posterior.json, recovery.json,
-    next.json, or the predictions of `aleator predict --output FILE.json`. For a folder it is the
-    identification.json in it. The text is that of the command, with --details and --quiet as
-    `aleator identify` has them. No run of the simulator is made, and no file is written.
+    next.json, pbox.json, or the predictions of `aleator predict --output FILE.json`. For a folder
+    it is the identification.json in it, or its only JSON file. The text is that of the command,
+    with --details and --quiet as `aleator identify` has them. No run of the simulator is made, and
+    no file is written.
     """
-    path = result / IDENTIFICATION if result.is_dir() else result
+    path = answer_file(result)
     document = read_document(path)
     if all(key in document for key in NEEDED):
         show_identification(read_answer(path), details=details, quiet=quiet)

@@ -99,9 +99,31 @@ def first_region(
     """
     if inputs.bounded:
         return inputs.box
+    ends = _location_ends(hyperparameters)
+    return within(inputs.box, region_of(inputs, ends, experiments, REGIONS.plausible))
+
+
+def _location_ends(hyperparameters: Sequence[Hyperparameter]) -> list[Array]:
+    """alpha (K,) with locations and constants at either limit, standard deviations at starts."""
     lower = np.array([h.start if h.log else h.lower for h in hyperparameters])
     upper = np.array([h.start if h.log else h.upper for h in hyperparameters])
-    return within(inputs.box, region_of(inputs, [lower, upper], experiments, REGIONS.plausible))
+    return [lower, upper]
+
+
+def widest_region(
+    inputs: Inputs, hyperparameters: Sequence[Hyperparameter], experiments: int
+) -> Array:
+    """The region (n, 2) of parameters that a first look covers.
+
+    It is the first region, and of a law with a known location all that its limits of the standard
+    deviation allow: no limits of a location widen the region there.
+    """
+    region = first_region(inputs, hyperparameters, experiments)
+    located = region_of(inputs, _location_ends(hyperparameters), experiments, 0.0)
+    known = located[:, :1] == located[:, 1:]
+    _, upper = limits_of(hyperparameters)
+    widest = within(inputs.box, region_of(inputs, [upper], experiments, REGIONS.plausible))
+    return np.where(known, hull(region, widest), region)
 
 
 def plausible_alphas(

@@ -385,19 +385,41 @@ def unreachable(problem: Problem, ids: Sequence[str]) -> ExperimentsError:
 def out_of_reach(
     outside: Indices, y: Array, reach: tuple[Array, Array], ids: Sequence[str]
 ) -> ExperimentsError:
-    """The error that names the outcomes `outside` the range of the simulator's values."""
+    """The error that names the outcomes `outside` the range of the simulator's values.
+
+    An outcome that lies far from all others is named first as a possible slip of the table.
+    """
     (low, high), most = reach, SURFACES.ids
+    outside = np.array(sorted(outside.tolist(), key=lambda l: not lies_apart(y, l)))
+    slips = [ids[l] for l in outside.tolist() if lies_apart(y, l)][:most]
     named = "; ".join(
         f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
         for l in outside[:most]
     )
     more = f"; and {outside.size - most} more" if outside.size > most else ""
+    slip = (
+        f"look first at experiment {', '.join(slips)}: its value lies farther from all others than "
+        "these from each other, as after a slip of the sign, the point or the unit. Else "
+        if slips
+        else ""
+    )
     return ExperimentsError(
         f"{outside.size} outcome(s) lie outside the range that the simulator reaches, "
         f"so that no law explains them: {named}{more}",
-        "check these rows and the units, widen the box of the parameters, or add measurement noise "
-        "([noise] sd)",
+        f"{slip}check these rows and the units, widen the box of the parameters, or add "
+        "measurement noise ([noise] sd)",
     )
+
+
+def lies_apart(y: Array, l: int) -> bool:
+    """Whether outcome `l` of y (M,) lies farther from all others than these from each other.
+
+    >>> values = np.array([48.0, -29.2, 30.8])
+    >>> [lies_apart(values, l) for l in range(3)]
+    [False, True, False]
+    """
+    others = np.delete(y, l)
+    return bool(others.size > 1 and np.abs(others - y[l]).min() > np.ptp(others))
 
 
 # --------------------------------------------------------------------------------- level sets

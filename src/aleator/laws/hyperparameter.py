@@ -12,7 +12,7 @@ import numpy as np
 from scipy import special
 
 from aleator.core.types import Array, Indices
-from aleator.errors import InputsError
+from aleator.errors import InputsError, disordered
 
 
 class PriorLaw(Protocol):
@@ -236,7 +236,8 @@ def resolve(
             f"give {name} a lower and an upper limit, {_with_limits(specification)}; or give its "
             "parameter a finite box",
         )
-    _require(lower < upper, f"{name}: lower {lower} >= upper {upper}", "swap or widen the limits")
+    problem, remedy = disordered(lower, upper)
+    _require(lower < upper, f"{name}: {problem}", remedy)
     if positive and least is not None and lower == 0.0:
         lower = least * upper
     if positive:

@@ -15,7 +15,7 @@ from scipy import special
 
 from aleator.core.polynomials import gauss, gauss_legendre, stieltjes
 from aleator.core.types import Array
-from aleator.errors import InputsError
+from aleator.errors import InputsError, disordered
 from aleator.laws.hyperparameter import LIMITS, OPEN, Hyperparameter, Specification, filled, resolve
 from aleator.laws.law import MeanSd, Rule, Standard, ThroughNormal, normal_log_density
 
@@ -83,7 +83,8 @@ class TruncatedNormal(ThroughNormal):
         except (TypeError, ValueError):
             raise InputsError(f"box: {box!r} is not two numbers", "write (lower, upper)") from None
         if not lower < upper:
-            raise InputsError(f"box: lower {lower} >= upper {upper}", "swap the two numbers")
+            problem, remedy = disordered(lower, upper)
+            raise InputsError(f"box: {problem}", remedy)
         if polynomials not in ("own", "hermite"):
             raise InputsError(f"polynomials '{polynomials}' unknown", "use 'own' or 'hermite'")
         object.__setattr__(self, "box_limits", (lower, upper))

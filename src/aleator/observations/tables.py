@@ -366,7 +366,11 @@ def read(path: str | Path, delimiter: str = ",", decimal: str = ".") -> Table:
 def _of_cells(
     source: str, numbered: list[tuple[int, list[Any]]], delimiter: str, decimal: str
 ) -> Table:
-    """The table of rows of cells with their row numbers; the first row has the column names."""
+    """The table of rows of cells with their numbers; the first row has the column names.
+
+    The numbers are those of lines in a text file, which has a `delimiter`, and else those of rows.
+    """
+    place = "line" if delimiter else "row"
     if not numbered:
         raise ExperimentsError(
             f"{source}: the file is empty", "write a header and a row per experiment"
@@ -386,7 +390,7 @@ def _of_cells(
     for number, row in numbered:
         if len(row) != len(header):
             raise ExperimentsError(
-                f"{source}: row {number} has {len(row)} cells, the header has {len(header)}",
+                f"{source}: {place} {number} has {len(row)} cells, the header has {len(header)}",
                 "fill in or delete cells so that the row fits the header"
                 + ("; a decimal comma splits a number in two" if delimiter == "," else ""),
             )
@@ -395,7 +399,8 @@ def _of_cells(
             f"{source}: there is a header but no rows", "write one row for each experiment"
         )
     columns = {name: [row[k] for _, row in numbered] for k, name in enumerate(header)}
-    return Table(source, columns, [f"row {number}" for number, _ in numbered], decimal, units=units)
+    places = [f"{place} {number}" for number, _ in numbered]
+    return Table(source, columns, places, decimal, units=units)
 
 
 def stated_units(path: str | Path, delimiter: str = ",") -> dict[str, str]:
@@ -487,23 +492,26 @@ def _decoded(path: Path) -> str:
     except UnicodeDecodeError as error:
         row = raw[: error.start].count(b"\n") + 1
         raise ExperimentsError(
-            f"{path}: row {row} is not UTF-8 text (byte 0x{raw[error.start]:02x})",
+            f"{path}: line {row} is not UTF-8 text (byte 0x{raw[error.start]:02x})",
             "save the file with the encoding UTF-8 (in a spreadsheet: 'CSV UTF-8')",
         ) from None
     if "\0" in text:
         row = text[: text.index("\0")].count("\n") + 1
         raise ExperimentsError(
-            f"{path}: row {row} has a null character: this is not a text file",
+            f"{path}: line {row} has a null character: this is not a text file",
             "save it as CSV UTF-8",
         )
     return text
 
 
 def _rows(text: str, delimiter: str, source: str) -> list[tuple[int, list[str]]]:
-    """The rows that hold any text, each with its row number in a spreadsheet and its cells."""
+    """The rows that hold any text, each with the number of its first line and its cells."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     try:
-        rows = [(number, [cell.strip() for cell in row]) for number, row in enumerate(reader, 1)]
+        first, rows = 1, []
+        for row in reader:
+            rows.append((first, [cell.strip() for cell in row]))
+            first = reader.line_num + 1
     except csv.Error as error:
         raise ExperimentsError(
             f"{source}: line {reader.line_num}: {error}", "check the quotation marks from there on"

@@ -297,4 +297,14 @@ def _numbered(rows: Sequence[Document]) -> Iterator[tuple[str, Document]]:
 
 
 def _row(document: Document, outlier: Document) -> str:
-    return f", row {outlier['row']}" if is_individual(document) else ""
+    """Which of the rows of its experiment an outlier is, if the experiment has several.
+
+    >>> seen = [{"id": "B", "row": 2}, {"id": "B", "row": 5}, {"id": "C", "row": 3}]
+    >>> [_row({"observations": seen}, each) for each in seen]
+    [', row 1 of 2', ', row 2 of 2', '']
+    """
+    seen = document.get("observations", ())
+    rows = sorted({each["row"] for each in seen if each["id"] == outlier["id"]})
+    if len(rows) < 2 or outlier["row"] not in rows:
+        return ""
+    return f", row {rows.index(outlier['row']) + 1} of {len(rows)}"

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model, model
 from pydantic import Field as Known
 from pydantic_core import PydanticCustomError
 
-from aleator.errors import AleatorError, key_path
+from aleator.errors import AleatorError, key_path, short
 from aleator.results.result import Result
 from aleator.results.values import (
     REPORTED,
@@ -40,6 +40,8 @@ Series = list[Number]
 Grid = list[Series]
 FORMER = (Any, None)
 """The type of a key that only earlier versions of Aleator wrote; its value is not read."""
+IDENTIFICATION = "identification.json"
+"""The file in which an identification stands in the folder of its results."""
 NEEDED = ("alpha", "log_likelihood", "experiments")
 """The keys that every identification has."""
 
@@ -459,13 +461,35 @@ def _answer(individual: bool) -> type[DocumentEntry]:
 # ------------------------------------------------------------------------------ reading
 
 
+def answer_file(path: Path) -> Path:
+    """The file of an answer: `path` itself, or what a folder of results has.
+
+    Of a folder it is identification.json; without that, its only JSON file. Raises AleatorError,
+    which names all, if there is none or more than one.
+    """
+    if not path.is_dir() or (path / IDENTIFICATION).exists():
+        return path / IDENTIFICATION if path.is_dir() else path
+    found = sorted(path.glob("[!.]*.json"))
+    if len(found) != 1:
+        raise AleatorError(
+            f"{short(path)}: this folder has no {IDENTIFICATION}",
+            f"name one of its files: {', '.join(short(each) for each in found)}"
+            if found
+            else "name the folder or the file that a command of Aleator wrote",
+        )
+    return found[0]
+
+
 def read_answer(path: str | Path) -> Document:
     """Read the document of an identification, and check all of its keys.
+
+    For a folder of results the file is that of `answer_file`.
 
     Raises AleatorError, naming the file and the key, if the file is absent, not JSON, no
     identification, or has a key that an identification does not write so.
     """
-    document = read_document(Path(path))
+    path = answer_file(Path(path))
+    document = read_document(path)
     missing = [key for key in NEEDED if key not in document]
     if missing:
         raise AleatorError(

@@ -117,10 +117,16 @@ class Messages:
         for k, name in enumerate(self.parameters):
             fails, works = tried.x[mine & failed, k], tried.x[mine & ~failed, k]
             if len(works) and fails.min() > works.max():
-                return f"narrow the box or the bounds of {name} from above, to {works.max():.6g}"
+                return self._within(f"{name} from above, to {works.max():.6g}")
             if len(works) and fails.max() < works.min():
-                return f"narrow the box or the bounds of {name} from below, to {works.min():.6g}"
-        return f"narrow the box or the bounds of {' or '.join(self.parameters)}"
+                return self._within(f"{name} from below, to {works.min():.6g}")
+        return self._within(" or ".join(self.parameters))
+
+    def _within(self, which: str) -> str:
+        return (
+            f"narrow the box or the bounds of {which} (a law without a box, such as a lognormal "
+            "one, can become a truncated_normal, which has one)"
+        )
 
 
 def _failed(runs: Runs) -> Flags:

@@ -84,6 +84,9 @@ def _fault(details: ErrorDetails, document: Mapping[str, Any]) -> tuple[str, str
     shown = f"{key} = {in_toml(details.get('input'))}"
     if kind in ("model_type", "dict_type", "model_attributes_type"):
         return f"{shown} is not a table", f"write [{location}] and its keys under it"
+    if kind == "union_tag_invalid" and isinstance(details.get("input"), list):
+        name = location.rpartition(".")[2]
+        return f"{shown} is a list", f"write {_FORMS.get(name, 'a number')}"
     message = details["msg"]
     message = message.removeprefix("Input ").removeprefix("Value ").removeprefix("List ")
     return f"{shown}: it {message}", _WANTED.get(kind, "correct the value")

@@ -41,7 +41,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 from scipy import stats
 
-from aleator.errors import AleatorError, StudyError, nearest
+from aleator.errors import AleatorError, StudyError, disordered, nearest
 from aleator.laws import (
     OPEN,
     Beta,
@@ -60,6 +60,17 @@ from aleator.laws import (
     Uniform,
 )
 
+LIMITS = {"limits", "bounds", "range", "min", "max", "minimum", "maximum", "lower", "upper", "box"}
+"""Keys by which limits are called; `_meant` tells how a table of study.toml writes them."""
+LIMITED = {
+    "box": "box = [LOWER, UPPER]",
+    "value": "value = {lower = LOWER, upper = UPPER}",
+    "mean": "mean = {lower = LOWER, upper = UPPER}",
+    "sd": "sd = {lower = LOWER, upper = UPPER}",
+    "lower": "lower = LOWER, upper = UPPER",
+}
+"""How limits are written in a table that has the key; the first that it has holds."""
+
 FAULT = "fault"
 """The type of those errors in pydantic that carry a message and a remedy of Aleator."""
 
@@ -76,7 +87,7 @@ class Section(BaseModel):
             if key not in cls.model_fields:
                 raise fault(
                     f"there is no such key{nearest(key, cls.model_fields)}",
-                    f"the keys here are {', '.join(cls.model_fields)}",
+                    f"{_meant(key, cls)}the keys here are {', '.join(cls.model_fields)}",
                     key,
                 )
         return value
@@ -84,6 +95,18 @@ class Section(BaseModel):
     def stated(self) -> dict[str, Any]:
         """The keys that the file states, with their values; all others keep their defaults."""
         return {key: getattr(self, key) for key in self.model_fields_set}
+
+
+def _meant(key: str, section: type[Section]) -> str:
+    """The beginning of a remedy: what is written in place of a key that another table may have."""
+    if key in LIMITS:
+        keys = section.model_fields
+        return next(
+            (f"write limits as {how}; " for name, how in LIMITED.items() if name in keys), ""
+        )
+    if key in ("constant", "constants") and "parameters" in section.model_fields:
+        return 'a constant is a parameter: [parameters.NAME], law = "constant", value = NUMBER; '
+    return ""
 
 
 def _law(value: Any) -> ChosenKind[Law]:
@@ -116,7 +139,7 @@ class FreeSection(Section):
                 )
             low, high = self.between
         if low is not None and high is not None and not low < high:
-            raise fault(f"lower {low:g} >= upper {high:g}", "swap or correct the two numbers")
+            raise fault(*disordered(low, high))
         for bad, side, bound in (
             (low is not None and start is not None and start < low, "below lower", low),
             (high is not None and start is not None and start > high, "above upper", high),
@@ -402,7 +425,8 @@ class Kinds(Generic[T]):
                 there = f'{self.key} = "{other}"' if self.key else other
                 raise fault(
                     f"it has no meaning for {here}",
-                    f"the keys here are {', '.join(section.model_fields)}; or write {there}",
+                    f"{_meant(key, section)}the keys here are {', '.join(section.model_fields)}; "
+                    f"or write {there}",
                     key,
                 )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from aleator.errors import ExperimentsError, SimulatorError, nearest
@@ -176,15 +176,15 @@ class Proposal:
     `parameters` are in the order of the simulator's inputs; `untouched` inputs keep the value that
     they have in the simulator. `noise` has for each outcome the limits of its standard deviation,
     or the name of a column with standard deviations, or an assumed number where it must be known;
-    it is empty if nothing tells it from the law. `decades` are the outcomes that span several
-    decades. `log` says that there is one outcome and that its logarithm is used. `units` are read
-    from the heads of columns and the FMU. `unlike` maps each unused column to an input of the
-    simulator with a similar name. `censored` has the rules of censoring for each outcome.
-    `covariates` maps columns on which a law may depend to their terms in a formula. `levels` are
-    the columns whose groups of experiments may share a draw of a parameter. `series` says that one
-    call of the simulator serves all rows of an experiment; `within` are the conditions that vary
-    between these rows. `returned` is the FMU's variable that is the outcome, `time` the column with
-    the times of the FMU's simulation.
+    it is empty if nothing tells it from the law. `stated` says that the number is the user's.
+    `decades` are the outcomes that span several decades. `log` says that there is one outcome and
+    that its logarithm is used. `units` are read from the heads of columns and the FMU. `unlike`
+    maps each unused column to an input of the simulator with a similar name. `censored` has the
+    rules of censoring for each outcome. `covariates` maps columns on which a law may depend to
+    their terms in a formula. `levels` are the columns whose groups of experiments may share a draw
+    of a parameter. `series` says that one call of the simulator serves all rows of an experiment;
+    `within` are the conditions that vary between these rows. `returned` is the FMU's variable that
+    is the outcome, `time` the column with the times of the FMU's simulation.
     """
 
     title: str
@@ -209,6 +209,7 @@ class Proposal:
     series: bool
     returned: str | None
     time: str | None
+    stated: bool = False
 
     @property
     def repeated(self) -> bool:
@@ -322,6 +323,20 @@ def proposed(
         series or bool(offer.arrays & {*within}),
         _returned(offer, outcomes), _time(sheet, offer, outcomes),
     )  # fmt: skip
+
+
+def with_noise(proposal: Proposal, sd: float) -> Proposal:
+    """The proposal with the standard deviation `sd` of the measurement error that the user knows.
+
+    It is that of the logarithm if a logarithm is proposed. Raises ExperimentsError for several
+    outcomes, each of which has an error of its own.
+    """
+    if len(proposal.outcomes) > 1:
+        raise ExperimentsError(
+            f"one measurement error is given, and there are {len(proposal.outcomes)} outcomes",
+            f"write sd into [noise.{proposal.outcomes[0]}] and the others in the study file",
+        )
+    return replace(proposal, noise={proposal.outcomes[0]: sd}, stated=True)
 
 
 def _needs_noise(table: Table, outcomes: Sequence[str], laws: int) -> bool:

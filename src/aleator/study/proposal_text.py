@@ -67,7 +67,7 @@ def notes(proposal: Proposal) -> list[str]:
     if proposal.censored:
         said.append(f"censored values: {', '.join(proposal.censored)}")
     said += [f"noise: {sd:g} is assumed; write {OF_NOISE}" for sd in proposal.noise.values()
-             if isinstance(sd, float)]  # fmt: skip
+             if isinstance(sd, float) and not proposal.stated]  # fmt: skip
     if proposal.series:
         said.append(f"a run serves all rows of an experiment, with arrays of "
                     f"{', '.join(proposal.within)}")  # fmt: skip
@@ -364,6 +364,8 @@ def _noise(proposal: Proposal) -> list[str]:
         lines.append(remarked(head, f"measurement noise, normal{of}"))
         if isinstance(sd, str):
             lines.append(line("sd", sd, "the column with the sd of each measured value"))
+        elif isinstance(sd, float) and proposal.stated:
+            lines.append(line("sd", sd, "known; limits in its place would be identified"))
         elif isinstance(sd, float):
             lines.append(
                 line("sd", sd, f"assumed, 1 % of the scatter of all values; write {OF_NOISE}")

@@ -154,7 +154,7 @@ def censoring_of(table: Table, outcome: str, columns: Iterable[str]) -> Censorin
     column of numbers does if its name is like "upper" and it is never below the outcome. The result
     is None if nothing marks censored values.
 
-    >>> table = Table("a.csv", {"y": ["1", "2"], "s": ["", "Run-out"]}, ("row 2", "row 3"))
+    >>> table = Table("a.csv", {"y": ["1", "2"], "s": ["", "Run-out"]}, ("line 2", "line 3"))
     >>> censoring_of(table, "y", ["s"]).right
     ('Run-out',)
     """
@@ -313,9 +313,9 @@ def measured_rows(sheet: Sheet, outcomes: Sequence[str]) -> tuple[str, tuple[str
     None if something was measured in every row.
 
     >>> cells = {"force": ["1", "2"], "travel": ["0.5", "NA"]}
-    >>> table = Table("a.csv", cells, ["row 2", "row 3"], units={"force": "N"})
+    >>> table = Table("a.csv", cells, ["line 2", "line 3"], units={"force": "N"})
     >>> measured_rows(Sheet(table, ",", "."), ["travel"])
-    ('force [N],travel\\n1,0.5\\n', ('row 3',))
+    ('force [N],travel\\n1,0.5\\n', ('line 3',))
     """
     table, kept = sheet.table, np.any(is_measured(sheet.table, outcomes), axis=1).tolist()
     if all(kept):

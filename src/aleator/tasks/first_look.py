@@ -22,7 +22,7 @@ from aleator.fit.question import (
     way_of,
     way_of_outcomes,
 )
-from aleator.fit.regions import first_region
+from aleator.fit.regions import widest_region
 from aleator.inference.check import Check
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
@@ -262,7 +262,7 @@ def planned_look(
     """
     if inputs.individual_laws:
         inputs = inputs.resolved(covariates(table, inputs.columns))
-    region = first_region(inputs, inputs.hyperparameters, len(table.ids))
+    region = widest_region(inputs, inputs.hyperparameters, len(table.ids))
     moving = moving_parameters(region)
     x, star, edges = _points(region, moving, settings)
     return LookPlan(

@@ -370,11 +370,12 @@ def load(
 ) -> Identification:
     """Read an identification that `found.save` or the command `aleator identify` wrote.
 
-    All numbers come back as they were. Other parts are passed again, as to `identify`: `inputs` and
-    `noise` for `found.law`, and `simulator` as well for `found.predict`. `experiments` are needed
-    for predictions of a measured experiment, and if a law depends on covariates. Raises
-    AleatorError, with the file and the key, if the file is no identification. Raises InputsError if
-    the inputs and the noise have other hyperparameters than those identified.
+    `path` is its file, or the folder with identification.json. All numbers come back as they were.
+    Other parts are passed again, as to `identify`: `inputs` and `noise` for `found.law`, and
+    `simulator` as well for `found.predict`. `experiments` are needed for predictions of a measured
+    experiment, and if a law depends on covariates. Raises AleatorError, with the file and the key,
+    if the file is no identification. Raises InputsError if the inputs and the noise have other
+    hyperparameters than those identified.
 
     >>> from tempfile import TemporaryDirectory
     >>> import pandas as pd

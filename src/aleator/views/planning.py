@@ -32,7 +32,9 @@ Document = Mapping[str, Any]
 def first_look(document: Document) -> Content:
     """The report of check.json: effects of parameters, outcomes that no run gives, the cost."""
     seen, every = document["conditions"]["looked_at"], document["conditions"]["all"]
-    under = f"all {every} conditions" if seen == every else f"{seen} of {every} conditions"
+    under = f"{seen} of {every} different conditions"
+    if seen == every:
+        under = f"all {every} different conditions" if every > 1 else "the one condition"
     took = number(document["seconds_a_run"], 2)
     parts: list[Part] = [_parameters(document)]
     idle = [row["name"] for row in document["parameters"] if not row["influence"]]

@@ -67,9 +67,11 @@ def probabilities(columns: Columns, title: str) -> Content:
     unseen = [value for value in columns["unseen"] if not math.isnan(value)]
     if unseen:
         notes.append(
-            "Fresh runs all over the law look for regions that the surface does not have. By them "
-            f"alone one with a probability above {chance(max(unseen), 1)} is excluded with 95 % "
-            "confidence, a smaller one is not."
+            "Surprises: further runs of the simulator, all over the law, look for a region of the "
+            "event that the response surface does not show. If there were one with a probability "
+            f"above {chance(max(unseen), 1)}, they would have met it with 95 % probability. A "
+            "smaller one can have escaped them, but nothing says that there is one. This is no "
+            "error of the probabilities above: theirs are the interval and +-."
         )
     values = (">probability", ">95 % interval", ">+-", ">beyond", "~note")
     return _content(title, columns, values, rows, *map(Sentence, notes))

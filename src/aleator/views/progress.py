@@ -35,12 +35,16 @@ PROGRESS = ProgressSettings()
 
 
 class Lines:
-    """Progress as plain lines: one for each stage, and more, ever less often, in a long stage."""
+    """Progress as plain lines: one for each stage, and more, ever less often, in a long one.
+
+    A stage that comes again, as a search does in every round of runs, has no line of its own again.
+    """
 
     def __init__(self, console: Console, interval: float = PROGRESS.first) -> None:
         self._console = console
         self._interval = interval
         self._stage = ""
+        self._seen: set[str] = set()
         self._next = 0.0
         self._began = 0.0
 
@@ -51,8 +55,12 @@ class Lines:
         """Do nothing: plain lines need no end."""
 
     def stage(self, name: str) -> None:
-        """Begin a stage, and print a line with its name."""
-        self._stage, self._began = name, time.monotonic()
+        """Begin a stage, and print a line with its name unless it was there before."""
+        self._stage = name
+        if name in self._seen:
+            return
+        self._seen.add(name)
+        self._began = time.monotonic()
         self._next = self._began + self._interval
         self._say(f"{name} ...")
 

@@ -186,9 +186,10 @@ class ProgressPage:
         rounds = rounds_of(self._standings)
         if rounds:
             last = rounds[-1]
-            rows.append(("log-likelihood", f"{last.log_likelihood:.2f}"))
-            error = _error(last)
-            rows.append(("error of the estimates", f"{error} standard errors" if error else ""))
+            if self._state != "done":  # Then the report has the numbers of the answer.
+                rows.append(("log-likelihood", f"{last.log_likelihood:.2f}"))
+                error = _error(last)
+                rows.append(("error of the estimates", f"{error} standard errors" if error else ""))
             rows.append(("expected", last.forecast if working else ""))
         rows.append(("last writing", time.strftime("%Y-%m-%d %H:%M:%S")))
         yield _table(TextTable(heads("quantity", "~value"), [row for row in rows if row[1]]))
@@ -200,7 +201,14 @@ class ProgressPage:
             )
         if rounds:
             yield "<h2>Estimates by round</h2>"
-            yield chart(rounds, self._settings)
+            yield (
+                "<p>These are the estimates of the search while runs were added. The answer can "
+                "differ: more is computed after the last round.</p>"
+            )
+            if picture := chart(rounds, self._settings):
+                goals = " and ".join(f"{goal.error:g}" for goal in rounds[-1].ahead)
+                yield picture
+                yield f"<p>Dashed: errors of {goals}, for which the runs are forecast.</p>"
             yield _table(by_round(rounds[-self._settings.rounds :]))
         yield "<h2>Last messages</h2>"
         yield _table(TextTable(heads("time", "~message"), [*self._messages]))

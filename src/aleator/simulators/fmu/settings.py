@@ -411,7 +411,7 @@ def _numbers(table: pd.DataFrame, column: str, file: Path) -> Array:
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise SimulatorError(
-            f"{file}: row {bad[0] + 2}, column '{column}' is not a finite number",
+            f"{file}: line {bad[0] + 2}, column '{column}' is not a finite number",
             "correct the cell",
         )
     return values
