@@ -73,6 +73,33 @@ def test_check_tells_what_is_out_of_reach_and_idle_and_its_runs_are_kept() -> No
     assert "68" in done("runs", "list", "study.toml").output
 
 
+@pytest.mark.usefixtures("folder")
+def test_an_experiment_without_a_run_is_told_and_outcomes_are_in_their_own_unit() -> None:
+    write(
+        springs="id,force,travel\nA,10,4\nB,-20,6\nC,30,25\nD,40,15\n",
+        model="def spring(force, stiffness, idle):\n    return force / stiffness\n",
+        study=CHECKED.replace('"travel"\n', '"travel"\ntransform = "log"\n').replace(
+            ':spring"\n', ':spring"\nvectorized = true\n'
+        )
+        + "[noise]\nsd = 0.1\n",
+    )
+    said = done("check", "study.toml", "--output", "out", "--no-figures", "--quiet").stdout
+    assert "All 4 measured" not in said
+    assert "Of 1 experiment no run works" in said
+    result = read("out/check.json")
+    assert [*result["lost"]] == ["B"]
+    assert all(word in result["lost"]["B"] for word in ("row 3", "force = -20", "logarithm of"))
+    assert result["out_of_reach"] == ["C"]
+    of = {row["id"]: row for row in result["observations"]}
+    assert of["C"]["reached"] == pytest.approx([5.0, 15.0])
+    assert of["C"]["beyond"] == pytest.approx(25.0 - 15.0)
+    assert of["C"]["accepted"] == pytest.approx([25.0 * np.exp(-0.3), 25.0 * np.exp(0.3)])
+    assert result["measured"]["travel"] == pytest.approx([4.0, 25.0])
+    assert result["parameters"][0]["moves_at_most"]["travel"] == pytest.approx(40 / 2 - 40 / 6)
+    identified = done("identify", "study.toml", "--no-figures", "--quiet").stdout
+    assert "Left out: 1 of 4 experiments" in identified
+
+
 # ------------------------------------------------------------------------------ sensitivity
 
 SCREENED = """\
@@ -441,6 +468,12 @@ def test_conditions_are_values_by_name_or_those_of_the_experiments() -> None:
     measured = pd.read_csv("springs.csv")
     assert whole["load"].to_numpy() == pytest.approx(measured["load"].unique())
     assert whole["mean"].to_numpy() == pytest.approx(mean * measured["load"].unique(), rel=1e-3)
+    rows, study = Path("springs.csv").read_text(), Path("study.toml").read_text()
+    Path("springs.csv").write_text(rows.replace(",", ";").replace(".", ","))
+    signs = '[experiments]\ndelimiter = ";"\ndecimal = ","\n'
+    Path("study.toml").write_text(study.replace("[experiments]\n", signs))
+    done(*asked, "--at", "load=2,5;6")
+    assert pd.read_csv("p.csv")["load"].tolist() == [2.5, 6.0]
 
 
 @pytest.mark.parametrize(
