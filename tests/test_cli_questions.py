@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 from studies import done, estimate, read, refused, shown_again
 
+from aleator.tasks.first_look import LOOK
 from aleator.views.figures import check_figure
 
 LAW = "out/identification.json"
@@ -59,6 +60,8 @@ def test_check_tells_what_is_out_of_reach_and_idle_and_its_runs_are_kept() -> No
     assert [row["influence"] for row in result["parameters"]] == [True, False]
     assert result["runs"] == 5 * 13 + 3  # a step from the limit for each value out of reach
     assert result["seconds_a_run"] > 0.0
+    assert result["takes_arrays"] is (result["seconds_a_run"] < LOOK.quick)
+    assert result["fixed_noise"] == {}
     assert "65 runs: 13 points under 5 of 5" in first.stderr
     assert "aleator identify study.toml" in first.stdout
     shown_again(first, "out/check.json")
@@ -90,6 +93,7 @@ def test_an_experiment_without_a_run_is_told_and_outcomes_are_in_their_own_unit(
     assert [*result["lost"]] == ["B"]
     assert all(word in result["lost"]["B"] for word in ("row 3", "force = -20", "logarithm of"))
     assert result["out_of_reach"] == ["C"]
+    assert result["fixed_noise"] == {"travel": {"sd": 0.1}}
     of = {row["id"]: row for row in result["observations"]}
     assert of["C"]["reached"] == pytest.approx([5.0, 15.0])
     assert of["C"]["beyond"] == pytest.approx(25.0 - 15.0)

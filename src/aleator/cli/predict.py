@@ -86,6 +86,24 @@ def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
     return every if rest <= 0 else [*every[:named], f"note: and {rest} more rows"]
 
 
+def without_values(found: pd.DataFrame, runner: Runner) -> Iterator[str]:
+    """Notes on new conditions whose runs fail, with the simulator's reason, or are infinite."""
+    rows = int(np.sum(found["status"] == "runs_failed")) if "status" in found else 0
+    if rows:
+        kept, (_, straight) = runner.failures, runner.lost
+        failure = (kept if len(kept) else straight).frequent_failure()
+        silent = "the simulated outcome is no number, or has no logarithm"
+        why = failure.message if failure else silent
+        yield f"note: runs fail in {rows} of {len(found)} rows, most often: {why}"
+    numbers = found.select_dtypes(np.number).drop(columns="beyond", errors="ignore")
+    endless = int(np.isinf(numbers).any(axis=1).sum())
+    if endless:
+        yield (
+            f"note: {endless} of {len(found)} rows are infinite: the simulator returns infinity "
+            "there; see whether the conditions are possible"
+        )
+
+
 @dataclass(frozen=True)
 class PredictionRequest:
     """The options that say what to predict: a probability, limits, or by default a distribution.
@@ -350,7 +368,7 @@ def predict(
     if draws is not None and draws.fixed.size:
         names = ", ".join(answer.session.hyperparameters[k].name for k in draws.fixed.tolist())
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
-    for note in untested(value, table):
+    for note in (*without_values(found, runner), *untested(value, table)):
         options.say(note)
     made = {
         "title": document.get("title"), **units_in(value), "request": vars(request),

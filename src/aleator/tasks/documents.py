@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,19 @@ from aleator.tasks.recover import Recovery
 from aleator.tasks.screen import Sensitivity
 
 
-def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]:
+def look_document(
+    look: Look,
+    cost: Cost | None,
+    workers: int,
+    held: Mapping[str, Mapping[str, float]],
+    takes_arrays: bool,
+) -> dict[str, Any]:
     """The first runs of a study and its cost, as plain lists and numbers: the file check.json.
 
     Outcomes are in their own units, also where their logarithm enters the likelihood. An outcome
-    comes to a measured value if it lies within the ends `accepted`, which the noise widens.
+    comes to a measured value if it lies within the ends `accepted`, which the noise widens. `held`
+    are the known numbers of the noise on which the law rests, and `takes_arrays` says that a
+    function of single numbers gives the same values for arrays.
     """
     plan, response = look.plan, np.array(look.response)
     of = {name: response == name for name in dict.fromkeys(look.response)}
@@ -53,6 +62,8 @@ def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]
             for j, i in enumerate(plan.moving)
         ],
         "lost": dict(look.lost),
+        "fixed_noise": {name: dict(one) for name, one in held.items()},
+        "takes_arrays": takes_arrays,
         "noise": bool(np.any(look.margin > 0.0)),
         "measured": {r: _range(lower[own], upper[own]) for r, own in of.items()},
         "observations": [

@@ -24,6 +24,7 @@ from aleator.fit.question import (
 )
 from aleator.fit.regions import first_region
 from aleator.inference.check import Check
+from aleator.laws import Free
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors
@@ -75,6 +76,26 @@ class SingleValues:
         return found
 
 
+def fixed_noise(
+    table: Experiments, noise: Noise | Mapping[str, Noise] | None
+) -> dict[str, dict[str, float]]:
+    """The known numbers of the noise of each response, if each experiment has one value.
+
+    One value an experiment hardly tells the noise from the law: the identified law rests on these.
+    """
+    seen = table.observations
+    if noise is None or np.bincount(seen.experiment).max(initial=0) > 1:
+        return {}
+    each = dict.fromkeys(seen.names, noise) if isinstance(noise, Noise) else noise
+    parts = {name: {"sd": one.sd, "relative": one.relative} for name, one in each.items()}
+    free = any(isinstance(part, Free) for one in parts.values() for part in one.values())
+    return {} if free else {
+        name: {key: float(part) for key, part in one.items() if isinstance(part, float | int)}
+        for name, one in parts.items()
+        if not isinstance(one["sd"], str)
+    }  # fmt: skip
+
+
 def of_values(runner: Runner, table: Experiments | Conditions) -> SingleValues:
     """The simulated value of every observation of a table, named by experiment, row, response."""
     seen = table.observations
@@ -118,6 +139,9 @@ class LookSettings:
     """The least size of an outcome in the test whether a parameter has any influence."""
     nothing: float = 1e-6
     """The share of an outcome's whole range below which a parameter's effect counts as zero."""
+    quick: float = 0.01
+    """The seconds a run below which a function of single numbers is tried with arrays, in 17 calls;
+    a hint follows, and no answer depends on it."""
     near: int = 20
     """The largest number of values out of reach near which more runs are made: the nearest ones."""
     halvings: int = 4

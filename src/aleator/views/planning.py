@@ -23,7 +23,7 @@ from aleator.results.printed import (
     number,
     percent,
 )
-from aleator.results.units import label, unit_of, with_unit
+from aleator.results.units import label, transforms, unit_of, with_unit
 
 Document = Mapping[str, Any]
 
@@ -52,6 +52,23 @@ def first_look(document: Document) -> Content:
                 f"{document['failed']:,} of {document['runs']:,} runs failed{_failing(document)}. "
                 f"Most often: {document['fault']}.",
                 "warning", "Failures",
+            )
+        )  # fmt: skip
+    for name, held in document["fixed_noise"].items():
+        unit = "" if transforms(document).get(name) == "log" else unit_of(document, name) or ""
+        said = [f"{key} = {number(each)} {unit if key == 'sd' else ''}".rstrip()
+                for key, each in held.items()]  # fmt: skip
+        text = (
+            f"{name}: {' and '.join(said)} is taken as known. One value an experiment hardly tells "
+            "the noise from the law: if this number is a guess, the scatter of the law rests on it."
+        )
+        parts.append(Sentence(text, "plain", "Noise"))
+    if document["takes_arrays"]:
+        parts.append(
+            Sentence(
+                "the function gives the same values for arrays: vectorized = true in [simulator] "
+                "makes many runs in one call.",
+                "plain", "Faster",
             )
         )  # fmt: skip
     return Content(
