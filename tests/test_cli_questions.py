@@ -480,6 +480,21 @@ def test_conditions_are_values_by_name_or_those_of_the_experiments() -> None:
     assert pd.read_csv("p.csv")["load"].tolist() == [2.5, 6.0]
 
 
+@pytest.mark.usefixtures("folder")
+def test_why_runs_fail_under_new_conditions_is_told() -> None:
+    write(
+        springs="id,force,travel\nA,10,4\nB,20,6\nC,30,10\nD,40,12\n",
+        model="def spring(force, stiffness, idle):\n    return force / stiffness\n",
+        study=CHECKED.replace(':spring"\n', ':spring"\nvectorized = true\n').replace(
+            '"travel"\n', '"travel"\ntransform = "log"\n'
+        )
+        + "[noise]\nsd = 0.1\n",
+    )
+    done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")
+    said = done("predict", "out/identification.json", "--at", "force=-7").stderr
+    assert "has no logarithm" in said
+
+
 @pytest.mark.parametrize(
     ("at", "told"),
     [
