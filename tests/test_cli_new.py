@@ -158,8 +158,15 @@ def test_noise_that_one_value_an_experiment_does_not_tell_must_be_known() -> Non
     ).output
     sd = tomllib.loads(Path("study.toml").read_text())["noise"]["sd"]
     assert sd == pytest.approx(0.02)  # 1 % of the scatter
-    assert "noise: 0.02 is assumed" in shown
+    text = Path("study.toml").read_text()
+    assert "sd = 0.02 is a guess" in shown
+    assert '# transform = "log"' in text
+    assert "# relative = 0.1" in text
     assert identified()["noise.sd"] == sd
+    Path("springs.csv").write_text(Path("springs.csv").read_text().replace(">6", "6+"))
+    told = done("new", "springs.csv", "--function", "model.py:length", "--outcome", "length",
+                "--force").output  # fmt: skip
+    assert "'6+' in row 8" in told
 
 
 def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 from studies import done, estimate, read, refused, shown_again
 
+from aleator.tasks.first_look import LOOK
 from aleator.views.figures import check_figure
 
 LAW = "out/identification.json"
@@ -59,6 +60,8 @@ def test_check_tells_what_is_out_of_reach_and_idle_and_its_runs_are_kept() -> No
     assert [row["influence"] for row in result["parameters"]] == [True, False]
     assert result["runs"] == 5 * 13 + 3  # a step from the limit for each value out of reach
     assert result["seconds_a_run"] > 0.0
+    assert result["takes_arrays"] is (result["seconds_a_run"] < LOOK.quick)
+    assert result["fixed_noise"] == {}
     assert "65 runs: 13 points under 5 of 5" in first.stderr
     assert "aleator identify study.toml" in first.stdout
     shown_again(first, "out/check.json")
@@ -71,6 +74,34 @@ def test_check_tells_what_is_out_of_reach_and_idle_and_its_runs_are_kept() -> No
     assert "3 of 5 measured values are out of reach" in again.stdout
     assert read("out/check.json")["observations"] == result["observations"]
     assert "68" in done("runs", "list", "study.toml").output
+
+
+@pytest.mark.usefixtures("folder")
+def test_an_experiment_without_a_run_is_told_and_outcomes_are_in_their_own_unit() -> None:
+    write(
+        springs="id,force,travel\nA,10,4\nB,-20,6\nC,30,25\nD,40,15\n",
+        model="def spring(force, stiffness, idle):\n    return force / stiffness\n",
+        study=CHECKED.replace('"travel"\n', '"travel"\ntransform = "log"\n').replace(
+            ':spring"\n', ':spring"\nvectorized = true\n'
+        )
+        + "[noise]\nsd = 0.1\n",
+    )
+    said = done("check", "study.toml", "--output", "out", "--no-figures", "--quiet").stdout
+    assert "All 4 measured" not in said
+    assert "Of 1 experiment no run works" in said
+    result = read("out/check.json")
+    assert [*result["lost"]] == ["B"]
+    assert all(word in result["lost"]["B"] for word in ("row 3", "force = -20", "logarithm of"))
+    assert result["out_of_reach"] == ["C"]
+    assert result["fixed_noise"] == {"travel": {"sd": 0.1}}
+    of = {row["id"]: row for row in result["observations"]}
+    assert of["C"]["reached"] == pytest.approx([5.0, 15.0])
+    assert of["C"]["beyond"] == pytest.approx(25.0 - 15.0)
+    assert of["C"]["accepted"] == pytest.approx([25.0 * np.exp(-0.3), 25.0 * np.exp(0.3)])
+    assert result["measured"]["travel"] == pytest.approx([4.0, 25.0])
+    assert result["parameters"][0]["moves_at_most"]["travel"] == pytest.approx(40 / 2 - 40 / 6)
+    identified = done("identify", "study.toml", "--no-figures", "--quiet").stdout
+    assert "Left out: 1 of 4 experiments" in identified
 
 
 # ------------------------------------------------------------------------------ sensitivity
@@ -441,6 +472,27 @@ def test_conditions_are_values_by_name_or_those_of_the_experiments() -> None:
     measured = pd.read_csv("springs.csv")
     assert whole["load"].to_numpy() == pytest.approx(measured["load"].unique())
     assert whole["mean"].to_numpy() == pytest.approx(mean * measured["load"].unique(), rel=1e-3)
+    rows, study = Path("springs.csv").read_text(), Path("study.toml").read_text()
+    Path("springs.csv").write_text(rows.replace(",", ";").replace(".", ","))
+    signs = '[experiments]\ndelimiter = ";"\ndecimal = ","\n'
+    Path("study.toml").write_text(study.replace("[experiments]\n", signs))
+    done(*asked, "--at", "load=2,5;6")
+    assert pd.read_csv("p.csv")["load"].tolist() == [2.5, 6.0]
+
+
+@pytest.mark.usefixtures("folder")
+def test_why_runs_fail_under_new_conditions_is_told() -> None:
+    write(
+        springs="id,force,travel\nA,10,4\nB,20,6\nC,30,10\nD,40,12\n",
+        model="def spring(force, stiffness, idle):\n    return force / stiffness\n",
+        study=CHECKED.replace(':spring"\n', ':spring"\nvectorized = true\n').replace(
+            '"travel"\n', '"travel"\ntransform = "log"\n'
+        )
+        + "[noise]\nsd = 0.1\n",
+    )
+    done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")
+    said = done("predict", "out/identification.json", "--at", "force=-7").stderr
+    assert "has no logarithm" in said
 
 
 @pytest.mark.parametrize(

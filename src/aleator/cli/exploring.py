@@ -28,7 +28,13 @@ from aleator.fit.question import Choices
 from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
-from aleator.tasks.first_look import expected_cost, first_look, planned_look
+from aleator.tasks.first_look import (
+    LOOK,
+    expected_cost,
+    first_look,
+    fixed_noise,
+    planned_look,
+)
 from aleator.tasks.next_experiment import (
     Predicted,
     next_experiments,
@@ -115,8 +121,11 @@ def check(
             runner, value.experiments, value.inputs, value.noise, value.propagation,
             value.density, value.verification, plan,
         )  # fmt: skip
+        quick = not runner.vectorized and look.seconds < LOOK.quick
+        arrays = quick and runner.takes_arrays(plan.region)
+    held = fixed_noise(value.experiments, value.noise)
     work.end(
-        look_document(look, cost, options.workers or 1), planning.first_look,
+        look_document(look, cost, options.workers or 1, held, arrays), planning.first_look,
         draw=None if no_figures else save_check,
     )  # fmt: skip
     if not options.quiet:

@@ -86,6 +86,24 @@ def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
     return every if rest <= 0 else [*every[:named], f"note: and {rest} more rows"]
 
 
+def without_values(found: pd.DataFrame, runner: Runner) -> Iterator[str]:
+    """Notes on new conditions whose runs fail, with the simulator's reason, or are infinite."""
+    rows = int(np.sum(found["status"] == "runs_failed")) if "status" in found else 0
+    if rows:
+        kept, (_, straight) = runner.failures, runner.lost
+        failure = (kept if len(kept) else straight).frequent_failure()
+        silent = "the simulated outcome is no number, or has no logarithm"
+        why = failure.message if failure else silent
+        yield f"note: runs fail in {rows} of {len(found)} rows, most often: {why}"
+    numbers = found.select_dtypes(np.number).drop(columns="beyond", errors="ignore")
+    endless = int(np.isinf(numbers).any(axis=1).sum())
+    if endless:
+        yield (
+            f"note: {endless} of {len(found)} rows are infinite: the simulator returns infinity "
+            "there; see whether the conditions are possible"
+        )
+
+
 @dataclass(frozen=True)
 class PredictionRequest:
     """The options that say what to predict: a probability, limits, or by default a distribution.
@@ -197,16 +215,16 @@ def takes_request(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class _At(click.ParamType[Any]):
-    """The type of --at: NAME=VALUE or NAME=VALUE,VALUE, a pair; else the path of a table."""
+    """The type of --at: NAME=VALUES, a pair of texts; else the path of a table."""
 
     name = "at"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Path | tuple[str, list[str]]:
+    def convert(self, value: Any, param: Any, ctx: Any) -> Path | tuple[str, str]:
         name, sign, cells = str(value).partition("=")
         if not sign:
             found: Path = FILE.convert(value, param, ctx)
             return found
-        return name.strip(), [cell.strip() for cell in cells.split(",")]
+        return name.strip(), cells
 
     def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> Any:
         return FILE.shell_complete(ctx, param, incomplete)
@@ -218,16 +236,20 @@ AT = click.option(
     multiple=True,
     metavar="NAME=VALUE|NEW.csv",
     help="A condition with its value, or values (force=50,60); several times for several "
-    "conditions. Or a table of conditions, written as the study's table is; it needs no outcomes "
-    "[default: the conditions of the experiments, each once].",
+    "conditions. Where the study's table has decimal commas they are taken here too, and "
+    "semicolons between values: force=7,5;8. Or a table of conditions, written as the study's "
+    "table is; it needs no outcomes [default: the conditions of the experiments, each once].",
 )
 """The option --at; `requested_conditions` makes conditions of it."""
 
 
 def requested_conditions(
-    value: Study, at: Sequence[Path | tuple[str, list[str]]], of: str | None
+    value: Study, at: Sequence[Path | tuple[str, str]], of: str | None
 ) -> Conditions:
-    """The conditions that --at gives: a table, values by name, or those of the experiments."""
+    """The conditions that --at gives: a table, values by name, or those of the experiments.
+
+    Values have the decimal sign of the study's table; a semicolon separates those with a comma.
+    """
     if not at:
         columns = [*value.taken, *value.inputs.columns, *noise_columns(value.noise)]
         return conditions_at(value.experiments, of, dict.fromkeys(columns))
@@ -241,12 +263,13 @@ def requested_conditions(
         table = Path(short(tables[0].absolute()))
         return value.read_conditions(table, measured=of is not None)
     stated: dict[str, list[str]] = {}
+    between = ";" if value.table.decimal == "," else ","
     for name, cells in (one for one in at if not isinstance(one, Path)):
         if name in stated:
             raise AleatorError(
-                f"--at {name}=... is given twice", f"list the values: --at {name}=1,2"
+                f"--at {name}=... is given twice", f"list the values: --at '{name}=1{between}2'"
             )
-        stated[name] = cells
+        stated[name] = [cell.strip() for cell in cells.split(between)]
     try:
         return value.stated_conditions(stated)
     except AleatorError as error:
@@ -358,6 +381,8 @@ def predict(
     if draws is not None and draws.fixed.size:
         names = ", ".join(answer.session.hyperparameters[k].name for k in draws.fixed.tolist())
         options.say(f"note: the identification tells no uncertainty of {names}, taken as estimated")
+    for note in without_values(found, runner):
+        options.say(note)
     made = {
         "title": document.get("title"), **units_in(value), "request": vars(request),
         "rows": found.to_dict("records"),

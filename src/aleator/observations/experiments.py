@@ -246,18 +246,20 @@ class Conditions(_TableRows):
         numbers: Collection[str] = (),
         transform: str = Transform.NONE,
         responses: Sequence[Response] = (),
+        decimal: str = ".",
     ) -> Conditions:
         """Take `conditions` (default: every column but the id) from a data frame.
 
-        Those named in `numbers` must be numbers; the others may be text. Raises ExperimentsError in
+        Those named in `numbers` must be numbers; the others may be text. `decimal` is the decimal
+        sign of numbers that are texts. Raises ExperimentsError in
         the cases of `Experiments.from_frame`.
 
         >>> import pandas as pd
         >>> Conditions.from_frame(pd.DataFrame({"ratio": [0.9, 0.8]})).ids
         ('1', '2')
         """
-        rows = _rows_of(tables.from_frame(frame), id, conditions, numbers=numbers)[0]
-        return cls._of(rows, transform, responses)
+        table = replace(tables.from_frame(frame), decimal=decimal)
+        return cls._of(_rows_of(table, id, conditions, numbers=numbers)[0], transform, responses)
 
     @classmethod
     def from_csv(

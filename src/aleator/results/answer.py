@@ -46,10 +46,14 @@ def answer(document: Document) -> Content:
 
 
 def brief(document: Document) -> Content:
-    """The estimates, and of both verdicts only what they say, without the reasons."""
+    """The estimates, how many experiments were left out, and both verdicts without the reasons."""
     said = [replace(each, text=f"{each.text.split(':')[0].rstrip('.')}.", remedy="")
             for each in verdicts(document)]  # fmt: skip
-    return Content("", (), [Chapter("estimates", "Estimates", [estimates(document)])], (), said)
+    silent = sum(each.get("observations") == 0 for each in document["experiments"])
+    of = f"{silent} of {count(len(document['experiments']), 'experiment')}"
+    left = [Sentence(f"Left out: {of}, without a measured value or without any run that works.")]
+    chapter = Chapter("estimates", "Estimates", [estimates(document)])
+    return Content("", (), [chapter], (), [*(left if silent else []), *said])
 
 
 def is_individual(document: Document) -> bool:

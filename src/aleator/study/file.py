@@ -283,6 +283,8 @@ class Study:
     def stated_conditions(self, columns: Mapping[str, Sequence[str]]) -> Conditions:
         """New conditions from texts by name; a name with one text has it in every row.
 
+        Numbers have the decimal sign of the study's table.
+
         Raises InputsError for a name that is no column of the table, a condition that is missing,
         and unequal numbers of texts; ExperimentsError for a text where a number is needed.
         """
@@ -314,6 +316,7 @@ class Study:
             id=self.table.id if self.table.id in columns else None,
             conditions=self.taken,
             numbers=self._numbers,
+            decimal=self.table.decimal,
         )
         places = [
             ", ".join(f"{n}={cells[row]}" for n, cells in whole.items()) for row in range(rows)

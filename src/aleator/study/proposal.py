@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
+import numpy as np
+
 from aleator.errors import ExperimentsError, SimulatorError, nearest
 from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
@@ -23,9 +25,11 @@ from aleator.study.roles import (
     decades_of,
     is_measured,
     levels_in,
+    numbers_of,
     roles_in,
     shows_bounds,
     spread_of,
+    unread_cells,
     varies_within,
 )
 
@@ -215,6 +219,24 @@ class Proposal:
     def repeated(self) -> bool:
         """Whether an experiment has several rows."""
         return self.experiments < len(self.sheet.table)
+
+    @property
+    def assumed(self) -> dict[str, float]:
+        """The noise of outcomes whose standard deviation neither the user nor the table states."""
+        known = {name: sd for name, sd in self.noise.items() if isinstance(sd, float)}
+        return {} if self.stated else known
+
+    @property
+    def positive(self) -> bool:
+        """Whether all measured values are positive, as those of lives."""
+        every = [numbers_of(self.sheet.table, name) for name in self.outcomes]
+        return all(one is not None and bool(np.nanmin(one) > 0.0) for one in every)
+
+    @property
+    def unread(self) -> dict[str, str]:
+        """For each outcome with cells that are no numbers, their count, texts and first rows."""
+        found = {name: unread_cells(self.sheet.table, name) for name in self.outcomes}
+        return {name: cells for name, cells in found.items() if cells}
 
     @property
     def conditions(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from aleator.study.offers import Offer, SimulatorInput, without_unit
 from aleator.study.proposal import Proposal, Proposed
 
 OF_NOISE = "the number that is known: one value an experiment hardly tells it from the law"
+GUESS = "a guess"
 FILL_IN = "FILL IN"
 
 
@@ -66,8 +67,12 @@ def notes(proposal: Proposal) -> list[str]:
         said.append(f"the same in every row, not used: {', '.join(roles.constant)}")
     if proposal.censored:
         said.append(f"censored values: {', '.join(proposal.censored)}")
-    said += [f"noise: {sd:g} is assumed; write {OF_NOISE}" for sd in proposal.noise.values()
-             if isinstance(sd, float) and not proposal.stated]  # fmt: skip
+    said += [
+        f"noise: sd = {sd:g} is {GUESS}, and the identified law rests on it; write {OF_NOISE}"
+        f"{'' if proposal.log else '; relative = 0.1 is an error of 10 % of the value'}"
+        for sd in proposal.assumed.values()
+    ]
+    said += [f"no numbers in column {name}: {cells}" for name, cells in proposal.unread.items()]
     if proposal.series:
         said.append(f"a run serves all rows of an experiment, with arrays of "
                     f"{', '.join(proposal.within)}")  # fmt: skip
@@ -123,6 +128,8 @@ def _experiments(proposal: Proposal) -> list[str]:
         lines.append(line("transform", "log", "the outcome spans decades: its logarithm is taken"))
     elif proposal.decades:
         lines.append(off("transform", "log", "for outcomes that span decades, as these do"))
+    elif proposal.assumed and proposal.positive:
+        lines.append(off("transform", "log", "for lives and the like, whose errors are shares"))
     return lines
 
 
@@ -367,9 +374,10 @@ def _noise(proposal: Proposal) -> list[str]:
         elif isinstance(sd, float) and proposal.stated:
             lines.append(line("sd", sd, "known; limits in its place would be identified"))
         elif isinstance(sd, float):
-            lines.append(
-                line("sd", sd, f"assumed, 1 % of the scatter of all values; write {OF_NOISE}")
-            )
+            lines.append(line("sd", sd, f"{GUESS}: 1 % of the scatter; write {OF_NOISE}"))
+            if not proposal.log:
+                share = "in its place: an error that is a share of the value"
+                lines.append(off("relative", 0.1, share))
         else:
             lines.append(remarked(f"sd = {ends(sd)}", "identified; a number would be known"))
     return lines

@@ -7,7 +7,7 @@ import io
 import keyword
 import re
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +52,33 @@ def numbers_of(table: Table, name: str) -> Array | None:
     except ExperimentsError:
         return None
     return numbers if np.any(np.isfinite(numbers)) else None
+
+
+def unread_cells(table: Table, name: str) -> str:
+    """How many cells of a column are no numbers, and the first of them with their rows.
+
+    Bounds such as "> 20" and blank cells are not among them. The text is empty if there are none.
+
+    >>> unread_cells(Table("a.csv", {"life": ["1", "20+"]}, ("row 2", "row 3")), "life")
+    "1 of 2 cells ('20+' in row 3); write a value known only by a bound as >20"
+    """
+    one = {row: replace(table, columns={name: [cell]}, places=[table.places[row]], ids=())
+           for row, cell in enumerate(table.columns[name])}  # fmt: skip
+    faulty = []
+    for row, cell in one.items():
+        try:
+            cell.bounds(name)
+        except ExperimentsError:
+            faulty.append(row)
+    if not faulty:
+        return ""
+    texts = table.texts(name)
+    named = ", ".join(f"'{texts[row]}' in {table.places[row]}" for row in faulty[:3])
+    more = ", ..." if len(faulty) > 3 else ""
+    return (
+        f"{len(faulty)} of {len(table)} cells ({named}{more}); write a value known only by a bound "
+        f"as >{re.sub(r'[^0-9.,]', '', texts[faulty[0]]) or 20}"
+    )
 
 
 def varies_within(table: Table, name: str, id: str | None) -> bool:

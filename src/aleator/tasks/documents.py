@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,31 @@ from aleator.tasks.recover import Recovery
 from aleator.tasks.screen import Sensitivity
 
 
-def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]:
-    """The first runs of a study and its cost, as plain lists and numbers: the file check.json."""
+def look_document(
+    look: Look,
+    cost: Cost | None,
+    workers: int,
+    held: Mapping[str, Mapping[str, float]],
+    takes_arrays: bool,
+) -> dict[str, Any]:
+    """The first runs of a study and its cost, as plain lists and numbers: the file check.json.
+
+    Outcomes are in their own units, also where their logarithm enters the likelihood. An outcome
+    comes to a measured value if it lies within the ends `accepted`, which the noise widens. `held`
+    are the known numbers of the noise on which the law rests, and `takes_arrays` says that a
+    function of single numbers gives the same values for arrays.
+    """
     plan, response = look.plan, np.array(look.response)
     of = {name: response == name for name in dict.fromkeys(look.response)}
+    lower, upper, reached = map(look.untransformed, (look.lower, look.upper, look.reached))
+    lower = np.where(np.isfinite(look.lower), lower, look.lower)
+    accepted = look.untransformed(
+        np.stack([look.lower - look.margin, look.upper + look.margin], axis=1)
+    )
+    with np.errstate(invalid="ignore"):
+        beyond = np.where(look.beyond > 0.0, lower - reached[:, 1], upper - reached[:, 0])
+    beyond = np.where(look.beyond == 0.0, 0.0, beyond)
+    outcome = look.untransformed(look.outcome)
     return {
         "runs": look.runs,
         "failed": look.failed,
@@ -39,18 +61,22 @@ def look_document(look: Look, cost: Cost | None, workers: int) -> dict[str, Any]
             }
             for j, i in enumerate(plan.moving)
         ],
-        "measured": {r: _range(look.lower[own], look.upper[own]) for r, own in of.items()},
+        "lost": dict(look.lost),
+        "fixed_noise": {name: dict(one) for name, one in held.items()},
+        "takes_arrays": takes_arrays,
+        "noise": bool(np.any(look.margin > 0.0)),
+        "measured": {r: _range(lower[own], upper[own]) for r, own in of.items()},
         "observations": [
             {
                 "id": name,
                 "experiment": look.owner[k],
                 "response": look.response[k],
-                "lower": look.lower[k],
-                "upper": look.upper[k],
-                "reached": look.reached[k],
-                "beyond": look.beyond[k],
-                "margin": look.margin[k],
-                "by_parameter": [look.outcome[k][star] for star in plan.star],
+                "lower": lower[k],
+                "upper": upper[k],
+                "accepted": accepted[k],
+                "reached": reached[k],
+                "beyond": beyond[k],
+                "by_parameter": [outcome[k][star] for star in plan.star],
             }
             for k, name in enumerate(look.ids)
         ],

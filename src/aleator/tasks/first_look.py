@@ -24,11 +24,13 @@ from aleator.fit.question import (
 )
 from aleator.fit.regions import widest_region
 from aleator.inference.check import Check
+from aleator.laws import Free
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.model import Model
 from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions, Experiments, covariates
 from aleator.observations.noise import Noise
+from aleator.observations.responses import Transform
 from aleator.simulators import Runner
 from aleator.simulators.response_functions import moving_parameters
 from aleator.surrogates import ResponseSurface
@@ -74,6 +76,26 @@ class SingleValues:
         return found
 
 
+def fixed_noise(
+    table: Experiments, noise: Noise | Mapping[str, Noise] | None
+) -> dict[str, dict[str, float]]:
+    """The known numbers of the noise of each response, if each experiment has one value.
+
+    One value an experiment hardly tells the noise from the law: the identified law rests on these.
+    """
+    seen = table.observations
+    if noise is None or np.bincount(seen.experiment).max(initial=0) > 1:
+        return {}
+    each = dict.fromkeys(seen.names, noise) if isinstance(noise, Noise) else noise
+    parts = {name: {"sd": one.sd, "relative": one.relative} for name, one in each.items()}
+    free = any(isinstance(part, Free) for one in parts.values() for part in one.values())
+    return {} if free else {
+        name: {key: float(part) for key, part in one.items() if isinstance(part, float | int)}
+        for name, one in parts.items()
+        if not isinstance(one["sd"], str)
+    }  # fmt: skip
+
+
 def of_values(runner: Runner, table: Experiments | Conditions) -> SingleValues:
     """The simulated value of every observation of a table, named by experiment, row, response."""
     seen = table.observations
@@ -117,6 +139,9 @@ class LookSettings:
     """The least size of an outcome in the test whether a parameter has any influence."""
     nothing: float = 1e-6
     """The share of an outcome's whole range below which a parameter's effect counts as zero."""
+    quick: float = 0.01
+    """The seconds a run below which a function of single numbers is tried with arrays, in 17 calls;
+    a hint follows, and no answer depends on it."""
     near: int = 20
     """The largest number of values out of reach near which more runs are made: the nearest ones."""
     halvings: int = 4
@@ -166,10 +191,13 @@ class Look:
     `margin` (V,) is three standard deviations of the noise, as known or at the start of its
     search. `runs` is the number of runs, `failed` of which have no outcome; `seconds` is the time
     of one run, and `fault` the most frequent message of failures. `looked_at` is the number of
-    conditions that were run. `closest` (V, n) is the point of the run whose outcome comes closest
-    to the measured value, and `closest_outcome` (V,) that outcome: runs near it were made for
-    values out of reach. `failing` has for each parameter that tells failed runs from others the
-    sign >= or <= and the value from which, or up to which, all runs failed.
+    conditions that were run. `lost` has the experiments of which no run works, each with its row,
+    its conditions and the message of its failures. `transforms` (V,) are those of the responses;
+    `untransformed` gives values in the unit of the outcome. `closest` (V, n) is the point of the
+    run whose outcome comes closest to the measured value, and `closest_outcome` (V,) that outcome:
+    runs near it were made for values out of reach. `failing` has for each parameter that tells
+    failed runs from others the sign >= or <= and the value from which, or up to which, all runs
+    failed.
     """
 
     plan: LookPlan
@@ -188,7 +216,15 @@ class Look:
     closest: Array
     closest_outcome: Array
     failing: Mapping[str, tuple[str, float]]
+    lost: Mapping[str, str]
+    transforms: tuple[Transform, ...]
     settings: LookSettings = LOOK
+
+    def untransformed(self, values: Array) -> Array:
+        """Values (V, ...) of the observations in the unit of the outcome, without the transform."""
+        each = zip(self.transforms, values, strict=True)
+        with np.errstate(over="ignore"):
+            return np.array([transform.inverse(value) for transform, value in each])
 
     @property
     def reached(self) -> Array:
@@ -215,8 +251,11 @@ class Look:
 
     @property
     def swing(self) -> Array:
-        """The range (V, n') of each outcome when only one of the n' parameters varies."""
-        part = self.outcome[:, self.plan.star]
+        """The range (V, n') of each outcome when only one of the n' parameters varies.
+
+        It is in the unit of the outcome, without the transform of the response.
+        """
+        part = self.untransformed(self.outcome)[:, self.plan.star]
         with np.errstate(all="ignore"):
             return np.asarray(np.fmax.reduce(part, axis=2) - np.fmin.reduce(part, axis=2))
 
@@ -236,15 +275,15 @@ class Look:
     @property
     def without_influence(self) -> Flags:
         """Which of the n' varied parameters have no effect on any outcome, alone or at corners."""
-        low, high = self.reached.T
+        low, high = self.untransformed(self.reached).T
         size = self.settings.nothing * np.maximum(np.abs(high), self.settings.tiny)
         least = np.where(
             high > low, self.settings.nothing * high - self.settings.nothing * low, size
         )
-        swing = self.swing
+        swing, own = self.swing, self.untransformed(self.outcome)
         with np.errstate(all="ignore"):
             for j, pairs in enumerate(self.plan.edges):
-                apart = np.abs(np.diff(self.outcome[:, pairs], axis=2)[:, :, 0])
+                apart = np.abs(np.diff(own[:, pairs], axis=2)[:, :, 0])
                 swing[:, j] = np.fmax(swing[:, j], np.fmax.reduce(apart, axis=1, initial=0.0))
         return np.asarray(np.all(~(swing > least[:, None]), axis=0))
 
@@ -323,7 +362,26 @@ def first_look(
         closest,
         found,
         _failing(runner, plan),
+        _lost(runner, table, there, outcome),
+        tuple(seen.responses[k].transform for k in seen.response[there]),
     )
+
+
+def _lost(runner: Runner, table: Experiments, there: Indices, outcome: Array) -> dict[str, str]:
+    """The experiments with an observation of which no run works: row, conditions and message.
+
+    `outcome` (V, P) are the outcomes of the observations with numbers `there`.
+    """
+    failures, seen, found = runner.failures, table.observations, dict[str, str]()
+    case = runner.cases.condition[runner.unit[there]]
+    for k in np.flatnonzero(np.all(np.isnan(outcome), axis=1)).tolist():
+        row, own = int(seen.row[there[k]]), np.flatnonzero(failures.case == case[k])
+        cells = table.conditions.iloc[row].items()
+        at = ", ".join(f"{n} = {v:g}" if isinstance(v, float) else f"{n} = {v}" for n, v in cells)
+        why = failures.failures[int(own[0])].message if own.size else ""
+        name = table.ids[seen.experiment[there[k]]]
+        found.setdefault(name, ": ".join(filter(None, [table.places[row], at, why])))
+    return found
 
 
 def _beyond(lower: Array, upper: Array, low: Array, high: Array) -> Array:

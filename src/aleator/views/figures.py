@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from aleator.core.types import Array
 from aleator.inference.information import INTERVALS
 from aleator.results.printed import AMOUNTS, Amounts, percent
-from aleator.results.units import label, seen_label
+from aleator.results.units import label, transforms
 from aleator.views.axes import (
     BLACK,
     BLUE,
@@ -301,7 +301,9 @@ def check_figure(document: Document) -> Figure:
                 axes.set_visible(True)
                 _panel(axes, document, response, k, row)
                 if k % across == 0:
-                    axes.set_ylabel(seen_label(document, response))
+                    axes.set_ylabel(label(document, response))
+                    if transforms(document).get(response) == "log":
+                        axes.set_yscale("log")
         legend(figure)
     return figure
 

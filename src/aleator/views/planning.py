@@ -18,11 +18,12 @@ from aleator.results.printed import (
     Sentence,
     TextTable,
     Thresholds,
+    count,
     heads,
     number,
     percent,
 )
-from aleator.results.units import label
+from aleator.results.units import label, transforms, unit_of, with_unit
 
 Document = Mapping[str, Any]
 
@@ -55,12 +56,29 @@ def first_look(document: Document) -> Content:
                 "warning", "Failures",
             )
         )  # fmt: skip
+    for name, held in document["fixed_noise"].items():
+        unit = "" if transforms(document).get(name) == "log" else unit_of(document, name) or ""
+        said = [f"{key} = {number(each)} {unit if key == 'sd' else ''}".rstrip()
+                for key, each in held.items()]  # fmt: skip
+        text = (
+            f"{name}: {' and '.join(said)} is taken as known. One value an experiment hardly tells "
+            "the noise from the law: if this number is a guess, the scatter of the law rests on it."
+        )
+        parts.append(Sentence(text, "plain", "Noise"))
+    if document["takes_arrays"]:
+        parts.append(
+            Sentence(
+                "the function gives the same values for arrays: vectorized = true in [simulator] "
+                "makes many runs in one call.",
+                "plain", "Faster",
+            )
+        )  # fmt: skip
     return Content(
         document.get("title") or "First look",
         [Sentence(f"{document['runs']:,} runs under {under}; one takes {took} s.")],
         [
             Chapter("parameters", "Parameters", parts),
-            Chapter("reach", "Out of reach", [_out_of_reach(document)]),
+            Chapter("reach", "Out of reach", [*_without_runs(document), _out_of_reach(document)]),
         ],
         verdicts=[Sentence(_reach(document), "strong"), Sentence(_cost(document), "strong")],
     )
@@ -81,11 +99,13 @@ def duration(hours: float) -> str:
 
 
 def _parameters(document: Document) -> TextTable:
-    columns = heads("parameter", ">from", ">to", ">moves the outcome by", ">at most", "~note")
-    several = len(document["measured"]) > 1
+    responses = [*document["measured"]]
+    several = len(responses) > 1
+    outcome = "the outcome" if several else label(document, responses[0])
+    columns = heads("parameter", ">from", ">to", f">moves {outcome} by", ">at most", "~note")
     rows = [
         (
-            f"{label(document, row['name'])}{f', {response}' if several else ''}",
+            label(document, row["name"]) + (f", {label(document, response)}" if several else ""),
             number(row["lower"]), number(row["upper"]), number(moves),
             number(row["moves_at_most"][response]), "" if row["influence"] else "no influence",
         )
@@ -97,28 +117,49 @@ def _parameters(document: Document) -> TextTable:
 
 def _out_of_reach(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
     known = {row["id"]: row for row in document["observations"]}
-    columns = heads("out of reach", ">measured", ">reached from", ">to", ">beyond by")
+    responses = [*document["measured"]]
+    one = f", {label(document, responses[0])}" if len(responses) == 1 else ""
+    columns = heads(f"out of reach{one}", ">measured", ">reached from", ">to", ">beyond by")
     rows = []
     for name in document["out_of_reach"][: amounts.named]:
         row = known[name]
         measured = row["lower"] if row["beyond"] > 0.0 else row["upper"]
-        rows.append((name, number(measured), *map(number, row["reached"]),
+        shown = name if one else with_unit(name, unit_of(document, row["response"]))
+        rows.append((shown, number(measured), *map(number, row["reached"]),
                      number(row["beyond"], 2)))  # fmt: skip
     return TextTable(columns, rows, "reach", "Out of reach")
 
 
+def _without_runs(document: Document, amounts: Amounts = AMOUNTS) -> list[Part]:
+    """A warning that names the experiments of which no run works; none if there are none."""
+    lost = [*document["lost"].items()]
+    if not lost:
+        return []
+    named = [f"{name} ({why})" for name, why in lost[: amounts.named]]
+    more = f", and {len(lost) - amounts.named} more" if len(lost) > amounts.named else ""
+    mend = "Correct these rows: an identification leaves them out, or stops."
+    text = f"{'; '.join(named)}{more}. {mend}"
+    return [Sentence(text, "warning", f"No run works for {count(len(lost), 'experiment')}")]
+
+
 def _reach(document: Document, amounts: Amounts = AMOUNTS) -> str:
-    size, of = len(document["out_of_reach"]), len(document["observations"])
-    if not size:
+    of, lost = len(document["observations"]), len(document["lost"])
+    size, silent = len(document["out_of_reach"]), sum(
+        row["reached"][0] is None for row in document["observations"]
+    )  # fmt: skip
+    none = f" Of {count(lost, 'experiment')} no run works." if lost else ""
+    if not size and not lost:
         return f"All {of} measured values lie within what the simulator reaches in this region."
+    if not size:
+        return f"{of - silent} of {of} measured values lie within what the simulator reaches.{none}"
     more = f" ({size - amounts.named} more are in check.json)" if size > amounts.named else ""
-    noisy = any(row["margin"] for row in document["observations"])
     by = " within three standard deviations of the noise, known or in the middle of its limits"
     at = document["at_limit"]
     where = f" All runs that come closest have {at[0]} at its {at[1]} limit." if at else ""
     return (
         f"{size} of {of} measured values are out of reach{more}: no run came to them"
-        f"{by if noisy else ''}, not even those that were made near the closest ones.{where}"
+        f"{by if document['noise'] else ''}, not even those that were made near the closest ones."
+        f"{where}{none}"
     )
 
 
