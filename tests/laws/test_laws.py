@@ -180,6 +180,14 @@ def test_the_quantile_is_the_inverse_of_the_distribution(box, mean, sd) -> None:
         assert float(above) == pytest.approx(1.0 - u, rel=1e-8, abs=1e-12)
 
 
+@pytest.mark.parametrize("box", [(-480.0, 520.0), (-520.0, 480.0), (-INF, INF)])
+def test_far_variates_of_a_narrow_law_keep_their_place_in_both_tails(box) -> None:
+    theta = np.array([-60.0, -42.7, -38.0, 0.0, 38.0, 42.7, 60.0])
+    made = TruncatedNormal(box, 0.0, 1.0).standard(np.array([0.0, 1.0]), theta)
+    np.testing.assert_allclose(made.x, theta, rtol=1e-12)
+    np.testing.assert_allclose(made.dtheta, 1.0, rtol=1e-9)
+
+
 # ------------------------------------------------------------------------------ misuse
 
 

@@ -146,14 +146,25 @@ def test_candidates_of_several_rows_share_their_parameters() -> None:
     assert abs(plan.alone[1] - single) < 4.0 * plan.uncertain[1]
 
 
-def test_an_sd_that_ended_at_its_limit_is_planned_for_at_the_end_of_its_interval() -> None:
+def test_an_sd_that_ended_at_its_limit_is_planned_for_off_its_limit() -> None:
     found = found_with(0.0)
     assert found.alpha["x.sd"].at_bound == "lower"
     plan = next_experiments(found, asked(), count=1)
     interval = found.alpha["x.sd"].interval
-    assert plan.planned_for == {"x.sd": interval[1]}
+    limit = found.alpha["x.sd"].estimate
+    assert plan.planned_for == {"x.sd": pytest.approx(limit + (interval[1] - limit) / 1.959964)}
     assert plan.chosen == ("5",)
     assert np.isfinite(plan.now)
+    # A prediction takes the same law, and its error includes that of this sd.
+    wanted = Predicted(asked(np.array([3.0])), quantile=0.99)
+    far = next_experiments(found, asked(), count=1, about=wanted)
+    assert far.planned_for == plan.planned_for
+    sd, z = far.planned_for["x.sd"], stats.norm.ppf(0.99)
+    gradient = np.array([3.0, z * 9.0 * sd / np.hypot(3.0 * sd, NOISE)])
+    loads = data(0.0)["load"].to_numpy()
+    variance = (loads * sd) ** 2 + NOISE**2
+    told = [np.sum(loads**2 / variance), np.sum(0.5 * (2.0 * loads**2 * sd / variance) ** 2)]
+    assert far.now == pytest.approx(np.sqrt(np.sum(gradient**2 / told)), rel=1e-3)
 
 
 def test_one_exact_outcome_an_experiment_goes_the_other_way() -> None:

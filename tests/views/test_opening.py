@@ -122,6 +122,15 @@ LAW = {"lower": 0.1012, "upper": 0.1788, "lower_interval": [0.0932, 0.1092],
        "upper_interval": [0.1708, 0.1868], "level": None, "follows": False}  # fmt: skip
 
 
+def test_a_range_by_an_sd_on_its_limit_is_not_offered() -> None:
+    sd = {"estimate": 1e-4, "interval": [1e-4, 0.021], "at_bound": "lower"}
+    said, *_ = told(ranges={"c": LAW}, alpha={"c.sd": sd}, units={"c": "N"})
+    for end in ("0.0932", "0.1868", "0.0001 N", "0.021 N"):
+        assert end in said
+    assert "0.1012" not in said
+    assert "0.1788" not in said
+
+
 def test_each_sentence_has_the_numbers_and_the_unit_of_its_quantity() -> None:
     alpha = {
         "drag.value": {"estimate": 0.31, "standard_error": 0.02, "interval": [0.27, 0.35]},

@@ -292,13 +292,13 @@ def _truncated_quantile_from_logs(
     log_u: Array, log_v: Array, a: Array | float, b: Array | float
 ) -> Array:
     """The solution t of Phi(t) = (1 - u) Phi(a) + u Phi(b), from log u and log v = log(1 - u)."""
-    # Upper tails lose digits and lower tails do not, so that upper ones are reflected.
-    reflected = np.greater(a, np.negative(b))
-    low, high = np.where(reflected, np.negative(b), a), np.where(reflected, np.negative(a), b)
-    log_low, log_high = np.where(reflected, (log_u, log_v), (log_v, log_u))
-    log_cdf = np.logaddexp(log_low + special.log_ndtr(low), log_high + special.log_ndtr(high))
-    t = np.clip(special.ndtri_exp(np.minimum(log_cdf, 0.0)), low, high)
-    return np.asarray(np.where(reflected, -t, t))
+    below = np.logaddexp(log_v + special.log_ndtr(a), log_u + special.log_ndtr(b))
+    above = np.logaddexp(
+        log_v + special.log_ndtr(np.negative(a)), log_u + special.log_ndtr(np.negative(b))
+    )
+    # The smaller of the two keeps its digits: each point is sought in its own tail.
+    found = special.ndtri_exp(np.minimum(np.minimum(below, above), 0.0))
+    return np.asarray(np.clip(np.where(below < above, found, -found), a, b))
 
 
 def _effective_limits(a: Array, b: Array) -> tuple[Array, Array]:

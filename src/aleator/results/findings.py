@@ -24,7 +24,9 @@ def findings(document: Document) -> tuple[Sentence, ...]:
     There is one for the 95 % range of each parameter that scatters, one for each identified
     constant, one for each identified standard deviation of the measurement noise, and one for the
     outcome of a new experiment under the conditions of the last row. How sure an end is: half of
-    the width of its 95 % interval (see `LawRange`). What a document lacks is left out.
+    the width of its 95 % interval (see `LawRange`). Where the sd of a law ends on its lower limit,
+    the range at the estimate says nothing of the scatter, and the outer ends of these intervals
+    take its place. What a document lacks is left out.
 
     >>> one = {"lower": 0.1012, "upper": 0.1788, "lower_interval": [0.093, 0.109],
     ...        "upper_interval": [0.17, 0.188]}
@@ -51,14 +53,28 @@ def _laws(document: Document) -> Iterator[Sentence]:
 
 
 def _law(document: Document, name: str, whose: str, entry: Document) -> Sentence:
+    head, unit = f"{percent(0.95)} of {whose}", _unit(document, name)
     reach = [_half(entry.get(f"{end}_interval")) for end in ("lower", "upper")]
+    ends, told, sure = [entry["lower"], entry["upper"]], "{} to {}", _sure(reach, unit)
+    limit = _sd_on_limit(document, name, unit)
+    if limit is not None and None not in reach:
+        ends = [entry["lower_interval"][0], entry["upper_interval"][1]]
+        told, sure = "somewhere between {} and {}", f"its scatter is not determined: {limit}"
     low, high = (
-        with_error(entry[end], own, estimate=True)[0]
-        for end, own in zip(("lower", "upper"), reach, strict=True)
+        with_error(end, own, estimate=True)[0] for end, own in zip(ends, reach, strict=True)
     )
-    unit = _unit(document, name)
-    return _found(
-        f"{percent(0.95)} of {whose}", f"{name} {low} to {high}{unit} ({_sure(reach, unit)})"
+    return _found(head, f"{name} {told.format(low, high)}{unit} ({sure})")
+
+
+def _sd_on_limit(document: Document, name: str, unit: str) -> str | None:
+    """That the sd of a parameter's law ends on its lower limit; None where it does not."""
+    sd = document["alpha"].get(f"{name}.sd") or {}
+    interval = sd.get("interval")
+    if sd.get("at_bound") != "lower" or interval is None or interval[1] is None:
+        return None
+    return (
+        f"the sd is on its lower limit {number(sd['estimate'])}{unit}, its 95 % interval goes up "
+        f"to {number(interval[1], 2)}{unit}"
     )
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Indices
 from aleator.errors import InputsError, nearest
+from aleator.inference.alpha_draws import END
 from aleator.inference.design import (
     ChosenSet,
     DesignPlan,
@@ -94,16 +95,17 @@ class Aim:
     """The aim of a design: the quantity to be estimated better, and the alpha (K,) assumed.
 
     `moving` (F,) are the indices of the uncertain hyperparameters. `target` is the position among
-    them of the hyperparameter aimed at, or None. If its estimate is on a limit, where no experiment
-    has information on it, the design assumes another value, which is in `moved`.
+    them of the hyperparameter aimed at, or None. An estimate on a limit is uncertain too, but no
+    experiment has information on it there. The design assumes another value, which is in `moved`,
+    for the hyperparameter aimed at, and for all of them where a prediction or all are the aim.
     """
 
     name: str
     alpha: Array
     moving: Indices
+    moved: Mapping[str, float]
     target: int | None
     predicted: Predicted | None
-    moved: Mapping[str, float]
 
     @classmethod
     def of(cls, about: str | Predicted | None, estimates: Mapping[str, Estimate], fit: Fit) -> Aim:
@@ -112,18 +114,16 @@ class Aim:
         Raises InputsError for an unknown or a fixed hyperparameter.
         """
         names = [h.name for h in fit.hyperparameters]
-        alpha, moving = fit.alpha.copy(), fit.inference.free
+        on_limit = np.setdiff1d(fit.inference.identified, fit.inference.free)
         if isinstance(about, Predicted):
-            return cls(about.name, alpha, moving, None, about, {})
+            return cls(about.name, *_inside(on_limit, estimates, fit), None, about)
         about = about or _weakest(fit)
         if about == ALL:
-            return cls("all hyperparameters", alpha, moving, None, None, {})
+            return cls("all hyperparameters", *_inside(on_limit, estimates, fit), None, None)
         require_free(about, fit.hyperparameters)
-        k, moved = names.index(about), dict[str, float]()
-        if k not in moving:
-            alpha[k] = _elsewhere(estimates, fit, k)
-            moving, moved = np.sort(np.append(moving, k)), {about: float(alpha[k])}
-        return cls(about, alpha, moving, int(np.searchsorted(moving, k)), None, moved)
+        k = names.index(about)
+        inside = _inside(on_limit[on_limit == k], estimates, fit)
+        return cls(about, *inside, int(np.searchsorted(inside[1], k)), None)
 
     def observed(self, fit: Fit) -> Array:
         """The observed information (F, F) of the measured experiments on these hyperparameters."""
@@ -158,10 +158,24 @@ def _weakest(fit: Fit) -> str:
     return str(hyperparameters[scales[largest]].name)
 
 
+def _inside(
+    which: Indices, estimates: Mapping[str, Estimate], fit: Fit
+) -> tuple[Array, Indices, dict[str, float]]:
+    """alpha (K,) with the hyperparameters `which` moved off their limits, and these values by name.
+
+    Between them are the indices (F,) of the uncertain hyperparameters, `which` among them.
+    """
+    alpha = fit.alpha.copy()
+    alpha[which] = [_elsewhere(estimates, fit, k) for k in which]
+    moved = {fit.hyperparameters[k].name: float(alpha[k]) for k in which}
+    return alpha, np.union1d(fit.inference.free, which), moved
+
+
 def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
     """A value for a hyperparameter whose estimate is on a limit.
 
-    It is the end of its profile interval that is not on the limit, or else its starting value.
+    It is one standard deviation off the limit, as far as its 95 % interval reaches over 1.96: the
+    root mean square of its draws (see `alpha_draws`). Without an interval it is the starting value.
     """
     h = fit.hyperparameters[k]
     interval = estimates[h.name].interval
@@ -169,7 +183,9 @@ def _elsewhere(estimates: Mapping[str, Estimate], fit: Fit, k: int) -> float:
         return h.start
     side = fit.inference.at_bound[k]
     end = interval[0] if side == "upper" else interval[1]
-    return float(end) if np.isfinite(end) and h.lower < end < h.upper else h.start
+    if not (np.isfinite(end) and h.lower < end < h.upper):
+        return h.start
+    return float(fit.alpha[k] + (end - fit.alpha[k]) / END)
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,8 +300,9 @@ def next_experiments(
     `candidates` is a table like that of the experiments, without outcomes; rows with the same id
     are one experiment. Experiments of a new group of a level, such as a batch, are one candidate. A
     candidate is chosen at most `repeat` times. The set is best under the identified law, or with
-    `laws` above 1 best on average over so many plausible laws. For a hyperparameter
-    on a limit the other end of its interval is assumed.
+    `laws` above 1 best on average over so many plausible laws. A hyperparameter on a
+    limit is assumed one standard deviation off it, which is its interval over 1.96: for itself, and
+    for a prediction or "all", whose error would else leave out that it is not known exactly.
 
     Runs are made for response surfaces of the candidates, by the Runner `simulator`, or in the same
     way as in the identification. Raises InputsError for an unknown name and for more experiments

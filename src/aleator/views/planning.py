@@ -345,8 +345,8 @@ def _error(document: Document) -> str:
 def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, str]]:
     """Warnings about planned experiments, each as a head and a sentence."""
     notes = [
-        (f"{name} ended on its limit", f"no experiment tells anything of it there. Planned for "
-         f"{number(value)}, the end of its interval.")
+        (f"{name} ended on its limit", "where no experiment tells anything of it. The plan and its "
+         f"errors are those at {number(value)}, one standard deviation off the limit.")
         for name, value in document["planned_for"].items()
     ]  # fmt: skip
     if not document["sound"]:

@@ -76,6 +76,10 @@ def line(time, x):
     return x[0] * (1.0 + time)
 
 
+def rise(time, x):
+    return np.sinh(x[0]) + time
+
+
 def drawn_of_one(model, noise: float = 0.05) -> pd.DataFrame:
     rng = np.random.default_rng(2)
     time = rng.uniform(0.0, 1.0, 20)
@@ -139,11 +143,16 @@ def test_the_score_with_panels_held_is_that_of_differences() -> None:
     np.testing.assert_allclose(held(AT_ONE).score, differences, rtol=1e-5, atol=1e-4)
 
 
-@pytest.mark.parametrize(("model", "kind"), [(line, GaussHermite), (square, Panels)])
-def test_an_answer_settles_on_panels_where_they_tell_something_else(model, kind) -> None:
-    end = with_enough_nodes(likelihood_of(model, drawn_of_one(model), ONE), AT_ONE)
+@pytest.mark.parametrize(
+    ("model", "kind"),
+    [(line, GaussHermite), (rise, GaussHermite), (square, Panels), (clip, Panels)],
+)
+def test_an_answer_settles_on_panels_where_more_nodes_do_not_converge(model, kind) -> None:
+    frame = drawn_of_one(model)
+    end = with_enough_nodes(likelihood_of(model, frame, ONE), AT_ONE)
     assert isinstance(end.likelihood.rule, kind)
     assert abs(end.gap) < 2e-3
+    assert end.value == pytest.approx(exact_of_one(model, frame, end.alpha), abs=1e-3)
 
 
 # ------------------------------------------------------------------------------ importance points
