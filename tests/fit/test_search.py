@@ -19,6 +19,7 @@ from aleator import (
     GradientMultistart,
     Identification,
     Inputs,
+    Noise,
     Normal,
     ScipyLaw,
     identify,
@@ -28,6 +29,7 @@ from aleator.fit import search as searching
 from aleator.fit.question import start_point
 from aleator.fit.search import LinearGaussian, fitted, linear_gaussian
 from aleator.laws import Law
+from aleator.likelihood.individual import IndividualLikelihood
 from aleator.moments.likelihood import Continued
 from aleator.search import Ascent, Optimum, SearchResult
 
@@ -172,10 +174,10 @@ def scatter(law: Inputs, data: pd.DataFrame) -> Identification:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("most", [60, 1000])
-def test_the_answer_is_that_of_all_experiments(most: int, monkeypatch) -> None:
+@pytest.mark.parametrize("times", [1.5, 25.0])
+def test_the_answer_is_that_of_all_experiments(times: float, monkeypatch) -> None:
     """y = z a with a normal: mean and sd of y/z, whether or not a sample of 40 was searched."""
-    settings = searching.SampledSearch(most, 40)
+    settings = searching.SampledSearch(40, least=40, times=times)
     monkeypatch.setattr(searching.by_sample, "__defaults__", (settings,))
     data = table(300)
     found = scatter(Inputs({"a": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))}), data)
@@ -184,6 +186,32 @@ def test_the_answer_is_that_of_all_experiments(most: int, monkeypatch) -> None:
     assert found.alpha["a.sd"].estimate == pytest.approx(ratio.std(ddof=0), abs=1e-5)
     assert found.search["distinct_optima"] == 1
     assert found.sound
+
+
+def test_experiments_of_many_observations_are_searched_by_fewer_of_them(monkeypatch) -> None:
+    """y = a + error, 5 times for each of 60 experiments: the analysis of variance, balanced."""
+    settings, sampled = searching.SampledSearch(least=10, observations=100), list[int]()
+    monkeypatch.setattr(searching.by_sample, "__defaults__", (settings,))
+    drawn = IndividualLikelihood.sampled
+
+    def noted(likelihood: IndividualLikelihood, size: int) -> IndividualLikelihood:
+        sampled.append(size)
+        return drawn(likelihood, size)
+
+    monkeypatch.setattr(IndividualLikelihood, "sampled", noted)
+    rng = np.random.default_rng(8)
+    y = 2.0 + 0.3 * rng.standard_normal((60, 1)) + 0.2 * rng.standard_normal((60, 5))
+    data = pd.DataFrame({"id": np.repeat(np.arange(60), 5), "y": y.ravel()})
+    law = Inputs({"a": Normal(mean=Free(0.5, 4.0), sd=Free(0.01, 2.0))})
+    found = identify(
+        lambda a: a, data, law, outcome="y", id="id", noise=Noise(Free(0.01, 2.0)),
+        vectorized=True, verification=Check(0), consistency=False, best_law=False,
+    )  # fmt: skip
+    within, mean = y.var(axis=1).sum() / (60 * 4 / 5), y.mean(axis=1)
+    assert sampled == [20]
+    assert found.alpha["a.mean"].estimate == pytest.approx(mean.mean(), abs=1e-5)
+    assert found.alpha["a.sd"].estimate == pytest.approx((mean.var() - within / 5) ** 0.5, abs=1e-5)
+    assert found.alpha["noise.sd"].estimate == pytest.approx(within**0.5, abs=1e-5)
 
 
 def test_the_ends_of_a_sample_that_become_one_optimum_are_one() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from aleator import (
     Constant,
@@ -106,6 +107,36 @@ def test_levels_have_the_published_maxima_of_reml(name: str) -> None:
     assert -2.0 * found.total == pytest.approx(published, abs=1e-4)
     # At the maximum the score is zero, to the digits of the sds.
     assert np.abs(found.score * here * 1e-4).max() < 1e-3
+
+
+def test_lines_have_the_value_and_the_derivative_of_the_closed_form() -> None:
+    """-1/2 log det sum_l X' V^-1 X beside the log-likelihood; its slope by differences of it."""
+    time = np.tile(np.arange(6.0), 8)
+    subject, rng = np.repeat(np.arange(8), 6), np.random.default_rng(5)
+    y = 3.0 + 0.5 * time + rng.standard_normal(8)[subject] * (1.0 + 0.3 * time)
+    frame = pd.DataFrame({"id": subject, "t": time, "y": y + 0.1 * rng.standard_normal(48)})
+    table = Experiments.from_frame(frame, outcome="y", id="id")
+    law = Inputs({"a": Normal(Free(0, 9), Free(0.1, 9)), "b": Normal(Free(-2, 2), Free(0.1, 9))})
+    choices = Choices.of(table, law, Noise(Free(0.01, 9.0)), restricted=True)
+    line = FunctionSimulator(lambda t, a, b: a + b * t, vectorized=True)
+    runner = as_runner(line, table, ("a", "b"), True, None)
+    question = choices.question(runner, table.observations, 0)
+    likelihood = question.integral(Direct(runner, np.arange(2), question.inputs.box))
+    design = np.stack([np.ones(6), time[:6]], axis=1)
+
+    def exact(alpha: np.ndarray) -> float:
+        spread = np.diag(alpha[[1, 3]] ** 2)
+        covariance = design @ spread @ design.T + alpha[4] ** 2 * np.eye(6)
+        away = frame["y"].to_numpy().reshape(8, 6) - design @ alpha[[0, 2]]
+        value = stats.multivariate_normal.logpdf(away, cov=covariance).sum()
+        information = 8.0 * design.T @ np.linalg.inv(covariance) @ design
+        return float(value - 0.5 * np.linalg.slogdet(information)[1] + np.log(2.0 * np.pi))
+
+    here = np.array([3.2, 1.1, 0.45, 0.35, 0.12])
+    found = likelihood.adapted(here)(here)
+    assert found.total == pytest.approx(exact(here), abs=1e-5)
+    slopes = [(exact(here + h) - exact(here - h)) / 2e-5 for h in 1e-5 * np.eye(5)]
+    np.testing.assert_allclose(found.score, slopes, rtol=1e-5, atol=1e-3)
 
 
 def test_the_sd_of_independent_values_has_n_minus_one() -> None:

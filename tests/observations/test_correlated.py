@@ -203,12 +203,13 @@ def test_rows_in_any_order_are_put_in_the_order_of_the_column(tie: str) -> None:
 
 
 @pytest.mark.parametrize("p", [1, 2, 3])
-def test_experiments_at_the_same_places_share_a_filter(p: int) -> None:
+def test_experiments_at_the_same_places_share_matrices(p: int) -> None:
     """17 experiments of two patterns, and the same with places that all differ a little."""
     sizes = [4] * 9 + [3] * 8
     owner = np.repeat(np.arange(17), sizes)
     time = np.concatenate([[0.0, 0.4, 1.0, 1.3][:n] for n in sizes])
-    noise = Noise(FREE, correlation=GaussianProcess("time", FREE, FREE, p - 0.5))
+    process = GaussianProcess("time", FREE, FREE, p - 0.5)
+    noise = Noise(FREE, correlation=process)
     table = pd.DataFrame({"id": owner, "time": time, "y": RNG.standard_normal(owner.size)})
     values, eta = np.array([0.5, 0.7, 0.9]), RNG.standard_normal((owner.size, 3))
     alike, apart = (of(t, noise) for t in (table, table.assign(time=time * (1.0 + 1e-14 * owner))))
@@ -216,12 +217,16 @@ def test_experiments_at_the_same_places_share_a_filter(p: int) -> None:
         (serial,) = (part.serial for part in errors.parts)
         assert serial is not None
         assert len(serial.alike) == patterns
+        shared = process.whitening([0.7, 0.9], serial, np.full((owner.size, 1), 0.5))
+        assert isinstance(shared, state_space.AlikeErrors) == (patterns == 2)
     every = slice(0, owner.size)
     one, other = (errors.terms(values, eta, every) for errors in (alike, apart))
     np.testing.assert_allclose(one.value, other.value, atol=1e-9)
     np.testing.assert_allclose(one.d_eta, other.d_eta, atol=1e-9)
+    starts = np.flatnonzero(np.diff(owner, prepend=-1))
     for (_, by), (_, wanted) in zip(one.d_values, other.d_values, strict=True):
-        np.testing.assert_allclose(by, wanted, atol=1e-9)
+        sums = (np.add.reduceat(each, starts) for each in (by, wanted))
+        np.testing.assert_allclose(*sums, atol=1e-9)
     uniform = RNG.random(eta.shape)
     one, other = (errors.drawn(values, uniform, eta, every) for errors in (alike, apart))
     np.testing.assert_allclose(one, other, atol=1e-9)

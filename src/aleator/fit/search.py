@@ -62,16 +62,34 @@ GUESSES = GuessSettings()
 
 @dataclass(frozen=True)
 class SampledSearch:
-    """Settings of a search with more than `large` experiments; `pytest tests/fit/test_search.py`.
+    """Settings of a search of a sample of many experiments; `pytest tests/fit/test_search.py`.
 
-    The search is made on an even sample of `size` experiments. The likelihood of all experiments
-    is then maximized from the `best` optima of the sample. These lie within the sample's standard
-    errors of the maxima of all experiments, so that few evaluations are needed.
+    The search is made on an even sample. The likelihood of all experiments is then maximized from
+    the `best` optima of the sample. These lie within the sample's standard errors of the maxima of
+    all experiments, so that few evaluations are needed.
     """
 
-    large: int = 1000
     size: int = 400
+    """The largest number of experiments in a sample."""
+    least: int = 100
+    """The smallest number of experiments in a sample: few of them do not tell a law."""
+    observations: int = 10_000
+    """A sample of more than `least` experiments has no more observations than this, since an
+    experiment of many observations tells more and costs more. 500 curves of 100 values: the same
+    maximum in less than half of the time (docs/evidence.md)."""
+    times: float = 2.5
+    """A sample is taken where there are more than so many times its number of experiments."""
     best: int = 3
+
+    def number(self, experiments: int, observations: int) -> int | None:
+        """The number of experiments to be sampled; None where all of them are searched.
+
+        >>> SampledSearch().number(20_000, 20_000), SampledSearch().number(500, 50_000)
+        (400, 100)
+        """
+        allowed = self.observations * experiments // max(observations, 1)
+        found = min(self.size, max(self.least, allowed))
+        return found if experiments > self.times * found else None
 
 
 SAMPLE = SampledSearch()
@@ -158,9 +176,11 @@ def by_sample(
     Starts that did not end at one of these optima are left out of the result. With few experiments
     the search uses all of them at once.
     """
-    if likelihood.count <= settings.large:
+    measured = likelihood.outcomes if isinstance(likelihood, Problem) else likelihood.layout
+    size = settings.number(likelihood.count, measured.size)
+    if size is None:
         return search(likelihood.continued)
-    found = search(likelihood.sampled(settings.size).continued)
+    found = search(likelihood.sampled(size).continued)
     optima, ascents = list[Optimum](), list[Ascent]()
     for of_sample in found.optima[: settings.best]:
         there, alpha = nearest_maximum(likelihood, of_sample.alpha)

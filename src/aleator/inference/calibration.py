@@ -108,7 +108,7 @@ def _of_block(
     with np.errstate(all="ignore"):
         individual = inputs.individual(alpha[: inputs.size], xi, part)
         eta = likelihood.predictor.values(block, individual.x)
-        terms = likelihood.errors.terms(of_errors, eta, rows).value
+        terms = likelihood.errors.log_density(of_errors, eta, rows)
         lower, upper = seen.lower[rows], seen.upper[rows]
         below = above = _cdf(likelihood, of_errors, lower, eta, rows)
         if not np.array_equal(lower, upper):

@@ -223,7 +223,8 @@ class ResponseErrors:
 
     def _possible(self, value: Array, eta: Array, scale: Array) -> Array:
         """log p (k, J), minus infinity where eta or the scale is none that can be."""
-        return np.where(np.isfinite(eta) & (scale > 0.0) & np.isfinite(scale), value, -np.inf)
+        fine = np.isfinite(eta) & (scale > 0.0) & np.isfinite(scale)
+        return value if np.all(fine) else np.where(fine, value, -np.inf)
 
     def _whitened(
         self, values: Sequence[float], eta: Array, which: slice
@@ -239,7 +240,9 @@ class ResponseErrors:
             scale = np.full((len(eta), 1), float(scale))
         scale = serial.take(np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0))
         u = serial.take(self.upper[which] - eta) / scale
-        u = np.where(np.abs(u) < NUMERICS.farthest, u, 0.0)
+        far = NUMERICS.farthest
+        if not (-far < np.min(u, initial=0.0) and np.max(u, initial=0.0) < far):
+            u = np.where(np.abs(u) < far, u, 0.0)
         ties = self.noise.correlation
         return u, scale, ties.whitening(self._ties(values), serial, scale)
 
@@ -310,7 +313,8 @@ class ResponseErrors:
 
 def _normal(u: Array, scale: Array, whitening: Whitening) -> Array:
     """log p (k, J) of normal errors over their scale, each given the earlier ones."""
-    w = (u - whitening.expected(u)) / whitening.root
+    w = u - whitening.expected(u)
+    w /= whitening.root
     w *= w
     w *= -0.5
     w -= np.log(whitening.root * scale) + HALF_LOG_2_PI

@@ -3,7 +3,7 @@
 A process with Matern's correlation of smoothness p - 1/2 is the first of p components of a Markov
 process. So the errors given the earlier ones follow from the Kalman filter (Hartikainen and
 Sarkka, 2010), and the derivatives from its adjoint recursions (de Jong, 1989; Koopman and Shephard,
-1992).
+1992). Many short experiments at the same places share the Cholesky factor of one matrix instead.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from functools import cached_property, partial
 from math import comb, factorial
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 from scipy.linalg.lapack import dtbtrs
 
 from aleator.core.types import Array, Indices
@@ -22,6 +23,25 @@ from aleator.laws import Hyperparameter, Specification, resolve
 from aleator.laws.hyperparameter import LIMITS
 from aleator.observations.correlated import Derivatives, SerialOrder, Whitening
 
+
+@dataclass(frozen=True)
+class DenseSettings:
+    """Which experiments at the same places share dense matrices in place of the Kalman filter.
+
+    The values are chosen by 500 curves of 100 values (docs/evidence.md).
+    """
+
+    values: int = 200
+    """The largest number n of values of an experiment. A product with a matrix costs n operations
+    for each error: 6 ns for 100 values, where the filter takes 150."""
+    condition: float = 1e8
+    """The largest number of values times the variance of the process over that of the independent
+    error, which bounds the condition of the matrix: half of the digits are left."""
+    shared: int = 2
+    """The smallest mean number of experiments that share a matrix; by judgement."""
+
+
+DENSE = DenseSettings()
 STATIONARY = (
     np.eye(1),
     np.eye(2),
@@ -79,82 +99,128 @@ class GaussianProcess:
         return np.hypot(scale, float(values[0]))
 
     def whitening(self, values: Sequence[float], serial: SerialOrder, scale: Array) -> Whitening:
-        """The Kalman filter, kept for the next call with the same values."""
+        """Matrices or the Kalman filter, kept for the next call with the same values."""
         (sd, length), states = map(float, values), round(self.smoothness + 0.5)
         key = np.array([sd, length, states]).tobytes() + np.ascontiguousarray(scale).tobytes()
-        load, alike = sd / scale, serial.alike
-        if load.shape[1] > 1 or np.ptp(load) > 0.0 or len(alike) > len(serial.sizes) // 8:
-            return serial.kept(key, lambda: FilteredErrors.of(serial, sd, length, load, states))
-        return serial.kept(key, lambda: AlikeErrors.of(serial, sd, length, load, states))
+        load = sd / scale
+        if _is_dense(serial, load):
+            own = float(load[0, 0])
+            return serial.kept(key, lambda: AlikeErrors.of(serial, sd, length, own, states))
+        return serial.kept(key, lambda: FilteredErrors.of(serial, sd, length, load, states))
+
+
+def _is_dense(serial: SerialOrder, load: Array, settings: DenseSettings = DENSE) -> bool:
+    """Whether many short experiments have the same places and one load, so that matrices serve."""
+    if load.shape[1] > 1 or not load.size or np.ptp(load) > 0.0:
+        return False
+    longest = int(serial.sizes.max())
+    if longest > settings.values or longest * load[0, 0] ** 2 > settings.condition:
+        return False
+    return len(serial.alike) <= len(serial.sizes) // settings.shared
+
+
+@dataclass(frozen=True, eq=False)
+class DenseErrors:
+    """The matrices (n, n) of errors u = load f + z at the same n places, with equal load.
+
+    R = 1 + load^2 M = L L' has Matern's correlations M. `root` (n, 1) is the diagonal of L,
+    `before` gives the expectation of each error given the earlier ones, `inverse` is R^-1, and
+    `by_length` the derivative of R by the length of the process.
+    """
+
+    root: Array
+    factor: Array
+    before: Array
+    inverse: Array
+    by_length: Array
+
+    @classmethod
+    def of(cls, gap: Array, length: float, load: float, p: int) -> DenseErrors:
+        """The matrices of a process of p states at places with these gaps (n,)."""
+        place, scale = np.cumsum(gap), np.sqrt(2.0 * p - 1.0) / length
+        away = scale * np.abs(np.subtract.outer(place, place))
+        value, slope = _matern(away, p)
+        one = np.eye(len(gap))
+        factor: Array = cholesky(one + load**2 * value, lower=True)
+        whitened: Array = solve_triangular(factor, one, lower=True)
+        root = np.diag(factor)[:, None]
+        by_length = -(load**2) / length * away * slope
+        return cls(root, factor, one - root * whitened, whitened.T @ whitened, by_length)
+
+
+def _matern(away: Array, p: int) -> tuple[Array, Array]:
+    """Matern's correlation of p states at distances tau = sqrt(2 p - 1) r, and its slope by tau."""
+    fading = np.exp(-away)
+    if p == 1:
+        return fading, -fading
+    if p == 2:
+        return (1.0 + away) * fading, -away * fading
+    return (1.0 + away + away**2 / 3.0) * fading, -(away + away**2) / 3.0 * fading
 
 
 @dataclass(frozen=True, eq=False)
 class AlikeErrors:
-    """The Kalman filter of errors of experiments at the same places of the column, of equal scale.
+    """Errors of experiments at the same places of the column, of equal scale.
 
-    Each pattern of places has a filter of one experiment, and the rows (B, n) of its B experiments,
-    whose errors are further columns.
+    Each pattern of n places has the matrices of one experiment, which serve all B experiments, in
+    rows (B, n). `sd` is that of the process.
     """
 
-    parts: tuple[tuple[FilteredErrors, Indices], ...]
+    parts: tuple[tuple[DenseErrors, Indices], ...]
+    sd: float
     size: int
 
     @classmethod
-    def of(cls, serial: SerialOrder, sd: float, length: float, load: Array, p: int) -> AlikeErrors:
-        """The filters of all patterns, for an equal load (m, 1)."""
+    def of(cls, serial: SerialOrder, sd: float, length: float, load: float, p: int) -> AlikeErrors:
+        """The matrices of all patterns, for an equal load."""
         parts = []
         for rows in serial.alike:
-            first, every = rows[0], np.arange(rows.shape[1])
-            own = SerialOrder(serial.owner[first], serial.gap[first], every)
-            key = np.array([sd, length, load[0, 0], p, *own.gap]).tobytes()
-            make = partial(FilteredErrors.of, own, sd, length, load[first], p)
-            parts.append((serial.shared(key, make), rows))
-        return cls(tuple(parts), len(load))
+            gap = serial.gap[rows[0]]
+            key = np.array([length, load, p, *gap]).tobytes()
+            parts.append((serial.shared(key, partial(DenseErrors.of, gap, length, load, p)), rows))
+        return cls(tuple(parts), sd, len(serial.gap))
 
     @cached_property
     def root(self) -> Array:
         """The standard deviation (m, 1) of each error given the earlier ones."""
-        found = np.empty((self.size, 1))
-        for part, rows in self.parts:
-            found[rows] = part.root
-        return found
+        return self._column(lambda part: part.root[:, 0])
 
     def expected(self, u: Array) -> Array:
         """The expected process of each experiment."""
-        return self._each(FilteredErrors.expected, u)
+        return self._times(lambda part: part.before, u)
 
     def solved(self, u: Array) -> Array:
         """R^-1 u of each experiment."""
-        return self._each(FilteredErrors.solved, u)
+        return self._times(lambda part: part.inverse, u)
 
     def drawn(self, z: Array) -> Array:
         """Errors of each experiment."""
-        return self._each(FilteredErrors.drawn, z)
+        return self._times(lambda part: part.factor, z)
 
     def derivatives(self, u: Array) -> Derivatives:
-        """The derivatives of each experiment."""
-        found = [np.empty(u.shape) for _ in range(4)]
-        for part, rows in self.parts:
-            solved, by_scale, by_values = part.derivatives(_columns(u, rows))
-            for whole, values in zip(found, (solved, by_scale, *by_values), strict=True):
-                whole[rows] = _experiments(values, rows)
-        return Derivatives(found[0], found[1], (found[2], found[3]))
+        """The derivatives by v = R^-1 u: by R they are (v v' - R^-1)/2."""
+        solved = self.solved(u)
+        by_length = solved * self._times(lambda part: part.by_length, solved)
+        by_length -= self._column(lambda part: np.sum(part.inverse * part.by_length, axis=1))
+        inverse = self._column(lambda part: np.diag(part.inverse))
+        by_sd = (solved * (u - solved) - (1.0 - inverse)) / self.sd
+        return Derivatives(solved, solved**2 - inverse, (by_sd, 0.5 * by_length))
 
-    def _each(self, method: Callable[[FilteredErrors, Array], Array], u: Array) -> Array:
+    def _times(self, matrix: Callable[[DenseErrors], Array], u: Array) -> Array:
+        if len(self.parts) == 1:
+            # The rows of a single pattern are all rows in their order.
+            part, rows = self.parts[0]
+            return (matrix(part) @ u.reshape(*rows.shape, -1)).reshape(u.shape)
         found = np.empty(u.shape)
         for part, rows in self.parts:
-            found[rows] = _experiments(method(part, _columns(u, rows)), rows)
+            found[rows] = matrix(part) @ u[rows]
         return found
 
-
-def _columns(u: Array, rows: Indices) -> Array:
-    """Errors (m, J) in rows (B, n) as (n, B J)."""
-    return u[rows].swapaxes(0, 1).reshape(rows.shape[1], -1)
-
-
-def _experiments(values: Array, rows: Indices) -> Array:
-    """Values (n, B J) as (B, n, J)."""
-    return values.reshape(rows.shape[1], len(rows), -1).swapaxes(0, 1)
+    def _column(self, values: Callable[[DenseErrors], Array]) -> Array:
+        found = np.empty((self.size, 1))
+        for part, rows in self.parts:
+            found[rows, 0] = values(part)
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,14 +65,18 @@ def typed(hint: Any, value: Any) -> Any:
     if isinstance(value, Plain):
         return value
     if hint is float:
+        if type(value) is float and math.isfinite(value):
+            return value
         found = documents.plain(value)
         return math.nan if found is None else found
     if hint is Any:
         return documents.plain(value)
+    if type(value) is hint and hint in (str, int, bool):
+        return value
     if isinstance(hint, type) and is_dataclass(hint):
         known: dict[str, Any] = {name: value[name] for name in plain_fields(hint) if name in value}
         return hint(**known)
-    parts, origin = get_args(hint), get_origin(hint)
+    parts, origin = _parts(hint)
     if origin in (Union, UnionType):
         return _one_of(parts, value)
     if origin is Mapping:
@@ -82,6 +86,12 @@ def typed(hint: Any, value: Any) -> Any:
     if origin is tuple:
         return tuple(typed(*pair) for pair in zip(parts, value, strict=True))
     return hint(value)
+
+
+@cache
+def _parts(hint: Any) -> tuple[tuple[Any, ...], Any]:
+    """The arguments and the origin of a type."""
+    return get_args(hint), get_origin(hint)
 
 
 def _one_of(parts: tuple[Any, ...], value: Any) -> Any:

@@ -129,10 +129,10 @@ class IndividualLikelihood:
     def _restricted(self, alpha: Array, *, slope: bool) -> LogLikelihood:
         """The restricted log-likelihood at alpha (K,); see the function `restricted`.
 
-        Scores near alpha have the same nodes if these are of a product rule or parameters. Others
-        are adapted to each, because their errors change with it.
+        Scores near alpha have the same nodes if these are parameters. Others are adapted to each:
+        three fixed nodes leave an error of 6e-3 with the weights of 16 rats, adapted ones 2e-7.
         """
-        same = self._held is not None or isinstance(self.rule, GaussHermite)
+        same = self._held is not None
 
         def scored(point: Array) -> LogLikelihood:
             held = self if same else self.adapted(point)

@@ -28,6 +28,9 @@ class RestrictedSettings:
     step: float = 1e-2
     """The step in standard errors, by outer products of scores. The published maximum of Dyestuff
     is met within 1e-8."""
+    bend: float = 0.1
+    """The step of the second differences of scores, in standard errors. They are exact for any step
+    with a linear simulator and normal laws."""
     longest: float = 1e-2
     """The longest step, over the width of the limits."""
 
@@ -51,37 +54,38 @@ def restricted(
     """The restricted log-likelihood at alpha (K,), with its derivative if `slope` is true.
 
     `scored` is the likelihood with scores. The change by the integration counts once, as a prior
-    does. Cost: 2 p evaluations, or 2 p (1 + 2 K) with the derivative. Where the information is not
-    positive definite, the logarithm of the size of its determinant counts.
+    does. Its derivative by alpha_k is half the sum of the second derivatives of score k along the
+    p directions u_m with H = (sum_m u_m u_m')^-1. Cost: 2 p evaluations, or 4 p with the
+    derivative. Where the information is not positive definite, the logarithm of the size of its
+    determinant counts.
     """
     here, rows = scored(alpha), locations(hyperparameters)
     assert here.scores is not None
     lower, upper = limits_of(hyperparameters)
+    longest = settings.longest * (upper - lower)
     size = np.sum(here.scores**2, axis=0)
     with np.errstate(divide="ignore"):
-        step = np.minimum(settings.step / np.sqrt(size), settings.longest * (upper - lower))
+        step = np.minimum(settings.step / np.sqrt(size), longest)
 
-    def change(point: Array) -> float:
-        information = np.array([_bend(scored, point, k, step[k], rows) for k in rows])
-        determinant = np.linalg.slogdet(0.5 * (information + information.T))[1]
-        return float(0.5 * (rows.size * np.log(2.0 * np.pi) - determinant))
+    def moved(along: Array, sign: int) -> Array:
+        point = alpha.copy()
+        point[rows] += sign * along
+        return scored(point).score
 
-    found = replace(here, prior=here.prior + change(alpha))
+    steps = np.diag(step[rows])
+    rises = np.array([moved(h, -1) - moved(h, 1) for h in steps])[:, rows]
+    information = rises / (2.0 * step[rows, None])
+    bend, turned = np.linalg.eigh(0.5 * (information + information.T))
+    change = 0.5 * (rows.size * np.log(2.0 * np.pi) - np.sum(np.log(np.abs(bend))))
+    found = replace(here, prior=here.prior + float(change))
     if not slope:
         return found
     by = np.zeros(alpha.size)
-    for k in np.flatnonzero([not h.is_number for h in hyperparameters]):
-        ahead, behind = alpha.copy(), alpha.copy()
-        ahead[k] = min(alpha[k] + step[k], upper[k])
-        behind[k] = max(alpha[k] - step[k], lower[k])
-        by[k] = (change(ahead) - change(behind)) / (ahead[k] - behind[k])
+    for curvature, direction in zip(bend, turned.T, strict=True):
+        along = direction / np.sqrt(np.abs(curvature))
+        h = min(settings.bend, float(np.min(longest[rows] / np.abs(along))))
+        second = moved(h * along, 1) + moved(h * along, -1) - 2.0 * here.score
+        by += 0.5 * np.sign(curvature) * second / h**2
+    by[[h.is_number for h in hyperparameters]] = 0.0
     own = 0.0 if here.prior_score is None else here.prior_score
     return replace(found, prior_score=own + by)
-
-
-def _bend(scored: Scored, alpha: Array, place: int, step: float, rows: Indices) -> Array:
-    """The derivative (p,) of minus the score of the locations `rows` by that of one `place`."""
-    ahead, behind = alpha.copy(), alpha.copy()
-    ahead[place] += step
-    behind[place] -= step
-    return np.asarray((scored(behind).score - scored(ahead).score)[rows] / (2.0 * step))
