@@ -124,11 +124,15 @@ def check(
         quick = not runner.vectorized and look.seconds < LOOK.quick
         arrays = quick and runner.takes_arrays(plan.region)
     held = fixed_noise(value.experiments, value.noise)
-    work.end(
-        look_document(look, cost, options.workers or 1, held, arrays), planning.first_look,
-        draw=None if no_figures else save_check,
-    )  # fmt: skip
-    if not options.quiet:
+    document = look_document(look, cost, options.workers or 1, held, arrays)
+    work.end(document, planning.first_look, draw=None if no_figures else save_check)
+    if options.quiet:
+        return
+    if planning.to_mend(document):
+        click.echo(
+            f"Next: look at these values and the limits, then aleator check {short(work.file)} again"
+        )
+    else:
         click.echo(f"Next: aleator identify {short(work.file)}")
 
 

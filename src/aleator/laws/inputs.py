@@ -92,6 +92,12 @@ class Inputs:
         self.covariate_model: CovariateModel | None = None
         self.grouping: Grouping | None = None
 
+    def __repr__(self) -> str:
+        """The laws, and the correlations and levels if there are any."""
+        more = [f"correlation={self.correlation!r}"] if self.correlation.pairs else []
+        more += [f"levels={self.levels!r}"] if self.levels else []
+        return f"Inputs({', '.join([repr(self.laws), *more])})"
+
     def law(self, i: int) -> Law:
         """The law of parameter i."""
         return list(self.laws.values())[i]

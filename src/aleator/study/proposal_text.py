@@ -63,6 +63,13 @@ def notes(proposal: Proposal) -> list[str]:
     said.append(f"identified: the laws of {', '.join(laws) or 'nothing yet'}")
     if known:
         said.append(f"held constant: {', '.join(known)}")
+    exact = [f"{each.name} = {each.nominal:g}" for each in proposal.untouched
+             if each.nominal is not None]  # fmt: skip
+    if exact and proposal.offer.kind != "fmu":
+        said.append(
+            f"taken as exact and the same in every experiment: {', '.join(exact)}; where one may "
+            "differ, predictions are too sure: name it (--parameter NAME=LOW:HIGH) and compare"
+        )
     if roles.constant:
         said.append(f"the same in every row, not used: {', '.join(roles.constant)}")
     if proposal.censored:
@@ -338,7 +345,7 @@ def _untouched(proposal: Proposal) -> list[str]:
         return []
     rest = len(proposal.untouched) - WRITTEN.variables
     of = "variables of the FMU" if proposal.offer.kind == "fmu" else "arguments"
-    lines = [f"# Other {of}, which keep their values unless they get a section:"]
+    lines = [f"# Other {of}, taken as exact and the same everywhere unless they get a section:"]
     lines += [
         f"#   {each.name}{f' [{each.unit}]' if each.unit else ''}"
         f"{'' if each.nominal is None else f' = {each.nominal:g}'}"

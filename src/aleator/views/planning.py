@@ -84,6 +84,11 @@ def first_look(document: Document) -> Content:
     )
 
 
+def to_mend(document: Document) -> bool:
+    """Whether an experiment has no run that works, or a measured value that no run comes to."""
+    return bool(document["lost"] or document["out_of_reach"])
+
+
 def duration(hours: float) -> str:
     """The text of a duration in hours, as days, hours, minutes or seconds.
 
@@ -184,7 +189,8 @@ def _cost(document: Document) -> str:
     by = f"with {cost['workers']} workers" if cost["workers"] > 1 else "with one worker"
     return (
         f"An identification takes some {cost['least_runs']:,} to {cost['most_runs']:,} runs: "
-        f"{low if low == high else f'{low} to {high}'} {by}."
+        f"{low if low == high else f'{low} to {high}'} {by}. Computation comes on top: seconds to "
+        "minutes, whatever the simulator takes."
     )
 
 
