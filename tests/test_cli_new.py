@@ -166,7 +166,7 @@ def test_noise_that_one_value_an_experiment_does_not_tell_must_be_known() -> Non
     Path("springs.csv").write_text(Path("springs.csv").read_text().replace(">6", "6+"))
     told = done("new", "springs.csv", "--function", "model.py:length", "--outcome", "length",
                 "--force").output  # fmt: skip
-    assert "'6+' in row 8" in told
+    assert "'6+' in line 8" in told
 
 
 def test_the_variables_of_an_fmu_are_found_by_their_last_name(folder: Path) -> None:

@@ -129,9 +129,8 @@ def check(
     if options.quiet:
         return
     if planning.to_mend(document):
-        click.echo(
-            f"Next: look at these values and the limits, then aleator check {short(work.file)} again"
-        )
+        again = f"then aleator check {short(work.file)} again"
+        click.echo(f"Next: look at these values and the limits, {again}")
     else:
         click.echo(f"Next: aleator identify {short(work.file)}")
 
