@@ -91,7 +91,7 @@ def test_an_experiment_without_a_run_is_told_and_outcomes_are_in_their_own_unit(
     assert "Of 1 experiment no run works" in said
     result = read("out/check.json")
     assert [*result["lost"]] == ["B"]
-    assert all(word in result["lost"]["B"] for word in ("row 3", "force = -20", "logarithm of"))
+    assert all(word in result["lost"]["B"] for word in ("line 3", "force = -20", "logarithm of"))
     assert result["out_of_reach"] == ["C"]
     assert result["fixed_noise"] == {"travel": {"sd": 0.1}}
     of = {row["id"]: row for row in result["observations"]}

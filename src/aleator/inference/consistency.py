@@ -118,6 +118,7 @@ def consistency_of(
         tuple(fit.hyperparameters[k].name for k in fit.inference.free),
         names,
         apart(observed.means, pairs),
+        fit.inputs.levels,
     )
     with np.errstate(all="ignore"):
         subjects, statistics = battery.tests(observed)
@@ -540,6 +541,12 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
                 f'id = "{named}"; else mend the simulator, which is biased there'
             )
             return f"{whose} err alike, more than the law says", mended if several else subject
+        case "alike":
+            return (
+                f"{of} of experiments with the same `{column}` is alike, more than the law says",
+                f'let a shift of {of} be shared by them, a parameter with level = "{column}"; or '
+                f'let its mean follow the column: "1 + C({column})"',
+            )
         case "pair":
             return (
                 f"{of} and {column} of single experiments differ "

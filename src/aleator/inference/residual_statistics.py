@@ -8,7 +8,7 @@ neighbours and of groups.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -255,24 +255,27 @@ def shared(group: Indices, values: Array) -> float:
 
 
 INDIVIDUAL = "individual"
-PAIR, COLUMN = "pair", "relation"
+PAIR, COLUMN, ALIKE = "pair", "relation", "alike"
 RELATED = (PAIR, COLUMN)
-"""The kinds of tests of individual parameters."""
+"""The kinds of tests of individual parameters that are correlations."""
 
 
 @dataclass(frozen=True, eq=False)
 class Relations:
-    """Tests of the individual parameters: correlations of pairs, and of each with the columns.
+    """Tests of the individual parameters: of pairs, of each along a column, and within groups.
 
     `pairs` (P,) are the indices of pairs of parameters that are independent under the law.
     `columns` (t,) are columns that are constant within each experiment; their centered ranks
-    `ranks` (t, N) have length one.
+    `ranks` (t, N) have length one. `groups` has the group (N,) of each experiment by columns of
+    names, such as those of batches, and `own` are the parameters that differ within them.
     """
 
     names: tuple[str, ...]
     pairs: tuple[tuple[int, int], ...]
     columns: tuple[str, ...]
     ranks: Array
+    groups: Mapping[str, Indices]
+    own: tuple[str, ...]
     settings: BatterySettings = BATTERY
 
     @classmethod
@@ -282,13 +285,23 @@ class Relations:
         pairs: tuple[tuple[int, int], ...],
         columns: tuple[Column, ...],
         first: Indices,
+        levels: Collection[str],
     ) -> Relations:
-        """The tests of these parameters; `first` (N,) is one observation of each experiment."""
+        """The tests of these parameters; `first` (N,) is one observation of each experiment.
+
+        The parameters `levels` are the same within groups, and are not tested for it.
+        """
         own = [c for c in columns if c.by_experiment and c.ranks is not None]
         ranks = np.array([c.ranks[first] for c in own if c.ranks is not None])
         ranks = ranks.reshape(len(own), len(first))
         ranks = ranks - ranks.mean(axis=1, keepdims=True)
-        return cls(names, pairs, tuple(c.name for c in own), ranks / _length(ranks))
+        groups = {
+            c.name: c.group[first] for c in columns
+            if c.by_experiment and c.ranks is None and c.count <= BATTERY.repeated * len(first)
+        }  # fmt: skip
+        own_each = tuple(name for name in names if name not in levels)
+        unit = ranks / _length(ranks)
+        return cls(names, pairs, tuple(c.name for c in own), unit, groups, own_each)
 
     def tests(self, means: Array, products: Array) -> Iterator[tuple[Subject, float]]:
         """Each test with its statistic, from the means (N, s) and mean products (N, s, s)."""
@@ -300,6 +313,13 @@ class Relations:
         for name, values in zip(self.names, against, strict=False):
             for column, value in zip(self.columns, values, strict=True):
                 yield Subject(INDIVIDUAL, COLUMN, name, column, least=least), value
+        for column, group in self.groups.items():
+            for name, own in zip(self.names, of_size_one(means).T, strict=False):
+                if name not in self.own:
+                    continue
+                subject = Subject(INDIVIDUAL, ALIKE, name, column, skewed=True, one_sided=True,
+                                  weight=main, least=least)  # fmt: skip
+                yield subject, shared(group, own)
 
     def correlations(self, means: Array, tests: list[Statistic]) -> tuple[Relation, ...]:
         """The correlations of individual means, each with the p value of its test."""
@@ -386,14 +406,18 @@ class Battery:
         names: tuple[str, ...],
         parameters: tuple[str, ...] = (),
         pairs: tuple[tuple[int, int], ...] = (),
+        levels: Collection[str] = (),
     ) -> Battery:
-        """The set of tests; the law takes these `pairs` of the `parameters` as independent."""
+        """The set of tests; the law takes these `pairs` of the `parameters` as independent.
+
+        The parameters `levels` are the same in all experiments of a group by the law.
+        """
         first = np.unique(experiment, return_index=True)[1]
         several = len(first) < len(experiment)
         ordered = any(c.name == ORDER for c in columns) or several
         contrasts = contrasts_of(columns, experiment.size)
         asked = (parameters, pairs) if several else ((), ())
-        relations = Relations.of(*asked, columns, first)
+        relations = Relations.of(*asked, columns, first, levels)
         return cls(contrasts, experiment, names, _groups(columns), ordered, relations)
 
     @cached_property

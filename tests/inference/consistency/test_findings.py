@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aleator import Censoring, Experiments
+from aleator import Censoring, Check, Experiments, Free, Inputs, Normal, identify
 from aleator.inference.table_columns import columns_of, copies_of
+from aleator.results.values import Consistency
 from benchmarks.findings import CASES, judge
 
 
@@ -50,3 +51,32 @@ def test_a_second_column_of_the_censoring_is_no_condition() -> None:
     )  # fmt: skip
     left = {c.name for c in copies_of(columns_of(table), table, (), table.observations.lower)}
     assert left == {"cut"}
+
+
+def batches(between: float, seed: int, level: str | None) -> Consistency:
+    """The second verdict of 40 experiments of 8 batches, with or without a shift of each batch."""
+    rng = np.random.default_rng(seed)
+    batch = np.repeat(np.arange(8), 5)
+    mean = rng.normal(0.0, between, 8)[batch] + rng.normal(1.0, 0.2, 40)
+    t = np.tile(np.arange(4.0), 40)
+    rows = pd.DataFrame({"unit": np.repeat(np.arange(40), 4), "t": t})
+    rows["batch"] = [f"batch {k}" for k in np.repeat(batch, 4)]
+    rows["y"] = np.repeat(mean, 4) + 0.5 * t + rng.normal(0.0, 0.1, 160)
+    laws = {"a": Normal(Free(-2.0, 4.0), Free(0.01, 2.0))}
+    shift = {"shift": Normal(0.0, Free(0.0, 2.0))} if level else {}
+    found = identify(
+        lambda t, a, shift=0.0: a + shift + 0.5 * t, rows,
+        Inputs({**laws, **shift}, levels={"shift": level} if level else None), outcome="y",
+        id="unit", noise=Free(0.01, 1.0), vectorized=True, best_law=False, verification=Check(0),
+    )  # fmt: skip
+    assert found.consistency is not None
+    return found.consistency
+
+
+def test_experiments_of_a_batch_that_are_alike_are_found_until_the_batch_is_a_level() -> None:
+    wrong = batches(0.2, 2, None)
+    assert wrong.consistent is False
+    first = wrong.discrepancies[0].test
+    assert (first.kind, first.of, first.column) == ("alike", "a", "batch")
+    assert batches(0.2, 2, "batch").consistent
+    assert batches(0.0, 2, None).consistent
