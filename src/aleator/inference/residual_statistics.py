@@ -267,7 +267,7 @@ class Relations:
     `pairs` (P,) are the indices of pairs of parameters that are independent under the law.
     `columns` (t,) are columns that are constant within each experiment; their centered ranks
     `ranks` (t, N) have length one. `groups` has the group (N,) of each experiment by columns of
-    names, such as those of batches, and `own` are the parameters that differ within them.
+    names, such as those of batches, and `differing` are the parameters that differ within them.
     """
 
     names: tuple[str, ...]
@@ -275,7 +275,7 @@ class Relations:
     columns: tuple[str, ...]
     ranks: Array
     groups: Mapping[str, Indices]
-    own: tuple[str, ...]
+    differing: tuple[str, ...]
     settings: BatterySettings = BATTERY
 
     @classmethod
@@ -299,9 +299,9 @@ class Relations:
             c.name: c.group[first] for c in columns
             if c.by_experiment and c.ranks is None and c.count <= BATTERY.repeated * len(first)
         }  # fmt: skip
-        own_each = tuple(name for name in names if name not in levels)
+        differing = tuple(name for name in names if name not in levels)
         unit = ranks / _length(ranks)
-        return cls(names, pairs, tuple(c.name for c in own), unit, groups, own_each)
+        return cls(names, pairs, tuple(c.name for c in own), unit, groups, differing)
 
     def tests(self, means: Array, products: Array) -> Iterator[tuple[Subject, float]]:
         """Each test with its statistic, from the means (N, s) and mean products (N, s, s)."""
@@ -315,7 +315,7 @@ class Relations:
                 yield Subject(INDIVIDUAL, COLUMN, name, column, least=least), value
         for column, group in self.groups.items():
             for name, own in zip(self.names, of_size_one(means).T, strict=False):
-                if name not in self.own:
+                if name not in self.differing:
                     continue
                 subject = Subject(INDIVIDUAL, ALIKE, name, column, skewed=True, one_sided=True,
                                   weight=main, least=least)  # fmt: skip
