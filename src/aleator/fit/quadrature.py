@@ -168,7 +168,8 @@ def _integral_with_enough_nodes(
     rule of their own. Otherwise the first nodes lie around one
     mode of each experiment's integrand; with more than four scattering parameters they lie along
     its ridge. If other modes count, or too many nodes would be needed, importance points replace
-    them. With two scattering parameters a piecewise Gauss-Legendre rule replaces them.
+    them. With two scattering parameters a piecewise Gauss-Legendre rule replaces them; for profile
+    intervals and replicates nodes around one mode still serve where both agree there.
     """
     if isinstance(likelihood.rule, LevelRule):
         return _refined(likelihood, alpha, enough)
@@ -181,7 +182,10 @@ def _integral_with_enough_nodes(
     if variates == 2:
         if _told_by_panels(end, most, _none(likelihood, enough)):
             return end
-        return _refined(end.likelihood.ruled(PlanePanels.coarse()), end.alpha, enough)
+        over = _refined(end.likelihood.ruled(PlanePanels.coarse()), end.alpha, enough)
+        few = end.coarse.adapted(over.alpha)
+        agree = abs(few.evaluate(over.alpha).total - over.value) < NODE_ACCURACY.hardly
+        return replace(over, coarse=few) if agree else over
     if not _misses_modes(end) and (abs(end.gap) < most or _points_tell_less(end)):
         return end
     none = max(enough, NODE_ACCURACY.rough) if many else enough
