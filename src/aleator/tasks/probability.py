@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from aleator.core.blocks import blocks
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError, nearest
@@ -35,7 +36,13 @@ from aleator.tasks.event_points import (
     settling,
     sought,
 )
-from aleator.tasks.new_experiments import Exploration, Points, PredictedValue, PredictionContext
+from aleator.tasks.new_experiments import (
+    CONTEXT,
+    Exploration,
+    Points,
+    PredictedValue,
+    PredictionContext,
+)
 from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.prediction import PREDICTION, in_rows
 
@@ -248,15 +255,21 @@ class _Told:
     ) -> _Told:
         """The probabilities from outcomes at the points of the sample."""
         alphas = np.concatenate([draws.estimate[None], draws.alpha])
-        parts, lost = [], 0.0
-        for points in sample.replicates:
-            y, found = predicted.outcomes(alphas, points)
-            parts.append(
-                _shares(event.holds(y), found.weights, predicted.context.measured is not None)
-            )
-            lost = max(lost, float(np.max(np.sum(found.weights, axis=1, where=np.isnan(y)))))
-        each = np.stack(parts, axis=1)
-        return cls(each, draws.weights, lost, sample.density is None)
+        further = predicted.context.measured is not None
+        # A measured experiment has the same points, its own, in each sample.
+        points = sample.replicates[0] if further else sample.joined
+        samples, parts, lost = 1 if further else len(sample.replicates), [], 0.0
+        width = len(points.score) * len(predicted.context.inputs.names)
+        for laws in blocks(len(alphas), width, CONTEXT.largest):
+            y, found = predicted.outcomes(alphas[laws], points)
+            shape = (len(y), -1, samples, len(points.score) // samples)
+            weights = samples * found.weights.reshape(shape)
+            y = y.reshape(shape)
+            parts.append(_shares(event.holds(y), weights, further))
+            lost = max(lost, float(np.max(np.sum(weights, axis=(1, 3), where=np.isnan(y)))))
+        each = np.concatenate(parts)
+        whole = np.broadcast_to(each, (len(each), len(sample.replicates)))
+        return cls(whole, draws.weights, lost, sample.density is None)
 
     @property
     def by_replicate(self) -> Array:
@@ -329,8 +342,9 @@ def widened_interval(estimates: Array, values: Array, weights: Array) -> Array:
 
 
 def _shares(holds: Flags, weights: Array, normalized: bool) -> Array:
-    inside = np.sum(weights, axis=1, where=holds)
-    whole = weights.sum(axis=1) if normalized else 1.0
+    """The weights (A, R) inside an event, from points (A, classes, R, J) of R samples."""
+    inside = np.sum(weights, axis=(1, 3), where=holds)
+    whole = weights.sum(axis=(1, 3)) if normalized else 1.0
     return np.asarray(np.minimum(inside / whole, 1.0))
 
 
