@@ -35,6 +35,8 @@ from aleator.tasks.event_points import (
     possible,
     settling,
     sought,
+    unseen_after,
+    variates,
 )
 from aleator.tasks.new_experiments import (
     CONTEXT,
@@ -97,7 +99,8 @@ class Probability:
     it. `distance` is the distance of the event's most probable point from the centre of the
     estimated law, in standard deviations. If the complement of the event is less probable, it is
     that of the complement. It is NaN without an importance density. `unseen` is the largest
-    probability of a region that the simulator runs do not exclude; NaN without a surface.
+    probability of a region that the runs all over the law do not exclude, in all their rounds; NaN
+    without a surface. Checking runs do not count: they lie near the event that the surface shows.
     """
 
     probability: float
@@ -202,21 +205,23 @@ def _explored(
     progress: Progress | None,
 ) -> _SurfaceSample:
     """Refine the surface by runs all over the law and where kriging is uncertain, in rounds."""
-    surface, most, round_ = predicted.surface, predicted.context.surfaces.max_runs, 0
+    surface, most = predicted.surface, predicted.context.surfaces.max_runs
+    radii: list[float] = []
     assert surface is not None
     while True:
         if progress is not None:
             progress.stage(f"{choice.runs} runs of the simulator look for other regions")
         before = predicted.fixed
         probability = by_some(before, draws, event, sample.joined)
-        seen = explored(predicted, draws, event, probability, choice, round_)
+        seen = explored(predicted, draws, event, probability, choice, len(radii))
+        radii.append(seen.radius)
         surface.learn(seen.x)
         sample, certain = _sharpened(predicted, draws, event, choice)
         now, was = (by_some(one, draws, event, sample.joined) for one in (predicted, before))
         settled = certain and abs(now - was) <= choice.share * now
         if (settled and not seen.contrary.any()) or surface.runs + 2 * choice.runs > most:
-            return _SurfaceSample(sample, seen.unseen, settled)
-        round_ += 1
+            unseen = unseen_after(radii, choice.runs, variates(predicted))
+            return _SurfaceSample(sample, unseen, settled)
 
 
 def _sharpened(
