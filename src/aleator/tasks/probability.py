@@ -173,7 +173,7 @@ def probability(
     if predicted.surface is not None:
         found = _explored(predicted, draws, requested, sample, choice, progress)
     sample, settled = found.sample, found.settled
-    told = _Told.of(predicted, draws, requested, sample)
+    told = _Told.of(predicted, draws, requested, sample, progress)
     distance = float("nan")
     if sample.density is not None:
         distance = distance_of(predicted, draws.estimate, requested, sample.replicates)
@@ -216,6 +216,8 @@ def _explored(
         seen = explored(predicted, draws, event, probability, choice, len(radii))
         radii.append(seen.radius)
         surface.learn(seen.x)
+        if progress is not None:
+            progress.stage("runs of the simulator near the ends of the event")
         sample, certain = _sharpened(predicted, draws, event, choice)
         now, was = (by_some(one, draws, event, sample.joined) for one in (predicted, before))
         settled = certain and abs(now - was) <= choice.share * now
@@ -256,16 +258,26 @@ class _Told:
 
     @classmethod
     def of(
-        cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, sample: Sample
+        cls,
+        predicted: PredictedValue,
+        draws: AlphaDraws,
+        event: Event,
+        sample: Sample,
+        progress: Progress | None = None,
     ) -> _Told:
         """The probabilities from outcomes at the points of the sample."""
         alphas = np.concatenate([draws.estimate[None], draws.alpha])
+        if progress is not None:
+            progress.stage(f"probability under {len(alphas)} plausible laws")
         further = predicted.context.measured is not None
         # A measured experiment has the same points, its own, in each sample.
         points = sample.replicates[0] if further else sample.joined
         samples, parts, lost = 1 if further else len(sample.replicates), [], 0.0
         width = len(points.score) * len(predicted.context.inputs.names)
         for laws in blocks(len(alphas), width, CONTEXT.largest):
+            if progress is not None and laws.start:
+                text = f"law {laws.start} of {len(alphas)}"
+                progress.update(text, done=laws.start, total=len(alphas))
             y, found = predicted.outcomes(alphas[laws], points)
             shape = (len(y), -1, samples, len(points.score) // samples)
             weights = samples * found.weights.reshape(shape)
