@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from aleator import (
     GradientMultistart,
     Identification,
     Inputs,
+    LogNormal,
     Noise,
     Normal,
     Uniform,
@@ -139,6 +141,7 @@ def test_wrong_questions_are_told_the_right_call() -> None:
     for call, right in (
         (lambda: found.predict(50.0), "{'force'"),
         (lambda: found.predict({"lod": 50.0}), "load"),
+        (lambda: found.predict({}), "give load"),
         (lambda: found.predict({"load": 1.0}, uncertainty="no"), "found.draws("),
         (lambda: found.probability(26.0), "'travel > 26'"),
         (lambda: found.tolerance(95, 90), "found.tolerance(0.95, 0.90"),
@@ -148,3 +151,17 @@ def test_wrong_questions_are_told_the_right_call() -> None:
         with pytest.raises(AleatorError) as caught:
             call()
         assert right in caught.value.remedy
+    alone = replace(found, session=replace(found.session, experiments=None))
+    with pytest.raises(AleatorError, match="'load'"):
+        alone.predict({})
+
+
+def test_a_simulator_without_conditions_is_asked_without_any() -> None:
+    table = pd.DataFrame({"y": np.exp(0.1 * stats.norm.ppf((np.arange(12) + 0.5) / 12))})
+    found = aleator.identify(
+        lambda k: 2.0 * k, table, {"k": LogNormal(Free(0.2, 2.0), Free(0.01, 1.0))}, outcome="y",
+        noise=0.01, consistency=False, best_law=False,
+    )  # fmt: skip
+    alone = replace(found, session=replace(found.session, experiments=None))
+    for one in (found, alone):
+        assert one.predict({}, uncertainty=False)["q0.5"][0] == pytest.approx(1.0, abs=0.01)

@@ -335,7 +335,9 @@ def predict(
     alone, which files have. If a response surface stands for the simulator, fresh runs all over the
     law look for regions of failure that the surface lacks. More runs are made where the surface
     leaves open which outcomes are in the event. If the last runs still change the probability, the
-    status is "unsettled". `unseen` is the probability of a region that the runs do not exclude.
+    status is "unsettled". `unseen` is the largest probability of a region that the runs all over
+    the law do not exclude, in all their rounds. Those of --checks do not count: they lie near the
+    event that the surface shows, and lower +-.
 
     With --tolerance: limits of the outcome, or with --side one limit, a design value. All are in
     the unit of the outcome, and predict the measured value. The life that 90 % exceed (B10, L10)

@@ -25,7 +25,11 @@ def correlation(squared: Array, gaussian: bool) -> Array:
         return np.asarray(np.exp(squared, out=squared))
     squared *= 5.0
     r = np.sqrt(squared, out=squared)
-    return np.asarray((1.0 + r + r * r / 3.0) * np.exp(-r))
+    out, square = 1.0 + r, r * r
+    square /= 3.0
+    out += square
+    out *= np.exp(np.negative(r, out=r), out=r)
+    return np.asarray(out)
 
 
 def with_slope(squared: Array, gaussian: bool) -> tuple[Array, Array]:

@@ -285,13 +285,12 @@ def distance_of(
 class Explored:
     """New runs at parameters x (R, n), and which of them contradict the surface (`contrary`).
 
-    `unseen` is the largest probability of a region that these runs would all miss with a chance
-    of more than 5 %.
+    Half of them lie in a ball of standard normal variates with this `radius`.
     """
 
     x: Array
     contrary: Flags
-    unseen: float
+    radius: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,11 +361,8 @@ def explored(
     assert predicted.surface is not None
     d = variates(predicted)
     farthest = stats.chi.isf(max(choice.beyond * probability, np.finfo(float).tiny), d)
-    u, _ = _all_over(choice.runs, d, min(farthest, CONTEXT.reach), settings.seed + seed, settings)
-    _, weights = _all_over(
-        settings.pool, d, min(farthest, CONTEXT.reach), settings.seed + seed, settings
-    )
-    unseen = unseen_by(weights, choice.runs, settings=settings)
+    radius = float(min(farthest, CONTEXT.reach))
+    u = _all_over(choice.runs, d, radius, settings.seed + seed, settings)
     rng = np.random.default_rng([settings.seed, seed])
     laws, share = chosen_laws(draws)
     y, sd, found = predicted.possible(laws, points_at(predicted, u))
@@ -382,7 +378,7 @@ def explored(
     sure = stats.norm.isf(0.5 * settings.missed / choice.runs)
     apart = np.abs(run - y) > choice.share * scale + sure * sd
     apart |= np.isnan(run) & event.holds(y)
-    return Explored(x, apart, float(unseen))
+    return Explored(x, apart, radius)
 
 
 def settling(predicted: PredictedValue, doubt: SurfaceDoubt, count: int) -> Array:
@@ -424,22 +420,35 @@ def _deviations(away: Array, apart: Array) -> Array:
         return np.asarray(away / np.maximum(apart, np.finfo(float).tiny))
 
 
-def _all_over(
-    count: int, d: int, radius: float, seed: int, settings: SampleSettings
-) -> tuple[Array, Array]:
-    """Points (J, d), half drawn from the law and half from a ball, and their weights (J,).
+def _all_over(count: int, d: int, radius: float, seed: int, settings: SampleSettings) -> Array:
+    """Points (J, d), half drawn from the law and half from a ball.
 
-    A weight is the density of the law divided by that of the points. In the ball the points are
-    uniform for one or two variates; for more they are denser near the centre.
+    In the ball the points are uniform for one or two variates; for more they are denser near the
+    centre.
     """
     flat = min(d, 2)
     u, z = normal_points(count // 2, d, seed), normal_points(count // 2, d, seed + settings.pool)
     length = np.linalg.norm(z, axis=1, keepdims=True)
-    u = np.concatenate([u, z / length * radius * stats.chi.cdf(length, d) ** (1.0 / flat)])
-    r = np.linalg.norm(u, axis=1)
-    ball = np.where(r < radius, flat * r ** (flat - 1) / radius**flat, 0.0)
+    return np.concatenate([u, z / length * radius * stats.chi.cdf(length, d) ** (1.0 / flat)])
+
+
+def unseen_after(
+    radii: Sequence[float], runs: int, d: int, settings: SampleSettings = SAMPLE
+) -> float:
+    """The largest probability of a region that all rounds of so many `runs` miss (`unseen_by`).
+
+    The `radii` are those of the balls of each round. If each run of round k meets a region with the
+    chance q_k, all runs of R rounds miss it with the chance prod_k (1 - q_k)^runs, which is at most
+    (1 - mean q)^(runs R). They thus exclude no less than as many runs of the mean density.
+    """
+    u = np.concatenate([
+        _all_over(settings.pool, d, radius, settings.seed + k, settings)
+        for k, radius in enumerate(radii)
+    ])  # fmt: skip
+    r, flat = np.linalg.norm(u, axis=1), min(d, 2)
+    balls = [np.where(r < end, flat * r ** (flat - 1) / end**flat, 0.0) for end in radii]
     law = stats.chi.pdf(r, d)
-    return u, law / (0.5 * law + 0.5 * ball)
+    return unseen_by(law / (0.5 * law + 0.5 * np.mean(balls, axis=0)), runs * len(radii))
 
 
 def unseen_by(weights: Array, runs: int, settings: SampleSettings = SAMPLE) -> float:

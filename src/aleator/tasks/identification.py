@@ -204,9 +204,11 @@ class Identification(Result):
         ``error`` of the computation, the ``distance`` of the most probable point of a rare event in
         standard deviations, the number of ``checks``, ``unseen``, the distance ``beyond`` the
         tested conditions and ``status``. ``unseen`` is the largest probability of a region that the
-        runs do not exclude with 95 % confidence. The status is "not_reached" if no parameters
-        within 6.5 standard deviations lead to the event. It is "unsettled" if the last runs still
-        change the probability, or leave open which outcomes are in the event.
+        runs all over the law, in all their rounds, do not exclude with 95 % confidence; those of
+        `checks` do not count, as they lie near the event that the surface shows. The status is
+        "not_reached" if no parameters within 6.5 standard deviations lead to the event. It is
+        "unsettled" if the last runs still change the probability, or leave open which outcomes are
+        in the event.
 
         Raises InputsError for a text that is no event of one outcome, AleatorError as `predict`.
         """

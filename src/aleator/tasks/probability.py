@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from aleator.core.blocks import blocks
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import InputsError, nearest
@@ -34,8 +35,16 @@ from aleator.tasks.event_points import (
     possible,
     settling,
     sought,
+    unseen_after,
+    variates,
 )
-from aleator.tasks.new_experiments import Exploration, Points, PredictedValue, PredictionContext
+from aleator.tasks.new_experiments import (
+    CONTEXT,
+    Exploration,
+    Points,
+    PredictedValue,
+    PredictionContext,
+)
 from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.prediction import PREDICTION, in_rows
 
@@ -90,7 +99,8 @@ class Probability:
     it. `distance` is the distance of the event's most probable point from the centre of the
     estimated law, in standard deviations. If the complement of the event is less probable, it is
     that of the complement. It is NaN without an importance density. `unseen` is the largest
-    probability of a region that the simulator runs do not exclude; NaN without a surface.
+    probability of a region that the runs all over the law do not exclude, in all their rounds; NaN
+    without a surface. Checking runs do not count: they lie near the event that the surface shows.
     """
 
     probability: float
@@ -163,7 +173,7 @@ def probability(
     if predicted.surface is not None:
         found = _explored(predicted, draws, requested, sample, choice, progress)
     sample, settled = found.sample, found.settled
-    told = _Told.of(predicted, draws, requested, sample)
+    told = _Told.of(predicted, draws, requested, sample, progress)
     distance = float("nan")
     if sample.density is not None:
         distance = distance_of(predicted, draws.estimate, requested, sample.replicates)
@@ -195,21 +205,25 @@ def _explored(
     progress: Progress | None,
 ) -> _SurfaceSample:
     """Refine the surface by runs all over the law and where kriging is uncertain, in rounds."""
-    surface, most, round_ = predicted.surface, predicted.context.surfaces.max_runs, 0
+    surface, most = predicted.surface, predicted.context.surfaces.max_runs
+    radii: list[float] = []
     assert surface is not None
     while True:
         if progress is not None:
             progress.stage(f"{choice.runs} runs of the simulator look for other regions")
         before = predicted.fixed
         probability = by_some(before, draws, event, sample.joined)
-        seen = explored(predicted, draws, event, probability, choice, round_)
+        seen = explored(predicted, draws, event, probability, choice, len(radii))
+        radii.append(seen.radius)
         surface.learn(seen.x)
+        if progress is not None:
+            progress.stage("runs of the simulator near the ends of the event")
         sample, certain = _sharpened(predicted, draws, event, choice)
         now, was = (by_some(one, draws, event, sample.joined) for one in (predicted, before))
         settled = certain and abs(now - was) <= choice.share * now
         if (settled and not seen.contrary.any()) or surface.runs + 2 * choice.runs > most:
-            return _SurfaceSample(sample, seen.unseen, settled)
-        round_ += 1
+            unseen = unseen_after(radii, choice.runs, variates(predicted))
+            return _SurfaceSample(sample, unseen, settled)
 
 
 def _sharpened(
@@ -244,19 +258,35 @@ class _Told:
 
     @classmethod
     def of(
-        cls, predicted: PredictedValue, draws: AlphaDraws, event: Event, sample: Sample
+        cls,
+        predicted: PredictedValue,
+        draws: AlphaDraws,
+        event: Event,
+        sample: Sample,
+        progress: Progress | None = None,
     ) -> _Told:
         """The probabilities from outcomes at the points of the sample."""
         alphas = np.concatenate([draws.estimate[None], draws.alpha])
-        parts, lost = [], 0.0
-        for points in sample.replicates:
-            y, found = predicted.outcomes(alphas, points)
-            parts.append(
-                _shares(event.holds(y), found.weights, predicted.context.measured is not None)
-            )
-            lost = max(lost, float(np.max(np.sum(found.weights, axis=1, where=np.isnan(y)))))
-        each = np.stack(parts, axis=1)
-        return cls(each, draws.weights, lost, sample.density is None)
+        if progress is not None:
+            progress.stage(f"probability under {len(alphas)} plausible laws")
+        further = predicted.context.measured is not None
+        # A measured experiment has the same points, its own, in each sample.
+        points = sample.replicates[0] if further else sample.joined
+        samples, parts, lost = 1 if further else len(sample.replicates), [], 0.0
+        width = len(points.score) * len(predicted.context.inputs.names)
+        for laws in blocks(len(alphas), width, CONTEXT.largest):
+            if progress is not None and laws.start:
+                text = f"law {laws.start} of {len(alphas)}"
+                progress.update(text, done=laws.start, total=len(alphas))
+            y, found = predicted.outcomes(alphas[laws], points)
+            shape = (len(y), -1, samples, len(points.score) // samples)
+            weights = samples * found.weights.reshape(shape)
+            y = y.reshape(shape)
+            parts.append(_shares(event.holds(y), weights, further))
+            lost = max(lost, float(np.max(np.sum(weights, axis=(1, 3), where=np.isnan(y)))))
+        each = np.concatenate(parts)
+        whole = np.broadcast_to(each, (len(each), len(sample.replicates)))
+        return cls(whole, draws.weights, lost, sample.density is None)
 
     @property
     def by_replicate(self) -> Array:
@@ -329,8 +359,9 @@ def widened_interval(estimates: Array, values: Array, weights: Array) -> Array:
 
 
 def _shares(holds: Flags, weights: Array, normalized: bool) -> Array:
-    inside = np.sum(weights, axis=1, where=holds)
-    whole = weights.sum(axis=1) if normalized else 1.0
+    """The weights (A, R) inside an event, from points (A, classes, R, J) of R samples."""
+    inside = np.sum(weights, axis=(1, 3), where=holds)
+    whole = weights.sum(axis=(1, 3)) if normalized else 1.0
     return np.asarray(np.minimum(inside / whole, 1.0))
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from aleator.core.progress import Progress
 from aleator.core.status import Status
 from aleator.core.types import Array
-from aleator.errors import AleatorError, InputsError, nearest
+from aleator.errors import AleatorError, InputsError, SimulatorError, nearest
 from aleator.fit.question import DEFAULT_PROPAGATION, first_rule, varying_conditions
 from aleator.fit.refine import under_law
 from aleator.fit.regions import draws, plausible_alphas
@@ -258,15 +258,25 @@ class Session:
                     else "a prediction without `at` needs the experiments",
                     "aleator.load(path, simulator=..., inputs=..., noise=..., experiments=...)",
                 )
+            if isinstance(at, Mapping) and not at:
+                return self._without_conditions(self.runner)
             return Conditions.from_frame(frame_of(at, "at"), responses=self.responses)
         taken = self.runner(table).used_conditions
         if at is None:
             assert self.inputs is not None
             columns = [*taken, *self.inputs.columns, *noise_columns(self.noise)]
             return conditions_at(table, of, dict.fromkeys(columns))
+        covariates = self.inputs.covariates if self.inputs else ()
+        if isinstance(at, Mapping) and not at:
+            needed = [*dict.fromkeys([*taken, *covariates, *noise_columns(self.noise)])]
+            if not needed:
+                return self._without_conditions(self.runner)
+            raise InputsError(
+                "at: no condition has a value",
+                f"give {', '.join(needed)}: at={{'{needed[0]}': ...}}",
+            )
         frame = frame_of(at, "at")
         if isinstance(at, Mapping):
-            covariates = self.inputs.covariates if self.inputs else ()
             _require_known(
                 at, [*table.table.columns, *([table.id] if table.id else [])], covariates
             )
@@ -276,6 +286,18 @@ class Session:
             conditions=[name for name in taken if name in frame],
             responses=self.responses,
         )
+
+    def _without_conditions(self, runner: Runners) -> Conditions:
+        """One new experiment without conditions; InputsError if the simulator takes some."""
+        one = Conditions(("1",), pd.DataFrame(index=[0]), responses=self.responses)
+        try:
+            runner(one)
+        except SimulatorError as error:
+            raise InputsError(
+                f"at: no condition has a value; {error.problem}",
+                "give the simulator's conditions: at={'name': ...}",
+            ) from None
+        return one
 
     def exact_fit(self) -> Fit | None:
         """The fit with the simulator itself in place of the response surfaces; it makes runs.

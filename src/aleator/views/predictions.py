@@ -70,8 +70,9 @@ def probabilities(columns: Columns, title: str) -> Content:
             "Surprises: further runs of the simulator, all over the law, look for a region of the "
             "event that the response surface does not show. If there were one with a probability "
             f"above {chance(max(unseen), 1)}, they would have met it with 95 % probability. A "
-            "smaller one can have escaped them, but nothing says that there is one. This is no "
-            "error of the probabilities above: theirs are the interval and +-."
+            "smaller one can have escaped them, but nothing says that there is one. Runs of "
+            "--checks do not count here: they lie near the event that the surface shows. This is "
+            "no error of the probabilities above: theirs are the interval and +-."
         )
     values = (">probability", ">95 % interval", ">+-", ">beyond", "~note")
     return _content(title, columns, values, rows, *map(Sentence, notes))

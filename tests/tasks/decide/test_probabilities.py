@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import integrate, stats
+from scipy import integrate, optimize, stats
 
 from aleator import By, Free, Inputs, LogNormal, Noise, Normal, Uniform
 from aleator.errors import InputsError
@@ -17,7 +17,7 @@ from aleator.observations.errors import MeasurementErrors
 from aleator.observations.experiments import Conditions
 from aleator.simulators import Runner, as_simulator
 from aleator.surrogates import ResponseSurface
-from aleator.tasks.event_points import corrected, of_law, unseen_by
+from aleator.tasks.event_points import corrected, of_law, unseen_after, unseen_by
 from aleator.tasks.new_experiments import Kriged, PredictedValue, PredictionContext
 from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.probability import probability, widened_interval
@@ -242,6 +242,21 @@ def test_regions_and_kinks_by_few_runs(response: Callable[..., np.ndarray], limi
 def test_runs_exclude_only_what_they_would_have_met() -> None:
     """Of points of the law itself, three in a hundred for a hundred runs."""
     assert unseen_by(np.ones(100_000), 100) == pytest.approx(1.0 - 0.05 ** (1 / 100), rel=1e-3)
+
+
+@pytest.mark.parametrize("radii", [(6.0,), (6.0, 6.0), (3.0, 6.0)])
+def test_all_rounds_of_runs_exclude_regions(radii: tuple[float, ...]) -> None:
+    """Of one variate, runs are rarest about the centre: the region is |a| < t."""
+
+    def met(t: float) -> np.ndarray:
+        return 0.5 * (1.0 - 2.0 * stats.norm.sf(t)) + 0.5 * np.minimum(t / np.array(radii), 1.0)
+
+    def kept(t: float) -> float:
+        return (1.0 - met(t).mean()) ** (96 * len(radii)) - 0.05
+
+    t = float(optimize.brentq(kept, 1e-6, 1.0))
+    assert np.prod((1.0 - met(t)) ** 96) <= 0.05 + 1e-9
+    assert unseen_after(radii, 96, 1) == pytest.approx(1.0 - 2.0 * stats.norm.sf(t), rel=0.02)
 
 
 def test_checks_that_change_the_probability_leave_it_unsettled(
