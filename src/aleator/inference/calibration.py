@@ -34,8 +34,10 @@ class CalibrationSettings:
     parameters' law given the first, more, and finally all observations (`stages` approximations);
     `pytest tests/inference/test_fit.py` measures the error. Where experiments share parameters,
     `within` Gauss-Hermite nodes of each variate integrate over the parameters of the earlier
-    experiments of a group. A bin of the histogram should hold `each` values; `bins` are the least
-    and the largest number of bins.
+    experiments of a group, at `group_points` points of the group's parameters; the `points` of an
+    experiment are divided among these. `pytest tests/likelihood/individual/test_levels.py` measures
+    this error. A bin of the histogram should hold `each` values; `bins` are the least and the
+    largest number of bins.
     """
 
     points: int = 1024
@@ -45,6 +47,7 @@ class CalibrationSettings:
     """The log-density that is used for an impossible observation."""
     stages: int = 4
     within: int = 3
+    group_points: int = 64
     seed: int = 20
     """Seed of the random values that censored observations get between their bounds."""
     bins: tuple[int, int] = (2, 20)
@@ -68,9 +71,9 @@ def sequential_pit(
     are independent and uniform, however strongly the observations of one experiment depend on each
     other. A censored observation gets a random probability between those of its bounds. Computed by
     importance sampling of each experiment's parameters: half of the points are drawn from the law,
-    half from its normal approximation given the observations. The earlier observations are those of
-    the experiment; with one level also those of the earlier experiments of the group. The result is
-    NaN where hardly any point agrees with the earlier observations. `points` is the number of
+    half from its normal approximations given the observations. The earlier observations are those
+    of the experiment; with one level also those of the earlier experiments of the group. The result
+    is NaN where hardly any point agrees with the earlier observations. `points` is the number of
     points of each experiment (None: that of the settings); it is reduced where there are many
     observations.
     """
@@ -103,7 +106,7 @@ def _of_block(
     if block.clusters is not None and block.clusters.plain:
         xi, log_weight = _in_clusters(likelihood, alpha, block, block.clusters, count, settings)
     else:
-        xi, log_weight = proposed(*_stages(likelihood, alpha, block, settings.stages), count)
+        xi, log_weight = _alone(likelihood, alpha, block, count, settings)
     inputs, of_errors = likelihood.inputs, alpha[likelihood.inputs.size :]
     with np.errstate(all="ignore"):
         individual = inputs.individual(alpha[: inputs.size], xi, part)
@@ -124,27 +127,47 @@ def _of_block(
     return np.where(enough, low + share * (high - low), np.nan)
 
 
-def _stages(
-    likelihood: IndividualLikelihood, alpha: Array, block: Block, stages: int
+def _alone(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    block: Block,
+    count: int,
+    settings: CalibrationSettings,
 ) -> tuple[Array, Array]:
-    """Centers (B, C, M, s) and information of normal approximations of the parameters' law.
-
-    There are B experiments, C classes of a mixture law, M approximations and s variates. Each
-    approximation uses the observations up to some point. These points are chosen such that the
-    logarithm of the determinant of the information grows in equal steps. Each center is one Newton
-    step away from the mode that belongs to all observations.
-    """
+    """Points xi (B, J, s) of experiments that share no parameters, and log weights (B, J)."""
     modes = likelihood.nodes.modes[block.experiments]
-    experiments, classes, centers, s = modes.shape
-    z = modes.reshape(experiments, classes * centers, s)
+    experiments, classes, _, s = modes.shape
+    z = modes.reshape(experiments, -1, s)
+    center, information = _stages(likelihood, alpha, block, z, np.arange(s), settings.stages)
+    whole = (experiments, classes, -1, s)
+    return proposed(center.reshape(whole), information.reshape(*whole, s), count)
+
+
+def _stages(
+    likelihood: IndividualLikelihood,
+    alpha: Array,
+    block: Block,
+    z: Array,
+    own: Indices,
+    stages: int,
+) -> tuple[Array, Array]:
+    """Centers (B, P, M, k) and information of M normal approximations of the parameters' law.
+
+    They are those of the k variates `own` about P modes z (B, P, s) of each of B experiments, given
+    the other variates. Each approximation uses the observations up to some point. These points are
+    chosen such that the logarithm of the determinant of the information grows in equal steps. Each
+    center is one Newton step away from the mode that belongs to all observations.
+    """
     with np.errstate(all="ignore"):
         _, scores, outer = likelihood.of_observations(alpha, block, z)
+    z, scores, outer = z[..., own], scores[..., own], outer[..., own[:, None], own]
     known = np.isfinite(outer.sum(axis=(2, 3)) + scores.sum(axis=2))
     order = _order(likelihood, block)
     scores = _before(np.where(known[..., None], scores, 0.0), block, order) - z[block.owner]
-    information = _before(np.where(known[..., None, None], outer, 0.0), block, order) + np.eye(s)
+    information = _before(np.where(known[..., None, None], outer, 0.0), block, order)
+    information += np.eye(own.size)
     size = np.linalg.slogdet(information)[1]
-    count = np.bincount(block.owner, minlength=experiments)
+    count = np.bincount(block.owner, minlength=len(block))
     rows = block.starts[:, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)
     size = size[rows]
     shares = np.arange(1, stages + 1) / stages
@@ -153,8 +176,7 @@ def _stages(
     at = chosen, np.arange(z.shape[1])[None, :, None]
     stage = information[at]
     step = np.linalg.solve(stage, scores[at][..., None])[..., 0]
-    whole = (experiments, classes, centers * stages, s)
-    return (z[:, :, None] + step).reshape(whole), stage.reshape(*whole, s)
+    return z[:, :, None] + step, stage
 
 
 def _in_clusters(
@@ -167,33 +189,36 @@ def _in_clusters(
 ) -> tuple[Array, Array]:
     """Points xi (B, J, s) of experiments in groups, and log weights (B, J) by earlier experiments.
 
-    The parameters of a group have the same points in all its experiments. A weight has the
-    likelihood of the group's earlier experiments at the point, integrated over their own
-    parameters.
+    The parameters of a group have the same points in all its experiments, and each of these has
+    points of the experiment's own parameters, given the group's. A weight has the likelihood of the
+    group's earlier experiments at the point, integrated over their own parameters.
     """
     laws = likelihood.laws(alpha, block)
     (stage,), own, members = clusters.stages, clusters.alone, clusters.top(0)
     z, information = laws.modes.z[:, 0], laws.modes.information[:, 0]
+    each = max(2 * settings.stages, count // settings.group_points) if own.size else 1
     about = Eliminated.of(clusters, 0, np.zeros_like(z), information).information
     mode = z[np.unique(members, return_index=True)[1], 0][:, stage.variates]
-    b, log_b = proposed(*_approximations(mode, about[:, 0], settings.stages), count)
+    b, log_b = proposed(*_approximations(mode, about[:, 0], settings.stages), count // each)
     xi = np.repeat(z, b.shape[1], axis=1)
     xi[..., stage.variates] = b[members]
     inner = LevelRule(
         GaussHermite(settings.within), (stage.width,), own.size, crossed=True, outer=b.shape[1]
     )
-    total = np.maximum(inner.at_points(laws, clusters, xi), settings.impossible)
+    given, total = inner.at_points(laws, clusters, xi)
+    total = np.maximum(total, settings.impossible)
     order, before = np.argsort(members, kind="stable"), np.empty_like(total)
     running = np.cumsum(total[order], axis=0) - total[order]
     before[order] = running - running[np.searchsorted(members[order], members[order])]
     log_weight = log_b[members] + before
     if own.size:
-        curved = information[:, 0][:, own[:, None], own]
-        x, log_x = proposed(*_approximations(z[:, 0, own], curved, settings.stages), count)
-        # Points of the groups and of the experiments are independent of each other.
-        mixed = np.random.default_rng(settings.seed).permutation(x.shape[1])
-        xi[..., own] = x[:, mixed]
-        log_weight = log_weight + log_x[:, mixed]
+        center, about = _stages(likelihood, alpha, block, given, own, settings.stages)
+        whole = (-1, 1, settings.stages, own.size)
+        about, shift = about.reshape(*whole, own.size), np.arange(total.size)
+        x, log_x = proposed(center.reshape(whole), about, each, shift)
+        xi = np.repeat(xi, x.shape[1], axis=1)
+        xi[..., own] = x.reshape(*xi.shape[:2], own.size)
+        log_weight = np.repeat(log_weight, x.shape[1], axis=1) + log_x.reshape(xi.shape[:2])
     return xi, np.asarray(log_weight)
 
 

@@ -383,4 +383,27 @@ def test_probabilities_given_all_earlier_values_of_the_batch() -> None:
     rows = table.iloc[seen.row]
     covariance = 4.0 * same(rows.batch) + 2.25 * same(rows.id) + 0.64 * np.eye(60)
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), seen.lower - 60.0)
-    assert found == pytest.approx(stats.norm.cdf(whitened), abs=0.03)
+    assert found == pytest.approx(stats.norm.cdf(whitened), abs=0.04)
+    assert np.sqrt(np.mean((stats.norm.ppf(found) - whitened) ** 2)) < 0.05
+
+
+def test_probabilities_where_a_batch_and_a_specimen_are_only_known_together() -> None:
+    """Series tell a + b to 0.03, while a of the batch and b of the specimen may differ by one."""
+    rng, (specimens, length) = np.random.default_rng(3), (20, 8)
+    time = np.linspace(0.0, 1.0, length)
+    each = np.repeat(np.arange(specimens), length)
+    frame = pd.DataFrame({"id": each, "batch": each // 5, "t": np.tile(time, specimens)})
+    t = frame.t.to_numpy()
+    covariance = same(frame.batch) + same(frame.id) * (1.0 + np.outer(t, t)) + 0.05**2 * np.eye(160)
+    root = np.linalg.cholesky(covariance)
+    normal = rng.standard_normal(len(frame))
+    table = frame.assign(y=root @ normal)
+    inputs = Inputs(
+        {"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0), "c": Normal(0.0, 1.0)},
+        levels={"a": "batch"},
+    )
+    likelihood, experiments = likelihood_of(table, inputs, "y", t)
+    alpha = np.array([0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.05])
+    found = sequential_pit(likelihood.adapted(alpha), alpha, experiments.observations)
+    assert np.mean(np.isfinite(found)) > 0.98
+    assert np.sqrt(np.nanmean((stats.norm.ppf(found) - normal) ** 2)) < 0.1

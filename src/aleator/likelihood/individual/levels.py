@@ -313,11 +313,11 @@ class LevelRule(NodeRule):
         placed = self.inner.place(inner)
         return PlacedNodes(whole(placed.xi), placed.log_weight, shared)
 
-    def at_points(self, laws: IndividualLaws, clusters: Clusters, xi: Array) -> Array:
-        """The log-likelihoods (B, P) of experiments at shared variates, those of xi (B, P, s).
+    def at_points(self, laws: IndividualLaws, clusters: Clusters, xi: Array) -> tuple[Array, Array]:
+        """Modes (B, P, s) and log-likelihoods (B, P) of experiments, given shared variates of xi.
 
-        The experiments' own variates are integrated out by `inner`, about the modes that are sought
-        from xi.
+        The modes are those of the experiments' own variates, and are sought from xi (B, P, s).
+        About them the own variates are integrated out by `inner`.
         """
         z, information = xi, np.zeros((*xi.shape, xi.shape[2]))
         if clusters.alone.size:
@@ -326,7 +326,7 @@ class LevelRule(NodeRule):
         paths = Paths(clusters, z, information, np.zeros(xi.shape[:2]))
         placed = self._within(laws, paths)
         total = _of_observations(laws, clusters, placed.xi) + placed.log_weight
-        return log_sum(total.reshape(*xi.shape[:2], -1))[0]
+        return z, log_sum(total.reshape(*xi.shape[:2], -1))[0]
 
     def sample(self, laws: IndividualLaws, count: int) -> PlacedNodes:
         """Points xi (B, J, s) of the variates of each experiment given all observations.
