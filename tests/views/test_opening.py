@@ -13,12 +13,14 @@ from scipy import optimize, stats
 from aleator import AleatorError, By, Check, Experiments, Free, Inputs, Noise, Normal, identify
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.law_ranges import law_ranges
-from aleator.inference.pictures import law_bands, law_bands_by_level
+from aleator.inference.pictures import PICTURES, law_bands, law_bands_by_level
+from aleator.inference.profile import DROP
 from aleator.results.findings import findings
 from aleator.tasks.identification import Identification, pictured
+from aleator.views.chart import Chart
 from aleator.views.figures import experiments_figure
 from aleator.views.identification import identification, render
-from aleator.views.law_charts import law_chart
+from aleator.views.law_charts import law_chart, profile_chart, profile_line
 from aleator.views.measured import measured
 from aleator.views.opening import outcome_chart
 
@@ -122,13 +124,40 @@ LAW = {"lower": 0.1012, "upper": 0.1788, "lower_interval": [0.0932, 0.1092],
        "upper_interval": [0.1708, 0.1868], "level": None, "follows": False}  # fmt: skip
 
 
-def test_a_range_by_an_sd_on_its_limit_is_not_offered() -> None:
-    sd = {"estimate": 1e-4, "interval": [1e-4, 0.021], "at_bound": "lower"}
-    said, *_ = told(ranges={"c": LAW}, alpha={"c.sd": sd}, units={"c": "N"})
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"c.sd": {"estimate": 1e-4, "interval": [1e-4, 0.021], "at_bound": "lower"}},
+        {"c.sd": {"estimate": 0.01, "interval": [1e-4, 0.021], "cut": "lower"}},
+        {"c.mean": {"estimate": 0.14, "interval": [1e-4, 0.021], "cut": "upper"}},
+    ],
+)
+def test_a_range_by_an_interval_that_runs_to_a_limit_is_not_offered(
+    entry: dict[str, Any],
+) -> None:
+    said, *_ = told(ranges={"c": LAW}, alpha=entry, units={"c": "N"})
     for end in ("0.0932", "0.1868", "0.0001 N", "0.021 N"):
         assert end in said
     assert "0.1012" not in said
     assert "0.1788" not in said
+
+
+def test_an_inner_interval_leaves_the_range_at_the_estimate() -> None:
+    inner = {"estimate": 0.02, "interval": [0.01, 0.03], "cut": "upper"}
+    said, *_ = told(ranges={"c": LAW}, alpha={"d.sd": inner, "c.sd": inner | {"cut": None}})
+    assert "0.1012 to 0.1788" in said
+
+
+@pytest.mark.parametrize(("count", "named"), [(5, [1, 2, 3, 4, 5]), (7, [4])])
+def test_a_new_experiment_is_told_under_few_conditions_or_the_middle_one(
+    count: int, named: list[int]
+) -> None:
+    force = [float(1 + k % count) for k in range(2 * count)]
+    document = {**spring(force=force, serial=[*range(2 * count)]), "alpha": {}}
+    (sentence,) = findings({**document, "units": {"force": "kN"}})
+    for f in range(1, count + 1):
+        assert (f"force {f} kN" in str(sentence)) == (f in named)
+    assert "serial" not in str(sentence)
 
 
 def test_each_sentence_has_the_numbers_and_the_unit_of_its_quantity() -> None:
@@ -138,11 +167,18 @@ def test_each_sentence_has_the_numbers_and_the_unit_of_its_quantity() -> None:
         "known.value": {"estimate": 1.0, "fixed": True},
     }
     said = told(ranges={"c": LAW}, alpha=alpha, outcome="travel",
-                units={"c": "N/mm", "drag": "N", "travel": "mm"})  # fmt: skip
-    assert len(said) == 4
+                simulator={"name": "spring", "defaults": {"gap": 2.0}},
+                units={"c": "N/mm", "drag": "N", "travel": "mm", "gap": "mm"})  # fmt: skip
+    assert len(said) == 5
     for sentence, numbers in zip(
         said,
-        ("0.1012 to 0.1788 N/mm", "0.310 N", "0.520 mm", "travel 0.76 to 0.84 mm"),
+        (
+            "0.1012 to 0.1788 N/mm",
+            "0.310 N",
+            "known 1, gap 2 mm",
+            "0.520 mm",
+            "travel 0.76 to 0.84 mm",
+        ),
         strict=True,
     ):
         assert numbers in sentence
@@ -190,7 +226,7 @@ def spring(**conditions: Any) -> dict[str, Any]:
 def test_the_band_lies_over_the_condition_that_determines_the_prediction() -> None:
     document = spring(force=[3.0, 1.0, 2.0, 1.0], humidity=[0.1, 0.9, 0.3, 0.2])
     (seen,) = measured(document)
-    chart = outcome_chart(seen, seen.series(), None)
+    chart = outcome_chart(seen, seen.series(), None, noise=False)
     assert chart.x.title == "force"
     band = chart.marks[0]
     assert band.shape == "band"
@@ -204,16 +240,55 @@ def test_where_several_conditions_decide_each_row_has_its_own_span() -> None:
         row["quantiles"] = {p: q + 5.0 * (k % 2) for p, q in row["quantiles"].items()}
     document["pictures"]["conditions"]["force"] = [1.0, 1.0, 2.0, 2.0]
     (seen,) = measured(document)
-    chart = outcome_chart(seen, seen.series(), None)
+    chart = outcome_chart(seen, seen.series(), None, noise=False)
     assert chart.marks[0].shape == "spans"
     assert len(chart.marks[0].array("x")) == 4
+
+
+def test_two_conditions_that_decide_together_are_told_apart_by_color() -> None:
+    document = spring(force=[1.0, 1.0, 50.0, 50.0, 1.0], speed=[1.0, 3.0, 1.0, 3.0, 3.0])
+    for k in (1, 3, 4):
+        row = document["experiments"][k]
+        row["quantiles"] = {p: q + 5.0 for p, q in row["quantiles"].items()}
+    (seen,) = measured(document)
+    chart = outcome_chart(seen, seen.series(), None, noise=False)
+    lines = [mark for mark in chart.marks if mark.shape == "line"]
+    assert [mark.legend for mark in lines] == ["speed 1", "speed 3"]
+    assert len({mark.color for mark in lines}) == 2
+    assert [mark.array("y").tolist() for mark in lines] == [[1.0, 50.0], [6.0, 55.0]]
+    points = chart.marks[-1]
+    assert points.array("x").round(-1).tolist() == [0.0, 0.0, 50.0, 50.0, 0.0]
+    ordered = points.array("x")[:2]
+    assert ordered[0] < 1.0 < ordered[1]
+
+
+def test_several_laws_open_a_report_and_the_others_follow() -> None:
+    curve = {"x": [0.0, 1.0], "density": [1.0, 1.0]}
+    document = result(pictures={"laws": dict.fromkeys("abcdef", curve)})
+    content, _ = identification(document)
+    drawn = [part.name for part in content.opening if isinstance(part, Chart)]
+    assert [name for name in drawn if name.startswith("law")] == [f"law-{k}" for k in "abcd"]
+    below = [part.name for one in content.sections for part in one.parts if isinstance(part, Chart)]
+    assert [name for name in below if name.startswith("law")] == ["law-e", "law-f"]
+
+
+def test_a_profile_is_drawn_to_some_units_below_its_interval() -> None:
+    at = np.array([-40.0, -2.0, 0.0, 2.0, 3.0])
+    x, y = profile_line(at, 0.5 * at**2)
+    deepest = -(DROP + PICTURES.depth)
+    assert y[0] == pytest.approx(deepest)
+    assert x[0] == pytest.approx(-np.sqrt(-2.0 * deepest))
+    assert x[-1] == 3.0
+    pictures = {"profiles": {"k": {"at": at.tolist(), "below": (0.5 * at**2).tolist()}}}
+    chart = profile_chart({"pictures": pictures}, "k")
+    assert all(np.nanmin(mark.array("y")) >= deepest - 1e-9 for mark in chart.marks)
 
 
 def test_a_quantile_beyond_all_numbers_is_drawn_to_the_top() -> None:
     document = spring(force=[1.0, 2.0])
     document["experiments"][1]["quantiles"]["0.975"] = None
     (seen,) = measured(document)
-    band = outcome_chart(seen, seen.series(), None).marks[0]
+    band = outcome_chart(seen, seen.series(), None, noise=False).marks[0]
     assert np.all(np.isfinite(band.array("high")))
     assert band.array("high")[1] >= max(seen.array("value"))
 

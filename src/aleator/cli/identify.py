@@ -220,6 +220,7 @@ def identify(
         "name": value.simulator.name,
         "notes": value.simulator_notes(),
         "fingerprint": value.simulator.fingerprint(),
+        "defaults": value.defaults_left(),
     }
     made = result.to_dict() | {"simulator": simulator}
     document = linked(made, value, study_file, folder)

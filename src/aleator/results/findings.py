@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from aleator.results.printed import AMOUNTS, Amounts, Sentence, between, number, percent, with_error
@@ -15,6 +16,7 @@ from aleator.results.units import transforms, unit_of, units
 
 Document = Mapping[str, Any]
 CONSTANT = re.compile(r"^(?P<of>[^.]+)\.value$")
+QUANTILES = ("0.025", "0.5", "0.975")
 NOISE = re.compile(r"^noise\.(?:(?P<of>.+)\.)?(?P<what>sd|relative)$")
 
 
@@ -22,18 +24,22 @@ def findings(document: Document) -> tuple[Sentence, ...]:
     """The sentences that a decision needs, in the order of the parameters.
 
     There is one for the 95 % range of each parameter that scatters, one for each identified
-    constant, one for each identified standard deviation of the measurement noise, and one for the
-    outcome of a new experiment under the conditions of the last row. How sure an end is: half of
-    the width of its 95 % interval (see `LawRange`). Where the sd of a law ends on its lower limit,
-    the range at the estimate says nothing of the scatter, and the outer ends of these intervals
-    take its place. What a document lacks is left out.
+    constant, one for what was held fixed, one for each identified standard deviation of the
+    measurement noise, and one for the outcome of a new experiment: under each distinct condition of
+    the table if these are at most five, else under the middle one. How sure an end is: half of the
+    width of its 95 % interval (see `LawRange`). Where the interval of a hyperparameter of the law
+    runs to its limit, the data do not determine the range; the outer ends of these intervals take
+    its place, and the reason is told. What a document lacks is left out.
 
     >>> one = {"lower": 0.1012, "upper": 0.1788, "lower_interval": [0.093, 0.109],
     ...        "upper_interval": [0.17, 0.188]}
     >>> print(*findings({"alpha": {}, "experiments": [], "ranges": {"friction": one}}))
-    95 % of experiments: friction 0.1012 to 0.1788 (ends known to +- 0.0080 and 0.0090).
+    95 % of experiments: friction 0.1012 to 0.1788 (ends +- 0.0080 and 0.0090, 95 % confidence).
     """
-    return (*_laws(document), *_constants(document), *_noise(document), *_new(document))
+    return (
+        *_laws(document), *_constants(document), *_held(document), *_noise(document),
+        *_new(document),
+    )  # fmt: skip
 
 
 # ------------------------------------------------------------------------------- parameters
@@ -56,26 +62,32 @@ def _law(document: Document, name: str, whose: str, entry: Document) -> Sentence
     head, unit = f"{percent(0.95)} of {whose}", _unit(document, name)
     reach = [_half(entry.get(f"{end}_interval")) for end in ("lower", "upper")]
     ends, told, sure = [entry["lower"], entry["upper"]], "{} to {}", _sure(reach, unit)
-    limit = _sd_on_limit(document, name, unit)
-    if limit is not None and None not in reach:
+    open_ends = [*_undetermined(document, name, unit)]
+    if open_ends and None not in reach:
         ends = [entry["lower_interval"][0], entry["upper_interval"][1]]
-        told, sure = "somewhere between {} and {}", f"its scatter is not determined: {limit}"
+        told, sure = "somewhere between {} and {}", "; ".join(open_ends)
     low, high = (
         with_error(end, own, estimate=True)[0] for end, own in zip(ends, reach, strict=True)
     )
     return _found(head, f"{name} {told.format(low, high)}{unit} ({sure})")
 
 
-def _sd_on_limit(document: Document, name: str, unit: str) -> str | None:
-    """That the sd of a parameter's law ends on its lower limit; None where it does not."""
-    sd = document["alpha"].get(f"{name}.sd") or {}
-    interval = sd.get("interval")
-    if sd.get("at_bound") != "lower" or interval is None or interval[1] is None:
-        return None
-    return (
-        f"the sd is on its lower limit {number(sd['estimate'])}{unit}, its 95 % interval goes up "
-        f"to {number(interval[1], 2)}{unit}"
-    )
+def _undetermined(document: Document, name: str, unit: str) -> Iterator[str]:
+    """What the data do not tell of a parameter's law: its intervals that run to a limit."""
+    for key, entry in document["alpha"].items():
+        interval, limit = entry.get("interval"), entry.get("at_bound") or entry.get("cut")
+        if not key.startswith(f"{name}.") or not limit or interval is None or None in interval:
+            continue
+        low, high = (f"{number(end, 3)}{unit}" for end in interval)
+        if key == f"{name}.sd" and limit in ("lower", "both"):
+            most = f"{high}, its upper limit" if limit == "both" else high
+            yield (
+                f"these data show no scatter of {name} beyond the lower limit of its sd, {low}; "
+                f"its sd may be up to {most}"
+            )
+        else:
+            which = "from limit to limit" if limit == "both" else f"to its {limit} limit"
+            yield f"the 95 % interval of {key}, {low} to {high}, runs {which}"
 
 
 def _half(ends: Sequence[float | None] | None) -> float | None:
@@ -91,8 +103,8 @@ def _sure(reach: Sequence[float | None], unit: str) -> str:
         return "this law is given"
     low, high = (with_error(own, own)[0] for own in reach if own is not None)
     if low == high:
-        return f"each end known to +- {low}{unit}"
-    return f"ends known to +- {low} and {high}{unit}"
+        return f"each end +- {low}{unit}, {percent(0.95)} confidence"
+    return f"ends +- {low} and {high}{unit}, {percent(0.95)} confidence"
 
 
 def _constants(document: Document) -> Iterator[Sentence]:
@@ -101,6 +113,19 @@ def _constants(document: Document) -> Iterator[Sentence]:
         if found and not entry.get("fixed"):
             value = f"{found['of']} {_estimate(entry, _unit(document, name))}"
             yield _found("Every experiment", value)
+
+
+def _held(document: Document) -> Iterator[Sentence]:
+    """The constants of the study that have a number, and the arguments left at their defaults."""
+    held = {
+        found["of"]: entry["estimate"]
+        for name, entry in document["alpha"].items()
+        if entry.get("fixed") and (found := CONSTANT.match(name))
+    }
+    held |= (document.get("simulator") or {}).get("defaults") or {}
+    if held:
+        named = ", ".join(named_values(document, held))
+        yield _found("Taken as known and equal in every experiment", named)
 
 
 def _noise(document: Document) -> Iterator[Sentence]:
@@ -128,55 +153,116 @@ def _estimate(entry: Document, unit: str) -> str:
         why = f"at its {bound} bound: " if bound else ""
         return f"{value}{unit} ({why}how sure it is is not known)"
     ends = between(interval, error).replace(" .. ", " to ")
-    return f"{value}{unit} (95 % interval {ends}{unit})"
+    limits = {
+        "lower": ", from its lower limit", "upper": ", to its upper limit",
+        "both": ", from limit to limit",
+    }  # fmt: skip
+    limit = limits.get(entry.get("cut") or "", "")
+    return f"{value}{unit} (95 % interval {ends}{unit}{limit})"
 
 
 # ------------------------------------------------------------------------------- a new experiment
 
 
-def _new(document: Document) -> Iterator[Sentence]:
-    """The 95 % range of each outcome under the conditions of the last row, by the law."""
-    said: dict[str, list[str]] = {}
-    for name, log, quantiles, at in _last_rows(document):
-        ends = [quantiles.get(p) for p in ("0.025", "0.975")]
-        known = [math.exp(min(end, 700.0)) if log else end for end in ends if end is not None]
-        if len(known) == 2:
-            low, high = (number(end, 3) for end in known)
-            said.setdefault(at, []).append(f"{name} {low} to {high}{_unit(document, name)}")
-    for at, outcomes in said.items():
-        share = "(95 %)" if len(outcomes) == 1 else "(95 % each)"
-        yield _found(f"A new experiment like the last row{at}", f"{', '.join(outcomes)} {share}")
+@dataclass(frozen=True)
+class _Row:
+    """A measured value: its experiment, its conditions, the 95 % range and median of such values.
+
+    The three numbers are in the unit of the outcome.
+    """
+
+    id: str
+    at: Document
+    low: float
+    middle: float
+    high: float
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """The ends of the range as text."""
+        return number(self.low, 3), number(self.high, 3)
 
 
-def _last_rows(document: Document) -> Iterator[tuple[str, bool, Document, str]]:
-    """The last row of each outcome: name, whether logarithms, quantiles, conditions in words."""
-    entries, seen = document["experiments"], document.get("observations") or ()
-    if entries and not seen:
-        name, log = str(document.get("outcome") or "outcome"), document.get("transform") == "log"
-        yield name, log, entries[-1].get("quantiles") or {}, _at(document, entries[-1]["id"], {})
-    predicted = (document.get("pictures") or {}).get("predicted") or {}
-    for name, transform in transforms(document).items() if seen else ():
-        rows = [k for k, entry in enumerate(seen) if entry["response"] == name]
-        if not rows:
-            continue
-        last = max(rows, key=lambda k: seen[k]["row"])
-        quantiles = {p: column[last] for p, column in predicted.items() if len(column) == len(seen)}
-        at = _at(document, seen[last]["id"], seen[last]["conditions"])
-        yield name, transform == "log", quantiles, at
+def _new(document: Document, amounts: Amounts = AMOUNTS) -> Iterator[Sentence]:
+    """The 95 % range of each outcome by the law, under the distinct conditions or the middle one.
+
+    Conditions are distinct if their ranges, as they are told, are distinct.
+    """
+    under: dict[str, list[str]] = {}
+    for name, rows in _rows(document).items():
+        columns = {column for row in rows for column in row.at}
+        varies = {c for c in columns if len({row.at.get(c) for row in rows}) > 1}
+        alike: dict[tuple[str, str], list[_Row]] = {}
+        for row in sorted(rows, key=lambda row: row.middle):
+            alike.setdefault(row.ends, []).append(row)
+        places = [(" to ".join(ends), _place(document, own, varies)) for ends, own in alike.items()]
+        unit = _unit(document, name)
+        if len(places) > 1 and all(at for _, at in places) and len(places) <= amounts.new:
+            each = "; ".join(f"{ends}{unit} at {at}" for ends, at in places)
+            yield _found("A new experiment", f"{name} {each} ({percent(0.95)} each)")
+        elif places:
+            ends, at = places[len(places) // 2]
+            own = [*alike.values()][len(places) // 2]
+            which = f" at {at}" if at else f" like experiment {own[0].id}"
+            under.setdefault(which if len(places) > 1 else "", []).append(f"{name} {ends}{unit}")
+    for which, outcomes in under.items():
+        share = f"({percent(0.95)})" if len(outcomes) == 1 else f"({percent(0.95)} each)"
+        yield _found(f"A new experiment{which}", f"{', '.join(outcomes)} {share}")
 
 
-def _at(document: Document, id: object, varying: Document, amounts: Amounts = AMOUNTS) -> str:
-    """The conditions of an experiment in words, in parentheses; empty if they are many or none."""
-    entries = document["experiments"]
-    place = next((k for k, entry in enumerate(entries) if str(entry["id"]) == str(id)), None)
-    columns = (document.get("pictures") or {}).get("conditions") or {}
-    own = {
-        name: column[place]
-        for name, column in columns.items()
-        if place is not None and len(column) == len(entries) and name not in varying
+def _place(
+    document: Document, rows: Sequence[_Row], varies: Container[str], amounts: Amounts = AMOUNTS
+) -> str:
+    """The conditions that rows share, of those that vary in the table; empty if many or none."""
+    first = rows[0].at
+    shared = {
+        name: value
+        for name, value in first.items()
+        if name in varies and all(row.at.get(name) == value for row in rows)
     }
-    named = named_values(document, own | dict(varying))
-    return f" ({', '.join(named)})" if 0 < len(named) <= amounts.named_conditions else ""
+    named = named_values(document, shared)
+    return ", ".join(named) if len(named) <= amounts.named_conditions else ""
+
+
+def _rows(document: Document) -> dict[str, list[_Row]]:
+    """The rows of each outcome whose 95 % range is known, by the name of the outcome."""
+    entries, seen = document["experiments"], document.get("observations") or ()
+    pictures = document.get("pictures") or {}
+    columns = {
+        name: column
+        for name, column in (pictures.get("conditions") or {}).items()
+        if len(column) == len(entries)
+    }
+    at = {
+        str(entry["id"]): {name: column[k] for name, column in columns.items()}
+        for k, entry in enumerate(entries)
+    }
+    found: dict[str, list[_Row]] = {}
+    if not seen:
+        name, log = str(document.get("outcome") or "outcome"), document.get("transform") == "log"
+        for entry in entries:
+            quantiles = [(entry.get("quantiles") or {}).get(p) for p in QUANTILES]
+            _add(found, name, log, quantiles, str(entry["id"]), at[str(entry["id"])])
+    predicted = pictures.get("predicted") or {}
+    known = [predicted.get(p) or () for p in QUANTILES]
+    for k, entry in enumerate(seen if all(len(q) == len(seen) for q in known) else ()):
+        name, id = entry["response"], str(entry["id"])
+        log = transforms(document).get(name) == "log"
+        _add(found, name, log, [q[k] for q in known], id, at.get(id, {}) | entry["conditions"])
+    return found
+
+
+def _add(
+    found: dict[str, list[_Row]],
+    name: str,
+    log: bool,
+    quantiles: Sequence[float | None],
+    id: str,
+    at: Document,
+) -> None:
+    known = [math.exp(min(q, 700.0)) if log else q for q in quantiles if q is not None]
+    if len(known) == len(QUANTILES):
+        found.setdefault(name, []).append(_Row(id, at, *known))
 
 
 def named_values(document: Document, values: Document) -> list[str]:

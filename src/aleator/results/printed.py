@@ -198,6 +198,10 @@ class Amounts:
     """The most marks of a crowded chart that are kept because they are outermost."""
     named_conditions: int = 3
     """The most conditions that the sentence on a new experiment names; of more it names none."""
+    new: int = 5
+    """The most distinct conditions of which the sentence on a new experiment names each; of more it
+    names the middle one.
+    """
     hovered: int = 6
     """The most conditions in the tooltip of a mark in a chart."""
     series: int = 200

@@ -185,11 +185,15 @@ class StudyEntry(DocumentEntry):
 
 
 class SimulatorEntry(DocumentEntry):
-    """The simulator of the study: its name, its fingerprint, and notes about its runs."""
+    """The simulator of the study: its name, its fingerprint, and notes about its runs.
+
+    `defaults` are the arguments of a Python function that kept a number as their default.
+    """
 
     name: str
     fingerprint: str | None = None
     notes: list[str] = []
+    defaults: dict[str, float] = {}
 
 
 # ------------------------------------------------------------------------------ pictures

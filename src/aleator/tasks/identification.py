@@ -61,8 +61,8 @@ class Identification(Result):
     >>> found = identify(lambda load, x: load * x, table, law, outcome="y",
     ...                  verification=Check(0))
     >>> found
-    95 % of experiments: x 0.79 to 1.27 (each end known to +- 0.29).
-    A new experiment like the last row: y 3.15 to 5.1 (95 %).
+    95 % of experiments: x 0.79 to 1.27 (each end +- 0.29, 95 % confidence).
+    A new experiment like experiment 3: y 2.36 to 3.82 (95 %).
     2 hyperparameters identified from 4 experiments, ... runs of the simulator
     alpha   estimate  std. error   95 % interval  note
     x.mean     1.031       0.062  0.873 .. 1.189

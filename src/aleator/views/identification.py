@@ -53,7 +53,7 @@ from aleator.views import law_charts, outcome_charts
 from aleator.views.chart import Series, numbers
 from aleator.views.computation import effort, missing, named_values, origin
 from aleator.views.measured import AxisChoice, MeasuredValues, conditions_of, measured, varying
-from aleator.views.opening import opening_charts
+from aleator.views.opening import opening_charts, opening_laws
 from aleator.views.outcome_charts import Individuals
 from aleator.views.terminal import terminal
 
@@ -141,7 +141,7 @@ def _law(document: Document, drawn: Drawn | None) -> Iterator[Part]:
             "The densities are not in this document.",
             "Identify again with this version: aleator identify writes them.",
         )
-    for name in [*curves][1:]:  # the first one opens the report
+    for name in [*curves][len(opening_laws(document)) :]:
         yield law_charts.law_chart(document, name, drawn.individuals, drawn.ceiling)
     for pair in (document.get("pictures") or {}).get("contours") or ():
         yield law_charts.joint_chart(document, pair, drawn.individuals)

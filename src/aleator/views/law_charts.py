@@ -167,13 +167,17 @@ def joint_chart(document: Document, pair: Document, individuals: Individuals | N
 # ------------------------------------------------------------------------------------ estimates
 
 
-def profile_chart(document: Document, name: str) -> Chart:
-    """The profile log-likelihood of a hyperparameter, with its 95 % interval."""
+def profile_chart(document: Document, name: str, settings: PictureSettings = PICTURES) -> Chart:
+    """The profile log-likelihood of a hyperparameter, with its 95 % interval.
+
+    It is drawn to `depth` of the settings below the drop at the ends of the interval.
+    """
     curve = document["pictures"]["profiles"][name]
     entry = (document.get("alpha") or {}).get(name, {})
     at, below = numbers(curve["at"]), numbers(curve["below"])
     x, y = profile_line(at, below)
-    source = Series(f"profile-{name}", {"at": at, "below": -below})
+    shown = below <= DROP + settings.depth
+    source = Series(f"profile-{name}", {"at": at[shown], "below": -below[shown]})
     ends = [end for end in entry.get("interval") or () if end is not None]
     across = [GuideLine(end, across=False) for end in ends]
     best = [GuideLine(entry["estimate"], across=False, color=chart.INK)] if entry else []
@@ -235,6 +239,7 @@ def profile_line(
 
     `below` is how far the log-likelihood is below its maximum at the ascending values `at`; the
     ordinates are minus that. The signed root of 2 `below` is interpolated, for it is nearly linear.
+    The line ends where it is `depth` of the settings below the drop of a 95 % interval.
 
     >>> x, y = profile_line(np.array([-3.0, 0.0, 2.0]), np.array([4.5, 0.0, 2.0]))
     >>> bool(np.allclose(y, -0.5 * x**2))
@@ -245,8 +250,13 @@ def profile_line(
     if at.size < 2:
         return at, -below
     root = np.sign(at - at[np.argmin(below)]) * np.sqrt(2.0 * np.maximum(below, 0.0))
-    x = np.union1d(np.linspace(at[0], at[-1], settings.curve), at)
-    return x, -0.5 * PchipInterpolator(at, root)(x) ** 2
+    line, deepest = PchipInterpolator(at, root), np.sqrt(2.0 * (DROP + settings.depth))
+    best = at[np.argmin(below)]
+    left, right = (line.solve(end, extrapolate=False) for end in (-deepest, deepest))
+    low = max(left[left < best], default=at[0])
+    high = min(right[right > best], default=at[-1])
+    x = np.union1d(np.linspace(low, high, settings.curve), at[(at >= low) & (at <= high)])
+    return x, -0.5 * line(x) ** 2
 
 
 def finer(grid: Array, settings: PictureSettings = PICTURES) -> Array:

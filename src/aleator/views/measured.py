@@ -254,7 +254,7 @@ def _finished(
     rank[order] = np.arange(1, len(middle) + 1)
     columns["order"] = rank.tolist()
     what = "predicted median" if "q0.5" in columns else "predicted value"
-    found = [AxisChoice("order", f"order of the {what}")]
+    found = [AxisChoice("order", f"measured values, lowest {what} first")]
     if "q0.5" in columns:
         found.append(AxisChoice("q0.5", f"{what} of {label(document, response)}"))
     found += add_conditions(document, columns, conditions)

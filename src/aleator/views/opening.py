@@ -1,4 +1,4 @@
-"""The two charts that open a report: outcomes in the bands of the law, and the first law.
+"""The charts that open a report: outcomes in the bands of the law, and the laws.
 
 Bands are those of the law before an experiment is seen, so that a point can lie outside of them.
 """
@@ -13,15 +13,22 @@ import numpy as np
 
 from aleator.core.types import Array
 from aleator.views import chart
-from aleator.views.chart import Axis, Chart, Mark, Series
+from aleator.views.chart import CHARTS, Axis, Chart, Mark, Series
 from aleator.views.law_charts import law_chart, law_curves
 from aleator.views.measured import QUANTILES, AxisChoice, MeasuredValues, varying
 from aleator.views.outcome_charts import Individuals, hover, predicted_chart
 
 Document = Mapping[str, Any]
 HEIGHT = 300
-"""The height of both charts in pixels: they fit on the first screen."""
+"""The height of a chart in pixels: both rows fit on the first screen."""
 COLUMNS = tuple(f"q{p}" for p in QUANTILES)
+GROUP_LOOKS = (
+    (chart.BLUE, "solid"),
+    (chart.GREEN, "dashed"),
+    (chart.GRAY, "dotted"),
+    (chart.INK, "dashdot"),
+)
+"""Color and line style of each value of a second condition."""
 BANDS = (("q0.025", "q0.975", chart.WIDE, "95 %"), ("q0.25", "q0.75", chart.NARROW, "50 %"))
 
 
@@ -32,6 +39,16 @@ class OpeningSettings:
     alike: float = 1e-3
     """Predictions under equal values of a condition are equal if they differ by less than this
     share of the width of their 95 % range.
+    """
+    laws: int = 4
+    """The most laws on the first screen; the others follow below."""
+    groups: int = 4
+    """The most values of a second condition that are told apart by color."""
+    values: int = 12
+    """The most values of the first condition where a second one is told apart by color."""
+    apart: float = 0.08
+    """Distance between the bars of two values of the second condition, as a share of the least
+    distance between two values of the first.
     """
 
 
@@ -44,31 +61,49 @@ def opening_charts(
     individuals: Individuals | None = None,
     ceiling: Document | None = None,
 ) -> Iterator[Chart]:
-    """The outcomes of the `first` response in the bands of the law, and the first law."""
+    """The outcomes of the `first` response in the bands of the law, and the first laws.
+
+    One law stands beside the outcomes; several have a row of their own.
+    """
+    names = opening_laws(document)
     if first is not None and first[0].by_law and len(first[0]):
-        yield outcome_chart(*first, varying(document))
-    for name in [*law_curves(document)][:1]:
+        noise = bool(document.get("quadrature"))
+        chart = outcome_chart(*first, varying(document), noise=noise)
+        yield replace(chart, wide=len(names) > 1)
+    for name in names:
         yield replace(law_chart(document, name, individuals, ceiling), height=HEIGHT)
 
 
-def outcome_chart(seen: MeasuredValues, source: Series, series: str | None) -> Chart:
-    """Measured outcomes in the bands with 95 % and 50 % of the law and the noise.
+def opening_laws(document: Document, settings: OpeningSettings = OPENING) -> list[str]:
+    """The parameters whose laws are on the first screen."""
+    return [*law_curves(document)][: settings.laws]
+
+
+def outcome_chart(
+    seen: MeasuredValues, source: Series, series: str | None, *, noise: bool
+) -> Chart:
+    """Measured outcomes in the bands with 95 % and 50 % of the law, and of the `noise` if any.
 
     x is the condition that alone determines the prediction: the column `series` that varies within
     experiments, else the condition that orders the predicted medians best. If no condition alone
-    does, the last experiment is drawn over its `series`, and without a series all outcomes are
-    drawn in the order of their predicted medians. `source` has the rows that are drawn as points.
+    does, the last experiment is drawn over its `series`. Without a series, a second condition of
+    few values has a color for each; else all outcomes are drawn from the lowest predicted median
+    to the highest. `source` has the rows that are drawn as points.
     """
+    caption = _caption(seen, noise=noise)
     choice = _condition(seen, series)
     if choice is not None and _determines(seen, choice):
-        return _bands(seen, source, choice)
+        return _bands(seen, source, choice, caption)
     if choice is not None and series is not None:
         last = seen.columns["id"][int(np.argmax(seen.array("row")))]
         own = seen.part([k for k, one in enumerate(seen.columns["id"]) if one == last])
         if _determines(own, choice):
-            return _bands(own, own.named_series("last"), choice, f", experiment {last}")
+            told = _caption(own, noise=noise)
+            return _bands(own, own.named_series("last"), choice, told, f", experiment {last}")
+    if choice is not None and series is None and (second := _second(seen, choice)) is not None:
+        return _bars(seen, choice, second, caption)
     return replace(
-        predicted_chart(seen, source), name="outcomes", title=_title(seen), caption=_caption(seen),
+        predicted_chart(seen, source), name="outcomes", title=_title(seen), caption=caption,
         height=HEIGHT, switched=False, wide=False,
     )  # fmt: skip
 
@@ -77,11 +112,12 @@ def _title(seen: MeasuredValues) -> str:
     return f"{seen.response}: measured and expected"
 
 
-def _caption(seen: MeasuredValues) -> str:
+def _caption(seen: MeasuredValues, *, noise: bool) -> str:
     """What the bands are, and how many measured values lie outside of the 95 %."""
     known = seen.exact & np.isfinite([seen.array(key) for key in seen.ends]).all(axis=0)
+    by = "the law and the noise" if noise else "the law"
     words = (
-        "Bands: where 95 % and 50 % of new experiments are expected, by the law and the noise at "
+        f"Where 95 % and 50 % of new experiments are expected, by {by} at "
         f"the estimate. Outside the 95 % are {int(np.sum(seen.outside))} of {int(known.sum()):,}"
     )
     return f"{words} (diamonds)." if seen.exact.all() else f"{words}; triangles are bounds."
@@ -136,7 +172,77 @@ def _determines(
     return values.size < at.size or alone or bool(np.all(steps >= 0.0) or np.all(steps <= 0.0))
 
 
-def _bands(seen: MeasuredValues, source: Series, choice: AxisChoice, which: str = "") -> Chart:
+def _second(
+    seen: MeasuredValues, first: AxisChoice, settings: OpeningSettings = OPENING
+) -> AxisChoice | None:
+    """The condition of few values that determines the predictions together with the `first`."""
+    if np.unique(seen.array(first.key)).size > settings.values:
+        return None
+    for one in seen.choices:
+        values = {*seen.columns[one.key]}
+        if not one.name or one == first or None in values or len(values) > settings.groups:
+            continue
+        parts = [_rows(seen, one, value) for value in values]
+        if len(values) > 1 and all(_determines(part, first) for part in parts):
+            return one
+    return None
+
+
+def _rows(seen: MeasuredValues, choice: AxisChoice, value: Any) -> MeasuredValues:
+    """The rows with one value of a condition."""
+    return seen.part([k for k, own in enumerate(seen.columns[choice.key]) if own == value])
+
+
+def _bars(
+    seen: MeasuredValues,
+    first: AxisChoice,
+    second: AxisChoice,
+    caption: str,
+    settings: OpeningSettings = OPENING,
+) -> Chart:
+    """Bars over the `first` condition, side by side for the values of the `second`."""
+    values = sorted({*seen.columns[second.key]})
+    at = np.unique(seen.array(first.key))
+    apart = settings.apart * float(np.min(np.diff(at))) if at.size > 1 else settings.apart
+    whole, least, most = CHARTS.spans
+    thick = float(np.clip(settings.apart * whole / at.size, least, most))
+
+    def beside(some: MeasuredValues) -> Array:
+        place = np.array([values.index(value) for value in some.columns[second.key]])
+        return some.array(first.key) + apart * (place - 0.5 * (len(values) - 1))
+
+    few = seen.thinned()
+    source = few.named_series("by-two")
+    source = Series(source.name, {**source.columns, "x": beside(few).tolist()})
+    marks: list[Mark] = []
+    for value, (color, dash) in zip(values, GROUP_LOOKS, strict=False):
+        name = second.labels[value] if second.labels else f"{value:g}"
+        own = _rows(seen, second, value)
+        x, once = np.unique(beside(own), return_index=True)
+        part = {"x": x, **{key: own.array(key)[once] for key in COLUMNS}}
+        group = Series(f"by-two-{len(marks)}", part)
+        marks += [
+            *(Mark("spans", group, y=low, high=high, color=color, width=thick,
+                   alpha=CHARTS.behind) for low, high, _, _ in BANDS),
+            Mark("line", group, y="q0.5", color=color, dash=dash, width=2.0,
+                 legend=f"{second.title} {name}"),
+        ]  # fmt: skip
+    marks.append(
+        Mark("points", source, "x", "value", color="color", marker="marker", size="size",
+             hover=hover(seen), pick=True)
+    )  # fmt: skip
+    told = f"Bars of equal {first.name} stand side by side; lines join the medians."
+    return Chart(
+        "outcomes", _title(seen), f"{caption} {told}", Axis(first.title),
+        Axis(seen.label, seen.log), marks,
+        {"id": "id", first.key: first.title, second.key: second.title, "value": seen.response},
+        height=HEIGHT, data=source,
+    )  # fmt: skip
+
+
+def _bands(
+    seen: MeasuredValues, source: Series, choice: AxisChoice, caption: str, which: str = ""
+) -> Chart:
     """The bands over a condition, and the points of `source`; `which` says whose they are."""
     x, first = np.unique(seen.array(choice.key), return_index=True)
     every = np.array([seen.array(key) for key in (*COLUMNS, "value")])
@@ -152,7 +258,7 @@ def _bands(seen: MeasuredValues, source: Series, choice: AxisChoice, which: str 
              hover=hover(seen), pick=True),
     ]  # fmt: skip
     return Chart(
-        "outcomes", _title(seen) + which, _caption(seen), Axis(choice.title),
+        "outcomes", _title(seen) + which, caption, Axis(choice.title),
         Axis(seen.label, seen.log), marks,
         {"id": "id", choice.key: choice.title, "value": seen.response}, height=HEIGHT, data=source,
     )  # fmt: skip

@@ -144,7 +144,8 @@ def opening(content: Content) -> str:
     )
     return (
         f'<h2 class="spoken">The answer</h2><div class="findings">{_parts(sentences)}</div>'
-        f'<div class="verdicts">{lines}{more}</div>{_parts(charts)}{_parts(content.lead)}'
+        f'<div class="verdicts">{lines}{more}</div><div class="charts">{_parts(charts)}</div>'
+        f"{_parts(content.lead)}"
     )
 
 

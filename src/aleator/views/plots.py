@@ -59,7 +59,9 @@ class Plots:
         """
         of = {seen.response: seen for seen in measured(self.document) if seen.by_law}
         seen = of[required(of, response, "predictions of what was observed")]
-        return drawn(outcome_chart(seen, seen.series(), varying(self.document)), ax)
+        noise = bool(self.document.get("quadrature"))
+        series = varying(self.document)
+        return drawn(outcome_chart(seen, seen.series(), series, noise=noise), ax)
 
     def profiles(self, *hyperparameters: str) -> list[Axes]:
         """The profile log-likelihoods of these hyperparameters, or of all, side by side."""
