@@ -89,7 +89,7 @@ class PictureSettings:
     """Seed of the drawn parameters and of the choice of nodes."""
     map_values: int = 10_000_000
     """Largest number of simulated values that are computed for the charts."""
-    laws: int = 4096
+    laws: int = 1024
     """Number of plausible laws whose densities form the band. A band that 256 laws form has ragged
     edges, because six of them lie beyond each edge.
     """
