@@ -207,7 +207,7 @@ def test_next_prints_tables_and_writes_files() -> None:
     table = pd.read_csv("out/next.csv", index_col="id")
     assert table.loc["C", "standard_error"] < table.loc["A", "standard_error"]
     given = ("--count", 4, "--repeat", 4, "--quiet", "--for-prediction", "use.csv")
-    quiet = done(*asked, *given, "--event", "length > 6")
+    quiet = done(*asked, *given, "--event", "length > 6", "--no-noise")
     assert quiet.stdout.count("\n") == 1
     assert "4 experiments" in quiet.stdout
 
@@ -219,6 +219,7 @@ def test_next_prints_tables_and_writes_files() -> None:
         ("--for softness.s", "did you mean"),
         ("--for noise.sd", "is fixed"),
         ("--event y>6", "--for-prediction"),
+        ("--for-prediction use.csv --no-noise", "--event"),
         ("--for all --for-prediction use.csv", "contradict"),
         ("--for-prediction use.csv --event y>1 --quantile 0.9", "contradict"),
     ],

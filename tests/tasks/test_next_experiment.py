@@ -14,9 +14,11 @@ from aleator import (
     By,
     Censoring,
     Check,
+    Constant,
     Experiments,
     Free,
     Inputs,
+    Mixture,
     Noise,
     Normal,
     Predicted,
@@ -25,7 +27,12 @@ from aleator import (
 )
 from aleator.core.progress import Silent
 from aleator.inference.design import expected_scores
+from aleator.laws.hyperparameter import limits_of
 from aleator.observations.experiments import Conditions
+from aleator.simulators import as_runner
+from aleator.tasks.outcome_event import OutcomeEvent
+from aleator.tasks.probability_gradient import event_gradient
+from aleator.tasks.session import Session
 
 
 def test_expected_information_is_that_of_the_closed_form() -> None:
@@ -104,7 +111,50 @@ def test_so_is_a_predicted_probability(event: str, ends: tuple[float, float]) ->
     )
     gradient = each[:, 1] - each[:, 0]
     now = gradient @ found.covariance.to_numpy() @ gradient
-    assert plan.now == pytest.approx(np.sqrt(now), rel=1e-3)
+    assert plan.now == pytest.approx(np.sqrt(now), rel=3e-3)
+
+
+@pytest.mark.parametrize(("chance", "noise"), [(1e-2, True), (1e-4, False), (1e-7, True)])
+def test_so_is_the_probability_of_a_rare_event(chance: float, noise: bool) -> None:
+    """P = Phi(-beta) with beta = (c - m)/s: dP = phi(beta) (dm + beta ds)/s."""
+    found = found_with()
+    mean, sd = found.values[["x.mean", "x.sd"]]
+    scale, beta = np.hypot(3.0 * sd, NOISE * noise), stats.norm.isf(chance)
+    event = f"y > {float(3.0 * mean + beta * scale)!r}"
+    wanted = Predicted(asked(np.array([3.0])), event=event, noise=noise)
+    plan = next_experiments(found, asked(), count=2, repeat=2, about=wanted)
+    gradient = np.array([3.0, beta * 9.0 * sd / scale]) / scale  # of beta, but for the sign
+    error = np.sqrt(gradient @ found.covariance.to_numpy() @ gradient)
+    assert plan.probability == (pytest.approx(chance, rel=5e-3),)
+    assert plan.now == pytest.approx(stats.norm.pdf(beta) * error, rel=5e-3)
+    expected = stats.norm.sf([beta + 1.959964 * error, beta - 1.959964 * error])
+    assert plan.probability_range["now"] == pytest.approx(expected, rel=2e-2)
+    # So many experiments like those of the set halve the error.
+    each = [closed_form(found, CANDIDATES)[int(name) - 1] for name in plan.chosen]
+    whole = observed(found) + plan.halving / 2 * sum(each)
+    halved = np.sqrt(gradient @ np.linalg.inv(whole) @ gradient)
+    assert halved == pytest.approx(0.5 * error, rel=1e-3)
+
+
+def test_both_tails_of_a_bent_outcome_and_the_share_of_a_class_count() -> None:
+    """P(x^2 > c) = 2 v Phi(-sqrt(c)/sd), where x is normal with probability v, else zero."""
+    law = Mixture((Normal(0.0, Free(0.2, 3.0)), Constant(0.0)), shares=(Free(0.2, 0.95),))
+    inputs, at = Inputs({"x": law}), Conditions.from_frame(pd.DataFrame({"id": ["new"]}))
+    runner = as_runner(lambda x: x**2, at, inputs.names, vectorized=True)
+    session = Session(inputs, Noise(0.1), at.responses, None, lambda _: runner, None, True)
+    sd, share = 1.1, 0.6
+    alpha = np.array([0.0, sd, 0.0, share, 0.1])
+    assert [h.name for h in session.hyperparameters][1:4:2] == ["x.1.sd", "x.1.share"]
+    event = OutcomeEvent.of("outcome > 12", [each.name for each in at.responses])
+    context = session.context(at, alpha, noise=False)
+    found = event_gradient(
+        context, alpha[None], event, np.array([0.0, 1e-3, 0.0, 1e-3, 0.0]),
+        limits_of(session.hyperparameters),
+    )  # fmt: skip
+    u = np.sqrt(12.0) / sd
+    assert found.probability.item() == pytest.approx(2.0 * share * stats.norm.sf(u), rel=1e-6)
+    expected = [share * stats.norm.pdf(u) * u / sd, stats.norm.sf(u)]
+    assert found.gradient[0, 0, [1, 3]] == pytest.approx(2.0 * np.array(expected), rel=1e-4)
 
 
 def test_misuse_is_told() -> None:
@@ -121,6 +171,8 @@ def test_misuse_is_told() -> None:
         Predicted(asked())
     with pytest.raises(AleatorError, match="no outcome 'length'"):
         next_experiments(found, asked(), about=Predicted(asked(), event="length > 1"))
+    with pytest.raises(AleatorError, match="standard deviations lead to the event"):
+        next_experiments(found, asked(), about=Predicted(asked(), event="y > 1e4"))
 
 
 def test_a_result_that_was_read_from_a_file_says_so(tmp_path: object) -> None:

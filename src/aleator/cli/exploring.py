@@ -220,6 +220,9 @@ def sensitivity(
 @click.option(
     "--event", metavar="EVENT", help='The event whose probability is predicted: "travel > 26".'
 )
+@click.option(
+    "--no-noise", is_flag=True, help="The event of the true value, without the error of measuring."
+)
 @whole_number("--repeat", 1, "How often a candidate may be chosen.")
 @whole_number(
     "--laws",
@@ -238,6 +241,7 @@ def next(
     for_prediction: Path | None,
     quantile: float | None,
     event: str | None,
+    no_noise: bool,
     repeat: int,
     laws: int,
     output: Path | None,
@@ -259,7 +263,7 @@ def next(
     require_enough_candidates(count, len(table.ids), repeat)
     require_free(about, value.hyperparameters)
     require_at_most_one({"--for": about, "--for-prediction": for_prediction})
-    predicted = _predicted(value, for_prediction, quantile, event)
+    predicted = _predicted(value, for_prediction, quantile, event, no_noise)
     with work.running() as (runner, progress):
         found = identified(value, runner, progress)
         with running(value, replace(options, quiet=True), table) as others:
@@ -278,6 +282,7 @@ def _predicted(
     conditions: Path | None,
     quantile: float | None,
     event: str | None,
+    no_noise: bool,
 ) -> Predicted | None:
     """The prediction that new experiments shall make more precise; None if none is requested.
 
@@ -285,7 +290,7 @@ def _predicted(
     """
     wanted = {"--quantile": quantile, "--event": event}
     if conditions is None:
-        for option, given in wanted.items():
+        for option, given in {**wanted, "--no-noise": no_noise or None}.items():
             if given is not None:
                 raise AleatorError(
                     f"{option} says what to predict, but not under which conditions",
@@ -293,8 +298,13 @@ def _predicted(
                 )
         return None
     require_at_most_one(wanted)
+    if no_noise and event is None:
+        raise AleatorError(
+            "--no-noise says which event is meant, and there is no event",
+            'add --event "travel > 26", or leave it out: a quantile is that of a measurement',
+        )
     if event is not None:
         OutcomeEvent.of(event, study.experiments.observations.names, study.units)
     elif quantile is None:
         quantile = 0.95
-    return Predicted(study.read_conditions(conditions), quantile, event)
+    return Predicted(study.read_conditions(conditions), quantile, event, not no_noise)

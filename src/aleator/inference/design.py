@@ -315,6 +315,16 @@ def repetitions(
     )
 
 
+def halved(plan: DesignPlan, added: Array, count: int) -> float | None:
+    """How many experiments like `count` of them, with information `added` (A, F, F), halve the
+    present error.
+
+    Each counts as 1/`count` of the added information. None where no number is enough.
+    """
+    times = repetitions(plan, added, 0.5 * float(plan.standard_error(plan.present)))
+    return None if times is None else times * count
+
+
 def _greedy(
     plan: DesignPlan, among: Sequence[int], count: int, begin: Sequence[int] = ()
 ) -> list[int]:
@@ -414,13 +424,6 @@ def quantile_gradients(
         error = _at(y, below[..., None], q) - probability
         q = np.clip(q - (error / _at(y, density[..., None], q))[:, 0], y[0], y[-1])
     return q, -_at(y, slopes, q) / _at(y, density[..., None], q)
-
-
-def probability_gradients(found: Scores, limit: float) -> tuple[Array, Array]:
-    """P(outcome <= limit) (C,) and its derivatives (C, K) with respect to alpha."""
-    y, below, slopes, _ = _distribution(found)
-    at = np.clip(limit, y[0], y[-1])
-    return np.clip(_at(y, below[..., None], at)[:, 0], 0.0, 1.0), _at(y, slopes, at)
 
 
 def _distribution(found: Scores) -> tuple[Array, Array, Array, Array]:

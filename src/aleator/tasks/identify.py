@@ -36,7 +36,7 @@ from aleator.tasks.arguments import (
 )
 from aleator.tasks.ceiling import best_possible
 from aleator.tasks.identification import Identification
-from aleator.tasks.session import Session, runners, runners_like
+from aleator.tasks.session import Session, runners_like
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -185,13 +185,8 @@ def _session(answer: Answer, table: Experiments) -> Session:
         fit = Fit.of_outcomes(end.likelihood, end.alpha, inferred.inference, table)
         # Predictions of one exact outcome use response surfaces.
         direct = inferred.refined.direct and not table.simple
-        own = (
-            runners(runner.simulator, model.inputs.names)
-            if table.simple
-            else runners_like(runner, table)
-        )
         return Session(
-            model.inputs, None, responses, table, own, fit, direct,
+            model.inputs, None, responses, table, runners_like(runner, table), fit, direct,
             model.surfaces or ResponseSurface(), model,
         )  # fmt: skip
     assert end.coarse is not None

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import special
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Indices
@@ -19,23 +20,41 @@ from aleator.inference.design import (
     Scores,
     chosen,
     expected_scores,
+    halved,
     possible_laws,
-    probability_gradients,
     quantile_gradients,
     repetitions,
 )
 from aleator.inference.fit import Fit
 from aleator.laws import Hyperparameter
+from aleator.laws.hyperparameter import limits_of
 from aleator.observations.experiments import Conditions, unmeasured
 from aleator.results import printed
 from aleator.results.printed import number
 from aleator.results.values import Estimate
 from aleator.simulators import Runner
 from aleator.tasks.identification import Identification
+from aleator.tasks.new_experiments import PredictionContext
 from aleator.tasks.outcome_event import OutcomeEvent
+from aleator.tasks.probability_gradient import EventGradient, event_gradient
 
 ALL = "all"
 """The name that stands for all hyperparameters together."""
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """Settings of the steps of alpha by which the gradient of a probability is computed.
+
+    A step is the `share` of what the experiments leave open of a hyperparameter when all others are
+    known, and `most` is the largest share of its range. Both are chosen by judgement.
+    """
+
+    share: float = 0.003
+    most: float = 1e-3
+
+
+STEP = StepSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +62,9 @@ class Predicted:
     """A predicted quantity: a quantile of a measurement, or the probability of an event.
 
     The measurement is made under the `conditions`. Give one of `quantile` (a probability) and
-    `event`, such as "travel > 26" (see `Identification.probability`). Raises InputsError for none
-    or both of them, and for a probability outside (0, 1).
+    `event`, such as "travel > 26" (see `Identification.probability`). With `noise` False it is the
+    event of the true value, without the error of its measurement. Raises InputsError for none or
+    both of quantile and event, for a quantile without noise, and for a probability outside (0, 1).
 
     >>> Predicted(pd.DataFrame({"load": [3.0]}), quantile=0.99).name
     'the quantile 0.99'
@@ -53,6 +73,7 @@ class Predicted:
     conditions: Conditions | pd.DataFrame
     quantile: float | None = None
     event: str | None = None
+    noise: bool = True
 
     def __post_init__(self) -> None:
         if (self.quantile is None) == (self.event is None):
@@ -62,6 +83,11 @@ class Predicted:
             )
         if self.quantile is not None and not 0.0 < self.quantile < 1.0:
             raise InputsError(f"quantile {self.quantile}", "choose a probability between 0 and 1")
+        if self.quantile is not None and not self.noise:
+            raise InputsError(
+                "the quantile of the true value is not computed here",
+                "aim at the probability of an event, or keep the noise",
+            )
 
     @property
     def name(self) -> str:
@@ -70,24 +96,13 @@ class Predicted:
             return f"the quantile {self.quantile:g}"
         return f"the probability of {self.event}"
 
-    def gradients(self, scores: Scores, fit: Fit) -> Array:
-        """The gradient (G, K) of the quantity with respect to alpha, under each of G conditions."""
-        if scores.outcomes is None:
-            raise InputsError(
-                f"{self.name}: the conditions have several observations an experiment",
-                "give each row an id of its own, and predict one response",
-            )
-        if self.quantile is not None:
-            return quantile_gradients(scores, self.quantile)[1]
-        event = OutcomeEvent.of(self.event or "", fit.table.observations.names)
-        ((low, high),) = event.on(fit.table.transform).parts
-        return _slopes(scores, high) - _slopes(scores, low)
 
+@dataclass(frozen=True, eq=False)
+class EventAimedAt:
+    """The event whose probability a design shall make more precise, and its conditions."""
 
-def _slopes(scores: Scores, limit: float) -> Array:
-    """The derivatives (G, K) of P(outcome <= limit) with respect to alpha."""
-    slopes = probability_gradients(scores, limit)[1]
-    return slopes if np.isfinite(limit) else np.zeros_like(slopes)
+    event: OutcomeEvent
+    context: PredictionContext
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +216,10 @@ class NextExperiments:
     `chosen` are the ids of the best set, the most useful first. `after` is the error after each of
     them, and `ties` the number of other candidates that are as good in its place. `repetitions` is
     how many times all `made` experiments would have to be repeated for the same error; None if no
-    number is enough. `planned_for` has the value assumed for a hyperparameter on a limit.
+    number is enough. `halving` is the number of experiments like those of the set that halve the
+    present error, None if no number does. If the aim is the probability of an event, `probability`
+    has it for each row of its conditions, and `settled` is false if a response surface does not
+    determine the event. `planned_for` has the value assumed for a hyperparameter on a limit.
     `hyperparameters` has the standard error of each now and after the set. `sound` and `consistent`
     are the verdicts on the identification.
     """
@@ -218,6 +236,9 @@ class NextExperiments:
     ties: tuple[int, ...]
     made: int
     repetitions: float | None
+    halving: float | None
+    probability: tuple[float, ...] | None
+    settled: bool
     planned_for: Mapping[str, float]
     hyperparameters: pd.DataFrame
     laws: int
@@ -249,6 +270,25 @@ class NextExperiments:
         found = self.conditions.loc[list(self.chosen)]
         return found.assign(standard_error=self.after, ties=self.ties)
 
+    @property
+    def probability_range(self) -> dict[str, tuple[float, float]] | None:
+        """95 % ranges of the probability aimed at, `now` and `after` the set.
+
+        They are Phi(-(beta -+ 1.96 s/phi(beta))) with the reliability index beta = -Phi^-1(P) and
+        the standard error s of P (Ditlevsen and Madsen, 1996): a small probability is far from
+        normally distributed, its index is less so. None for another aim, for several conditions or
+        laws, and where the experiments leave the probability open.
+        """
+        if self.probability is None or self.relative or self.laws > 1 or np.isinf(self.now):
+            return None
+        index = -special.ndtri(self.probability[0])
+
+        def between(error: float) -> tuple[float, float]:
+            reach = END * error * np.sqrt(2.0 * np.pi) * np.exp(0.5 * index**2)
+            return float(special.ndtr(-index - reach)), float(special.ndtr(-index + reach))
+
+        return {"now": between(self.now), "after": between(self.after[-1])}
+
     def to_dict(self) -> dict[str, Any]:
         """The design as plain lists and numbers: the content of next.json."""
         return {
@@ -260,6 +300,10 @@ class NextExperiments:
             "chosen": _rows(self.plan()),
             "made": self.made,
             "repetitions": self.repetitions,
+            "halving": self.halving,
+            "probability": self.probability,
+            "probability_range": self.probability_range,
+            "settled": self.settled,
             "planned_for": dict(self.planned_for),
             "hyperparameters": _rows(self.hyperparameters),
             "laws": self.laws,
@@ -330,19 +374,18 @@ def next_experiments(
     require_enough_candidates(count, len(offered.cluster_names), repeat)
     predicted = None
     if aim.predicted is not None:
-        there = _conditions(aim.predicted.conditions, fit)
-        predicted = session.fit_on(there, aim.alpha, session.runner_on(there), progress)
-        # A predicted value is not censored at the limits of the tests.
-        predicted = predicted.seeing(unmeasured(there))
+        predicted = _of_prediction(found, aim.predicted, aim.alpha, fit, progress)
     made = planned(fit, offered, predicted, aim, count, repeat, laws, progress)
     runs = runner.runs - before
+    if isinstance(predicted, EventAimedAt):
+        runs += predicted.context.runner.runs
     return replace(made, runs=runs, sound=found.sound, consistent=found.consistent)
 
 
 def planned(
     fit: Fit,
     offered: Fit,
-    predicted: Fit | None,
+    predicted: Fit | EventAimedAt | None,
     aim: Aim,
     count: int,
     repeat: int,
@@ -352,19 +395,24 @@ def planned(
 ) -> NextExperiments:
     """The best set of the `offered` candidates, in addition to the measured experiments of the fit.
 
-    `predicted` is the fit of the experiments to be predicted, if a prediction is the aim.
+    `predicted` are the experiments to be predicted, if a prediction is the aim: their fit for a
+    quantile, and with an event their context.
     """
     every = possible_laws(aim.alpha, fit.inference, fit.hyperparameters, laws)
     rng = np.random.default_rng(seed)
     scores = [_scores(offered.at(one), aim, rng, progress) for one in every]
     again = _scores(fit.at(aim.alpha), aim, rng, progress).information.sum(axis=0)
     present = again if aim.moved or not fit.inference.positive else aim.observed(fit)
+    event = None
+    if isinstance(predicted, EventAimedAt):
+        event = _event(aim, fit, predicted, every, present, progress)
     plan = DesignPlan(
         np.broadcast_to(present, (len(every), *present.shape)),
         np.stack([part.information for part in scores]),
-        _directions(aim, fit, predicted, every, rng, progress),
+        _directions(aim, predicted, event, every, rng, progress),
     ).relative()
     choice = chosen(plan, count, repeat)
+    added = plan.offered[:, list(choice.order)].sum(axis=1)
     ids = offered.cluster_names
     return NextExperiments(
         about=aim.name,
@@ -379,6 +427,9 @@ def planned(
         ties=choice.ties,
         made=fit.count,
         repetitions=repetitions(plan, again, choice.after[-1]),
+        halving=halved(plan, added, count),
+        probability=None if event is None else tuple(event.probability[0].tolist()),
+        settled=event is None or event.settled,
         planned_for=aim.moved,
         hyperparameters=_hyperparameters(fit, aim, plan, choice),
         laws=len(every),
@@ -416,10 +467,40 @@ def _scores(fit: Fit, aim: Aim, rng: np.random.Generator, progress: Progress) ->
     return expected_scores(fit, rng, progress).of(aim.moving)
 
 
-def _directions(
+def _of_prediction(
+    found: Identification, wanted: Predicted, alpha: Array, fit: Fit, progress: Progress
+) -> Fit | EventAimedAt:
+    """The experiments to be predicted: their fit for a quantile, with an event their context."""
+    there, session = _conditions(wanted.conditions, fit), found.session
+    if wanted.event is not None:
+        event = OutcomeEvent.of(wanted.event, session.outcomes, found.units)
+        return EventAimedAt(event, session.context(there, alpha, noise=wanted.noise))
+    predicted = session.fit_on(there, alpha, session.runner_on(there), progress)
+    # A predicted value is not censored at the limits of the tests.
+    return predicted.seeing(unmeasured(there))
+
+
+def _event(
     aim: Aim,
     fit: Fit,
-    predicted: Fit | None,
+    wanted: EventAimedAt,
+    laws: Array,
+    present: Array,
+    progress: Progress,
+    settings: StepSettings = STEP,
+) -> EventGradient:
+    """The probability of the event aimed at, with its gradient."""
+    limits, steps = limits_of(fit.hyperparameters), np.zeros(fit.alpha.size)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own = settings.share / np.sqrt(np.maximum(np.diagonal(present), 0.0))
+    steps[aim.moving] = np.minimum(own, settings.most * (limits[1] - limits[0])[aim.moving])
+    return event_gradient(wanted.context, laws, wanted.event, steps, limits, progress)
+
+
+def _directions(
+    aim: Aim,
+    predicted: Fit | EventAimedAt | None,
+    event: EventGradient | None,
     laws: Array,
     rng: np.random.Generator,
     progress: Progress,
@@ -427,10 +508,17 @@ def _directions(
     """The gradients (A, G, F) of the quantities aimed at; None for all hyperparameters."""
     if aim.target is not None:
         return np.tile(np.eye(aim.moving.size)[aim.target], (len(laws), 1, 1))
-    if aim.predicted is None or predicted is None:
+    if event is not None:
+        return event.gradient[..., aim.moving]
+    if aim.predicted is None or aim.predicted.quantile is None or not isinstance(predicted, Fit):
         return None
     each = [_scores(predicted.at(one), aim, rng, progress) for one in laws]
-    return np.stack([aim.predicted.gradients(part, fit) for part in each])
+    if each[0].outcomes is None:
+        raise InputsError(
+            f"{aim.name}: the conditions have several observations an experiment",
+            "give each row an id of its own, and predict one response",
+        )
+    return np.stack([quantile_gradients(part, aim.predicted.quantile)[1] for part in each])
 
 
 def _alone(plan: DesignPlan) -> Array:

@@ -162,17 +162,9 @@ def probability(
     probability. The status is "unsettled" if the surface does not determine the event in the end,
     or if the last runs change the probability by more than the share `choice.share`.
     """
-    requested, turned, choice = event, False, choice or Exploration()
-    if predicted.context.measured is not None:
-        sample = of_law(predicted)
-    else:
-        turned = often(predicted, draws, event)
-        requested = event.contrary if turned else event
-        sample = event_sample(predicted, draws, requested)
-    found = _SurfaceSample(sample, float("nan"), True)
-    if predicted.surface is not None:
-        found = _explored(predicted, draws, requested, sample, choice, progress)
-    sample, settled = found.sample, found.settled
+    choice = choice or Exploration()
+    found = event_on_surface(predicted, draws, event, choice, progress)
+    requested, sample, settled = found.event, found.sample, found.settled
     told = _Told.of(predicted, draws, requested, sample, progress)
     distance = float("nan")
     if sample.density is not None:
@@ -184,27 +176,52 @@ def probability(
         change = corrected(predicted, draws, requested, sample.joined, checks)
         settled = settled and np.hypot(change.value, change.error) <= choice.share * told.mixed
     whole = told.estimate(draws, change, sample, distance, found.unseen, settled)
-    return whole.contrary if turned else whole
+    return whole.contrary if found.turned else whole
 
 
 @dataclass(frozen=True, eq=False)
-class _SurfaceSample:
-    """A sample of the event on a tested surface; `settled` if more runs would change little."""
+class EventSample:
+    """A sample of an event, or of its complement if that is less probable (`turned`).
 
+    `event` is the one that is sampled. `settled` says whether a response surface determines it:
+    more runs would change little. `unseen` is as in `Probability`.
+    """
+
+    event: Event
+    turned: bool
     sample: Sample
-    unseen: float
-    settled: bool
+    unseen: float = float("nan")
+    settled: bool = True
+
+
+def event_on_surface(
+    predicted: PredictedValue,
+    draws: AlphaDraws,
+    event: Event,
+    choice: Exploration | None = None,
+    progress: Progress | None = None,
+) -> EventSample:
+    """A sample of an event, or of its complement, by the simulator or by a refined surface."""
+    if predicted.context.measured is not None:
+        found = EventSample(event, False, of_law(predicted))
+    else:
+        turned = often(predicted, draws, event)
+        requested = event.contrary if turned else event
+        found = EventSample(requested, turned, event_sample(predicted, draws, requested))
+    if predicted.surface is None:
+        return found
+    return _explored(predicted, draws, found, choice or Exploration(), progress)
 
 
 def _explored(
     predicted: PredictedValue,
     draws: AlphaDraws,
-    event: Event,
-    sample: Sample,
+    found: EventSample,
     choice: Exploration,
     progress: Progress | None,
-) -> _SurfaceSample:
+) -> EventSample:
     """Refine the surface by runs all over the law and where kriging is uncertain, in rounds."""
+    event, sample = found.event, found.sample
     surface, most = predicted.surface, predicted.context.surfaces.max_runs
     radii: list[float] = []
     assert surface is not None
@@ -223,7 +240,7 @@ def _explored(
         settled = certain and abs(now - was) <= choice.share * now
         if (settled and not seen.contrary.any()) or surface.runs + 2 * choice.runs > most:
             unseen = unseen_after(radii, choice.runs, variates(predicted))
-            return _SurfaceSample(sample, unseen, settled)
+            return replace(found, sample=sample, unseen=unseen, settled=settled)
 
 
 def _sharpened(

@@ -539,14 +539,19 @@ def runners(simulator: Simulator | Runner, parameters: Sequence[str]) -> Runners
 def runners_like(runner: Runner, table: Experiments) -> Runners:
     """A function that returns a runner for any table, with the simulator of `runner`.
 
-    Conditions that vary within an experiment of `table` are passed to the simulator as arrays.
+    It takes and keeps runs in the same store, and has the same workers. Conditions that vary within
+    an experiment of `table` are passed to the simulator as arrays.
     """
     varying = varying_conditions(table, tuple(runner.cases.columns))
+    store = None if runner.cache is None else runner.cache.store
 
     def of(asked: Experiments | Conditions) -> Runner:
         if asked is table:
             return runner
-        return Runner(runner.simulator, asked, runner.parameters, varying=varying)
+        return Runner(
+            runner.simulator, asked, runner.parameters, store=store, executor=runner.executor,
+            retries=runner.retries, varying=varying,
+        )  # fmt: skip
 
     return of
 

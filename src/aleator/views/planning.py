@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from datetime import timedelta
+from itertools import groupby
 from typing import Any
 
 from aleator.results.printed import (
@@ -305,9 +307,11 @@ BESIDE = ("id", "standard_error", "chosen", "ties")
 def next_experiments(document: Document) -> Content:
     """The report of next.json: the best single experiments, the best set, its standard errors."""
     laws = "" if document["laws"] == 1 else f", in the mean over {document['laws']} possible laws"
+    aim = "" if document.get("probability") is None else " and the probability"
     lead = (
-        f"About {document['about']}{laws}: {_error(document)} now {_value(document['now'])}. "
-        f"{document['runs']:,} runs of the simulator for {len(document['candidates'])} candidates."
+        f"About {document['about']}{laws}: {_error(document)} now {_value(document['now'])}."
+        f"{_probability(document)} {document['runs']:,} runs of the simulator for "
+        f"{len(document['candidates'])} candidates{aim}."
     )
     columns = heads("alpha", ">std. error now", ">after")
     rows = [
@@ -333,13 +337,40 @@ def _gain(document: Document) -> str:
     chosen = document["chosen"]
     begin = (
         f"{len(chosen)} experiments: {_error(document)} {_value(document['now'])} -> "
-        f"{_value(chosen[-1]['standard_error'])}"
+        f"{_value(chosen[-1]['standard_error'])}."
     )
+    made, halving = document["made"], document.get("halving")
     if document["repetitions"] is None:
-        return f"{begin}. Repeating the experiments that were made does not reach that."
-    whole = document["repetitions"] * document["made"]
+        again = f"More experiments like the {made} that were made do not reach that."
+    else:
+        again = (
+            f"It would also take {document['repetitions'] * made:.0f} more experiments like the "
+            f"{made} that were made."
+        )
+    half = (
+        ""
+        if halving is None
+        else (
+            f" About {_whole(halving)} experiments like those of the set halve the standard error "
+            "(extrapolated: information grows with their number)."
+        )
+    )
+    return f"{begin} {again}{half}"
+
+
+def _whole(count: float) -> str:
+    return f"{max(math.ceil(count), 1):,}"
+
+
+def _probability(document: Document) -> str:
+    """A sentence on the probability aimed at, with its range now and after the set."""
+    found = document.get("probability_range")
+    if found is None:
+        return ""
+    now, after = (f"{number(low, 2)} to {number(high, 2)}" for low, high in found.values())
     return (
-        f"{begin}. Repeating the {document['made']} that were made takes {whole:.0f} for the same."
+        f" The probability is {number(document['probability'][0], 3)} at the estimate. Its 95 % "
+        f"range, by the reliability index, is {now} now and {after} after the set."
     )
 
 
@@ -357,6 +388,13 @@ def _notes(document: Document, amounts: Amounts = AMOUNTS) -> list[tuple[str, st
     ]  # fmt: skip
     if not document["sound"]:
         notes.append(("The identification is not sound", "mend that first, the plan rests on it."))
+    if document.get("settled") is False:
+        notes.append(
+            (
+                "The response surface does not determine the event",
+                "the standard errors rest on it: allow more runs.",
+            )
+        )
     if document["consistent"] is False:
         notes.append(
             ("The model is not consistent with the experiments", "the plan is one for this model.")
@@ -392,21 +430,22 @@ def _candidates(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
 
 
 def _chosen(document: Document, amounts: Amounts = AMOUNTS) -> TextTable:
-    rows = document["chosen"][: amounts.chosen]
-    names = [name for name in rows[0] if name not in BESIDE]
+    groups = [[*rows] for _, rows in groupby(document["chosen"], key=lambda row: row["id"])]
+    shown = groups[: amounts.chosen]
+    names = [name for name in shown[0][0] if name not in BESIDE]
     columns: list[Column] = [
         ("", "right"), ("id", "left"), *((label(document, name), "right") for name in names),
         ("std. error", "right"), ("", "fold"),
     ]  # fmt: skip
-    cells = [
-        (
-            str(k), row["id"], *(_cell(row[name]) for name in names),
-            _value(row["standard_error"]),
-            f"{row['ties']} others as good" if row["ties"] else "",
-        )
-        for k, row in enumerate(rows, start=1)
-    ]  # fmt: skip
-    left = len(document["chosen"]) - len(rows)
+    cells, before = [], 0
+    for rows in shown:
+        first, before, last = before + 1, before + len(rows), rows[-1]
+        cells.append((
+            f"{first}" if len(rows) == 1 else f"{first} to {before}",
+            last["id"], *(_cell(last[name]) for name in names), _value(last["standard_error"]),
+            f"{last['ties']} others as good" if last["ties"] else "",
+        ))  # fmt: skip
+    left = len(document["chosen"]) - before
     if left:
         cells.append(("", f"... {left} more", *("" for _ in names), "", ""))
     return TextTable(columns, cells, "chosen", "The best set")
