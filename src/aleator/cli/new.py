@@ -249,32 +249,54 @@ def chosen_parameters(
     return dict(click.prompt(f"{question}: {shown}", value_proc=typed, err=True))
 
 
-def stated_noise(questions: Questions, proposal: Proposal, option: float | None) -> Proposal:
+@dataclass(frozen=True)
+class KnownError:
+    """The standard deviation of the measurement error, or a share of the value if `relative`."""
+
+    sd: float
+    relative: bool = False
+
+    @classmethod
+    def of(cls, text: str) -> KnownError:
+        """The error that a text says: 0.3, or 1% of the value.
+
+        >>> KnownError.of("0.3"), KnownError.of("1 %")
+        (KnownError(sd=0.3, relative=False), KnownError(sd=0.01, relative=True))
+        """
+        number, share = text.strip().removesuffix("%"), text.strip().endswith("%")
+        try:
+            sd = float(number) / (100.0 if share else 1.0)
+        except ValueError:
+            sd = 0.0
+        if not 0.0 < sd < math.inf:
+            raise click.BadParameter(f"'{text}': write a number above zero, or a share such as 1%")
+        return cls(sd, share)
+
+
+def _known_error(_: object, __: object, text: str | None) -> KnownError | None:
+    return None if text is None else KnownError.of(text)
+
+
+def stated_noise(questions: Questions, proposal: Proposal, option: KnownError | None) -> Proposal:
     """The proposal with the measurement error that the user knows, by option or by question.
 
     The question is asked where an experiment has one value, which hardly tells its error from the
     scatter of the parameters, and no column has the error.
     """
     if option is not None:
-        return with_noise(proposal, option)
+        return with_noise(proposal, option.sd, relative=option.relative)
     several = proposal.repeated or len(proposal.outcomes) > 1
     if several or proposal.roles.errors or not questions.interactive:
         return proposal
     unknown, unit = "unknown", proposal.units.get(proposal.outcomes[0])
 
-    def typed(answer: str) -> float | None:
-        try:
-            sd = None if answer.strip() == unknown else float(answer)
-        except ValueError:
-            sd = 0.0
-        if sd is not None and not 0.0 < sd < math.inf:
-            raise click.BadParameter(f"write a number above zero, or {unknown}")
-        return sd
+    def typed(answer: str) -> KnownError | None:
+        return None if answer.strip() == unknown else KnownError.of(answer)
 
-    scale = "as a share, 0.1 is 10 %" if proposal.log else f"in {unit}" if unit else ""
-    said = ", ".join(filter(None, ["Standard deviation of the measurement error", scale]))
-    sd = click.prompt(f"{said}, if it is known", default=unknown, value_proc=typed, err=True)
-    return proposal if sd is None else with_noise(proposal, sd)
+    scale = "as a share, 0.1 is 10 %" if proposal.log else f"in {unit}, or 1%" if unit else "or 1%"
+    said = f"Standard deviation of the measurement error, {scale}"
+    known = click.prompt(f"{said}, if it is known", default=unknown, value_proc=typed, err=True)
+    return proposal if known is None else stated_noise(questions, proposal, known)
 
 
 def _parameter(text: str) -> tuple[str, Limits | float | None]:
@@ -425,10 +447,10 @@ SCHEMA = "study.schema.json"
 )
 @click.option(
     "--noise",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="SD",
-    help="The known standard deviation of the measurement error, in the unit of the outcome; of "
-    "its logarithm where that is proposed.",
+    callback=_known_error,
+    metavar="SD|SHARE%",
+    help="The known standard deviation of the measurement error, in the unit of the outcome "
+    "(of its logarithm where that is proposed), or a share of the value: 1%.",
 )
 @click.option(
     "--series", is_flag=True, help="A run serves all rows of an experiment: arrays of times."
@@ -455,7 +477,7 @@ def new(
     outcome: tuple[str, ...],
     id: str | None,
     parameters: tuple[str, ...],
-    noise: float | None,
+    noise: KnownError | None,
     series: bool,
     output: Path,
     schema: bool,

@@ -260,6 +260,12 @@ def offered_by_command(command: str, template: Path | None = None) -> Offer:
     ('force', 'stiffness')
     """
     names = Text.parse(command, escapes=True).names
+    if "output" in names:
+        raise SimulatorError(
+            f"the command '{command}' has {{output}}, for which there is no value",
+            "write the name of the file that the program writes, as out.csv; in the study "
+            'output = {file = "out.csv", column = "..."} reads it',
+        )
     further: dict[str, object] = {}
     if template is not None:
         text = template.read_text(encoding="utf-8", errors="replace")

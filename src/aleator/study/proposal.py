@@ -180,9 +180,10 @@ class Proposal:
     `parameters` are in the order of the simulator's inputs; `untouched` inputs keep the value that
     they have in the simulator. `noise` has for each outcome the limits of its standard deviation,
     or the name of a column with standard deviations, or an assumed number where it must be known;
-    it is empty if nothing tells it from the law. `stated` says that the number is the user's.
-    `decades` are the outcomes that span several decades. `log` says that there is one outcome and
-    that its logarithm is used. `units` are read from the heads of columns and the FMU. `unlike`
+    it is empty if nothing tells it from the law. `stated` says that the number is the user's,
+    and `relative` that it is a share of the simulated value. `decades` are the outcomes that span
+    several decades. `log` says that there is one outcome and that its logarithm is used. `units`
+    are read from the heads of columns and the FMU. `unlike`
     maps each unused column to an input of the simulator with a similar name. `censored` has the
     rules of censoring for each outcome. `covariates` maps columns on which a law may depend to
     their terms in a formula. `levels` are the columns whose groups of experiments may share a draw
@@ -214,6 +215,7 @@ class Proposal:
     returned: str | None
     time: str | None
     stated: bool = False
+    relative: bool = False
 
     @property
     def repeated(self) -> bool:
@@ -347,10 +349,11 @@ def proposed(
     )  # fmt: skip
 
 
-def with_noise(proposal: Proposal, sd: float) -> Proposal:
+def with_noise(proposal: Proposal, sd: float, *, relative: bool = False) -> Proposal:
     """The proposal with the standard deviation `sd` of the measurement error that the user knows.
 
-    It is that of the logarithm if a logarithm is proposed. Raises ExperimentsError for several
+    It is that of the logarithm if a logarithm is proposed. A `relative` one is a share of the
+    simulated value, which is the same of a logarithm. Raises ExperimentsError for several
     outcomes, each of which has an error of its own.
     """
     if len(proposal.outcomes) > 1:
@@ -358,7 +361,8 @@ def with_noise(proposal: Proposal, sd: float) -> Proposal:
             f"one measurement error is given, and there are {len(proposal.outcomes)} outcomes",
             f"write sd into [noise.{proposal.outcomes[0]}] and the others in the study file",
         )
-    return replace(proposal, noise={proposal.outcomes[0]: sd}, stated=True)
+    share = relative and not proposal.log
+    return replace(proposal, noise={proposal.outcomes[0]: sd}, stated=True, relative=share)
 
 
 def _needs_noise(table: Table, outcomes: Sequence[str], laws: int) -> bool:

@@ -318,7 +318,7 @@ def _follows(proposal: Proposal) -> list[str]:
     """Comments in study.toml on covariates of the mean, and on levels of the parameter."""
     needs = "" if proposal.noise else "; needs [noise]"
     lines = [
-        off("level", name, f"if it is the same for all experiments of one {name}{needs}")
+        off("level", name, f"one value for a whole {name}; a shift beside it: docs/study.md{needs}")
         for name in proposal.levels
     ]
     if proposal.covariates:
@@ -379,7 +379,8 @@ def _noise(proposal: Proposal) -> list[str]:
         if isinstance(sd, str):
             lines.append(line("sd", sd, "the column with the sd of each measured value"))
         elif isinstance(sd, float) and proposal.stated:
-            lines.append(line("sd", sd, "known; limits in its place would be identified"))
+            name = "relative" if proposal.relative else "sd"
+            lines.append(line(name, sd, "known; limits in its place would be identified"))
         elif isinstance(sd, float):
             lines.append(line("sd", sd, f"{GUESS}: 1 % of the scatter; write {OF_NOISE}"))
             if not proposal.log:
