@@ -21,7 +21,7 @@ from aleator import (
     TruncatedNormal,
     identify,
 )
-from aleator.fit.emulate import EMULATION, EmulatorRound, admitted_change, usual
+from aleator.fit.emulate import EMULATION, EmulatorError, EmulatorRound, admitted_change, usual
 from aleator.fit.expected_runs import RoundsAhead
 from aleator.simulators.function import FunctionSimulator
 
@@ -189,3 +189,11 @@ def test_more_runs_are_expected_for_less_error() -> None:
     assert ahead.expected(120, np.inf, 1.0, 0.2) == np.inf
     at_the_end = RoundsAhead(size=20, confirmed=2, change=0.3, calm=2)
     assert at_the_end.expected(160, 0.1, 0.1, 0.2) == 160
+
+
+def test_small_errors_are_not_believed_where_new_runs_contradict_the_processes() -> None:
+    expected, contradicted = (
+        EmulatorError(0.03, 0.1, surprise, np.ones(1)) for surprise in (1.1, 3.2)
+    )
+    assert expected.enough(40)
+    assert not contradicted.enough(40)

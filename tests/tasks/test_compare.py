@@ -28,8 +28,9 @@ from aleator import (
     ceiling,
     compare,
 )
+from aleator.core.progress import Silent
 from aleator.laws import By
-from aleator.tasks.compare import Comparison
+from aleator.tasks.compare import Comparison, compared
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -191,6 +192,19 @@ def test_a_number_and_fewer_terms_are_special_cases() -> None:
     assert pairs["fixed", "free"].reference == "chi2(1)"
     assert pairs["free", "followed"].reference == "chi2(1)"
     assert all(r.statistic > -1e-3 for r in found.ratios)
+
+
+def test_a_larger_model_whose_search_stopped_early_is_maximized_from_the_smaller() -> None:
+    small, large = proportional(made(), Normal(2.0, Free(0.0, 2.0))).fit, usual().fit
+    stopped = large.at(np.array([0.6, 0.1, 0.9]))
+    verdicts = {"s": (True, None), "l": (True, None)}
+    right, mended = (
+        compared({"s": small, "l": one}, verdicts, (), 0, False, 0, Silent())
+        for one in (large, stopped)
+    )
+    assert mended.ratios[0].statistic == pytest.approx(right.ratios[0].statistic, abs=1e-3)
+    assert {m.name: m.raised_from for m in mended.models} == {"s": "", "l": "s"}
+    assert not any(model.raised_from for model in right.models)
 
 
 def test_a_formula_is_nested_by_its_columns_and_not_by_its_spelling() -> None:

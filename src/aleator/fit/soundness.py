@@ -30,10 +30,20 @@ NONE = EmulatorError(0.0, 0.0, 1.0, np.zeros(0))
 def emulator_refusals(emulation: Emulation) -> list[Diagnostic]:
     """A refusal where Gaussian processes in place of the simulator leave the estimates unknown."""
     error = emulation.error
-    if error.alpha <= EMULATION.unknown:
+    surprised = error.surprise > EMULATION.surprise
+    if error.alpha <= EMULATION.unknown and not surprised:
         return []
     if emulation.question.runner.account.refused:
         return [_ended_early(emulation)]
+    if surprised:
+        return [
+            Diagnostic(
+                EMULATOR,
+                f"{_contradicted(error)}, so that the errors it tells are too small",
+                "allow more runs (max_runs), and give the same command again: the runs are kept; "
+                "see whether the outcome has a jump or a kink, and narrow the box to one side",
+            )
+        ]
     return [
         Diagnostic(
             EMULATOR,
@@ -57,7 +67,7 @@ def emulator_warnings(emulation: Emulation) -> list[Diagnostic]:
                 "hold them against differences of the values, or leave out jac",
             )
         )
-    if not (error.enough(len(emulation.question.ids)) or error.alpha > EMULATION.unknown):
+    if not (error.enough(len(emulation.question.ids)) or emulator_refusals(emulation)):
         found.append(_ended_early(emulation))
     return found
 
@@ -68,11 +78,22 @@ def _ended_early(emulation: Emulation) -> Diagnostic:
     ended = f"the budget of {account.budget}" if account.refused else "the largest number of rounds"
     whole = emulation.expected_runs(EMULATION.enough)
     enough = f" (some {whole:,.0f} in all are expected to do)" if np.isfinite(whole) else ""
+    surprised = error.surprise > EMULATION.surprise
+    doubt = f"; {_contradicted(error)}, so that this is too small" if surprised else ""
     return Diagnostic(
         BUDGET if account.refused else EMULATOR,
         f"{ended} ended the runs: the emulator of the simulator moves the estimates by about "
-        f"{error.alpha:.2g} standard errors, and the log-likelihood by {error.log_likelihood:.2g}",
+        f"{error.alpha:.2g} standard errors, and the log-likelihood by {error.log_likelihood:.2g}"
+        f"{doubt}",
         f"allow more runs{enough}, and give the same command again: the runs are kept",
+    )
+
+
+def _contradicted(error: EmulatorError) -> str:
+    """How far the last runs lay from what the processes expected, in words."""
+    return (
+        f"the last runs lay {error.surprise:.2g} standard deviations of the emulator from what it "
+        "expected"
     )
 
 

@@ -11,7 +11,7 @@ from scipy import stats
 
 from aleator.core.types import Array
 from aleator.laws.hyperparameter import Hyperparameter, curvatures, limits_of
-from aleator.search import Objective
+from aleator.search.interface import Scored
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class Inference:
 
 
 def infer(
-    objective: Objective,
+    objective: Scored,
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     *,
@@ -223,7 +223,7 @@ def infer(
 
 
 def observed_information(
-    objective: Objective,
+    objective: Scored,
     alpha: Array,
     hyperparameters: Sequence[Hyperparameter],
     free: NDArray[np.intp],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from string import ascii_uppercase
 from typing import Any
@@ -15,6 +15,7 @@ from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array
 from aleator.errors import ExperimentsError, InputsError, nearest
 from aleator.inference.fit import Fit, names_of, refitted
+from aleator.inference.information import infer
 from aleator.inference.model_choice import (
     Criteria,
     LeaveOneOut,
@@ -27,6 +28,7 @@ from aleator.laws.levels import connected
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Transform
 from aleator.results import printed
+from aleator.search.interface import OPTIMA
 from aleator.tasks.ceiling import gap_of
 from aleator.tasks.identification import Identification
 from aleator.tasks.nesting import Embedding, embedded
@@ -108,7 +110,9 @@ class Competitor:
 
     `sound` and `consistent` are the verdicts of its identification. `left_out` has the predictive
     log-density of each experiment. `below_ceiling` is how much its log-likelihood is below that of
-    the best possible law; where there is none it is NaN, and `no_ceiling` says why.
+    the best possible law; where there is none it is NaN, and `no_ceiling` says why. `raised_from`
+    is the smaller model from whose estimate a higher maximum was found than that of the
+    identification, or empty.
     """
 
     name: str
@@ -118,6 +122,7 @@ class Competitor:
     left_out: LeaveOneOut
     below_ceiling: float
     no_ceiling: str = ""
+    raised_from: str = ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,6 +209,7 @@ class Comparison:
                 "observations": model.criteria.observations,
                 "not_arrived": int(np.sum(~model.left_out.arrived)),
                 "no_ceiling": model.no_ceiling,
+                "raised_from": model.raised_from,
             }
             for model in self.models
         }
@@ -280,6 +286,8 @@ def compared(
 ) -> Comparison:
     """The comparison of fits; `verdicts` has (sound, consistent) for each name."""
     require_same_data(fits, settings=settings)
+    pairs, without = _pairs(fits, nested)
+    fits, raised = _raised(fits, pairs)
     competitors, group = [], connected(np.array([fit.cluster for fit in fits.values()]))
     if group.size > 1 and not np.any(group):
         raise InputsError(
@@ -298,8 +306,8 @@ def compared(
             except InputsError as error:
                 reason = error.problem
         own = criteria(fit)
-        competitors.append(Competitor(name, *verdicts[name], own, left_out, gap, reason))
-    pairs, without = _pairs(fits, nested)
+        start = raised.get(name, "")
+        competitors.append(Competitor(name, *verdicts[name], own, left_out, gap, reason, start))
     ratios = []
     for (small, large), found_in in pairs.items():
         progress.stage(f"{small} in {large}: likelihood ratio")
@@ -386,6 +394,27 @@ def _pairs(
                 "name the smaller model first",
             )
     return found, without
+
+
+def _raised(
+    fits: Mapping[str, Fit], pairs: Mapping[tuple[str, str], Embedding | None]
+) -> tuple[dict[str, Fit], dict[str, str]]:
+    """The fits, each at a maximum no lower than at the estimates of models that it contains.
+
+    Where a model is more likely at the estimate of a smaller one than at its own, its search has
+    missed the maximum, and it is maximized from there. Then the smaller model of each such model.
+    """
+    found, raised = dict(fits), dict[str, str]()
+    for small, large in sorted(pairs, key=lambda pair: fits[pair[1]].inference.identified.size):
+        place = pairs[small, large]
+        if place is None:
+            continue
+        start = found[large].at(place.of(found[small].alpha))
+        if start.scored().total > found[large].scored().total + OPTIMA.same_value:
+            fit = refitted(start).fit
+            inference = infer(fit.objective(), fit.alpha, fit.hyperparameters)
+            found[large], raised[large] = replace(fit, inference=inference), small
+    return found, raised
 
 
 def _ratio(

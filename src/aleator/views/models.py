@@ -154,7 +154,27 @@ def _ratios(document: Document) -> list[Part]:
             "Ratio: 2 (log L of the larger - log L of the smaller). A small p speaks against the "
             "smaller."
         ),
+        *_negative(document["nested"]),
         *without,
+    ]
+
+
+def _negative(ratios: Sequence[Document]) -> list[Sentence]:
+    """What a ratio below zero says: a larger model cannot be less likely than the smaller."""
+    below = [
+        f"{one['smaller']} < {one['larger']}"
+        for one in ratios
+        if one["ratio"] is not None and round(one["ratio"], 2) < 0.0
+    ]
+    if not below:
+        return []
+    return [
+        Sentence(
+            f"The ratio of {_listed(below)} is below zero, which exact maxima cannot have: the "
+            "response surfaces of the two models differ by more than the models, or a search "
+            "missed its maximum. Identify both again with more runs, or with another seed and more "
+            "starts."
+        )
     ]
 
 
@@ -164,6 +184,11 @@ def _note(model: Document) -> str:
         notes.append("NOT consistent with the experiments")
     if model["not_arrived"]:
         notes.append(f"{model['not_arrived']} of the refits did not arrive")
+    if start := model.get("raised_from"):
+        notes.append(
+            f"identify missed its maximum, which was found from the estimate of {start} and is "
+            "used here (identify it again with another seed or more starts)"
+        )
     return f"{model['name']}: {', '.join(notes)}." if notes else ""
 
 
