@@ -243,6 +243,7 @@ def test_what_an_fmu_is_given_is_told_with_units(
     assert document["simulator"].pop("fingerprint")
     assert document["simulator"] == {
         "name": "cooling.fmu",
+        "defaults": {},
         "notes": [
             "FMI 2.0, co-simulation from 0 to 1 s in steps of 0.1 s, recorded: T [K]",
             "conditions: T0 [K]",

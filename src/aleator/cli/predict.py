@@ -37,6 +37,7 @@ from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.identification import Identification
+from aleator.tasks.new_experiments import Exploration
 from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.prediction import compared
 from aleator.tasks.probability import Tolerance
@@ -44,10 +45,13 @@ from aleator.tasks.session import Session, conditions_at
 from aleator.views import predictions
 
 
-def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
+def expected_runs(
+    document: Mapping[str, Any], runner: Runner, request: PredictionRequest
+) -> Iterator[str]:
     """A note on how many runs the response surfaces of new conditions will take.
 
-    As many are expected for each condition as each experiment of the study took.
+    As many are expected for each condition as each experiment of the study took. An event takes a
+    round of runs more, which look for other regions of it.
     """
     surface = document.get("surface") or {}
     if not (surface.get("runs") and surface.get("experiments")):
@@ -55,7 +59,10 @@ def expected_runs(document: Mapping[str, Any], runner: Runner) -> Iterator[str]:
     each = max(round(surface["runs"] / surface["experiments"]), 1)
     count = len(runner.cases)
     of = "the new condition" if count == 1 else f"each of {count} new conditions"
-    runs = f"{each} runs" if count == 1 else f"{each} runs each"
+    event = Exploration().runs if request.event is not None else 0
+    each += event
+    runs = f"{each} runs{'' if count == 1 else ' each'}"
+    runs += f", {event} of which look for other regions of the event" if event else ""
     known = None if runner.cache is None else runner.cache.at_start
     took = ""
     if known is not None and known.runs:
@@ -372,7 +379,7 @@ def predict(
     ):
         answer = _identification(value, document, table, runner, measured, of)
         draws = None if no_uncertainty else answer.draws()
-        for note in expected_runs(document, runner):
+        for note in expected_runs(document, runner, request):
             options.say(note)
         runner.progress = progress
         found = request.table(

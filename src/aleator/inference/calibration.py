@@ -136,10 +136,10 @@ def _alone(
 ) -> tuple[Array, Array]:
     """Points xi (B, J, s) of experiments that share no parameters, and log weights (B, J)."""
     modes = likelihood.nodes.modes[block.experiments]
-    experiments, classes, _, s = modes.shape
-    z = modes.reshape(experiments, -1, s)
+    experiments, classes, centers, s = modes.shape
+    z = modes.reshape(experiments, classes * centers, s)
     center, information = _stages(likelihood, alpha, block, z, np.arange(s), settings.stages)
-    whole = (experiments, classes, -1, s)
+    whole = (experiments, classes, centers * center.shape[2], s)
     return proposed(center.reshape(whole), information.reshape(*whole, s), count)
 
 
