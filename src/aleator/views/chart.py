@@ -159,7 +159,7 @@ def looks(mark: Mark) -> dict[tuple[str, str], list[int]]:
 def meaning(color: str, marker: str) -> str:
     """The text in the legend for measured values with this color and marker."""
     bounds = {"triangle": "at least", "inverted_triangle": "at most", "square": "between bounds"}
-    exact = {VERMILION: "measured, outside the 95 %", GRAY: "measured, no density"}
+    exact = {VERMILION: "outside the 95 %", GRAY: "measured, no density"}
     return bounds.get(marker) or exact.get(color) or "measured"
 
 

@@ -37,13 +37,16 @@ Sources = dict[int, BokehModel]
 class BokehSettings:
     """Settings of charts that Bokeh draws, in pixels. The values are chosen by judgement, by eye.
 
-    row: the number of entries in a row of a legend, for narrow screens. border: room on the right
+    row: the width of a row of a legend, on narrow screens. entry: that of an entry without its
+    text, and letter that of one letter of it. border: room on the right
     for half of the last number under the axis. picked: width of the line about a marked experiment.
     scale: width of the scale of colors beside a map. top: the end of an axis on the right, over
     its largest value.
     """
 
-    row: int = 4
+    row: int = 330
+    entry: int = 42
+    letter: float = 6.5
     border: int = 14
     picked: float = 3.5
     scale: int = 12
@@ -270,11 +273,14 @@ def _legend(plot: Plot) -> list[BokehModel]:
     """The legend of a plot, which lies under its axes, where it hides no data."""
     if not plot.legend:
         return []
+    longest = max(len(str(item.attributes["label"]["value"])) for item in plot.legend)
+    width = BOKEH.entry + BOKEH.letter * longest
     has = {
         "items": plot.legend, "orientation": "horizontal",
-        "ncols": "auto" if len(plot.legend) <= BOKEH.row else 3, "border_line_color": None,
+        "ncols": max(1, int(BOKEH.row / width)), "border_line_color": None,
         "background_fill_color": None, "label_text_color": colors.TEXT,
         "label_text_font_size": "12px", "padding": 2, "margin": 0, "spacing": 10,
+        "glyph_height": 14, "label_height": 14,
     }  # fmt: skip
     return [BokehModel("Legend", has)]
 
