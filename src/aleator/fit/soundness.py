@@ -30,12 +30,11 @@ NONE = EmulatorError(0.0, 0.0, 1.0, np.zeros(0))
 def emulator_refusals(emulation: Emulation) -> list[Diagnostic]:
     """A refusal where Gaussian processes in place of the simulator leave the estimates unknown."""
     error = emulation.error
-    surprised = error.surprise > EMULATION.surprise
-    if error.alpha <= EMULATION.unknown and not surprised:
+    if error.alpha <= EMULATION.unknown and not error.doubted:
         return []
     if emulation.question.runner.account.refused:
         return [_ended_early(emulation)]
-    if surprised:
+    if error.doubted:
         return [
             Diagnostic(
                 EMULATOR,
@@ -78,8 +77,7 @@ def _ended_early(emulation: Emulation) -> Diagnostic:
     ended = f"the budget of {account.budget}" if account.refused else "the largest number of rounds"
     whole = emulation.expected_runs(EMULATION.enough)
     enough = f" (some {whole:,.0f} in all are expected to do)" if np.isfinite(whole) else ""
-    surprised = error.surprise > EMULATION.surprise
-    doubt = f"; {_contradicted(error)}, so that this is too small" if surprised else ""
+    doubt = f"; {_contradicted(error)}, so that this is too small" if error.doubted else ""
     return Diagnostic(
         BUDGET if account.refused else EMULATOR,
         f"{ended} ended the runs: the emulator of the simulator moves the estimates by about "
