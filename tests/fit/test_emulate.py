@@ -50,7 +50,7 @@ def answer(noise: float, *, exact: bool = False, budget: Budget | None = None) -
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.long), 0.05])
 def test_few_runs_give_the_exact_answer_within_what_is_told(noise: float) -> None:
     exact, found = answer(noise, exact=True), answer(noise)
     assert found.sound
