@@ -114,6 +114,7 @@ def test_what_each_round_leaves_is_recorded_and_says_how_many_runs_follow() -> N
     assert found.runs / 1.5 < first < 1.5 * found.runs
 
 
+@pytest.mark.long
 def test_an_outcome_that_jumps_is_given_up_and_never_called_sound() -> None:
     def step(c, a):
         return c * a + np.where(a > 1.5, 1.0, 0.0)
