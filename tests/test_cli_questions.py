@@ -76,16 +76,21 @@ def test_check_tells_what_is_out_of_reach_and_idle_and_its_runs_are_kept() -> No
     assert "68" in done("runs", "list", "study.toml").output
 
 
-@pytest.mark.usefixtures("folder")
-def test_an_experiment_without_a_run_is_told_and_outcomes_are_in_their_own_unit() -> None:
+def write_logarithmic(springs: str) -> None:
+    """A study of the logarithm of the travel, with noise and a function that takes arrays."""
     write(
-        springs="id,force,travel\nA,10,4\nB,-20,6\nC,30,25\nD,40,15\n",
+        springs=springs,
         model="def spring(force, stiffness, idle):\n    return force / stiffness\n",
         study=CHECKED.replace('"travel"\n', '"travel"\ntransform = "log"\n').replace(
             ':spring"\n', ':spring"\nvectorized = true\n'
         )
         + "[noise]\nsd = 0.1\n",
     )
+
+
+@pytest.mark.usefixtures("folder")
+def test_an_experiment_without_a_run_is_told_and_outcomes_are_in_their_own_unit() -> None:
+    write_logarithmic("id,force,travel\nA,10,4\nB,-20,6\nC,30,25\nD,40,15\n")
     said = done("check", "study.toml", "--output", "out", "--no-figures", "--quiet").stdout
     assert "All 4 measured" not in said
     assert "Of 1 experiment no run works" in said
@@ -483,14 +488,7 @@ def test_conditions_are_values_by_name_or_those_of_the_experiments() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_why_runs_fail_under_new_conditions_is_told() -> None:
-    write(
-        springs="id,force,travel\nA,10,4\nB,20,6\nC,30,10\nD,40,12\n",
-        model="def spring(force, stiffness, idle):\n    return force / stiffness\n",
-        study=CHECKED.replace(':spring"\n', ':spring"\nvectorized = true\n').replace(
-            '"travel"\n', '"travel"\ntransform = "log"\n'
-        )
-        + "[noise]\nsd = 0.1\n",
-    )
+    write_logarithmic("id,force,travel\nA,10,4\nB,20,6\nC,30,10\nD,40,12\n")
     done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")
     said = done("predict", "out/identification.json", "--at", "force=-7").stderr
     assert "has no logarithm" in said

@@ -325,11 +325,10 @@ def predict(
     """Predict outcomes of untested conditions.
 
     Takes the law from IDENTIFICATION.json, or from the file of this name in a folder, and the
-    simulator from its study file. For each row of
-    the conditions --at: mean, standard deviation, median and 95 % range of the outcome as it would
-    be measured, noise included. With transform = "log", mean and standard deviation are those of
-    the logarithm. --output writes a file with skewness and kurtosis too, in which the quantiles are
-    of the logarithm, too.
+    simulator from its study file. For each row of the conditions --at: mean, standard deviation,
+    median and 95 % range of the outcome as it would be measured, noise included. With transform =
+    "log", mean and standard deviation are those of the logarithm. --output writes a file with
+    skewness and kurtosis too, in which the quantiles are of the logarithm, too.
 
     Predictions include the uncertainty of alpha, the hyperparameters: they are a mixture over laws
     that the experiments leave plausible, by the intervals and correlations in IDENTIFICATION.json.

@@ -165,11 +165,11 @@ def _integral_with_enough_nodes(
     """Maximize, adapt the nodes, and add more of them, until the log-likelihood does not change.
 
     It does not change if more nodes alter it by less than `enough`. Parameters of levels have a
-    rule of their own. Otherwise the first nodes lie around one
-    mode of each experiment's integrand; with more than four scattering parameters they lie along
-    its ridge. If other modes count, or too many nodes would be needed, importance points replace
-    them. With two scattering parameters a piecewise Gauss-Legendre rule replaces them; for profile
-    intervals and replicates nodes around one mode still serve where both agree there.
+    rule of their own. Otherwise the first nodes lie around one mode of each experiment's integrand;
+    with more than four scattering parameters they lie along its ridge. If other modes count, or too
+    many nodes would be needed, importance points replace them. With two scattering parameters a
+    piecewise Gauss-Legendre rule replaces them; for profile intervals and replicates nodes around
+    one mode still serve where both agree there.
     """
     if isinstance(likelihood.rule, LevelRule):
         return _refined(likelihood, alpha, enough)

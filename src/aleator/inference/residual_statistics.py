@@ -309,14 +309,14 @@ class Relations:
         for i, j in self.pairs:
             subject = Subject(INDIVIDUAL, PAIR, self.names[i], self.names[j], weight=main)
             yield subject, products[:, i, j].mean()
-        against = of_size_one(means).T @ self.ranks.T
-        for name, values in zip(self.names, against, strict=False):
+        scaled = of_size_one(means).T
+        for name, values in zip(self.names, scaled @ self.ranks.T, strict=False):
             for column, value in zip(self.columns, values, strict=True):
                 yield Subject(INDIVIDUAL, COLUMN, name, column, least=least), value
+        differing = [(n, own) for n, own in zip(self.names, scaled, strict=False)
+                     if n in self.differing]  # fmt: skip
         for column, group in self.groups.items():
-            for name, own in zip(self.names, of_size_one(means).T, strict=False):
-                if name not in self.differing:
-                    continue
+            for name, own in differing:
                 subject = Subject(INDIVIDUAL, ALIKE, name, column, skewed=True, one_sided=True,
                                   weight=main, least=least)  # fmt: skip
                 yield subject, shared(group, own)

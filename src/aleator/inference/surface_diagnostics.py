@@ -390,8 +390,10 @@ def out_of_reach(
     An outcome that lies far from all others is named first as a possible slip of the table.
     """
     (low, high), most = reach, SURFACES.ids
-    outside = np.array(sorted(outside.tolist(), key=lambda l: not lies_apart(y, l)))
-    slips = [ids[l] for l in outside.tolist() if lies_apart(y, l)][:most]
+    # Only the least and the largest value can lie apart.
+    apart = [l for l in {int(np.argmin(y)), int(np.argmax(y))} if lies_apart(y, l)]
+    outside = np.array(sorted(outside.tolist(), key=lambda l: l not in apart))
+    slips = [ids[l] for l in outside.tolist() if l in apart]
     named = "; ".join(
         f"experiment {ids[l]}: outcome {y[l]:.6g}, reachable [{low[l]:.6g}, {high[l]:.6g}]"
         for l in outside[:most]

@@ -251,8 +251,8 @@ class Conditions(_TableRows):
         """Take `conditions` (default: every column but the id) from a data frame.
 
         Those named in `numbers` must be numbers; the others may be text. `decimal` is the decimal
-        sign of numbers that are texts. Raises ExperimentsError in
-        the cases of `Experiments.from_frame`.
+        sign of numbers that are texts. Raises ExperimentsError in the cases of
+        `Experiments.from_frame`.
 
         >>> import pandas as pd
         >>> Conditions.from_frame(pd.DataFrame({"ratio": [0.9, 0.8]})).ids

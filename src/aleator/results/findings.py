@@ -244,11 +244,11 @@ def _rows(document: Document) -> dict[str, list[_Row]]:
             quantiles = [(entry.get("quantiles") or {}).get(p) for p in QUANTILES]
             _add(found, name, log, quantiles, str(entry["id"]), at[str(entry["id"])])
     predicted = pictures.get("predicted") or {}
-    known = [predicted.get(p) or () for p in QUANTILES]
+    known, of = [predicted.get(p) or () for p in QUANTILES], transforms(document)
     for k, entry in enumerate(seen if all(len(q) == len(seen) for q in known) else ()):
         name, id = entry["response"], str(entry["id"])
-        log = transforms(document).get(name) == "log"
-        _add(found, name, log, [q[k] for q in known], id, at.get(id, {}) | entry["conditions"])
+        own = at.get(id, {}) | entry["conditions"]
+        _add(found, name, of.get(name) == "log", [q[k] for q in known], id, own)
     return found
 
 

@@ -183,13 +183,13 @@ class Proposal:
     it is empty if nothing tells it from the law. `stated` says that the number is the user's,
     and `relative` that it is a share of the simulated value. `decades` are the outcomes that span
     several decades. `log` says that there is one outcome and that its logarithm is used. `units`
-    are read from the heads of columns and the FMU. `unlike`
-    maps each unused column to an input of the simulator with a similar name. `censored` has the
-    rules of censoring for each outcome. `covariates` maps columns on which a law may depend to
-    their terms in a formula. `levels` are the columns whose groups of experiments may share a draw
-    of a parameter. `series` says that one call of the simulator serves all rows of an experiment;
-    `within` are the conditions that vary between these rows. `returned` is the FMU's variable that
-    is the outcome, `time` the column with the times of the FMU's simulation.
+    are read from the heads of columns and the FMU. `unlike` maps each unused column to an input of
+    the simulator with a similar name. `censored` has the rules of censoring for each outcome.
+    `covariates` maps columns on which a law may depend to their terms in a formula. `levels` are
+    the columns whose groups of experiments may share a draw of a parameter. `series` says that one
+    call of the simulator serves all rows of an experiment; `within` are the conditions that vary
+    between these rows. `returned` is the FMU's variable that is the outcome, `time` the column with
+    the times of the FMU's simulation.
     """
 
     title: str

@@ -62,14 +62,10 @@ def unread_cells(table: Table, name: str) -> str:
     >>> unread_cells(Table("a.csv", {"life": ["1", "20+"]}, ("row 2", "row 3")), "life")
     "1 of 2 cells ('20+' in row 3); write a value known only by a bound as >20"
     """
-    one = {row: replace(table, columns={name: [cell]}, places=[table.places[row]], ids=())
-           for row, cell in enumerate(table.columns[name])}  # fmt: skip
-    faulty = []
-    for row, cell in one.items():
-        try:
-            cell.bounds(name)
-        except ExperimentsError:
-            faulty.append(row)
+    faulty = [] if _is_read(table, name) else [
+        row for row, cell in enumerate(table.columns[name])
+        if not _is_read(replace(table, columns={name: [cell]}, places=[""], ids=()), name)
+    ]  # fmt: skip
     if not faulty:
         return ""
     texts = table.texts(name)
@@ -79,6 +75,15 @@ def unread_cells(table: Table, name: str) -> str:
         f"{len(faulty)} of {len(table)} cells ({named}{more}); write a value known only by a bound "
         f"as >{re.sub(r'[^0-9.,]', '', texts[faulty[0]]) or 20}"
     )
+
+
+def _is_read(table: Table, name: str) -> bool:
+    """Whether all cells of a column are numbers, bounds or blank."""
+    try:
+        table.bounds(name)
+    except ExperimentsError:
+        return False
+    return True
 
 
 def varies_within(table: Table, name: str, id: str | None) -> bool:

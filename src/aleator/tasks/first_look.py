@@ -222,9 +222,12 @@ class Look:
 
     def untransformed(self, values: Array) -> Array:
         """Values (V, ...) of the observations in the unit of the outcome, without the transform."""
-        each = zip(self.transforms, values, strict=True)
+        found = np.array(values, dtype=float)
         with np.errstate(over="ignore"):
-            return np.array([transform.inverse(value) for transform, value in each])
+            for transform in set(self.transforms):
+                own = [one is transform for one in self.transforms]
+                found[own] = transform.inverse(found[own])
+        return found
 
     @property
     def reached(self) -> Array:

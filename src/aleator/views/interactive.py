@@ -38,15 +38,16 @@ class BokehSettings:
     """Settings of charts that Bokeh draws, in pixels. The values are chosen by judgement, by eye.
 
     row: the width of a row of a legend, on narrow screens. entry: that of an entry without its
-    text, and letter that of one letter of it. border: room on the right
-    for half of the last number under the axis. picked: width of the line about a marked experiment.
-    scale: width of the scale of colors beside a map. top: the end of an axis on the right, over
-    its largest value.
+    text, and letter that of one letter of it. tall: the height of an entry. border: room on the
+    right for half of the last number under the axis. picked: width of the line about a marked
+    experiment. scale: width of the scale of colors beside a map. top: the end of an axis on the
+    right, over its largest value.
     """
 
     row: int = 330
     entry: int = 42
     letter: float = 6.5
+    tall: int = 14
     border: int = 14
     picked: float = 3.5
     scale: int = 12
@@ -280,7 +281,7 @@ def _legend(plot: Plot) -> list[BokehModel]:
         "ncols": max(1, int(BOKEH.row / width)), "border_line_color": None,
         "background_fill_color": None, "label_text_color": colors.TEXT,
         "label_text_font_size": "12px", "padding": 2, "margin": 0, "spacing": 10,
-        "glyph_height": 14, "label_height": 14,
+        "glyph_height": BOKEH.tall, "label_height": BOKEH.tall,
     }  # fmt: skip
     return [BokehModel("Legend", has)]
 

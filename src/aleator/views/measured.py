@@ -80,6 +80,16 @@ class MeasuredValues:
             return np.asarray(self.exact & ((value < low) | (value > high)))
 
     @property
+    def outside_of(self) -> str:
+        """How many values lie outside their predicted 95 % range, of all exact ones that have one.
+
+        It reads "3 of 1,200".
+        """
+        ends = np.array([self.array(key) for key in self.ends])
+        known = self.exact & np.isfinite(ends).all(axis=0)
+        return f"{int(np.sum(self.outside))} of {int(known.sum()):,}"
+
+    @property
     def exact_probabilities(self) -> list[float]:
         """The predicted probabilities of values below the measured ones, censored ones left out."""
         pit = self.array("pit")

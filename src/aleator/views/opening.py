@@ -114,11 +114,10 @@ def _title(seen: MeasuredValues) -> str:
 
 def _caption(seen: MeasuredValues, *, noise: bool) -> str:
     """What the bands are, and how many measured values lie outside of the 95 %."""
-    known = seen.exact & np.isfinite([seen.array(key) for key in seen.ends]).all(axis=0)
     by = "the law and the noise" if noise else "the law"
     words = (
         f"Where 95 % and 50 % of new experiments are expected, by {by} at "
-        f"the estimate. Outside the 95 % are {int(np.sum(seen.outside))} of {int(known.sum()):,}"
+        f"the estimate. Outside the 95 % are {seen.outside_of}"
     )
     return f"{words} (diamonds)." if seen.exact.all() else f"{words}; triangles are bounds."
 

@@ -69,9 +69,7 @@ def hover(seen: MeasuredValues, amounts: Amounts = AMOUNTS) -> list[tuple[str, s
 
 
 def _outside(seen: MeasuredValues, source: Series) -> str:
-    known = seen.exact & np.isfinite([seen.array(key) for key in seen.ends]).all(axis=0)
-    beyond = int(np.sum(seen.outside))
-    words = f"Outside the predicted 95 % are {beyond} of {int(known.sum()):,} (diamonds). "
+    words = f"Outside the predicted 95 % are {seen.outside_of} (diamonds). "
     pit = seen.exact_probabilities
     if pit and len({*seen.columns["id"]}) < len(seen):
         # These probabilities are conditional on earlier observations, hence independent.
