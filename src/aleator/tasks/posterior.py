@@ -297,8 +297,8 @@ def posterior(
     `draws` each are made by the No-U-Turn sampler with the exact score, starting near the mode. The
     same seed gives the same draws.
 
-    Raises AleatorError if the extra `bayes` is not installed or the identification was read from a
-    file, and InputsError if nothing is identified. Cost: some three to seven evaluations of the
+    Raises AleatorError if the extra `bayes` is not installed, or if the identification was read
+    from a file and has no fit (see `Identification.with_fit`), and InputsError if nothing is identified. Cost: some three to seven evaluations of the
     likelihood for each draw; with response surfaces no simulator runs.
 
     >>> import pandas as pd
@@ -314,6 +314,7 @@ def posterior(
     for package in (SAMPLER, "arviz_stats"):
         installed(package)
     _require(draws, chains, settings)
+    found = found.with_fit(progress)
     made = sampled_posterior(
         found.fit, draws, chains, seed, progress or Silent(), settings=settings
     )
