@@ -428,8 +428,10 @@ def test_the_probability_of_the_true_value_is_the_normal_tail() -> None:
 def test_what_is_beyond_the_tested_conditions_is_told() -> None:
     asked = ("predict", LAW, "--at", "new.csv", "--event", "1.5 < length < 2.5")
     said = done(*asked, "--output", "p.json").stderr
-    rows = read("p.json")["rows"]
+    made = read("p.json")
+    rows = made["rows"]
     assert [row["id"] for row in rows] == ["near", "far"]
+    assert ["load is 1.5" in why for why in made["beyond"].values()] == [True]
     assert rows[1]["beyond"] == pytest.approx(1.5)
     assert "load is 1.5 tested ranges above the highest" in said
     assert "near" not in said
@@ -492,6 +494,10 @@ def test_why_runs_fail_under_new_conditions_is_told() -> None:
     done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")
     said = done("predict", "out/identification.json", "--at", "force=-7").stderr
     assert "has no logarithm" in said
+    done("predict", "out/identification.json", "--at", "force=15", "--output", "p.csv")
+    table = pd.read_csv("p.csv")  # the quantiles are logarithms, and marked as such
+    assert table["scale"].tolist() == ["log"]
+    assert 1.5 < table["q0.5"][0] < 2.0
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from aleator.cli.running import (
     require_at_most_one,
     require_folder,
     running,
+    say,
     show_answer,
     units_in,
 )
@@ -300,7 +301,9 @@ def predict(
     simulator from its study file. For each row of the conditions --at: mean, standard deviation,
     median and 95 % range of the outcome as it would be measured, noise included. With transform =
     "log", mean and standard deviation are those of the logarithm. --output writes a file with
-    skewness and kurtosis too, in which the quantiles are of the logarithm, too.
+    skewness and kurtosis too, in which the quantiles are of the logarithm, too: its column `scale`
+    says so. A note, and the entry "beyond" of a JSON file, name conditions that lie outside the
+    range of the experiments, and how far.
 
     Predictions include the uncertainty of alpha, the hyperparameters: they are a mixture over laws
     that the experiments leave plausible, by the intervals and correlations in IDENTIFICATION.json.
@@ -342,7 +345,7 @@ def predict(
     if output is not None:
         make_place(output, value.file)
     for note in untested(value, table):  # Before the runs, which may fail there.
-        options.say(note)
+        say(note)  # With --quiet too: the numbers rest on no experiment there.
     with (
         running(value, options, table) as runner,
         running(value, options) if of or value.inputs.levels else nullcontext() as measured,
@@ -366,7 +369,7 @@ def predict(
         options.say(note)
     made = {
         "title": document.get("title"), **units_in(value), "request": vars(request),
-        "rows": found.to_dict("records"),
+        "beyond": found.attrs["beyond"], "rows": found.to_dict("records"),
     }  # fmt: skip
     if output is None:
         for content in predicted(made):

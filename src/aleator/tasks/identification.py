@@ -180,8 +180,10 @@ class Identification(Result):
         draws of alpha.
 
         The table has a row for each row of the conditions and each outcome. Its first columns are
-        the conditions, then ``outcome``, its name; ``attrs["units"]`` has the units by name. If the
-        outcome has a "log" transform, the prediction is that of the logarithm. Raises AleatorError
+        the conditions, then ``outcome``, its name; ``attrs["units"]`` has the units by name, and
+        ``attrs["beyond"]`` says by row which conditions lie outside those of the experiments, and
+        how far. If the outcome has a "log" transform, all predicted values are of the logarithm,
+        and a column ``scale`` is "log". Raises AleatorError
         if the identification was read from a file without the simulator. Cost: with a slow
         simulator the runs of one response surface for each condition.
         """

@@ -298,8 +298,9 @@ def posterior(
     same seed gives the same draws.
 
     Raises AleatorError if the extra `bayes` is not installed, or if the identification was read
-    from a file and has no fit (see `Identification.with_fit`), and InputsError if nothing is identified. Cost: some three to seven evaluations of the
-    likelihood for each draw; with response surfaces no simulator runs.
+    from a file and has no fit (see `Identification.with_fit`), and InputsError if nothing is
+    identified. Cost: some three to seven evaluations of the likelihood for each draw; with response
+    surfaces no simulator runs.
 
     >>> import pandas as pd
     >>> from aleator import Free, Inputs, Check, Noise, Normal, identify

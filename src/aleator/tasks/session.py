@@ -56,7 +56,7 @@ from aleator.tasks.new_experiments import (
     local_surfaces,
     simulator_itself,
 )
-from aleator.tasks.prediction import Draws, in_rows, tabled
+from aleator.tasks.prediction import Draws, in_rows, scales, tabled
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -490,6 +490,7 @@ def _by_density(
     outcomes = under_law(context.runner, model, alpha, progress).predictor.under(alpha)
     found = outcomes.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
+        **scales(context),
         "mean": outcomes.mean,
         "standard_deviation": outcomes.sd,
         "skewness": outcomes.standardized[:, 3],
