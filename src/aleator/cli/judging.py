@@ -260,8 +260,9 @@ def posterior(
 
     Prints mean, standard deviation and 95 % interval of each hyperparameter, with R-hat and the
     effective sample size, and whether the chains converged. Writes DIR/posterior.nc, which ArviZ
-    and xarray read, DIR/posterior.csv with a row for each draw, and DIR/posterior.json. Needs
-    the packages of the extra `bayes`; a message names those that are missing.
+    and xarray read, DIR/posterior.csv with a row for each draw, and DIR/posterior.json. Every 50
+    draws are kept in DIR/posterior.jsonl: after Ctrl-C, and for more draws, the same command goes
+    on from there. Needs the packages of the extra `bayes`; a message names those that are missing.
     docs/statistics/posterior.md explains the method.
     """
     for package in (SAMPLER, "arviz_stats", "arviz_base", "h5netcdf"):
@@ -270,7 +271,7 @@ def posterior(
     work = Work.on("posterior", study, options, folder=folder, seed=seed)
     with work.running() as (runner, progress):
         found = work.answered(answer, runner, progress)
-        made = drawn(found, draws, chains, work.study.seed, progress)
+        made = drawn(found, draws, chains, work.study.seed, progress, folder=folder)
     made.save(folder / "posterior.nc")
     text = made.frame().to_csv(index=False)
     document, files = work.write(

@@ -25,7 +25,6 @@ from aleator.cli.running import (
     require_at_most_one,
     require_folder,
     running,
-    say,
     show_answer,
     units_in,
 )
@@ -345,7 +344,7 @@ def predict(
     if output is not None:
         make_place(output, value.file)
     for note in untested(value, table):  # Before the runs, which may fail there.
-        say(note)  # With --quiet too: the numbers rest on no experiment there.
+        options.say(note)
     with (
         running(value, options, table) as runner,
         running(value, options) if of or value.inputs.levels else nullcontext() as measured,
