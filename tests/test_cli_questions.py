@@ -217,6 +217,25 @@ def test_next_prints_tables_and_writes_files() -> None:
     assert "4 experiments" in quiet.stdout
 
 
+@pytest.mark.usefixtures("to_measure")
+def test_next_takes_the_stored_answer_of_the_same_study_only() -> None:
+    asked = ("next", "study.toml", "--candidates", "new.csv", "--count", 1, "--output", "out")
+    done(*asked)
+    before = read("out/next.json")
+    done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")
+    assert "search" not in done(*asked).stderr
+    after = read("out/next.json")
+    assert after["now"] == pytest.approx(before["now"], rel=1e-5)
+    found, expected = (
+        {row["id"]: row["standard_error"] for row in one["candidates"]} for one in (after, before)
+    )
+    assert found == pytest.approx(expected, rel=1e-5)
+    Path("study.toml").write_text(NEXT.replace("sd = 0.1", "sd = 0.2"))
+    assert "identification.json was not" in refused(*asked, "--answer", "out")
+    assert "identified again" in done(*asked).stderr
+    assert read("out/next.json")["now"] != pytest.approx(before["now"], rel=1e-2)
+
+
 @pytest.mark.parametrize(
     ("given", "told"),
     [
