@@ -217,6 +217,25 @@ def test_next_prints_tables_and_writes_files() -> None:
     assert "4 experiments" in quiet.stdout
 
 
+@pytest.mark.usefixtures("to_measure")
+def test_next_takes_the_stored_answer_of_the_same_study_only() -> None:
+    asked = ("next", "study.toml", "--candidates", "new.csv", "--count", 1, "--output", "out")
+    done(*asked)
+    before = read("out/next.json")
+    done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")
+    assert "search" not in done(*asked).stderr
+    after = read("out/next.json")
+    assert after["now"] == pytest.approx(before["now"], rel=1e-5)
+    found, expected = (
+        {row["id"]: row["standard_error"] for row in one["candidates"]} for one in (after, before)
+    )
+    assert found == pytest.approx(expected, rel=1e-5)
+    Path("study.toml").write_text(NEXT.replace("sd = 0.1", "sd = 0.2"))
+    assert "identification.json was not" in refused(*asked, "--answer", "out")
+    assert "identified again" in done(*asked).stderr
+    assert read("out/next.json")["now"] != pytest.approx(before["now"], rel=1e-2)
+
+
 @pytest.mark.parametrize(
     ("given", "told"),
     [
@@ -428,8 +447,10 @@ def test_the_probability_of_the_true_value_is_the_normal_tail() -> None:
 def test_what_is_beyond_the_tested_conditions_is_told() -> None:
     asked = ("predict", LAW, "--at", "new.csv", "--event", "1.5 < length < 2.5")
     said = done(*asked, "--output", "p.json").stderr
-    rows = read("p.json")["rows"]
+    made = read("p.json")
+    rows = made["rows"]
     assert [row["id"] for row in rows] == ["near", "far"]
+    assert ["load is 1.5" in why for why in made["beyond"].values()] == [True]
     assert rows[1]["beyond"] == pytest.approx(1.5)
     assert "load is 1.5 tested ranges above the highest" in said
     assert "near" not in said
@@ -492,6 +513,10 @@ def test_why_runs_fail_under_new_conditions_is_told() -> None:
     done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")
     said = done("predict", "out/identification.json", "--at", "force=-7").stderr
     assert "has no logarithm" in said
+    done("predict", "out/identification.json", "--at", "force=15", "--output", "p.csv")
+    table = pd.read_csv("p.csv")  # the quantiles are logarithms, and marked as such
+    assert table["scale"].tolist() == ["log"]
+    assert 1.5 < table["q0.5"][0] < 2.0
 
 
 @pytest.mark.parametrize(

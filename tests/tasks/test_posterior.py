@@ -17,11 +17,13 @@ from studies import done
 
 import aleator
 from aleator import Check, Free, Identification, Inputs, Noise, Normal, Posterior, posterior
+from aleator.core.progress import Silent
 from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, installing
 from aleator.inference.posterior import Convergence
 from aleator.laws import Constant, Law
 from aleator.results.documents import write_json
+from aleator.tasks.posterior import REPORTED
 
 SD, NOISE, COUNT = 0.4, 0.3, 12
 MEASURED = np.random.default_rng(3).normal(2.0, np.hypot(SD, NOISE), COUNT)
@@ -76,6 +78,37 @@ def test_a_noisy_normal_mean_has_its_conjugate_posterior(drawn: Posterior) -> No
 def test_the_same_seed_gives_the_same_draws_however_many(drawn: Posterior, few: Posterior) -> None:
     np.testing.assert_array_equal(few.draws, drawn.draws[:2, :10])
     np.testing.assert_array_equal(few.chains.likelihood, drawn.chains.likelihood[:2, :10])
+
+
+def test_after_an_interruption_the_same_draws_are_made(
+    found: Identification, drawn: Posterior, tmp_path: Path
+) -> None:
+    """Finished pieces of the chains are kept, and only the others are made."""
+    steps, stop = list[str](), 380  # in the second piece of the second chain
+
+    class Stopped(Silent):
+        def update(self, text: str, *_: float | None) -> None:
+            steps.append(text)
+            if len(steps) == stop:
+                raise KeyboardInterrupt
+
+    often = replace(REPORTED, shown=0.0)
+    asked = {"draws": 120, "chains": 2, "seed": 5, "settings": often, "folder": tmp_path}
+    with pytest.raises(KeyboardInterrupt):
+        posterior(found, progress=Stopped(), **asked)
+    kept = (tmp_path / "posterior.jsonl").read_text().splitlines()
+    assert len(kept) == 1 + 3 + 1
+    steps.clear()
+    again = posterior(found, progress=Stopped(), **asked)
+    assert len(steps) < 120
+    np.testing.assert_array_equal(again.draws, drawn.draws)
+    np.testing.assert_array_equal(again.chains.each, drawn.chains.each)
+    assert again.chains.evaluations == drawn.chains.evaluations
+    with pytest.raises(AleatorError, match="another"):
+        posterior(found, draws=10, chains=2, seed=6, folder=tmp_path)
+    (tmp_path / "posterior.jsonl").write_text(f'{kept[0]}\n{{"chain": 0}}\n')
+    with pytest.raises(AleatorError, match="line 2"):
+        posterior(found, draws=10, chains=2, seed=5, folder=tmp_path)
 
 
 def test_every_draw_has_its_likelihood_and_its_prior(

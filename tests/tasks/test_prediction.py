@@ -190,7 +190,10 @@ def test_the_median_has_the_interval_of_the_mean(found: Identification) -> None:
 
 
 def test_conditions_beyond_the_tested_ones_are_told(found: Identification) -> None:
-    assert found.predict(NEW)["beyond"].tolist() == pytest.approx([0.0, 3.5])
+    for table in (found.predict(NEW), found.probability("y > 3", NEW)):
+        assert table["beyond"].tolist() == pytest.approx([0.0, 3.5])
+        (told,) = table.attrs["beyond"].values()
+        assert "load is 3.5" in told
 
 
 def test_conditions_are_given_by_name_by_a_table_or_not_at_all(found: Identification) -> None:

@@ -9,14 +9,15 @@ import click
 
 from aleator.cli.running import (
     FILE,
+    LAW_OF,
     NO_FIGURES,
     OUTPUT,
     SEED,
     STUDY,
     RunOptions,
     Work,
+    expected_runs,
     folder_of,
-    identified,
     makes_runs,
     output_option,
     require_at_most_one,
@@ -230,6 +231,7 @@ def sensitivity(
     "Plan for the mean over so many laws that the experiments leave possible; 1: for the "
     "identified one.",
 )
+@LAW_OF
 @output_option("Write DIR/next.json and DIR/next.csv.")
 @SEED
 @makes_runs
@@ -244,13 +246,15 @@ def next(
     no_noise: bool,
     repeat: int,
     laws: int,
+    answer: Path | None,
     output: Path | None,
     seed: int | None,
     options: RunOptions,
 ) -> None:
     """Tell which experiments should be made next.
 
-    Identifies the law of STUDY.toml (runs that are kept are not made again). For each row of
+    Takes the law from the answer that `aleator identify` stored, without a search; without one it
+    identifies the law of STUDY.toml first (runs that are kept are not made again). For each row of
     NEW.csv it computes the standard error that a hyperparameter or a prediction would have after
     that experiment. It then chooses the set of experiments that tell most together, and tells how
     often all experiments would have to be repeated for the same effect. Rows with one id are one
@@ -265,8 +269,10 @@ def next(
     require_at_most_one({"--for": about, "--for-prediction": for_prediction})
     predicted = _predicted(value, for_prediction, quantile, event, no_noise)
     with work.running() as (runner, progress):
-        found = identified(value, runner, progress)
+        found = work.answered(answer, runner, progress)
         with running(value, replace(options, quiet=True), table) as others:
+            for note in expected_runs(found.surface, others, "candidate"):
+                options.say(note)
             plan = next_experiments(
                 found, table, count, about=predicted or about, repeat=repeat,
                 laws=laws, simulator=others, progress=progress,

@@ -11,6 +11,7 @@ import click
 from aleator.cli.running import (
     ANSWER,
     FILE,
+    LAW_OF,
     NO_FIGURES,
     NO_VERIFY,
     OUTPUT,
@@ -107,11 +108,13 @@ def bootstrap(
     least=0,
 )
 @NO_VERIFY
+@LAW_OF
 @SEED
 @makes_runs
 @NO_FIGURES
 def ceiling(
     study: Path,
+    answer: Path | None,
     output: Path | None,
     replicates: int,
     no_verify: bool,
@@ -121,10 +124,11 @@ def ceiling(
 ) -> None:
     """Tell how far any law could go, and where this one lacks.
 
-    Identifies the law of STUDY.toml first; runs in its store are not repeated. Then finds the best
-    possible law: the one, of any shape, under which the experiments are most likely. Data drawn
-    from the identified law show whether chance explains how much higher the log-likelihood of the
-    best law is. Tells also where the identified law lacks mass.
+    Takes the law from the answer that `aleator identify` stored; without one it identifies the law
+    of STUDY.toml first (runs that are kept are not made again). Then finds the best possible law:
+    the one, of any shape, under which the experiments are most likely. Data drawn from the
+    identified law show whether chance explains how much higher the log-likelihood of the best law
+    is. Tells also where the identified law lacks mass.
 
     If response surfaces stand for the simulator, it is run at the points of the best law to verify
     the result. Needs measurement noise. Constants, and noise that was identified, stay at their
@@ -133,7 +137,7 @@ def ceiling(
     work = Work.on("ceiling", study, options, folder=folder_of(output, study), seed=seed)
     require_one_law(work.study.inputs)
     with work.running() as (runner, progress):
-        identification = identified(work.study, runner, progress, consistency=False)
+        identification = work.answered(answer, runner, progress, consistency=False)
         found = best_possible(
             identification, replicates=replicates, verify=not no_verify, seed=work.study.seed,
             progress=progress,
@@ -230,6 +234,7 @@ def _named(studies: tuple[Path, ...], seed: int | None, verified: bool) -> dict[
 @STUDY
 @whole_number("--draws", 1000, "Draws of each chain.", least=10)
 @whole_number("--chains", 4, "Number of chains.", least=2)
+@LAW_OF
 @SEED
 @OUTPUT
 @makes_runs
@@ -237,24 +242,27 @@ def posterior(
     study: Path,
     draws: int,
     chains: int,
+    answer: Path | None,
     seed: int | None,
     output: Path | None,
     options: RunOptions,
 ) -> None:
     """Draw from the posterior of alpha, priors included.
 
-    The study is identified first (without the check on the simulator). Then the No-U-Turn sampler
-    draws values of alpha, the hyperparameters, with the exact gradient of the log-likelihood; a
-    slow simulator is not run for them. A prior stands beside the limits in STUDY.toml; without one
-    the prior is flat between the limits:
+    The law is that of the answer that `aleator identify` stored; without one the study is
+    identified first (without the check on the simulator). Then the No-U-Turn sampler draws values
+    of alpha, the hyperparameters, with the exact gradient of the log-likelihood; a slow simulator
+    is not run for them. A prior stands beside the limits in STUDY.toml; without one the prior is
+    flat between the limits:
 
     \b
       mean = {lower = 0.5, upper = 1.5, prior = {law = "normal", mean = 1.0, sd = 0.1}}
 
     Prints mean, standard deviation and 95 % interval of each hyperparameter, with R-hat and the
     effective sample size, and whether the chains converged. Writes DIR/posterior.nc, which ArviZ
-    and xarray read, DIR/posterior.csv with a row for each draw, and DIR/posterior.json. Needs
-    the packages of the extra `bayes`; a message names those that are missing.
+    and xarray read, DIR/posterior.csv with a row for each draw, and DIR/posterior.json. Every 50
+    draws are kept in DIR/posterior.jsonl: after Ctrl-C, and for more draws, the same command goes
+    on from there. Needs the packages of the extra `bayes`; a message names those that are missing.
     docs/statistics/posterior.md explains the method.
     """
     for package in (SAMPLER, "arviz_stats", "arviz_base", "h5netcdf"):
@@ -262,8 +270,8 @@ def posterior(
     folder = folder_of(output, study)
     work = Work.on("posterior", study, options, folder=folder, seed=seed)
     with work.running() as (runner, progress):
-        found = identified(work.study, runner, progress)
-        made = drawn(found, draws, chains, work.study.seed, progress)
+        found = work.answered(answer, runner, progress)
+        made = drawn(found, draws, chains, work.study.seed, progress, folder=folder)
     made.save(folder / "posterior.nc")
     text = made.frame().to_csv(index=False)
     document, files = work.write(

@@ -6,7 +6,7 @@ import functools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from aleator.cli.running import (
     FILE,
     RESULT,
     RunOptions,
+    expected_runs,
+    joined,
     make_place,
     makes_runs,
     require_at_most_one,
@@ -30,48 +32,18 @@ from aleator.errors import AleatorError, short
 from aleator.observations.experiments import Conditions
 from aleator.observations.noise import noise_columns
 from aleator.results import documents
-from aleator.results.printed import Content, number
+from aleator.results.printed import Content
 from aleator.results.schema import answer_file, read_answer
 from aleator.results.units import label
 from aleator.simulators import Runner
 from aleator.study import Study, load_study
 from aleator.tasks.event_points import SAMPLE
 from aleator.tasks.identification import Identification
-from aleator.tasks.new_experiments import Exploration
 from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.prediction import compared
 from aleator.tasks.probability import Tolerance
-from aleator.tasks.session import Session, conditions_at
+from aleator.tasks.session import conditions_at
 from aleator.views import predictions
-
-
-def expected_runs(
-    document: Mapping[str, Any], runner: Runner, request: PredictionRequest
-) -> Iterator[str]:
-    """A note on how many runs the response surfaces of new conditions will take.
-
-    As many are expected for each condition as each experiment of the study took. An event takes a
-    round of runs more, which look for other regions of it.
-    """
-    surface = document.get("surface") or {}
-    if not (surface.get("runs") and surface.get("experiments")):
-        return
-    each = max(round(surface["runs"] / surface["experiments"]), 1)
-    count = len(runner.cases)
-    of = "the new condition" if count == 1 else f"each of {count} new conditions"
-    event = Exploration().runs if request.event is not None else 0
-    each += event
-    runs = f"{each} runs{'' if count == 1 else ' each'}"
-    runs += f", {event} of which look for other regions of the event" if event else ""
-    known = None if runner.cache is None else runner.cache.at_start
-    took = ""
-    if known is not None and known.runs:
-        second = known.seconds / known.runs
-        took = f", {number(second, 2)} s a run, {number(count * each * second, 2)} s in all"
-    yield (
-        f"note: a surface is made for {of}: {runs}{took}, if it needs as many as in "
-        "the identification and none is stored"
-    )
 
 
 def untested(value: Study, table: Conditions, named: int = 5) -> list[str]:
@@ -328,7 +300,9 @@ def predict(
     simulator from its study file. For each row of the conditions --at: mean, standard deviation,
     median and 95 % range of the outcome as it would be measured, noise included. With transform =
     "log", mean and standard deviation are those of the logarithm. --output writes a file with
-    skewness and kurtosis too, in which the quantiles are of the logarithm, too.
+    skewness and kurtosis too, in which the quantiles are of the logarithm, too: its column `scale`
+    says so. A note, and the entry "beyond" of a JSON file, name conditions that lie outside the
+    range of the experiments, and how far.
 
     Predictions include the uncertainty of alpha, the hyperparameters: they are a mixture over laws
     that the experiments leave plausible, by the intervals and correlations in IDENTIFICATION.json.
@@ -378,7 +352,8 @@ def predict(
     ):
         answer = _identification(value, document, table, runner, measured, of)
         draws = None if no_uncertainty else answer.draws()
-        for note in expected_runs(document, runner, request):
+        event = request.event is not None
+        for note in expected_runs(answer.surface, runner, "condition", event=event):
             options.say(note)
         runner.progress = progress
         found = request.table(
@@ -393,7 +368,7 @@ def predict(
         options.say(note)
     made = {
         "title": document.get("title"), **units_in(value), "request": vars(request),
-        "rows": found.to_dict("records"),
+        "beyond": found.attrs["beyond"], "rows": found.to_dict("records"),
     }  # fmt: skip
     if output is None:
         for content in predicted(made):
@@ -440,8 +415,7 @@ def _identification(
 
     `runner` runs the simulator under new conditions, `measured` under those of the study.
     """
-    found = Identification.from_document(document)
-    if of is not None and not found.observations:
+    if of is not None and not document.get("observations"):
         raise AleatorError(
             f"--of {of}: one outcome says too little of the parameters of its experiment",
             "predict new experiments: leave the option out",
@@ -450,8 +424,4 @@ def _identification(
     def made(conditions: object) -> Runner:
         return runner if conditions is table or measured is None else measured
 
-    session = Session.again(
-        found, value.file, value.inputs, value.noise, value.experiments, value.propagation,
-        value.density, made,
-    )  # fmt: skip
-    return replace(found, session=session)
+    return joined(value, document, made)

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +23,16 @@ from aleator.errors import AleatorError, installing, short
 from aleator.fit.question import start_point
 from aleator.observations.experiments import Conditions
 from aleator.results import documents
-from aleator.results.printed import Content
+from aleator.results.printed import Content, number
+from aleator.results.schema import IDENTIFICATION, answer_file, read_answer
 from aleator.results.units import seen_label
 from aleator.simulators import ProcessPool, Runner, Store, notified
 from aleator.simulators.clusters import dask_executor, mpi_executor
 from aleator.study import Study, load_study
 from aleator.tasks.identification import Identification
 from aleator.tasks.identify import identify
+from aleator.tasks.new_experiments import Exploration
+from aleator.tasks.session import Runners, Session, runners_like
 from aleator.views.progress import Receivers, shown_on
 from aleator.views.progress_page import PROGRESS_PAGE, ProgressPage
 from aleator.views.terminal import terminal
@@ -122,6 +125,16 @@ def output_option(help: str) -> Callable[..., Any]:
 
 OUTPUT = output_option("Folder of the results [default: out/ and the name of the study's folder].")
 """The option --output for the folder of results; `folder_of` gives its default."""
+
+
+LAW_OF = click.option(
+    "--answer",
+    type=ANSWER,
+    metavar="IDENTIFICATION.json",
+    help="Take the law from there [default: from the folder of the results or, if there is none of "
+    "this study, the study is identified first].",
+)
+"""The option --answer for a stored identification; `Work.answered` gives its default."""
 
 
 def whole_number(name: str, default: int, help: str, least: int = 1) -> Callable[..., Any]:
@@ -282,6 +295,45 @@ def identified(
     )
 
 
+def expected_runs(
+    surface: Mapping[str, Any] | None, runner: Runner, what: str, *, event: bool = False
+) -> Iterator[str]:
+    """A note on how many runs the response surfaces of new conditions will take.
+
+    `surface` tells of those of the identification, and `what` names the conditions of the runner.
+    As many runs are expected for each as each experiment of the study took. An event takes a round
+    of runs more, which look for other regions of it.
+    """
+    if not (surface and surface.get("runs") and surface.get("experiments")):
+        return
+    each = max(round(surface["runs"] / surface["experiments"]), 1)
+    count = len(runner.cases)
+    of = f"the new {what}" if count == 1 else f"each of {count} new {what}s"
+    round_of_event = Exploration().runs if event else 0
+    each += round_of_event
+    runs = f"{each} runs{'' if count == 1 else ' each'}"
+    runs += f", {round_of_event} of which look for other regions of the event" if event else ""
+    known = None if runner.cache is None else runner.cache.at_start
+    took = ""
+    if known is not None and known.runs:
+        second = known.seconds / known.runs
+        took = f", {number(second, 2)} s a run, {number(count * each * second, 2)} s in all"
+    yield (
+        f"note: a surface is made for {of}: {runs}{took}, if it needs as many as in "
+        "the identification and none is stored"
+    )
+
+
+def joined(study: Study, document: Mapping[str, Any], runner: Runners) -> Identification:
+    """The identification of a document, joined with its study; `runner` makes runners of tables."""
+    found = Identification.from_document(document)
+    session = Session.again(
+        found, study.file, study.inputs, study.noise, study.experiments, study.propagation,
+        study.density, runner,
+    )  # fmt: skip
+    return replace(found, session=session)
+
+
 def units_in(study: Study) -> dict[str, Any]:
     """Entries for the document of a result: the units, and the transform of each response."""
     responses = study.experiments.observations.responses
@@ -413,6 +465,38 @@ class Work:
             self.options.shown(self.folder, self.study.title or self.name) as progress,
         ):
             yield runner, progress
+
+    def answered(
+        self, answer: Path | None, runner: Runner, progress: Progress, **further: Any
+    ) -> Identification:
+        """The stored answer of the study with its fit; the study identified where there is none.
+
+        `answer` names the file. By default it is in the folder of the results, or in the one where
+        `aleator identify` writes. The study is identified if there is no such file, or if it does
+        not serve, which a note says. `further` are arguments of `aleator.identify`. Raises
+        AleatorError if the named file does not serve.
+        """
+        folders = [self.folder, folder_of(None, self.file)]
+        usual = [folder / IDENTIFICATION for folder in folders if folder is not None]
+        there = [one for one in usual if one.is_file()] if answer is None else [answer_file(answer)]
+        if not there:
+            return identified(self.study, runner, progress, **further)
+        try:
+            document = read_answer(there[0])
+            if self.study.sha256 != documents.study_entry(document).get("sha256"):
+                raise AleatorError(
+                    f"{short(there[0])} was not identified from {short(self.file)} as it is now",
+                    "identify again, or name the answer of this study",
+                )
+            runners = runners_like(runner, self.study.experiments)
+            found = joined(self.study, document, runners).with_fit(progress)
+        except AleatorError as error:
+            if answer is not None:
+                raise
+            self.options.say(f"note: the study is identified again: {error.problem}")
+            return identified(self.study, runner, progress, **further)
+        self.options.say(f"note: the law is that of {short(there[0])}")
+        return found
 
     def end(self, made: Document, content: Callable[[Document], Content], **files: Any) -> None:
         """Store a result and its `files` by `write`, and print the text of `content`."""

@@ -171,7 +171,7 @@ def inferred(
     for _ in range(UNCERTAINTY.climbs):
         before = end
         progress.update(_cost(end))
-        end, inference = _informed(end)
+        end, inference = informed(end)
         likelihood, alpha = end.likelihood, end.alpha
         if inference.positive and inference.edm > UNCERTAINTY.enough:
             # A search that stopped on a flat top continues with the true information matrix.
@@ -280,7 +280,7 @@ def _maximum(
     return [Rival(alpha, here, drop, moved)]
 
 
-def _informed(end: Maximum) -> tuple[Maximum, Inference]:
+def informed(end: Maximum) -> tuple[Maximum, Inference]:
     """The maximum and its information matrix; a saddle point is left for the maximum beside it.
 
     On a flat top, differences of the score may wrongly show an upward curvature. If the likelihood

@@ -11,7 +11,7 @@ gradient, and needs no compiler.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -61,6 +61,9 @@ class PosteriorSettings:
     """Probabilities of the quantiles for which the tail effective sample size is computed."""
     warm_up: int = 100
     """Number of first steps of each chain, which adjust the step size and are not used as draws."""
+    piece: int = 50
+    """Number of draws of a chain that are made, and kept, at a time: an interruption loses no more.
+    """
     largest_r_hat: float = 1.01
     """Largest R-hat of draws that count as converged (Vehtari et al., 2021)."""
     least_ess: float = 400.0
@@ -204,6 +207,33 @@ class Chains:
     evaluations: int
 
 
+@dataclass(frozen=True, eq=False)
+class ChainPiece:
+    """Some successive draws of chain number `chain`, and where the sampler stands after them.
+
+    `drawn` has the fields of `Chains` by name. `z` (G,) is the last point, `step` the step size.
+    """
+
+    chain: int
+    number: int
+    drawn: dict[str, Array]
+    z: Array
+    step: float
+    evaluations: int
+
+    def line(self) -> dict[str, Any]:
+        """The piece as plain lists and numbers, which `read` takes."""
+        drawn = {name: values.tolist() for name, values in self.drawn.items()}
+        return {**vars(self), "drawn": drawn, "z": self.z.tolist()}
+
+    @classmethod
+    def read(cls, line: Mapping[str, Any]) -> ChainPiece:
+        """The piece that `line` describes."""
+        kinds = {"divergent": bool, "steps": np.intp}
+        drawn = {k: np.array(v, dtype=kinds.get(k, float)) for k, v in line["drawn"].items()}
+        return cls(**{**line, "drawn": drawn, "z": np.array(line["z"], dtype=float)})
+
+
 def sampled(
     density: Callable[[Array], DensityAt],
     scale: NormalScale,
@@ -211,28 +241,42 @@ def sampled(
     chains: int,
     seed: int,
     told: Callable[[int, int], None],
+    known: Sequence[ChainPiece] = (),
+    finished: Callable[[ChainPiece], None] = lambda _: None,
     settings: PosteriorSettings = POSTERIOR,
 ) -> Chains:
     """Markov chains of draws from a density of u.
 
-    Each chain has its own stream of random numbers. After each step `told` is called with the
-    number of steps so far and the total number. Cost: about five evaluations for each draw. Raises
-    AleatorError where the package is missing, and where a chain finds no starting point.
+    A chain is made in pieces, each with its own stream of random numbers. Each piece is handed to
+    `finished`; those `known` from an earlier call are not made again, and the draws are the same.
+    After each step `told` is called with the number of steps so far and the total number. Cost:
+    about five evaluations for each draw. Raises AleatorError where the package is missing, and
+    where a chain finds no starting point.
     """
-    streams = np.random.SeedSequence(seed).spawn(chains)
     total = chains * (settings.warm_up + draws)
-    found = []
-    for c, stream in enumerate(streams):
-        done = c * (settings.warm_up + draws)
-        counted = partial(lambda begun, steps: told(begun + steps, total), done)
-        chain = _Chain(density, scale, counted, settings)
-        found.append(chain.run(np.random.default_rng(stream), draws))
-    parts = {key: np.stack([one[key] for one in found]) for key in found[0] if key != "evaluations"}
-    return Chains(**parts, evaluations=sum(one["evaluations"] for one in found))
+    before = {(piece.chain, piece.number): piece for piece in known}
+    every, evaluations = [], 0
+    for c in range(chains):
+        parts, last = list[dict[str, Array]](), None
+        for number, first in enumerate(range(0, draws, settings.piece)):
+            count = min(settings.piece, draws - first)
+            piece = before.get((c, number))
+            if piece is None or len(piece.drawn["value"]) < count:
+                done = c * (settings.warm_up + draws) + first + (settings.warm_up if first else 0)
+                counted = partial(lambda begun, steps: told(begun + steps, total), done)
+                stream = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(c, number)))
+                chain = _Chain(density, scale, counted, settings)
+                piece = chain.piece(stream, count, last, c, number)
+                finished(piece)
+            last, evaluations = piece, evaluations + piece.evaluations
+            parts.append({name: values[:count] for name, values in piece.drawn.items()})
+        every.append({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    joined: dict[str, Any] = {name: np.stack([one[name] for one in every]) for name in every[0]}
+    return Chains(**joined, evaluations=evaluations)
 
 
 class _Chain:
-    """One Markov chain in z, where u = center + factor z; it stores values along its trajectory."""
+    """A piece of a Markov chain in z, where u = center + factor z; it stores values on its way."""
 
     def __init__(
         self,
@@ -247,8 +291,10 @@ class _Chain:
         # The sampler asks for the traced values once before the first step.
         self._steps, self._evaluations = -1, 0
 
-    def run(self, rng: np.random.Generator, draws: int) -> dict[str, Any]:
-        """The draws after the warm-up, by the names of the fields of `Chains`."""
+    def piece(
+        self, rng: np.random.Generator, draws: int, last: ChainPiece | None, chain: int, number: int
+    ) -> ChainPiece:
+        """The next draws of a chain after its `last` piece; the first ones follow a warm-up."""
         mici = installed(SAMPLER)
 
         # These are plain functions: a bound method would be copied with all the stored values.
@@ -260,37 +306,48 @@ class _Chain:
             return -(self._scale.factor.T @ found.slope), -found.value
 
         system = mici.systems.EuclideanMetricSystem(loss, grad_neg_log_dens=slope)
+        integrator = mici.integrators.LeapfrogIntegrator(system, last and last.step)
+        warm_up = 0 if last else self.settings.warm_up
+        adapter = mici.adapters.DualAveragingStepSizeAdapter(self.settings.target)
         sampler = mici.samplers.DynamicMultinomialHMC(
             system,
-            mici.integrators.LeapfrogIntegrator(system),
+            integrator,
             rng,
             max_tree_depth=self.settings.deepest,
         )
         with np.errstate(all="ignore"), _quiet():
             out = sampler.sample_chains(
-                self.settings.warm_up,
+                warm_up,
                 draws,
-                [self._begin(rng)],
+                [last.z if last else self._begin(rng)],
                 trace_funcs=[self._traced],
                 trace_warm_up=True,
-                adapters=[mici.adapters.DualAveragingStepSizeAdapter(self.settings.target)],
+                adapters=[] if last else [adapter],
                 display_progress=False,
                 monitor_stats=None,
             )
-        if self._steps < self.settings.warm_up + draws:
+        if self._steps < warm_up + draws:
             # When the sampler is interrupted, it returns the draws that it has so far.
             raise KeyboardInterrupt
         kept = {
-            name: np.asarray(values[0][self.settings.warm_up :])
+            name: np.asarray(values[0][warm_up:])
             for name, values in (out.traces | out.statistics).items()
         }
-        return {
+        drawn = {
             **{name: kept[name] for name in out.traces},
             "divergent": kept["diverging"].astype(bool),
             "steps": kept["n_step"],
             "accepted": kept["accept_stat"],
-            "evaluations": self._evaluations,
         }
+        z, step = (
+            np.asarray(out.final_states[0].pos),
+            float(sampler.transitions["integration_transition"].integrator.step_size),
+        )
+        return ChainPiece(chain, number, drawn, z, step, self._evaluations)
+
+    @staticmethod
+    def _step_of(sampler: Any) -> float:
+        return float(sampler.transitions["integration_transition"].integrator.step_size)
 
     def _begin(self, rng: np.random.Generator) -> Array:
         for _ in range(self.settings.tries):

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +22,8 @@ from aleator.inference.fit import Fit, refitted
 from aleator.inference.information import INTERVALS
 from aleator.laws.hyperparameter import limits_of
 from aleator.results import printed
-from aleator.results.documents import make_folder
 from aleator.simulators.pool import packed
+from aleator.tasks.finished_work import FinishedWork, head_of
 from aleator.tasks.identification import Identification
 from aleator.tasks.runs import in_processes
 
@@ -108,30 +106,12 @@ REPLICATE = TypeAdapter(Refitted)
 
 
 @dataclass(frozen=True)
-class ReplicateFile:
-    """A JSON lines file with a head that identifies the fit, then a line for each replicate."""
+class ReplicateFile(FinishedWork):
+    """The file of the finished replicates of a bootstrap."""
 
-    path: Path
-    head: Mapping[str, Any]
-
-    def begun(self) -> dict[int, Refitted]:
-        """The finished replicates of the file, by number; an incomplete last line is removed.
-
-        Creates the file if it does not exist. Raises AleatorError if its head belongs to another
-        fit, seed or kind.
-        """
-        make_folder(self.path.parent)
-        lines, kept = self._lines()
-        if not lines:
-            self._write(json.dumps(self.head).encode() + b"\n", 0)
-            return {}
-        if not _alike(lines[0], self.head):
-            raise AleatorError(
-                f"{short(self.path)}: its replicates are those of another study, seed or kind",
-                "remove the file, or choose another folder with --output (folder=...)",
-            )
-        self._write(b"", kept)
-        found = [self._replicate(number, line) for number, line in enumerate(lines[1:], start=2)]
+    def replicates(self) -> dict[int, Refitted]:
+        """The finished replicates of the file, by number (see `begun`)."""
+        found = [self._replicate(number, line) for number, line in enumerate(self.begun(), start=2)]
         return {replicate.number: replicate for replicate in found}
 
     def _replicate(self, number: int, line: Mapping[str, Any]) -> Refitted:
@@ -146,85 +126,6 @@ class ReplicateFile:
                 "delete the line, and its replicate is made again",
             )
         return found
-
-    def add(self, replicate: Refitted) -> None:
-        """Append a replicate, and flush it to the disk."""
-        self._write(json.dumps(asdict(replicate)).encode() + b"\n", None)
-
-    def _lines(self) -> tuple[list[dict[str, Any]], int]:
-        """The complete lines of the file, and their total number of bytes."""
-        try:
-            text = self.path.read_bytes()
-        except FileNotFoundError:
-            return [], 0
-        except OSError as error:
-            raise self._refused("read", error) from None
-        found, size = list[dict[str, Any]](), 0
-        for line in text.splitlines(keepends=True):
-            try:
-                read = json.loads(line)
-            except (ValueError, RecursionError):
-                break
-            if not line.endswith(b"\n") or not isinstance(read, dict):
-                break
-            found.append(read)
-            size += len(line)
-        return found, size
-
-    def _write(self, line: bytes, size: int | None) -> None:
-        """Append a line; with a `size` the file is first cut to this number of bytes."""
-        try:
-            with self.path.open("ab") as file:
-                if size is not None:
-                    file.truncate(size)
-                file.write(line)
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise self._refused("written", error) from None
-
-    def _refused(self, what: str, error: OSError) -> AleatorError:
-        return AleatorError(
-            f"{short(self.path)}: the file cannot be {what}: {error.strerror}",
-            "choose another folder with --output (folder=...)",
-        )
-
-
-def head_of(fit: Fit, kind: str, seed: int) -> dict[str, Any]:
-    """The head of a file of replicates: names, limits, estimates and a hash of the data.
-
-    A file with an equal head is continued; alpha and log-likelihood need to be equal only nearly.
-    """
-    own = [fit.hyperparameters[k] for k in fit.inference.identified]
-    seen, digest = fit.table.observations, sha256()
-    for part in (seen.experiment, seen.response, seen.lower, seen.upper):
-        digest.update(np.ascontiguousarray(part).tobytes())
-    digest.update("\n".join(fit.table.ids).encode())
-    return {
-        "kind": kind,
-        "seed": seed,
-        "experiments": digest.hexdigest(),
-        "hyperparameters": [h.name for h in own],
-        "limits": [[h.lower, h.upper] for h in own],
-        "alpha": fit.alpha[fit.inference.identified].tolist(),
-        "log_likelihood": fit.scored().total,
-    }
-
-
-def _alike(found: Mapping[str, Any], head: Mapping[str, Any]) -> bool:
-    numbers = ("alpha", "log_likelihood")
-    exact = all(found.get(key) == value for key, value in head.items() if key not in numbers)
-    return exact and all(_near(found.get(key), head[key]) for key in numbers)
-
-
-def _near(found: Any, wanted: Any, relative: float = 1e-5, absolute: float = 1e-12) -> bool:
-    """Whether numbers read from a file equal the expected ones up to a relative difference."""
-    try:
-        numbers = np.array(found, dtype=float)
-    except (OverflowError, TypeError, ValueError):  # damaged
-        return False
-    same = numbers.shape == np.shape(wanted)
-    return same and bool(np.allclose(numbers, wanted, rtol=relative, atol=absolute))
 
 
 FILE = "bootstrap.jsonl"
@@ -389,14 +290,14 @@ def bootstrapped(
     file = None
     if folder is not None:
         file = ReplicateFile(Path(folder) / FILE, head_of(fit, kind, seed))
-    done = file.begun() if file is not None else {}
+    done = file.replicates() if file is not None else {}
     left = [number for number in range(replicates) if number not in done]
     parcel = packed(fit) if workers > 1 and left else None
     with closing(_made(fit, parcel, kind, seed, left, workers)) as made:
         for replicate in made:
             done[replicate.number] = replicate
             if file is not None:
-                file.add(replicate)
+                file.add(asdict(replicate))
             progress.update(f"{len(done)} of {replicates} replicates", len(done), replicates)
     own = fit.inference.identified
     limits = np.column_stack(limits_of(fit.hyperparameters, own))

@@ -153,7 +153,8 @@ def ceiling(
     each point and experiment.
 
     Raises InputsError without noise, for laws that depend on covariates, and if no parameter
-    scatters. Raises AleatorError if `found` was read from a file. Cost: some seconds for a hundred
+    scatters. Raises AleatorError if `found` was read from a file and has no fit (see
+    `Identification.with_fit`). Cost: some seconds for a hundred
     experiments.
 
     >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
@@ -167,6 +168,7 @@ def ceiling(
     >>> round(best.log_likelihood, 3), round(best.gap, 2)     # 6 log(phi(0)/0.01/2)
     (17.959, 12.66)
     """
+    found = found.with_fit(progress)
     fit, exact = found.fit, found.session.exact_fit() if verify else None
     return ceiling_of(fit, exact, replicates, seed, progress or Silent())
 

@@ -24,7 +24,7 @@ from aleator.observations.experiments import Experiments
 from aleator.results.law import JointLaw
 from aleator.results.result import Result
 from aleator.results.values import in_order
-from aleator.simulators import Runner, Simulator, as_simulator
+from aleator.simulators import Runner, Simulator, Store, as_simulator
 from aleator.surrogates import ResponseSurface
 from aleator.tasks.arguments import AnyNoise, Laws, RequestedConditions, inputs_of, noise_of
 from aleator.tasks.event_points import SAMPLE
@@ -103,6 +103,17 @@ class Identification(Result):
         """
         return kept(self.session.fit)
 
+    def with_fit(self, progress: Progress | None = None) -> Identification:
+        """This identification with its `fit`, which is made again if it was read from a file.
+
+        No search and no run for the measured experiments is made: the response surfaces are in the
+        store of runs. The log-likelihood must come out as it was. Raises AleatorError if the file
+        was read without simulator or experiments, if these are not those of the identification, or
+        if the store has no surfaces of it. Cost: the evaluations of the standard errors.
+        """
+        session = self.session.with_fit(progress or Silent())
+        return self if session is self.session else replace(self, session=session)
+
     def law_at(self, covariates: Mapping[str, object] | pd.Series) -> JointLaw:
         """The joint law of the parameters of an experiment with these covariates, by name.
 
@@ -169,8 +180,10 @@ class Identification(Result):
         draws of alpha.
 
         The table has a row for each row of the conditions and each outcome. Its first columns are
-        the conditions, then ``outcome``, its name; ``attrs["units"]`` has the units by name. If the
-        outcome has a "log" transform, the prediction is that of the logarithm. Raises AleatorError
+        the conditions, then ``outcome``, its name; ``attrs["units"]`` has the units by name, and
+        ``attrs["beyond"]`` says by row which conditions lie outside those of the experiments, and
+        how far. If the outcome has a "log" transform, all predicted values are of the logarithm,
+        and a column ``scale`` is "log". Raises AleatorError
         if the identification was read from a file without the simulator. Cost: with a slow
         simulator the runs of one response surface for each condition.
         """
@@ -369,13 +382,16 @@ def load(
     experiments: Experiments | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,
+    store: Store | None = None,
 ) -> Identification:
     """Read an identification that `found.save` or the command `aleator identify` wrote.
 
     `path` is its file, or the folder with identification.json. All numbers come back as they were.
     Other parts are passed again, as to `identify`: `inputs` and `noise` for `found.law`, and
     `simulator` as well for `found.predict`. `experiments` are needed for predictions of a measured
-    experiment, and if a law depends on covariates. Raises AleatorError, with the file and the key,
+    experiment, and if a law depends on covariates. With all of these, and with the `store` of the
+    runs where response surfaces were used, further questions are asked of the file (see
+    `Identification.with_fit`). Raises AleatorError, with the file and the key,
     if the file is no identification. Raises InputsError if the inputs and the noise have other
     hyperparameters than those identified.
 
@@ -399,7 +415,7 @@ def load(
         return found
     laws, runner = inputs_of(inputs), None
     if simulator is not None:
-        runner = _runners(found, as_simulator(simulator, vectorized), laws, experiments)
+        runner = _runners(found, as_simulator(simulator, vectorized), laws, experiments, store)
     session = Session.again(
         found, path, laws, noise_of(noise), experiments, propagation, density, runner
     )
@@ -414,15 +430,19 @@ def load(
 
 
 def _runners(
-    found: Identification, simulator: Simulator, inputs: Inputs, experiments: Experiments | None
+    found: Identification,
+    simulator: Simulator,
+    inputs: Inputs,
+    experiments: Experiments | None,
+    store: Store | None,
 ) -> Runners:
     """A function that makes the runner of a table, as in the identification.
 
     Conditions that varied within an experiment are passed to the simulator as arrays again.
     """
+    if experiments is not None:
+        return runners_like(Runner(simulator, experiments, inputs.names, store=store), experiments)
     if not found.observations:
         return runners(simulator, inputs.names)
-    if experiments is not None:
-        return runners_like(Runner(simulator, experiments, inputs.names), experiments)
     varying = {name for entry in found.observations for name in entry.conditions}
     return lambda asked: Runner(simulator, asked, inputs.names, varying=varying)

@@ -16,6 +16,7 @@ from aleator.fit.flow import Answer, identified
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import DEFAULT_PROPAGATION, DEFAULT_SEARCH, Choices
 from aleator.fit.result import result_of
+from aleator.fit.stored_fit import keep_surfaces
 from aleator.inference.check import Check
 from aleator.inference.consistency import consistency_of
 from aleator.inference.fit import Fit
@@ -131,6 +132,7 @@ def identify(
     answer = identified(choices.question(runner, table.observations, seed), verification, ledger)
     result = result_of(answer, table, verification, ledger)
     found = Identification.of(replace(result, units=shown), _session(answer, table))
+    keep_surfaces(found, found.fit, answer.inferred.refined.question.kept, runner)
     return _judged(found, (*runner.used_conditions, *inputs.columns), consistency, best_law, ledger)
 
 

@@ -350,7 +350,8 @@ def next_experiments(
 
     Runs are made for response surfaces of the candidates, by the Runner `simulator`, or in the same
     way as in the identification. Raises InputsError for an unknown name and for more experiments
-    than candidates. Raises AleatorError if `found` was read from a file. Cost: 97 evaluations of
+    than candidates. Raises AleatorError if `found` was read from a file and has no fit (see
+    `Identification.with_fit`). Cost: 97 evaluations of
     the likelihood of the candidates, or 400 if they have several observations.
 
     >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
@@ -363,6 +364,7 @@ def next_experiments(
     ('x.sd', ('3',))
     """
     progress = progress or Silent()
+    found = found.with_fit(progress)
     fit, session = found.fit, found.session
     conditions = _conditions(candidates, fit)
     require_enough_candidates(count, len(conditions.ids), repeat)

@@ -13,12 +13,13 @@ import pandas as pd
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array
-from aleator.errors import AleatorError, InputsError
+from aleator.errors import AleatorError, InputsError, short
 from aleator.inference.fit import Fit
 from aleator.inference.information import INTERVALS
 from aleator.inference.posterior import (
     POSTERIOR,
     SAMPLER,
+    ChainPiece,
     Chains,
     Convergence,
     RealLine,
@@ -30,10 +31,15 @@ from aleator.inference.posterior import (
 from aleator.laws import classes
 from aleator.laws.inputs import drawn
 from aleator.results import printed
+from aleator.tasks.finished_work import FinishedWork, head_of
 from aleator.tasks.identification import Identification
 
 if TYPE_CHECKING:
     from xarray import DataTree
+
+
+FILE = "posterior.jsonl"
+"""The file of finished draws in the folder of the results."""
 
 
 @dataclass(frozen=True)
@@ -289,17 +295,21 @@ def posterior(
     seed: int = 0,
     progress: Progress | None = None,
     settings: DrawnReportSettings = REPORTED,
+    folder: str | Path | None = None,
 ) -> Posterior:
     """Draw from the posterior p(alpha | y) ~ L(alpha) p(alpha) of an identification.
 
     L is the likelihood, zero where an outcome is impossible. p(alpha) is the product of the priors;
     a hyperparameter without a prior has a flat one between its limits. At least two `chains` of
     `draws` each are made by the No-U-Turn sampler with the exact score, starting near the mode. The
-    same seed gives the same draws.
+    same seed gives the same draws. With a `folder` every 50 draws of a chain are kept there in
+    posterior.jsonl, up to 20 million numbers: after an interruption, and for more draws or chains,
+    a call with the same identification and seed goes on from there, to the same draws.
 
-    Raises AleatorError if the extra `bayes` is not installed or the identification was read from a
-    file, and InputsError if nothing is identified. Cost: some three to seven evaluations of the
-    likelihood for each draw; with response surfaces no simulator runs.
+    Raises AleatorError if the extra `bayes` is not installed, or if the identification was read
+    from a file and has no fit (see `Identification.with_fit`), and InputsError if nothing is
+    identified. Cost: some three to seven evaluations of the likelihood for each draw; with response
+    surfaces no simulator runs.
 
     >>> import pandas as pd
     >>> from aleator import Free, Inputs, Check, Noise, Normal, identify
@@ -314,8 +324,9 @@ def posterior(
     for package in (SAMPLER, "arviz_stats"):
         installed(package)
     _require(draws, chains, settings)
+    found = found.with_fit(progress)
     made = sampled_posterior(
-        found.fit, draws, chains, seed, progress or Silent(), settings=settings
+        found.fit, draws, chains, seed, progress or Silent(), settings=settings, folder=folder
     )
     return replace(made, outcome=found.outcome, sound=found.sound, consistent=found.consistent)
 
@@ -327,6 +338,7 @@ def sampled_posterior(
     seed: int,
     progress: Progress,
     settings: DrawnReportSettings = REPORTED,
+    folder: str | Path | None = None,
 ) -> Posterior:
     """The posterior draws of a fit, without the verdicts of its identification."""
     began, moving = time.perf_counter(), fit.inference.identified
@@ -338,7 +350,15 @@ def sampled_posterior(
     progress.stage("posterior")
     density = RealLine(fit.likelihood.honest(), fit.hyperparameters, fit.alpha, moving)
     scale = scaled(density, density.u_of(fit.alpha))
-    made = sampled(density, scale, draws, chains, seed, _listener(progress, settings))
+    tell = _listener(progress, settings)
+    if folder is None or draws * chains * fit.count > settings.most_kept:
+        made = sampled(density, scale, draws, chains, seed, tell)
+    else:
+        file = FinishedWork(Path(folder) / FILE, head_of(fit, "posterior", seed))
+        known = _pieces(file)
+        made = sampled(
+            density, scale, draws, chains, seed, tell, known, lambda piece: file.add(piece.line())
+        )
     alphas = np.array([[_in_order(density.alpha_of(u), fit) for u in chain] for chain in made.u])
     own = alphas[:, :, moving]
     few = alphas.reshape(-1, alphas.shape[2])
@@ -359,6 +379,20 @@ def sampled_posterior(
         nodes_error=_nodes_error(fit, few),
         outside=_outside(fit, few, seed),
     )
+
+
+def _pieces(file: FinishedWork) -> list[ChainPiece]:
+    """The pieces of chains in a file; raises AleatorError for a line that has none."""
+    found = []
+    for number, line in enumerate(file.begun(), start=2):
+        try:
+            found.append(ChainPiece.read(line))
+        except (AttributeError, KeyError, TypeError, ValueError):
+            raise AleatorError(
+                f"{short(file.path)}: line {number} has no draws of a chain",
+                "delete the line, and its draws are made again",
+            ) from None
+    return found
 
 
 def _require(draws: int, chains: int, settings: DrawnReportSettings) -> None:

@@ -24,6 +24,7 @@ from aleator.laws.law import invert
 from aleator.likelihood.individual import IndividualLikelihood, Layout, Predictor, individual_points
 from aleator.likelihood.individual.rules import standard_points
 from aleator.observations.errors import MeasurementErrors
+from aleator.observations.responses import Transform
 from aleator.tasks.new_experiments import (
     CONTEXT,
     DrawnParameters,
@@ -481,7 +482,7 @@ def tabled(
     ends = None
     if not draws.certain:
         found, ends = widened(context, predictor, draws, probabilities, found)
-    columns = {"mean": found.mean, "standard_deviation": found.sd}
+    columns = {**scales(context), "mean": found.mean, "standard_deviation": found.sd}
     columns["skewness"], columns["kurtosis"] = found.skewness, found.kurtosis
     columns |= {f"q{p:g}": found.quantiles[:, i] for i, p in enumerate(quantiles)}
     if ends is not None:
@@ -502,6 +503,15 @@ def beyond(context: PredictionContext) -> Beyond | None:
     columns = dict.fromkeys([*context.runner.cases.columns, *context.inputs.covariates])
     names = [name for name in columns if name in new and name in tested]
     return compared(tested[names], new[names])
+
+
+def scales(context: PredictionContext) -> dict[str, Any]:
+    """The column ``scale``: "log" where a row is of the logarithm of its outcome, else "linear".
+
+    Empty if no outcome has a transform.
+    """
+    words = ["log" if r.transform is Transform.LOG else "linear" for r in context.seen.responses]
+    return {"scale": [words[k] for k in context.seen.response]} if "log" in words else {}
 
 
 def condition_columns(context: PredictionContext, rows: Indices) -> dict[str, Any]:
@@ -546,7 +556,8 @@ def in_rows(
     """The table of predicted values, or of those at `places`: conditions, outcome, values, status.
 
     It is sorted by rows of the conditions, then by outcomes. A column of the conditions that has
-    the name of a column of the prediction is called "mean (condition)".
+    the name of a column of the prediction is called "mean (condition)". ``attrs["beyond"]`` has, by
+    the place of a row, which conditions lie outside those of the experiments, and how far.
     """
     seen = context.seen
     which = np.arange(len(seen)) if places is None else places
@@ -559,7 +570,10 @@ def in_rows(
         for name, cells in condition_columns(context, row).items()
     }
     order = np.lexsort((seen.response[which], row))
-    return pd.DataFrame({**conditions, **columns}).iloc[order].reset_index(drop=True)
+    table = pd.DataFrame({**conditions, **columns}).iloc[order].reset_index(drop=True)
+    told = [] if away is None else zip(context.conditions.places, away.why, strict=True)
+    table.attrs["beyond"] = {place: why for place, why in told if why}
+    return table
 
 
 def _own(context: PredictionContext, alpha: Array) -> Draws:

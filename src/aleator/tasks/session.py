@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from aleator.core.progress import Progress
 from aleator.core.status import Status
 from aleator.core.types import Array
 from aleator.errors import AleatorError, InputsError, SimulatorError, nearest
-from aleator.fit.question import DEFAULT_PROPAGATION, first_rule, varying_conditions
+from aleator.fit.question import DEFAULT_PROPAGATION, Choices, first_rule, varying_conditions
 from aleator.fit.refine import under_law
 from aleator.fit.regions import draws, plausible_alphas
+from aleator.fit.stored_fit import stored_fit
 from aleator.inference.alpha_draws import AlphaDraws
 from aleator.inference.fit import Fit
 from aleator.inference.likelihood_at import IndividualsAt
@@ -54,7 +56,7 @@ from aleator.tasks.new_experiments import (
     local_surfaces,
     simulator_itself,
 )
-from aleator.tasks.prediction import Draws, in_rows, tabled
+from aleator.tasks.prediction import Draws, in_rows, scales, tabled
 
 if TYPE_CHECKING:
     from aleator.moments.densities import Density
@@ -90,6 +92,7 @@ class Session:
     on_simulator: bool = False
     surfaces: ResponseSurface = DEFAULT_PROPAGATION
     model: Model | None = None
+    refit: Callable[[Progress], Fit] | None = None
 
     @classmethod
     def again(
@@ -108,6 +111,11 @@ class Session:
         Raises AleatorError if noise or experiments are missing that the result needs. Raises
         InputsError for noise if the identification had none.
         """
+        refit = None
+        if runner is not None and experiments is not None:
+            refit = partial(
+                _refit, found, (inputs, noise, propagation, density), experiments, runner
+            )
         seen = tuple(Response(name, Transform(each)) for name, each in found.responses.items())
         if not found.observations or found.density == BY_LEVEL_SETS:
             if noise is not None:
@@ -119,7 +127,9 @@ class Session:
             surfaces = model.surfaces or ResponseSurface()
             responses = seen or (Response(found.outcome, found.transform),)
             direct = bool(seen) and found.propagation == DIRECT
-            return cls(inputs, None, responses, experiments, runner, None, direct, surfaces, model)
+            return cls(
+                inputs, None, responses, experiments, runner, None, direct, surfaces, model, refit
+            )  # fmt: skip
         made = inputs.regressed and inputs.covariate_model is None
         unresolved = made or (bool(inputs.levels) and inputs.grouping is None)
         if noise is None or (experiments is None and unresolved):
@@ -132,7 +142,24 @@ class Session:
             inputs = inputs.resolved(covariates(experiments, inputs.columns))
         surfaces = propagation if isinstance(propagation, ResponseSurface) else ResponseSurface()
         on_simulator = found.propagation == DIRECT
-        return cls(inputs, noise, seen, experiments, runner, None, on_simulator, surfaces)
+        return cls(
+            inputs, noise, seen, experiments, runner, None, on_simulator, surfaces, refit=refit
+        )
+
+    def with_fit(self, progress: Progress) -> Session:
+        """The session with its fit, which is made again if the answer was stored (`stored_fit`).
+
+        Raises AleatorError if the answer was read without simulator or experiments, or is of
+        another study, or its surfaces are not in the store.
+        """
+        if self.fit is not None:
+            return self
+        if self.refit is None:
+            raise missing(
+                "this needs the likelihood of the experiments",
+                "aleator.load(path, simulator=..., inputs=..., noise=..., experiments=...)",
+            )
+        return replace(self, fit=self.refit(progress))
 
     @property
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
@@ -463,6 +490,7 @@ def _by_density(
     outcomes = under_law(context.runner, model, alpha, progress).predictor.under(alpha)
     found = outcomes.quantile(np.array(quantiles))
     columns: dict[str, Any] = {
+        **scales(context),
         "mean": outcomes.mean,
         "standard_deviation": outcomes.sd,
         "skewness": outcomes.standardized[:, 3],
@@ -579,6 +607,26 @@ def _named(alpha: Array, names: Sequence[str]) -> dict[str, float]:
             f"give one number for each of {', '.join(names)}",
         )
     return dict(zip(names, alpha.tolist(), strict=True))
+
+
+def _refit(
+    found: Result,
+    parts: tuple[
+        Inputs, Noise | Mapping[str, Noise] | None, ResponseSurface | Collocation, Density | None
+    ],
+    experiments: Experiments,
+    runner: Runners,
+    progress: Progress,
+) -> Fit:
+    """The fit of a stored answer; `parts` are laws, noise, propagation and density of its study."""
+    inputs, noise, propagation, density = parts
+    choices = Choices.of(
+        experiments, inputs, noise, propagation, density,
+        restricted=found.log_likelihood.restricted is not None,
+    )  # fmt: skip
+    made = runner(experiments)
+    made.progress = progress
+    return stored_fit(found, choices.question(made, experiments.observations, found.seed), progress)
 
 
 def kept(fit: Fit | None) -> Fit:
