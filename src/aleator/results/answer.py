@@ -23,6 +23,7 @@ from aleator.results.printed import (
     between,
     count,
     heads,
+    listed,
     number,
     to_three,
     with_error,
@@ -212,6 +213,8 @@ def log_likelihood(document: Document) -> Sentence:
 def verdicts(document: Document) -> tuple[Sentence, ...]:
     """The two verdicts: is the computation sound, and is the model consistent with the experiments?
 
+    The first also says which laws the experiments leave open although the computation is sound.
+
     >>> [str(v) for v in verdicts({"sound": False, "warnings": [{"about": "search"}]})]
     ['NOT computed soundly: do not use alpha before the warnings are dealt with (search).']
     >>> [v.kind for v in verdicts({"consistent": None, "consistency": {"reason": "only 4"}})]
@@ -244,7 +247,33 @@ def _soundness(document: Document) -> Sentence:
         )
     else:
         checked = "; not verified on the simulator"
+    if names := document.get("undetermined"):
+        open_ = _left_open(document, names)
+        return Sentence(
+            f"Computed soundly, but the experiments do not determine {open_}: "
+            f"other values of {listed(names)}, elsewhere or anywhere between the limits, are not "
+            "ruled out. Take the answer for the outcome under the tested conditions, not for what "
+            f"is left open. {what[0].upper()}{what[1:]}{checked}.",
+            "open",
+            remedy="measure under more varied conditions, measure several values an experiment, or "
+            "give a hyperparameter a known value",
+        )
     return Sentence(f"Computed soundly: {what}{checked}.", "good")
+
+
+def _left_open(document: Document, names: Sequence[str]) -> str:
+    """The laws of the parameters with these hyperparameters; others by their own names.
+
+    >>> _left_open({"ranges": {"E": {}, "k": {}}}, ["E.mean", "E.sd", "k.mean", "noise.sd"])
+    'the laws of E and k, and noise.sd'
+    >>> _left_open({"ranges": {"E": {}}}, ["c.value"])
+    'c.value'
+    """
+    ranges = document.get("ranges") or {}
+    laws = [*dict.fromkeys(of for name in names if (of := name.partition(".")[0]) in ranges)]
+    others = [name for name in names if name.partition(".")[0] not in ranges]
+    of_laws = f"the law{'s' if len(laws) > 1 else ''} of {listed(laws)}" if laws else ""
+    return ", and ".join(part for part in (of_laws, listed(others) if others else "") if part)
 
 
 def _agreement(document: Document) -> Sentence:

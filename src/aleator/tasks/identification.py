@@ -49,7 +49,8 @@ class Identification(Result):
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was computed.
 
     `sound` is true only if the search converged, every density was solved with every outcome in
-    its support, and the check on the simulator, if it was made, agrees. `consistent` is true if the
+    its support, and the check on the simulator, if it was made, agrees. `undetermined` names the
+    hyperparameters whose values the experiments leave open. `consistent` is true if the
     experiments agree with the identified model; `consistency` has the tests. `warnings` are
     sentences about problems and their remedies. It prints as a short report. `session` holds the
     model, the simulator and the surfaces. An identification that was read from a file has only
