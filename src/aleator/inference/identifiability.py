@@ -58,6 +58,24 @@ def flat_profiles(
     ]
 
 
+def left_open(
+    hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
+) -> list[int]:
+    """The hyperparameters of laws of which no value is ruled out.
+
+    Where an end of the profile interval is unknown, the estimate -+ 1.96 standard errors takes its
+    place. The standard deviation of the measurement noise is told by its interval alone.
+    """
+    unknown = [
+        int(k)
+        for k in profile.unknown(inference.identified)
+        if inference.lower[k] <= hyperparameters[k].lower
+        and inference.upper[k] >= hyperparameters[k].upper
+    ]
+    every = {*flat_profiles(hyperparameters, inference, profile), *unknown}
+    return sorted(k for k in every if not hyperparameters[k].name.startswith("noise."))
+
+
 def _untold(
     k: int, hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
 ) -> Diagnostic:

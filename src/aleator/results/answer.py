@@ -31,7 +31,7 @@ from aleator.results.printed import (
 from aleator.results.units import label
 
 Document = Mapping[str, Any]
-COLUMNS = heads("alpha", ">estimate", ">std. error", ">95 % interval", "~note")
+COLUMNS = heads("hyperparameter", ">estimate", ">std. error", ">95 % interval", "~note")
 
 
 def answer(document: Document) -> Content:
@@ -93,13 +93,18 @@ def words(name: object) -> str:
 
 
 def lead(document: Document) -> tuple[Sentence, ...]:
-    """Two sentences: what was identified from which data, and by which method."""
+    """Two sentences: what was identified from which data, and by which method.
+
+    Runs are told where a surface stands for the simulator, because they are what it costs. A
+    simulator that takes arrays is evaluated at millions of points; the section on cost tells them.
+    """
     free = sum(not entry.get("fixed") for entry in document["alpha"].values())
     seen = document.get("observations") or ()
     bounds = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
     values = f" with {len(seen):,} observations" if seen else ""
     values += f" ({bounds:,} of them bounds only)" if bounds else ""
-    runs = f", {document['runs']:,} runs of the simulator" if "runs" in document else ""
+    counted = "runs" in document and document.get("propagation") != "direct"
+    runs = f", {document['runs']:,} runs of the simulator" if counted else ""
     experiments = count(len(document["experiments"]), "experiment")
     return (
         Sentence(f"{count(free, 'hyperparameter')} identified from {experiments}{values}{runs}"),
@@ -216,7 +221,7 @@ def verdicts(document: Document) -> tuple[Sentence, ...]:
     The first also says which laws the experiments leave open although the computation is sound.
 
     >>> [str(v) for v in verdicts({"sound": False, "warnings": [{"about": "search"}]})]
-    ['NOT computed soundly: do not use alpha before the warnings are dealt with (search).']
+    ['NOT computed soundly: do not use the estimates before the warnings are dealt with (search).']
     >>> [v.kind for v in verdicts({"consistent": None, "consistency": {"reason": "only 4"}})]
     ['open']
     """
@@ -229,7 +234,8 @@ def _soundness(document: Document) -> Sentence:
         about = dict.fromkeys(str(entry["about"]) for entry in document.get("warnings") or [])
         named = f" ({', '.join(about)})" if about else ""
         return Sentence(
-            f"NOT computed soundly: do not use alpha before the warnings are dealt with{named}.",
+            "NOT computed soundly: do not use the estimates before the warnings are dealt with"
+            f"{named}.",
             "bad",
         )
     if is_individual(document):
