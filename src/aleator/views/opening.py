@@ -128,9 +128,10 @@ def _is_hair(seen: MeasuredValues, settings: OpeningSettings = OPENING) -> bool:
     columns = np.array([seen.array(key) for key in ("q0.025", "q0.975", "value")])
     with np.errstate(invalid="ignore", divide="ignore"):
         columns = np.log(columns) if seen.log else columns
-    columns = columns[:, np.all(np.isfinite(columns), axis=0)]
-    if not columns.size:
+    unknown = np.any(np.isnan(columns), axis=0)
+    if np.all(unknown) or np.any(np.isinf(columns)):
         return False
+    columns = columns[:, ~unknown]
     low, high, _ = columns
     return bool(np.median(high - low) < settings.hair * np.ptp(columns))
 
