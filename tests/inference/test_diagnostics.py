@@ -144,6 +144,28 @@ def test_a_condition_far_from_zero_is_to_be_measured_from_its_middle() -> None:
     assert (near.alpha["a.mean"].standard_error or 1.0) < 0.1 * (a.standard_error or 0.0)
 
 
+# ------------------------------------------------------------------------------ what is left open
+
+
+@pytest.mark.parametrize(("spread", "told"), [(1.0, ()), (0.03, ("b.value",))])
+def test_a_law_is_left_open_only_where_no_value_is_ruled_out(
+    spread: float, told: tuple[str, ...]
+) -> None:
+    """In y = a + b c with known noise b is known to 0.1 / |c|; a scatter of zero is an answer."""
+    c = spread * np.tile([-1.0, 1.0, 0.0, 0.0], 5)
+    y = 2.0 + 0.5 * c + 0.06 * np.tile([1.0, 1.0, -1.0, -1.0], 5)  # scatters less than the noise
+    found = unjudged(
+        lambda c, a, b: a + b * c, pd.DataFrame({"c": c, "y": y}),
+        Inputs({"a": Normal(Free(0.0, 4.0), Free(1e-4, 1.0)), "b": Constant(Free(-0.5, 1.5))}),
+        outcome="y", vectorized=True, noise=Noise(0.1), verification=Check(0),
+    )  # fmt: skip
+    assert found.sound
+    assert found.alpha["a.sd"].at_bound == "lower"
+    falls = float(0.5 * np.sum(c**2) / 0.1**2)  # from the estimate 0.5 to either limit of b
+    assert (falls < 1.92) is bool(told)
+    assert found.undetermined == told
+
+
 # ------------------------------------------------------------------------------ nodes
 
 

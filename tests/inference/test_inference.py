@@ -265,16 +265,17 @@ def test_a_nearly_flat_direction_is_named_with_its_combination() -> None:
 
 
 @pytest.mark.parametrize(
-    ("drops", "told"), [((0.01, 1.05), True), ((0.01, 1.6), False), ((1.92, 0.1), False)]
+    ("share", "told"), [((0.0, 1.0), True), ((0.0, 0.9), False), ((0.1, 1.0), False)]
 )
-def test_a_profile_that_is_flat_from_limit_to_limit_is_told_with_what_goes_with_it(
-    drops: tuple[float, float], told: bool
+def test_an_interval_from_limit_to_limit_is_told_with_what_goes_with_it(
+    share: tuple[float, float], told: bool
 ) -> None:
     *_, inference = maximized(SAMPLE, SAMPLE.draw(13))
     k = int(inference.free[1])
     profile = Profile.unknown_ends(len(SAMPLE.hyperparameters))
     h = SAMPLE.hyperparameters[k]
-    profile.intervals[k], profile.drops[k] = (h.lower, h.upper), drops
+    ends = [h.lower + part * (h.upper - h.lower) for part in share]
+    profile.intervals[k], profile.drops[k] = ends, (0.01, 1.05)
     found = identifiability_warnings(inference, SAMPLE.hyperparameters, profile)
     assert [one.concerns for one in found] == [(h.name,)] * told
     assert all(SAMPLE.hyperparameters[inference.free[0]].name in one.message for one in found)

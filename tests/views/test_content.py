@@ -11,8 +11,16 @@ from reports import experiment, printed, result
 from rich.console import RenderableType
 from scipy import stats
 
-from aleator.results.answer import answer
-from aleator.results.printed import Column, Content, Sentence, fragment, laid_out, text
+from aleator.results.answer import answer, brief
+from aleator.results.printed import (
+    Column,
+    Content,
+    Sentence,
+    fragment,
+    laid_out,
+    text,
+    verdict_head,
+)
 from aleator.simulators import Identity
 from aleator.simulators.records import SimulatorRuns, StoredRun
 from aleator.tasks.box import FeasibleBox, Side
@@ -21,7 +29,9 @@ from aleator.tasks.recover import Recovery
 from aleator.views import models, planning, predictions, runs, uncertainty
 from aleator.views.identification import render
 from aleator.views.measured import measured
+from aleator.views.notebook import first_screen
 from aleator.views.outcome_charts import predicted_chart
+from aleator.views.page import page
 from aleator.views.terminal import terminal
 
 LONG = "correlation.friction_coefficient.stiffness"
@@ -65,6 +75,16 @@ def test_a_model_that_is_not_consistent_is_told_with_remedies_and_outliers() -> 
     assert [verdict.kind for verdict in content.verdicts] == ["good", "bad"]
     for part in ("outcomes under high 'hot' are smaller (p = 4e-08)", "mend", "7 (p = 1e-05)"):
         assert part in words(text(content))
+
+
+def test_laws_that_are_left_open_are_in_the_first_words_of_every_writer() -> None:
+    open_ = result(undetermined=("c2_scale.mean",))
+    content = answer(open_)
+    assert content.verdicts[0].kind == "open"
+    head = verdict_head(content.verdicts[0]).rstrip(".")
+    assert "c2_scale" in head
+    for written in (text(content), first_screen(open_), page(open_), text(brief(open_))):
+        assert head in words(written)
 
 
 def test_the_least_document_can_be_rendered() -> None:

@@ -112,6 +112,7 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         propagation_reason=certain.refined.reason,
         levels=dict(question.inputs.levels),
         sound=reviewed.sound,
+        undetermined=reviewed.undetermined,
         warnings=(*reviewed.warnings, *notes),
         failures=diagnostics.failure_report(question.runner) if failing else None,
         correlation_names=names,

@@ -13,7 +13,7 @@ from aleator.fit.flow import Answer
 from aleator.fit.quadrature import AnyLikelihood, Maximum
 from aleator.inference import diagnostics
 from aleator.inference import surface_diagnostics as on_surfaces
-from aleator.inference.identifiability import identifiability_warnings
+from aleator.inference.identifiability import identifiability_warnings, left_open
 from aleator.inference.small_sample import unadjusted_warnings
 from aleator.inference.surface_diagnostics import BUDGET
 from aleator.likelihood.individual import IndividualLikelihood, OnSurfaces
@@ -106,6 +106,18 @@ class Reviewed:
     def sound(self) -> bool:
         """Whether there are no refusals, so that the result is computed reliably."""
         return not self._refusals
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """The hyperparameters whose values the experiments leave open, by name.
+
+        Those whose 95 % interval reaches from limit to limit (see `left_open`), and those by which
+        another maximum differs that is as high (see `Rival.as_high`).
+        """
+        inferred, hyperparameters = self.answer.inferred, self._likelihood.hyperparameters
+        wide = left_open(hyperparameters, inferred.inference, inferred.profile)
+        moved = (k for rival in inferred.rivals if rival.as_high for k in rival.moved)
+        return tuple(hyperparameters[k].name for k in sorted({*wide, *moved}))
 
     @cached_property
     def warnings(self) -> tuple[Diagnostic, ...]:

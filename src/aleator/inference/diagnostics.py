@@ -445,6 +445,11 @@ class Rival:
     drop: float
     moved: tuple[int, ...]
 
+    @property
+    def as_high(self) -> bool:
+        """Whether the data do not tell which of the two maxima is the higher one."""
+        return self.drop < EXPERIMENTS.equal
+
     def outside(self, intervals: Array) -> bool:
         """Whether a hyperparameter that differs lies outside its interval (a row of (K, 2))."""
         return any(not intervals[k, 0] <= self.alpha[k] <= intervals[k, 1] for k in self.moved)
@@ -454,7 +459,7 @@ def rival_warnings(
     rivals: Sequence[Rival], hyperparameters: Sequence[Hyperparameter], intervals: Array
 ) -> list[Diagnostic]:
     """A warning of another maximum that is as high, or that lies outside the intervals (K, 2)."""
-    rivals = [one for one in rivals if one.drop < EXPERIMENTS.equal or one.outside(intervals)]
+    rivals = [one for one in rivals if one.as_high or one.outside(intervals)]
     if not rivals:
         return []
     best = rivals[0]
@@ -463,7 +468,7 @@ def rival_warnings(
         for k in best.moved
     )
     lower = f"has a log-likelihood lower by {best.drop:.3g}"
-    height = lower if best.drop > EXPERIMENTS.equal else "is as high"
+    height = "is as high" if best.as_high else lower
     more = f" (and {len(rivals) - 1} more)" if len(rivals) > 1 else ""
     return [
         Diagnostic(

@@ -22,10 +22,6 @@ class IdentifiabilitySettings:
     """Curvature of the log-likelihood along a direction, relative to that of the single
     hyperparameters, below which the direction is called weak.
     """
-    flat: float = 1.35
-    """Falls of the profile log-likelihood to both limits below which it is flat: the limits lie in
-    the 90 % interval too, chi2_1(0.90)/2.
-    """
     part: float = 0.3
     """Component of a weak direction from which a hyperparameter is named in the message."""
 
@@ -51,17 +47,33 @@ def flat_profiles(
     hyperparameters: Sequence[Hyperparameter],
     inference: Inference,
     profile: Profile,
-    settings: IdentifiabilitySettings = IDENTIFIABILITY,
 ) -> list[int]:
-    """The hyperparameters off their limits whose profile is flat from limit to limit."""
+    """The hyperparameters of which no value is ruled out: the 95 % interval has both limits."""
     return [
         k
-        for k in inference.free.tolist()
+        for k in inference.identified.tolist()
         if inference.positive
         and profile.intervals[k, 0] == hyperparameters[k].lower
         and profile.intervals[k, 1] == hyperparameters[k].upper
-        and np.all(profile.drops[k] < settings.flat)
     ]
+
+
+def left_open(
+    hyperparameters: Sequence[Hyperparameter], inference: Inference, profile: Profile
+) -> list[int]:
+    """The hyperparameters of laws of which no value is ruled out.
+
+    Where an end of the profile interval is unknown, the estimate -+ 1.96 standard errors takes its
+    place. The standard deviation of the measurement noise is told by its interval alone.
+    """
+    unknown = [
+        int(k)
+        for k in profile.unknown(inference.identified)
+        if inference.lower[k] <= hyperparameters[k].lower
+        and inference.upper[k] >= hyperparameters[k].upper
+    ]
+    every = {*flat_profiles(hyperparameters, inference, profile), *unknown}
+    return sorted(k for k in every if not hyperparameters[k].name.startswith("noise."))
 
 
 def _untold(
@@ -69,10 +81,9 @@ def _untold(
 ) -> Diagnostic:
     """What says that no value of hyperparameter k is ruled out, and which other goes with it."""
     h, (low, high) = hyperparameters[k], profile.drops[k]
-    others = np.flatnonzero(inference.free != k)
-    row = inference.correlation[int(np.flatnonzero(inference.free == k)[0])]
-    beside = ""
-    if others.size:
+    others, beside = np.flatnonzero(inference.free != k), ""
+    if others.size and k in inference.free:
+        row = inference.correlation[int(np.flatnonzero(inference.free == k)[0])]
         most = int(others[np.argmax(np.abs(row[others]))])
         name = hyperparameters[int(inference.free[most])].name
         beside = f"; its estimate is correlated most with that of {name} ({row[most]:.3f})"

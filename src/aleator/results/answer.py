@@ -23,6 +23,7 @@ from aleator.results.printed import (
     between,
     count,
     heads,
+    listed,
     number,
     to_three,
     with_error,
@@ -30,7 +31,7 @@ from aleator.results.printed import (
 from aleator.results.units import label
 
 Document = Mapping[str, Any]
-COLUMNS = heads("alpha", ">estimate", ">std. error", ">95 % interval", "~note")
+COLUMNS = heads("hyperparameter", ">estimate", ">std. error", ">95 % interval", "~note")
 
 
 def answer(document: Document) -> Content:
@@ -92,13 +93,18 @@ def words(name: object) -> str:
 
 
 def lead(document: Document) -> tuple[Sentence, ...]:
-    """Two sentences: what was identified from which data, and by which method."""
+    """Two sentences: what was identified from which data, and by which method.
+
+    Runs are told where a surface stands for the simulator, because they are what it costs. A
+    simulator that takes arrays is evaluated at millions of points; the section on cost tells them.
+    """
     free = sum(not entry.get("fixed") for entry in document["alpha"].values())
     seen = document.get("observations") or ()
     bounds = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
     values = f" with {len(seen):,} observations" if seen else ""
     values += f" ({bounds:,} of them bounds only)" if bounds else ""
-    runs = f", {document['runs']:,} runs of the simulator" if "runs" in document else ""
+    counted = "runs" in document and document.get("propagation") != "direct"
+    runs = f", {document['runs']:,} runs of the simulator" if counted else ""
     experiments = count(len(document["experiments"]), "experiment")
     return (
         Sentence(f"{count(free, 'hyperparameter')} identified from {experiments}{values}{runs}"),
@@ -212,8 +218,10 @@ def log_likelihood(document: Document) -> Sentence:
 def verdicts(document: Document) -> tuple[Sentence, ...]:
     """The two verdicts: is the computation sound, and is the model consistent with the experiments?
 
+    The first also says which laws the experiments leave open although the computation is sound.
+
     >>> [str(v) for v in verdicts({"sound": False, "warnings": [{"about": "search"}]})]
-    ['NOT computed soundly: do not use alpha before the warnings are dealt with (search).']
+    ['NOT computed soundly: do not use the estimates before the warnings are dealt with (search).']
     >>> [v.kind for v in verdicts({"consistent": None, "consistency": {"reason": "only 4"}})]
     ['open']
     """
@@ -226,7 +234,8 @@ def _soundness(document: Document) -> Sentence:
         about = dict.fromkeys(str(entry["about"]) for entry in document.get("warnings") or [])
         named = f" ({', '.join(about)})" if about else ""
         return Sentence(
-            f"NOT computed soundly: do not use alpha before the warnings are dealt with{named}.",
+            "NOT computed soundly: do not use the estimates before the warnings are dealt with"
+            f"{named}.",
             "bad",
         )
     if is_individual(document):
@@ -244,7 +253,33 @@ def _soundness(document: Document) -> Sentence:
         )
     else:
         checked = "; not verified on the simulator"
+    if names := document.get("undetermined"):
+        open_ = _left_open(document, names)
+        return Sentence(
+            f"Computed soundly, but the experiments do not determine {open_}: "
+            f"other values of {listed(names)}, elsewhere or anywhere between the limits, are not "
+            "ruled out. Take the answer for the outcome under the tested conditions, not for what "
+            f"is left open. {what[0].upper()}{what[1:]}{checked}.",
+            "open",
+            remedy="measure under more varied conditions, measure several values an experiment, or "
+            "give a hyperparameter a known value",
+        )
     return Sentence(f"Computed soundly: {what}{checked}.", "good")
+
+
+def _left_open(document: Document, names: Sequence[str]) -> str:
+    """The laws of the parameters with these hyperparameters; others by their own names.
+
+    >>> _left_open({"ranges": {"E": {}, "k": {}}}, ["E.mean", "E.sd", "k.mean", "noise.sd"])
+    'the laws of E and k, and noise.sd'
+    >>> _left_open({"ranges": {"E": {}}}, ["c.value"])
+    'c.value'
+    """
+    ranges = document.get("ranges") or {}
+    laws = [*dict.fromkeys(of for name in names if (of := name.partition(".")[0]) in ranges)]
+    others = [name for name in names if name.partition(".")[0] not in ranges]
+    of_laws = f"the law{'s' if len(laws) > 1 else ''} of {listed(laws)}" if laws else ""
+    return ", and ".join(part for part in (of_laws, listed(others) if others else "") if part)
 
 
 def _agreement(document: Document) -> Sentence:

@@ -334,6 +334,15 @@ class Content:
         return "\n".join(sentence.text for sentence in self.verdicts)
 
 
+def listed(names: Sequence[str]) -> str:
+    """Names as a sentence has them.
+
+    >>> listed(["a"]), listed(["a", "b", "c"])
+    ('a', 'a, b and c')
+    """
+    return ", ".join(names[:-1]) + " and " + names[-1] if len(names) > 1 else names[0]
+
+
 def verdict_head(verdict: Sentence) -> str:
     """The text of a verdict up to its reasons.
 

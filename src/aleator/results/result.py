@@ -42,6 +42,8 @@ class Result(Plain):
 
     `sound` is true only if three things hold: the search converged; every density was solved, with
     the outcome in its support; and the verification on the simulator agrees, if it was made.
+    `undetermined` names the hyperparameters whose values the experiments leave open: other values,
+    far away or all between the limits, are as likely.
     `consistency` says whether the experiments contradict the identified model. `density` names the
     likelihood method and `quadrature` its number of nodes. `correlation` (F, F) is the correlation
     of the estimates that have a standard error; `correlation_names` are their names. `ranges` has
@@ -87,6 +89,7 @@ class Result(Plain):
     pictures: Mapping[str, Any] = field(default_factory=dict)
     propagation_reason: str = ""
     levels: Mapping[str, str] = field(default_factory=dict)
+    undetermined: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.observations:

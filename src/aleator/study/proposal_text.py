@@ -301,8 +301,9 @@ def _parameter(each: Proposed, proposal: Proposal) -> list[str]:
         return _constant(each)
     head = remarked(f"[parameters.{key(each.name)}]", "differs between experiments")
     lines = [head, line("law", "truncated_normal", "a normal law, cut at the ends of the box")]
-    if each.input.unit:
-        lines.insert(1, line("unit", each.input.unit, "shown on every axis and in every table"))
+    shown = "shown on every axis and in every table"
+    unit = each.input.unit
+    lines.insert(1, line("unit", unit, shown) if unit else off("unit", "...", shown))
     if each.limits is None:
         box = fill("box", "[..., ...]", "where the simulator works; mean and sd are sought inside")
         return [*lines, box, *_follows(proposal)]

@@ -49,7 +49,8 @@ class Identification(Result):
     """An identified law: alpha with its uncertainty, its log-likelihood, and how it was computed.
 
     `sound` is true only if the search converged, every density was solved with every outcome in
-    its support, and the check on the simulator, if it was made, agrees. `consistent` is true if the
+    its support, and the check on the simulator, if it was made, agrees. `undetermined` names the
+    hyperparameters whose values the experiments leave open. `consistent` is true if the
     experiments agree with the identified model; `consistency` has the tests. `warnings` are
     sentences about problems and their remedies. It prints as a short report. `session` holds the
     model, the simulator and the surfaces. An identification that was read from a file has only
@@ -64,9 +65,9 @@ class Identification(Result):
     95 % of experiments: x 0.79 to 1.27 (each end +- 0.29, 95 % confidence).
     A new experiment like experiment 3: y 2.36 to 3.82 (95 %).
     2 hyperparameters identified from 4 experiments, ... runs of the simulator
-    alpha   estimate  std. error   95 % interval  note
-    x.mean     1.031       0.062  0.873 .. 1.189
-    x.sd       0.124       0.044  0.071 .. 0.303  sandwich error 0.018
+    hyperparameter  estimate  std. error   95 % interval  note
+    x.mean             1.031       0.062  0.873 .. 1.189
+    x.sd               0.124       0.044  0.071 .. 0.303  sandwich error 0.018
     log-likelihood -0.511 +- 0.01 by level sets
     ...
     Computed soundly: the search converged, every density was solved, and the emulator

@@ -82,7 +82,7 @@ def compared_page(documents: Pair) -> str:
 def _estimates(documents: Pair) -> Iterator[Part]:
     rows = {name: {row[0]: row for row in estimates(d).rows} for name, d in documents.items()}
     every = dict.fromkeys(alpha for own in rows.values() for alpha in own)
-    columns: list[Column] = [("alpha", "left")]
+    columns: list[Column] = [("hyperparameter", "left")]
     columns += [(f"{what}, {name}", "right") for name in documents
               for what in ("estimate", "std. error", "95 % interval")]  # fmt: skip
     none = ("", "-", "-", "-", "")

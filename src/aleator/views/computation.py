@@ -62,7 +62,10 @@ def effort(document: Document) -> Iterator[Part]:
     stages, seconds = document.get("runs_by_stage") or {}, document.get("seconds") or {}
     if "runs" in document:
         made = ", ".join(f"{stage} {runs:,}" for stage, runs in stages.items() if runs)
-        yield Sentence(f"{document['runs']:,}{made and f': {made}'}", head="runs", depth=WHOLE)
+        direct = document.get("propagation") == "direct"
+        points = " points at which the simulator was evaluated, many in one call" * direct
+        told = f"{document['runs']:,}{points}{made and f': {made}'}"
+        yield Sentence(told, head="evaluations" if direct else "runs", depth=WHOLE)
     if seconds:
         total = seconds.get("total", sum(seconds.values()))
         yield Sentence(f"{total:.1f}", head="seconds", depth=WHOLE)

@@ -116,6 +116,22 @@ class MeasuredValues:
         part = {key: [column[k] for k in rows] for key, column in self.columns.items()}
         return replace(self, columns=part)
 
+    def deviations(self) -> MeasuredValues:
+        """Values and predictions less the predicted median, or over it on a logarithmic axis."""
+        middle = self.array("q0.5")
+        moved = ["value", "low", "high", *(f"q{p}" for p in QUANTILES)]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            columns = {
+                key: (self.array(key) / middle if self.log else self.array(key) - middle).tolist()
+                for key in moved
+            }
+        label = (
+            f"{self.response} / predicted median"
+            if self.log
+            else self.label.replace(self.response, f"{self.response} − median", 1)
+        )
+        return replace(self, columns={**self.columns, **columns}, label=label)
+
     def series(self, number: int = 0) -> Series:
         """The data of charts of these values; `number` is the index of the response."""
         return self.named_series(f"measured-{number}")

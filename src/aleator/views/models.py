@@ -19,6 +19,7 @@ from aleator.results.printed import (
     TextTable,
     Thresholds,
     heads,
+    listed,
     number,
     to_three,
     with_error,
@@ -62,18 +63,14 @@ def _best(document: Document) -> str:
     parts = [f"{best['name']} predicts best"]
     if worse:
         does = "does" if len(worse) == 1 else "do"
-        parts.append(f"{_listed(worse)} {does} worse by more than chance explains")
+        parts.append(f"{listed(worse)} {does} worse by more than chance explains")
     if alike:
-        parts.append(f"{_listed(alike)} may be as good")
+        parts.append(f"{listed(alike)} may be as good")
     said = "; ".join(parts) + "."
     unsound = [m["name"] for m in document["models"] if not m["sound"]]
     if unsound:
-        said += f" NOT computed soundly: {_listed(unsound)}; deal with the warnings there first."
+        said += f" NOT computed soundly: {listed(unsound)}; deal with the warnings there first."
     return said
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:-1]) + " and " + names[-1] if len(names) > 1 else names[0]
 
 
 def _alike(model: Document, thresholds: Thresholds = THRESHOLDS) -> bool:
@@ -104,7 +101,7 @@ def _criteria(models: Sequence[Document]) -> list[Part]:
             "judges that)."
         ),
         *(
-            Sentence(f"Below best law is not known for {_listed(names)}: {why}.")
+            Sentence(f"Below best law is not known for {listed(names)}: {why}.")
             for why, names in unknown.items()
         ),
     ]
@@ -141,7 +138,7 @@ def _ratios(document: Document) -> list[Part]:
         ))  # fmt: skip
     reasons: dict[str, list[str]] = {}
     for one in document.get("without_ratio") or ():
-        reasons.setdefault(one["reason"], []).append(_listed(one["models"]))
+        reasons.setdefault(one["reason"], []).append(listed(one["models"]))
     without = [
         Sentence(f"No likelihood ratio of {', nor of '.join(pairs)}: {why}.")
         for why, pairs in reasons.items()
@@ -170,7 +167,7 @@ def _negative(ratios: Sequence[Document]) -> list[Sentence]:
         return []
     return [
         Sentence(
-            f"The ratio of {_listed(below)} is below zero, which exact maxima cannot have: the "
+            f"The ratio of {listed(below)} is below zero, which exact maxima cannot have: the "
             "response surfaces of the two models differ by more than the models, or a search "
             "missed its maximum. Identify both again with more runs, or with another seed and more "
             "starts."

@@ -18,7 +18,7 @@ from aleator.views.opening import opening_charts
 from aleator.views.plots import SIZE
 
 Document = Mapping[str, Any]
-COLORS = {"good": "#00704f", "bad": "#b34700", "open": "#5f5f5f"}
+COLORS = {"good": "#00704f", "bad": "#b34700", "open": "#8c6700"}
 """The colors of verdicts, which are readable on a white and on a dark page."""
 
 

@@ -313,7 +313,7 @@ def next_experiments(document: Document) -> Content:
         f"{_probability(document)} {document['runs']:,} runs of the simulator for "
         f"{len(document['candidates'])} candidates{aim}."
     )
-    columns = heads("alpha", ">std. error now", ">after")
+    columns = heads("hyperparameter", ">std. error now", ">after")
     rows = [
         (label(document, row["id"]), _value(row["now"]), _value(row["after"]))
         for row in document["hyperparameters"]

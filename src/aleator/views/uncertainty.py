@@ -52,7 +52,7 @@ def bootstrap(document: Document) -> Content:
         notes += [f"{name} {note}"] if note else []
     if size > arrived:
         notes.append(f"{size - arrived} of {size} replicates did not arrive")
-    columns = heads("alpha", ">estimate", ">std. error", ">bias", ">95 % BCa", "~note")
+    columns = heads("hyperparameter", ">estimate", ">std. error", ">bias", ">95 % BCa", "~note")
     parts: list[Part] = [TextTable(columns, rows, "bootstrap", "Bootstrap")]
     if document["in_this_process"]:
         parts.append(Sentence("The simulator cannot travel to workers: one process did it all."))
@@ -85,7 +85,7 @@ def posterior(document: Document) -> Content:
             "given" if name in document["priors"] else "flat",
         ))  # fmt: skip
     columns = heads(
-        "alpha", ">maximum", ">mean", ">sd", ">95 % interval", ">R-hat", ">ESS", "prior"
+        "hyperparameter", ">maximum", ">mean", ">sd", ">95 % interval", ">R-hat", ">ESS", "prior"
     )
     lead = (
         f"{document['chains']} chains of {document['draws']:,} draws from the posterior of "
@@ -126,7 +126,9 @@ def recovery(document: Document) -> Content:
         rows.append((name, number(row["truth"]), number(row["mean"]), *shown,
                      number(row["scatter"], 2), percent(row["coverage"]), note))  # fmt: skip
         verdicts += [f"{name} {note}"] if note else []
-    columns = heads("alpha", ">truth", ">mean", ">bias", ">+-", ">scatter", ">coverage", "~note")
+    columns = heads(
+        "hyperparameter", ">truth", ">mean", ">bias", ">+-", ">scatter", ">coverage", "~note"
+    )
     parts: list[Part] = [TextTable(columns, rows, "recovery", "Recovery")]
     by_errors = [
         (name, percent(row["by_error"]), percent(row["by_sandwich"]))
@@ -136,7 +138,7 @@ def recovery(document: Document) -> Content:
     if by_errors:
         parts.append(Sentence("Coverage of the estimate -+ 1.96 standard errors, or sandwich "
                               "errors, where it has one:"))  # fmt: skip
-        columns = heads("alpha", ">by error", ">by sandwich")
+        columns = heads("hyperparameter", ">by error", ">by sandwich")
         parts.append(TextTable(columns, by_errors, "by-errors", "Coverage by errors"))
     parts += [
         Sentence(text) for word, text in MEANING.items() if any(word in row[-1] for row in rows)
