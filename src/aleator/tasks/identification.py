@@ -206,9 +206,9 @@ class Identification(Result):
         tested conditions and ``status``. ``unseen`` is the largest probability of a region that the
         runs all over the law, in all their rounds, do not exclude with 95 % confidence; those of
         `checks` do not count, as they lie near the event that the surface shows. The status is
-        "not_reached" if no parameters within 6.5 standard deviations lead to the event. It is
-        "unsettled" if the last runs still change the probability, or leave open which outcomes are
-        in the event.
+        "never" if no parameters within 6.5 standard deviations lead to the event, and "always" if
+        none lead to its contrary. It is "unsettled" if the last runs still change the probability,
+        or leave open which outcomes are in the event.
 
         Raises InputsError for a text that is no event of one outcome, AleatorError as `predict`.
         """
@@ -365,6 +365,7 @@ def load(
     simulator: Callable[..., Any] | Simulator | None = None,
     inputs: Laws | None = None,
     vectorized: bool = False,
+    series: bool = False,
     noise: AnyNoise = None,
     experiments: Experiments | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
@@ -399,7 +400,9 @@ def load(
         return found
     laws, runner = inputs_of(inputs), None
     if simulator is not None:
-        runner = _runners(found, as_simulator(simulator, vectorized), laws, experiments)
+        runner = _runners(
+            found, as_simulator(simulator, vectorized, series=series), laws, experiments
+        )
     session = Session.again(
         found, path, laws, noise_of(noise), experiments, propagation, density, runner
     )

@@ -62,7 +62,10 @@ def effort(document: Document) -> Iterator[Part]:
     stages, seconds = document.get("runs_by_stage") or {}, document.get("seconds") or {}
     if "runs" in document:
         made = ", ".join(f"{stage} {runs:,}" for stage, runs in stages.items() if runs)
-        yield Sentence(f"{document['runs']:,}{made and f': {made}'}", head="runs", depth=WHOLE)
+        twice = document.get("repeated", 0)
+        again = f"; {twice:,} made twice, to check that outcomes repeat" if twice else ""
+        said = f"{document['runs']:,}{made and f': {made}'}{again}"
+        yield Sentence(said, head="runs", depth=WHOLE)
     if seconds:
         total = seconds.get("total", sum(seconds.values()))
         yield Sentence(f"{total:.1f}", head="seconds", depth=WHOLE)
