@@ -264,19 +264,16 @@ def _agreement(document: Document) -> Sentence:
     against = [*_numbered(second["discrepancies"])]
     said = "; ".join(f"{place}{_contradiction(row)}" for place, row in against)
     mended = " ".join(f"{place}{row['remedy']}." for place, row in against)
-    said += (
-        ""
-        if "neighbours" in [row["test"]["kind"] for row in second["discrepancies"]]
-        else (_neighbours(document))
-    )
+    if "neighbours" not in [row["test"].get("kind") for row in second["discrepancies"]]:
+        said += _neighbours(document)
     return Sentence(f"NOT consistent with the experiments: {said}.", "bad", remedy=mended)
 
 
 def _neighbours(document: Document, level: float = REPORTED.level) -> str:
     """What the test of serial correlation says of experiments with several observations."""
-    tests = document["consistency"]["tests"] if is_individual(document) else ()
+    tests = document["consistency"].get("tests") or ()
     test = next((test for test in tests if test["kind"] == "neighbours"), None)
-    if test is None or len(document["observations"]) == len(document["experiments"]):
+    if test is None or len(document.get("observations") or ()) <= len(document["experiments"]):
         return ""
     p = f"p = {number(test['p'], 2)}"
     what = "; residuals that follow each other in an experiment are"
