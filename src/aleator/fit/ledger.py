@@ -23,11 +23,6 @@ class Ledger:
         self._runner = runner
         self._last = ""
 
-    @property
-    def repeated(self) -> int:
-        """The number of runs that were made a second time, to check that their outcomes repeat."""
-        return self._runner.repeated
-
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Announce a stage of the work and count its seconds and runs; a stage may be repeated."""

@@ -99,8 +99,7 @@ def lead(document: Document) -> tuple[Sentence, ...]:
     bounds = sum(entry["lower"] is None or entry["lower"] != entry["upper"] for entry in seen)
     values = f" with {len(seen):,} observations" if seen else ""
     values += f" ({bounds:,} of them bounds only)" if bounds else ""
-    runs = f", {document['runs']:,} runs of the simulator" if "runs" in document else ""
-    runs += f", {again:,} of them made twice" if (again := document.get("repeated")) else ""
+    runs = f", {document['runs']:,} different runs of the simulator" if "runs" in document else ""
     experiments = count(len(document["experiments"]), "experiment")
     return (
         Sentence(f"{count(free, 'hyperparameter')} identified from {experiments}{values}{runs}"),

@@ -19,8 +19,8 @@ from aleator.errors import AleatorError, short
 _ORDER = (
     "title", "study", "sound", "consistent", "alpha", "correlation", "parameter_correlations",
     "log_likelihood", "baselines", "warnings", "consistency", "simulator",
-    "density", "propagation", "propagation_reason", "search", "surface", "runs", "repeated",
-    "runs_by_stage", "experiments", "seed", "versions", "seconds",
+    "density", "propagation", "propagation_reason", "search", "surface", "runs", "runs_by_stage",
+    "experiments", "seed", "versions", "seconds",
 )  # fmt: skip
 
 

@@ -47,8 +47,9 @@ class Result(Plain):
     of the estimates that have a standard error; `correlation_names` are their names. `ranges` has
     the 95 % range of each scattering parameter, by name (`LawRange`). `search`, `surface`,
     `baselines`, `best_possible` and `pictures` are dictionaries as in the JSON document, with None
-    for a number that JSON cannot hold. `runs` are the different runs that were needed, and
-    `repeated` those of them that were made a second time, to check that their outcomes repeat.
+    for a number that JSON cannot hold. `runs` are the different runs that were needed,
+    stored ones included. About the square root of their number, at most 24, and the first one are
+    made a second time, to check that outcomes repeat.
 
     Each field has the form in which it is read back from a document: Python's numbers, tuples,
     dictionaries. Two results are equal if their documents are equal.
@@ -88,7 +89,6 @@ class Result(Plain):
     pictures: Mapping[str, Any] = field(default_factory=dict)
     propagation_reason: str = ""
     levels: Mapping[str, str] = field(default_factory=dict)
-    repeated: int = 0
 
     def __post_init__(self) -> None:
         if self.observations:

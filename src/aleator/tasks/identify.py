@@ -160,7 +160,6 @@ def _judged(
         found,
         runs=sum(ledger.runs.values()),
         runs_by_stage=dict(ledger.runs),
-        repeated=ledger.repeated,
         seconds={**ledger.seconds, "total": sum(ledger.seconds.values())},
     )
 

@@ -62,9 +62,11 @@ def effort(document: Document) -> Iterator[Part]:
     stages, seconds = document.get("runs_by_stage") or {}, document.get("seconds") or {}
     if "runs" in document:
         made = ", ".join(f"{stage} {runs:,}" for stage, runs in stages.items() if runs)
-        twice = document.get("repeated", 0)
-        again = f"; {twice:,} made twice, to check that outcomes repeat" if twice else ""
-        said = f"{document['runs']:,}{made and f': {made}'}{again}"
+        said = (
+            f"{document['runs']:,} different ones{made and f': {made}'}. The first one, and about "
+            "as many as the square root of their number (at most 24), are made twice, to check "
+            "that outcomes repeat."
+        )
         yield Sentence(said, head="runs", depth=WHOLE)
     if seconds:
         total = seconds.get("total", sum(seconds.values()))
