@@ -18,6 +18,7 @@ import pytest
 
 import aleator
 from aleator.cli.program import COMMANDS, main
+from aleator.study.sections import StudyFile
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "aleator"
@@ -289,3 +290,28 @@ def test_files_import_no_file_that_imports_them() -> None:
             if {one, one.rpartition(".")[0]} & modules
         } - {name, ""}
     TopologicalSorter(graph).prepare()
+
+
+def test_a_remedy_that_names_a_key_of_study_toml_names_the_argument_in_python_too() -> None:
+    """Remedies reach users of both: keys stand in `setting` alone, beside what Python takes."""
+    sections = "|".join(StudyFile.model_fields)
+    key = re.compile(rf"\[({sections})\]")
+    for name, path in sources():
+        if name.split(".")[0] in ("study", "cli") or name == "views.planning":
+            continue  # Their readers write study.toml.
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        told = {
+            id(part)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setting"
+            for part in ast.walk(node)
+        }
+        texts = {
+            id(node.body[0].value)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+            and node.body and isinstance(node.body[0], ast.Expr)
+        }  # fmt: skip
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and id(node) not in told | texts:
+                assert not key.search(str(node.value)), f"{path}, line {node.lineno}"

@@ -71,6 +71,21 @@ def installing(extra: str) -> str:
     )
 
 
+def setting(key: str, argument: str) -> str:
+    """A setting as a remedy names it: its key in study.toml, and its argument in Python.
+
+    >>> setting("[intervals] small_sample = true", "small_sample=True")
+    '[intervals] small_sample = true in study.toml, small_sample=True in Python'
+    """
+    return f"{key} in study.toml, {argument} in Python"
+
+
+NOISE = f"measurement noise ({setting('[noise] sd', 'noise=Free(lower, upper)')})"
+"""Measurement noise as a remedy names it."""
+WORKING_BOX = "`aleator box STUDY.toml` (aleator.feasible_box in Python)"
+"""What finds a box in which every run works, as a remedy names it."""
+
+
 def quoted(words: str) -> str:
     """Plain text in which quotes stand for backticks.
 

@@ -14,7 +14,15 @@ import pytest
 from aleator.errors import SimulatorError
 from aleator.observations.experiments import Experiments
 from aleator.observations.responses import Observations, responses_of
-from aleator.simulators import FunctionSimulator, ProcessPool, Runner, Store, records
+from aleator.simulators import (
+    FunctionSimulator,
+    NoOutcome,
+    ProcessPool,
+    Runner,
+    Store,
+    as_simulator,
+    records,
+)
 from aleator.simulators.records import stored_runs
 
 # Rows of two experiments that are not adjacent, with a row less in the second.
@@ -273,3 +281,22 @@ def test_a_failure_is_kept_whatever_its_text_is(tmp_path: Path, error: Exception
         (kept,) = stored_runs(store)
     assert kept.failure is not None
     assert type(error).__name__ in kept.failure
+
+
+def test_a_function_that_wants_the_arrays_of_an_experiment_is_told_to_be_one_of_series() -> None:
+    def summed(load: float, time: Any, x: float) -> Any:
+        return load * x * np.array([sum(time[: k + 1]) for k in range(len(time))])
+
+    for ask in (lambda run, *at: run(*at), lambda run, *at: run.values(*at)):
+        with pytest.raises(SimulatorError, match=r"arrays of time\b[\s\S]*series=True"):
+            ask(Runner(summed, table(EVERY), ["x"], min_failed=1), np.arange(5), np.ones((5, 1)))
+    right = Runner(as_simulator(summed, series=True), table(EVERY), ["x"])
+    assert right.values([0], [[1.0]]).tolist() == [[1.0, 3.0, 6.0]]
+
+    def wrong(load: float, time: Any, x: float) -> Any:
+        return load * x * len(time)  # one number, whatever the rows: nothing says that it is right
+
+    with pytest.raises(NoOutcome):
+        Runner(wrong, table(EVERY), ["x"])(np.arange(5), np.ones((5, 1)))
+    with pytest.raises(SimulatorError):  # what is a simulator already says itself what it takes
+        as_simulator(FunctionSimulator(summed), series=True)

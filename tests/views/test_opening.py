@@ -265,6 +265,32 @@ def test_two_conditions_that_decide_together_are_told_apart_by_color() -> None:
     assert ordered[0] < 1.0 < ordered[1]
 
 
+def test_a_series_is_drawn_as_curves_under_the_conditions_of_most_experiments() -> None:
+    amplitude, time = {"A": 20.0, "B": 40.0, "C": 40.0, "D": 30.0}, [1.0, 2.0, 3.0]
+    rows = [(one, at, amplitude[one] * np.cos(at)) for one in amplitude for at in time]
+    document = {
+        "responses": {"angle": "none"},
+        "experiments": [experiment(one, 0.5) for one in amplitude],
+        "observations": [
+            {"id": one, "row": k, "response": "angle", "lower": angle, "upper": angle,
+             "predicted": angle, "scale": 0.1, "pit": 0.5, "conditions": {"time": at}}
+            for k, (one, at, angle) in enumerate(rows)
+        ],
+        "pictures": {
+            "conditions": {"amplitude": [*amplitude.values()]},
+            "predicted": {str(p): [angle + stats.norm.ppf(p) for _, _, angle in rows]
+                          for p in (0.025, 0.25, 0.5, 0.75, 0.975)},
+        },
+    }  # fmt: skip
+    (seen,) = measured(document)
+    chart = outcome_chart(seen, seen.series(), "time", noise=True)
+    assert (chart.x.title, chart.marks[0].shape) == ("time", "band")
+    assert chart.marks[0].array("high") == pytest.approx(40.0 * np.cos(time) + END)
+    assert {*chart.source.columns["id"]} == {"B", "C"}
+    (curves,) = [mark for mark in chart.marks if mark.shape == "lines"]
+    assert np.allclose(curves.series.columns["y"], 40.0 * np.cos([time, time]))
+
+
 def test_several_laws_open_a_report_and_the_others_follow() -> None:
     curve = {"x": [0.0, 1.0], "density": [1.0, 1.0]}
     document = result(pictures={"laws": dict.fromkeys("abcdef", curve)})

@@ -32,11 +32,11 @@ _EXPLANATIONS = {
     Status.SOLVED: "the density has the moments asked for",
     Status.NOT_REALIZABLE: (
         "no density on the support has these moments: "
-        "use more nodes ([propagation] nodes) or fewer moments ([density] order)"
+        "use more nodes of the law, or fewer moments (the order of the density)"
     ),
     Status.NOT_CONVERGED: (
         "the fitted density misses the moments that it should have: "
-        "use fewer moments ([density] order) or more nodes ([propagation] nodes)"
+        "use fewer moments (the order of the density) or more nodes of the law"
     ),
     Status.OUTSIDE_SUPPORT: (
         "the outcome lies outside the support of the density: "
@@ -47,6 +47,6 @@ _EXPLANATIONS = {
         "add measurement noise or leave the experiment out"
     ),
     Status.TOO_COARSE: (
-        "too few nodes for an outcome that changes this fast: use more nodes ([propagation] nodes)"
+        "too few nodes for an outcome that changes this fast: use more nodes of the law"
     ),
 }

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from aleator.core.types import Array, Flags, Indices
-from aleator.errors import InputsError
+from aleator.errors import NOISE, InputsError, setting
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.likelihood.individual import (
@@ -111,9 +111,7 @@ class Choices:
             )
         reason = None if noise is not None else _without_density(table, inputs)
         if reason is not None:
-            raise InputsError(
-                reason, "add noise: [noise] sd, or noise=Noise(...), which may be small"
-            )
+            raise InputsError(reason, f"add {NOISE}; it may be small")
         if not made.exact:
             _require_common_surfaces(inputs, surfaces_alone(propagation, density))
         elif not table.simple or len(inputs.classes) > 1:
@@ -341,7 +339,7 @@ def _require_processes(propagation: ResponseSurface | Collocation, density: Dens
     if choice.surfaces == "own" or choice.tolerance is not None:
         raise _of_exact_outcomes(
             "surfaces of each outcome's own (or a tolerance)",
-            "[propagation] surfaces and tolerance",
+            setting("[propagation] surfaces and tolerance", "ResponseSurface(surfaces, tolerance)"),
         )
 
 
@@ -354,7 +352,7 @@ def _require_common_surfaces(inputs: Inputs, surfaces: ResponseSurface) -> None:
         raise InputsError(
             "surfaces of each experiment's own, or with a tolerance, are for independent "
             f"experiments, and some parameters belong to a level: {', '.join(inputs.levels)}",
-            'leave `surfaces` and `tolerance` out, or write surfaces = "process"',
+            'leave `surfaces` and `tolerance` out, or take surfaces "process"',
         )
 
 
@@ -367,11 +365,16 @@ def surfaces_alone(
     collocation, and nodes of the law.
     """
     if density is not None:
-        raise _of_exact_outcomes(f"the density ({density.name})", "[density]")
+        raise _of_exact_outcomes(f"the density ({density.name})", setting("[density]", "density="))
     if not isinstance(propagation, ResponseSurface):
-        raise _of_exact_outcomes('method = "collocation"', "[propagation] method")
+        raise _of_exact_outcomes(
+            "collocation",
+            setting('[propagation] method = "collocation"', "propagation=Collocation(...)"),
+        )
     if propagation.nodes is not None:
-        raise _of_exact_outcomes("`nodes` of the law", "[propagation] nodes")
+        raise _of_exact_outcomes(
+            "`nodes` of the law", setting("[propagation] nodes", "ResponseSurface(nodes=...)")
+        )
     return propagation
 
 
@@ -461,7 +464,8 @@ def way_of_outcomes(runner: Runner, model: Model) -> Way:
     if choice.surfaces == "none":
         raise InputsError(
             'surfaces = "none": densities of moments and a tolerance take surfaces',
-            'leave out surfaces, or take method = "collocation"',
+            "leave out surfaces, or take collocation: "
+            + setting('[propagation] method = "collocation"', "propagation=Collocation(...)"),
         )
     return Way(False, "")
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags
+from aleator.errors import InputsError
 from aleator.fit import outcome_range
 from aleator.fit.emulate import Emulation
 from aleator.fit.ledger import SEARCH, SURFACE, Ledger
@@ -203,7 +204,11 @@ def _on_simulator(question: Question, region: Array, reason: str, ledger: Ledger
         lost = failing_observations(runner, region, question.unit, question.column)
         question = question.without(lost)
         likelihood = question.integral(Direct(runner, moving_parameters(inputs.box), inputs.box))
-    found = searched(question, likelihood, [], ledger)
+    try:
+        found = searched(question, likelihood, [], ledger)
+    except InputsError:
+        runner.require_some_outcome()
+        raise
     with ledger.stage(SEARCH):
         top = highest_maximum(with_enough_nodes(likelihood, found.alpha), found)
     return Refined(

@@ -16,6 +16,7 @@ from scipy import special
 
 from aleator.core.progress import Progress
 from aleator.core.types import Array, Flags
+from aleator.errors import setting
 from aleator.inference.fit import Fit, stepped
 from aleator.inference.residual_statistics import (
     OUTCOMES,
@@ -395,6 +396,10 @@ def outliers_of(
 
 
 LIGHT = "fewer outcomes lie in the middle and far out than the law says: it may have two modes"
+HEAVY_TAILED = "heavy-tailed noise: " + setting(
+    '[noise] kind = "student_t"', "Noise(sd, StudentError(df=5))"
+)
+CORRELATED = setting('[noise] correlation = "ar1"', "Noise(sd, correlation=AR1())")
 HEAVY = "more outcomes lie far out, and more in the middle, than the law says"
 
 
@@ -431,6 +436,22 @@ def _contrast(test: Statistic) -> str:
     return f"experiments {place} ask for a {'larger' if up else 'smaller'} {test.of}"
 
 
+def _followed(what: str, formula: str | None) -> str:
+    """How the mean or the sd of a law follows a column."""
+    return setting(f'{what} = "1 + {formula}"', f'{what}=By("1 + {formula}", lower, upper)')
+
+
+def _named(column: str | None) -> str:
+    """How the column is named that says which rows are one experiment."""
+    return setting(f'[experiments] id = "{column}"', f'id="{column}"')
+
+
+def _of_level(parameter: str, column: str | None) -> str:
+    """How a shift of a parameter is shared by the experiments with one name in a column."""
+    shared = f'Inputs(..., levels={{"{parameter}_shift": "{column}"}})'
+    return setting(f'level = "{column}"', shared)
+
+
 def _mended(test: Statistic) -> str:
     if test.column == ORDER:
         return (
@@ -443,11 +464,12 @@ def _mended(test: Statistic) -> str:
     if test.of == SCATTER:
         return (
             f"let the noise differ with {test.column} (a column of standard deviations), or the sd "
-            f'of a law follow it: sd = "1 + {formula}"'
+            "of a law follow it: " + _followed("sd", formula)
         )
     of = "the mean of a parameter" if test.of == OUTCOMES else test.of
     return (
-        f'let {of} follow {test.column}: "1 + {formula}"; or mend how the simulator depends on it'
+        f"let {of} follow {test.column}: {_followed('mean', formula)}; or mend how the simulator "
+        "depends on it"
     )
 
 
@@ -455,7 +477,7 @@ def _curved(test: Statistic) -> str:
     if test.of == SCATTER:
         return (
             f"let the noise differ with {test.column} (a column of standard deviations), or be "
-            "relative: [noise] relative"
+            f"relative: {setting('[noise] relative', 'Noise(relative=...)')}"
         )
     return (
         f"the simulator depends on {test.column} in another way than the experiments: mend it, or "
@@ -476,22 +498,21 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
             return (
                 f"outcomes scatter {'more' if up else 'less'} than the law and the noise say",
                 "let the noise, or a standard deviation of a law, be identified; where all are, "
-                "let the noise differ by a column of standard deviations, or take noise of kind "
-                '"student_t"',
+                f"let the noise differ by a column of standard deviations, or take {HEAVY_TAILED}",
             )
         case "heavy tails":
             pull = f"more experiments pull far, and more hardly, on {of} than the law says"
             return (
                 HEAVY if of == OUTCOMES else pull,
-                'noise of kind "student_t", a law with heavier tails, or a column that tells apart '
-                "what scatters more",
+                f"take {HEAVY_TAILED}, a law with heavier tails, or a column that tells apart what "
+                "scatters more",
             )
         case "light tails":
             return (
                 LIGHT
                 if of == OUTCOMES
                 else f"experiments pull alike far on {of} than the law says",
-                'a law = "mixture", or a column that tells two groups apart',
+                "take a mixture as the law, or a column that tells two groups apart",
             )
         case "skewness":
             skewed = "choose a skewed law (lognormal, gamma, beta), or"
@@ -505,13 +526,12 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
         case "outlier":
             return (
                 "an outcome lies farther out than the law says",
-                'look at the outliers named; noise of kind "student_t", or a skewed law, makes '
-                "them likely",
+                f"look at the outliers named; {HEAVY_TAILED}, or a skewed law, makes them likely",
             )
         case "unequal":
             whose = "experiments" if column == ORDER else f"outcomes of different `{column}`"
             whose = "outcomes under different conditions" if column == SAME else whose
-            heavy = ', or take noise of kind "student_t"' if column == ORDER else ""
+            heavy = f", or take {HEAVY_TAILED}" if column == ORDER else ""
             return (
                 f"{whose} scatter unequally, more than the law says",
                 f"let the noise differ between them by a column of standard deviations{heavy}",
@@ -520,14 +540,14 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
             return (
                 f"observations that follow each other in an experiment err {alike}",
                 "the errors are not independent, or the simulator's curve has another shape: let "
-                'errors be correlated, [noise] correlation = "ar1" or "gaussian_process", or mend '
-                "the simulator",
+                f"errors be correlated ({CORRELATED}), or mend the simulator",
             )
         case "neighbours":
             return (
                 f"outcomes next to each other in the table are {alike}",
-                "if they are of one subject, name the column that says which: [experiments] "
-                'id = "..."; else something changed while the experiments were made',
+                "if they are of one subject, name the column that says which "
+                f"({_named('...')}); else something changed while the experiments "
+                "were made",
             )
         case "groups":
             where = "under the same conditions" if column == SAME else f"with the same `{column}`"
@@ -535,24 +555,29 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
                 "observations of the same experiment" if column == ORDER else f"outcomes {where}"
             )
             mended = "mend the simulator, whose curve has another shape than what was measured"
-            named = "..." if column == SAME else column
             subject = (
-                "if their rows are of one subject, name the column that says which: [experiments] "
-                f'id = "{named}"; else mend the simulator, which is biased there'
+                "if their rows are of one subject, name the column that says which "
+                f"({_named('...' if column == SAME else column)}); else mend the simulator, which "
+                "is biased there"
             )
             return f"{whose} err alike, more than the law says", mended if several else subject
         case "alike":
             return (
                 f"{of} of experiments with the same `{column}` is alike, more than the law says",
-                f'let a shift of {of} be shared by them, a parameter with level = "{column}"; or '
-                f'let its mean follow the column: "1 + C({column})"',
+                f"let a shift of {of} be shared by them, a parameter of that level "
+                f"({_of_level(of, column)}); or let its mean follow the column: "
+                + _followed("mean", f"C({column})"),
             )
         case "pair":
             return (
                 f"{of} and {column} of single experiments differ "
                 f"{'together' if up else 'in opposite directions'}, more than a law says that "
                 "takes them as independent",
-                f"let them be correlated: [correlation] {of}.{column}",
+                "let them be correlated: "
+                + setting(
+                    f"[correlation] {of}.{column}",
+                    f'Inputs(..., correlation={{("{of}", "{column}"): Free(-0.95, 0.95)}})',
+                ),
             )
         case _:
             late, size = column == ORDER, "larger" if up else "smaller"
@@ -561,5 +586,5 @@ def _other(test: Statistic, several: bool) -> tuple[str, str]:
                 f"{of} of single experiments is {size} {place} than the law says",
                 "look for what changed while the experiments were made"
                 if late
-                else f'let the mean of {of} follow {column}: "1 + {column}"',
+                else f"let the mean of {of} follow {column}: {_followed('mean', column)}",
             )

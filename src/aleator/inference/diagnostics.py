@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from aleator.core.status import Status
 from aleator.core.types import Array, Flags, Indices
+from aleator.errors import WORKING_BOX, setting
 from aleator.inference.identifiability import flat_profiles
 from aleator.inference.information import Inference
 from aleator.inference.profile import Profile
@@ -60,6 +61,7 @@ class EstimateSettings:
 
 
 ESTIMATES = EstimateSettings()
+SMALL_SAMPLE = setting("[intervals] small_sample = true", "small_sample=True")
 
 
 def count_warnings(
@@ -85,7 +87,7 @@ def count_warnings(
             "and estimated standard deviations tend to be too small, by about the ratio of "
             "hyperparameters to experiments",
             "take the intervals, not the standard errors; "
-            + ("" if adjusted else "adjust them ([intervals] small_sample = true); ")
+            + ("" if adjusted else f"adjust them ({SMALL_SAMPLE}); ")
             + f"fix some, or add experiments ({2 * settings.experiments} for each is a start)",
         )
     ]
@@ -405,7 +407,7 @@ def review_data(
             f"runs fail at up to {100 * failing.max():.2g} % of the identified law. These "
             "parameters count as impossible there: the likelihood is that of the observations and "
             "of a run that works",
-            "mend the simulator, or give the law a box where it works (`aleator box STUDY.toml`)",
+            "mend the simulator, or give the law a box where it works: " + WORKING_BOX,
         ),
         *(
             [
@@ -492,7 +494,7 @@ def node_warnings(gap: float, admitted: float) -> list[Diagnostic]:
             f"more nodes change the log-likelihood by {gap:.2g}: those that are used are too few "
             "for what the observations leave open of the parameters",
             "let fewer parameters scatter, or see whether the simulator jumps as they change; of a "
-            "density of moments, raise propagation.nodes, or leave [density] out",
+            "density of moments, take more nodes of the law, or leave the density out",
         )
     ]
 
@@ -537,7 +539,7 @@ def failure_warnings(report: FailureReport | None) -> list[Diagnostic]:
             f"often: {report.message}. Response surfaces and check leave these runs out; where "
             "they failed a surface extrapolates, and its estimated error is larger",
             "see them with `aleator runs show STUDY.toml --failures`, mend the simulator and "
-            "`aleator runs retry` them, or narrow the box (`aleator box STUDY.toml`)",
+            f"`aleator runs retry` them, or narrow the box: {WORKING_BOX}",
             report.experiments,
         )
     ]
@@ -561,7 +563,7 @@ def _sections(error: NoOutcome, runner: Runner, inputs: Inputs) -> str:
     reaching = [i for i, law in enumerate(laws) if law.scatters and not law.bounded]
     worked = runner.completed.x
     if not reaching:
-        return "; or let `aleator box STUDY.toml` find the largest box in which every run works"
+        return f"; or let {WORKING_BOX} find the largest box in which every run works"
     if len(worked) < 2:
         return ""
     names = ", ".join(inputs.names[i] for i in reaching)
@@ -571,8 +573,12 @@ def _sections(error: NoOutcome, runner: Runner, inputs: Inputs) -> str:
         f"    box = [{box[i, 0]:.4g}, {box[i, 1]:.4g}]"
         for i in reaching
     )
+    boxes = ", ".join(
+        f'"{inputs.names[i]}": TruncatedNormal(box=({box[i, 0]:.4g}, {box[i, 1]:.4g}))'
+        for i in reaching
+    )
     return (
         f"; the law of {names} gives weight to values at which the simulator fails: give it a box, "
-        f"such as that of the runs that worked so far,{sections}\n  and let `aleator box "
-        "STUDY.toml` find the largest box that works"
+        f"such as that of the runs that worked so far,{sections}\n    in Python {{{boxes}}}\n  and "
+        f"let {WORKING_BOX} find the largest box that works"
     )

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import special
 
 from aleator.core.types import Array
-from aleator.errors import InputsError
+from aleator.errors import NOISE, InputsError
 from aleator.inference.alpha_draws import quantiles
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Remembered
@@ -76,7 +76,7 @@ FIT = FitSettings()
 def _without_noise() -> InputsError:
     return InputsError(
         "without measurement noise an outcome has no density given its parameters",
-        "add noise: [noise] sd, or noise=Noise(...), which may be small",
+        f"add {NOISE}; it may be small",
     )
 
 

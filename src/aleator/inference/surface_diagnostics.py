@@ -14,7 +14,7 @@ import numpy as np
 
 from aleator.core.status import Status
 from aleator.core.types import Array, Flags, Indices
-from aleator.errors import ExperimentsError
+from aleator.errors import NOISE, ExperimentsError
 from aleator.inference.check import Checked
 from aleator.inference.diagnostics import of_experiments
 from aleator.inference.information import Inference
@@ -239,7 +239,7 @@ def density_notes(
         Diagnostic(
             "density",
             f"the density in use is an approximation: with the exact one {moves}",
-            "leave [density] out: level sets are exact; or take a higher order, and compare",
+            "leave the density out: level sets are exact; or take a higher order, and compare",
             tuple(names),
         )
     ]
@@ -362,7 +362,7 @@ def doubt_refusals(doubted: Doubt, ids: Sequence[str]) -> list[Diagnostic]:
             ids,
             "the measured outcome lies at an extreme of the response surface, nearer than the "
             "surface is exact, so that its density is not known",
-            f"add measurement noise ([noise] sd), check these rows; {runs}",
+            f"add {NOISE}, check these rows; {runs}",
         ),
     ]
 
@@ -408,8 +408,7 @@ def out_of_reach(
     return ExperimentsError(
         f"{outside.size} outcome(s) lie outside the range that the simulator reaches, "
         f"so that no law explains them: {named}{more}",
-        f"{slip}check these rows and the units, widen the box of the parameters, or add "
-        "measurement noise ([noise] sd)",
+        f"{slip}check these rows and the units, widen the box of the parameters, or add " + NOISE,
     )
 
 
@@ -477,7 +476,7 @@ def level_refusals(changed: Array, ids: Sequence[str]) -> list[Diagnostic]:
         ids,
         "the simulator jumps over the measured outcome, which it reaches for no parameters, so "
         "that no law explains it",
-        "add measurement noise ([noise] sd), check these rows, or see why the simulator jumps",
+        f"add {NOISE}, check these rows, or see why the simulator jumps",
     )
 
 
@@ -492,7 +491,7 @@ def unreached_refusals(problem: Problem, alpha: Array, ids: Sequence[str]) -> li
         problem.unreached_at(alpha),
         ids,
         f"{what} does not go so far: {far}",
-        "add measurement noise ([noise] sd), check these rows, or choose a tolerance, such as "
+        f"add {NOISE}, check these rows, or choose a tolerance, such as "
         "0.005, for surfaces that are more exact there",
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from aleator.errors import InputsError
+from aleator.errors import NOISE, InputsError
 from aleator.laws import Hyperparameter
 from aleator.laws.inputs import Inputs
 from aleator.surrogates import ResponseSurface
@@ -51,7 +51,7 @@ class Model:
         if inputs.scattering == 0:
             raise InputsError(
                 "nothing scatters: every parameter is a constant and there is no measurement noise",
-                "give a parameter a law, or add noise: [noise] sd, or noise=Noise(...)",
+                f"give a parameter a law, or add {NOISE}",
             )
         own = isinstance(propagation, ResponseSurface) and propagation.nodes is None
         if density is None and not own:

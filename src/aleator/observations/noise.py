@@ -30,7 +30,8 @@ class Noise:
 
     The errors of different observations are independent, unless a `correlation` is given: `AR1`,
     `CAR1`, `CompoundSymmetry` or `GaussianProcess`, for normal errors measured exactly. It ties the
-    errors of the response within an experiment.
+    errors of the response within an experiment: `Noise(Free(0.1, 1.0), correlation=AR1())` where
+    errors that follow each other in a series are alike.
 
     Raises InputsError where neither sd nor relative is given, where one is zero, where limits are
     missing or out of order, where `kind` lacks a member of `ObservationModel`, for a `variance`
@@ -41,6 +42,9 @@ class Noise:
     >>> from aleator.laws import Free
     >>> [h.name for h in Noise(Free(0.1, 1.0), relative=0.05).hyperparameters]
     ['noise.sd', 'noise.relative']
+    >>> from aleator.observations.correlated import AR1
+    >>> [h.name for h in Noise(Free(0.1, 1.0), correlation=AR1()).hyperparameters]
+    ['noise.sd', 'noise.rho']
     """
 
     sd: Specification | str | None = None

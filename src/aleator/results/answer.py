@@ -29,6 +29,7 @@ from aleator.results.printed import (
     with_error,
 )
 from aleator.results.units import label
+from aleator.results.values import REPORTED
 
 Document = Mapping[str, Any]
 COLUMNS = heads("hyperparameter", ">estimate", ">std. error", ">95 % interval", "~note")
@@ -104,7 +105,7 @@ def lead(document: Document) -> tuple[Sentence, ...]:
     values = f" with {len(seen):,} observations" if seen else ""
     values += f" ({bounds:,} of them bounds only)" if bounds else ""
     counted = "runs" in document and document.get("propagation") != "direct"
-    runs = f", {document['runs']:,} runs of the simulator" if counted else ""
+    runs = f", {document['runs']:,} different runs of the simulator" if counted else ""
     experiments = count(len(document["experiments"]), "experiment")
     return (
         Sentence(f"{count(free, 'hyperparameter')} identified from {experiments}{values}{runs}"),
@@ -291,13 +292,29 @@ def _agreement(document: Document) -> Sentence:
     if verdict:
         return Sentence(
             f"Consistent with the experiments: none of {len(second['tests'])} tests contradicts "
-            f"the model (p = {number(second['p'], 2)}).",
+            f"the model (p = {number(second['p'], 2)}){_neighbours(document)}.",
             "good",
         )
     against = [*_numbered(second["discrepancies"])]
     said = "; ".join(f"{place}{_contradiction(row)}" for place, row in against)
     mended = " ".join(f"{place}{row['remedy']}." for place, row in against)
+    if "neighbours" not in [row["test"].get("kind") for row in second["discrepancies"]]:
+        said += _neighbours(document)
     return Sentence(f"NOT consistent with the experiments: {said}.", "bad", remedy=mended)
+
+
+def _neighbours(document: Document, level: float = REPORTED.level) -> str:
+    """What the test of serial correlation says of experiments with several observations."""
+    tests = document["consistency"].get("tests") or ()
+    test = next((test for test in tests if test["kind"] == "neighbours"), None)
+    if test is None or len(document.get("observations") or ()) <= len(document["experiments"]):
+        return ""
+    p = f"p = {number(test['p'], 2)}"
+    what = "; residuals that follow each other in an experiment are"
+    if test["p"] >= level:
+        return f"{what} not correlated beyond chance ({p})"
+    sign = "positively" if test["z"] > 0.0 else "negatively"
+    return f"{what} {sign} correlated ({p} alone, not beyond chance among {len(tests)} tests)"
 
 
 def warnings(document: Document) -> tuple[Sentence, ...]:

@@ -49,7 +49,9 @@ class Result(Plain):
     of the estimates that have a standard error; `correlation_names` are their names. `ranges` has
     the 95 % range of each scattering parameter, by name (`LawRange`). `search`, `surface`,
     `baselines`, `best_possible` and `pictures` are dictionaries as in the JSON document, with None
-    for a number that JSON cannot hold.
+    for a number that JSON cannot hold. `runs` are the different runs that were needed,
+    stored ones included. About the square root of their number, at most 24, and the first one are
+    made a second time, to check that outcomes repeat.
 
     Each field has the form in which it is read back from a document: Python's numbers, tuples,
     dictionaries. Two results are equal if their documents are equal.
@@ -201,8 +203,16 @@ class Result(Plain):
     def residuals(self) -> pd.DataFrame:
         """A data frame with a row for each observation: its place, bounds and prediction.
 
-        `ObservationReport` explains the columns. Each condition that varies within experiments has
-        a column too. Empty if each experiment has one outcome.
+        ``id`` is the experiment, ``row`` the row of the table, counted from 1, and ``response`` the
+        name of the outcome. ``lower`` and ``upper`` are the measured value, or its known bounds,
+        and ``predicted`` is the mean of the simulated value given the observations of the
+        experiment: in the unit of the outcome, or as logarithms with a "log" transform. ``scale``
+        is the standard deviation of the measurement error, in the same unit (of errors that are not
+        normal, their scale). ``residual`` is measured minus predicted, divided by ``scale``: it has
+        no unit. ``pit`` is the probability of a smaller value, given the earlier observations of
+        the experiment; under a right model it is uniform on [0, 1]. Then follow the conditions that
+        vary within experiments. See `ObservationReport` for bounds, and for correlated errors
+        docs/study.md. Empty if each experiment has one outcome.
         """
         rows = [{**vars(o), **o.conditions} for o in self.observations]
         return pd.DataFrame(rows).drop(columns="conditions", errors="ignore")

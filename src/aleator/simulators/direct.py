@@ -166,7 +166,7 @@ class DirectRuns:
         observed = np.zeros((len(bound.cases), self._form.width), dtype=np.bool_)
         self._unmeasured = replace(bound, form=replace(bound.form, observed=observed))
         self._together: ArrayCalls | None = None
-        self.count = self.lost = 0
+        self.count = self.lost = self.repeated = 0
         self.failures = Runs.planned(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
 
     def __call__(self, case: Indices, x: Array) -> Array:
@@ -184,7 +184,8 @@ class DirectRuns:
         return values
 
     def again(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of runs that are made once more, as a check, and not counted."""
+        """Values (R, W) of runs that are made once more, as a check; `repeated` counts them."""
+        self.repeated += len(case)
         parts = blocks(len(case), 1, self._size)
         return np.concatenate([self._block(case[rows], x[rows])[0] for rows in parts])
 

@@ -244,7 +244,7 @@ def _halves(simulator: Simulator, batch: Batch, error: BaseException) -> Runs:
         raise SimulatorError(
             f"simulator '{simulator.name}' raised when called with {len(batch)} runs, "
             f"but not with fewer: {describe(error)}",
-            "set vectorized = false, or make it take arrays of any length",
+            "leave out vectorized, or make it take arrays of any length",
         )
     return whole
 

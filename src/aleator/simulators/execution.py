@@ -230,7 +230,8 @@ class Execution:
 
     Runs are remembered in `memory` and, with a `cache`, stored. A run that fails is tried again up
     to `retries` times. `tried` counts all runs that were made, `fresh` those of them with an
-    outcome. `seconds` is the work of all of them together, `waited` the time that passed meanwhile.
+    outcome, and `repeated` those that were made again as a check. `seconds` is the work of all of
+    them together, `waited` the time that passed meanwhile.
     """
 
     def __init__(
@@ -246,7 +247,7 @@ class Execution:
         self._bound, self._units, self._cache = bound, units, cache
         self._executor, self._retries = executor, retries
         self.memory = Memory(len(bound.parameters), bound.form.columns)
-        self.fresh = self.tried = 0
+        self.fresh = self.tried = self.repeated = 0
         self.seconds = self.waited = 0.0
 
     def recall(self, keys: Sequence[bytes], failures: bool) -> None:
@@ -297,6 +298,7 @@ class Execution:
 
     def again(self, runs: Runs) -> Array:
         """Outcomes (R, W) of runs that are made again and not remembered; NaN for failures."""
+        self.repeated += len(runs)
         found = {
             key: row
             for made in self.made(runs.some(slice(None)))

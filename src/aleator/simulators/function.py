@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from aleator.core.types import Array
-from aleator.errors import SimulatorError, nearest
+from aleator.errors import SimulatorError, nearest, setting
 from aleator.observations.tables import real_numbers
 from aleator.simulators.protocol import (
     BLOCKS,
@@ -473,7 +473,8 @@ def _scalar(value: Any) -> float:
         raise TypeError("it returned None: is a return statement missing?")
     if isinstance(value, tuple):
         raise TypeError(
-            f"it returned {len(value)} values: if the second are derivatives, say jac = true"
+            f"it returned {len(value)} values: if the second are derivatives, say "
+            + setting("[simulator] jac = true", "jac=True")
         )
     if np.ndim(value) != 0:
         raise TypeError(
@@ -543,14 +544,22 @@ def as_simulator(
     simulator: Simulator | Callable[..., Any],
     vectorized: bool = False,
     jac: bool | Callable[..., Any] = False,
+    series: bool = False,
 ) -> Simulator:
-    """A simulator unchanged, or a plain function as a simulator, called once a run or `vectorized`.
+    """A simulator unchanged, or a plain function as a simulator, with options of it.
 
-    With `jac` it returns derivatives, too (see `FunctionSimulator`).
+    `vectorized`, `jac` and `series` are those of `FunctionSimulator`. Raises SimulatorError for
+    `series` beside a simulator that is no series: its own option decides.
 
     >>> as_simulator(lambda load, stiffness: load / stiffness).vectorized
     False
     """
     if all(hasattr(simulator, member) for member in ("name", "block", "asks", "fingerprint")):
+        if series and not getattr(simulator, "series", False):
+            raise SimulatorError(
+                "series=True stands beside a simulator that takes one row a run",
+                f"write it where the simulator is made: {type(simulator).__name__}(..., "
+                "series=True)",
+            )
         return simulator  # type: ignore[return-value] # any class that fills the protocol
-    return FunctionSimulator(simulator, vectorized, jac=jac)
+    return FunctionSimulator(simulator, vectorized, jac=jac, series=series)

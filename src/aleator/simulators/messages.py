@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from aleator.core.types import Array, Flags
-from aleator.errors import SimulatorError, short
+from aleator.errors import SimulatorError, setting, short
+from aleator.observations.tables import real_numbers
 from aleator.simulators.execution import RunCache
+from aleator.simulators.function import FunctionSimulator
 from aleator.simulators.protocol import NoOutcome, Simulator, with_log
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.units import Cases, Units
@@ -36,6 +38,7 @@ class Messages:
         what, who = (
             ("failed", "simulator") if failure.kind == "RunFailed" else ("raised", "function")
         )
+        self._require_numbers(tried, row)
         return self._no_outcome(
             f" {what} for {self._run(tried, row)}: {_with_log(failure)}",
             f"mend the {who} for the conditions {self._conditions(tried, row)}",
@@ -46,7 +49,12 @@ class Messages:
     def excess(self, tried: Runs, failed: int, total: int) -> SimulatorError:
         """The error that too large a share of all runs failed."""
         row = min(tried.failures)
+        if failed == total:
+            self._require_numbers(tried, row)
         hint = "mend the simulator: no run of it worked" if failed == total else ""
+        if hint and len(self.units) == len(self.ids) and not self.units.series:
+            write = setting("[experiments] id and [simulator] series", 'id="...", series=True')
+            hint += f"; if it takes all rows of an experiment at once, say so: {write}"
         return self._no_outcome(
             f": {failed:,} of {total:,} runs failed, too many to go on; the first for "
             f"{self._run(tried, row)}: {_with_log(tried.failures[row])}",
@@ -62,7 +70,7 @@ class Messages:
             f"simulator '{self.simulator.name}' returned {first:.8g} and then {again:.8g} for the "
             f"same run: {self._run(runs, row)}",
             "let it return the same outcome every time: fix the seed of its random numbers, keep "
-            "no state from run to run, and leave measurement noise to [noise]",
+            "no state from run to run, and let it return no measurement noise",
         )
 
     def _not_finite(self, tried: Runs, row: int) -> SimulatorError:
@@ -77,6 +85,37 @@ class Messages:
             f"{self._conditions(tried, row)}",
             tried,
             failed,
+        )
+
+    def _require_numbers(self, tried: Runs, row: int) -> None:
+        """Raise SimulatorError if a function wants the arrays of a whole experiment.
+
+        It failed with numbers in this row of some runs. It is called once with all rows of the
+        experiment: it wants arrays if it then returns a number for each row.
+        """
+        case, simulator = int(tried.case[row]), self.simulator
+        own = self.units.experiment == self.units.experiment[self.cases.first[case]]
+        cells = self.cases.at(self.cases.condition[own])
+        arrays = {name: cell for name, cell in cells.items() if np.any(cell != cell[0])}
+        if not arrays or not isinstance(simulator, FunctionSimulator) or simulator.series:
+            return
+        single = {name: cell[0] for name, cell in cells.items() if name not in arrays}
+        x = dict(zip(self.parameters, tried.x[row].tolist(), strict=True))
+        try:
+            returned = simulator.function(**single, **arrays, **x)
+            returned = returned[0] if simulator.jac is True else returned
+            parts = [*returned.values()] if isinstance(returned, Mapping) else [returned]
+            if any(np.shape(real_numbers(part)) != (int(own.sum()),) for part in parts):
+                return
+        except Exception:
+            return  # It fails with arrays, too: the first failure is the one to mend.
+        write = setting("[simulator] series = true", "identify(..., series=True)")
+        raise SimulatorError(
+            f"simulator '{self.simulator.name}' fails for {self._run(tried, row)}: "
+            f"{_with_log(tried.failures[row])}; it works when it is called once for the whole "
+            f"experiment, with arrays of {' and '.join(arrays)}",
+            f"say that a run is a series: {write}, or FunctionSimulator({simulator.name}, "
+            "series=True) in place of the function",
         )
 
     def _no_outcome(self, problem: str, remedy: str, tried: Runs, failed: Flags) -> NoOutcome:

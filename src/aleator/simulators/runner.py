@@ -104,6 +104,7 @@ def as_runner(
     vectorized: bool = False,
     executor: Executor | None = None,
     jac: bool | Callable[..., Any] = False,
+    series: bool = False,
 ) -> Runner:
     """A runner for a simulator or a function (see `as_simulator`) on the experiments.
 
@@ -117,7 +118,7 @@ def as_runner(
     """
     if isinstance(simulator, Runner):
         return simulator
-    simulator = as_simulator(simulator, vectorized, jac)
+    simulator = as_simulator(simulator, vectorized, jac, series)
     return Runner(simulator, experiments, parameters, executor=executor)
 
 
@@ -244,6 +245,11 @@ class Runner:
         return len(self._memory) + self._direct.count
 
     @property
+    def repeated(self) -> int:
+        """The number of runs that were made a second time, to check that their outcomes repeat."""
+        return self._execution.repeated + self._direct.repeated
+
+    @property
     def fresh(self) -> int:
         """The number of runs that were made by this runner and have an outcome."""
         return self._execution.fresh
@@ -279,6 +285,12 @@ class Runner:
     def lost(self) -> tuple[int, Runs]:
         """How many runs of `straight` had no outcome, and the first 1000 of these with reasons."""
         return self._direct.lost, self._direct.failures
+
+    def require_some_outcome(self) -> None:
+        """Raise NoOutcome, with the first reason, if every run of `straight` so far failed."""
+        lost, failures = self.lost
+        if lost and lost == self._direct.count:
+            raise self._messages.excess(failures, lost, lost)
 
     def __call__(self, index: ArrayLike, x: ArrayLike) -> Array:
         """Transformed outcomes (R,) of units `index` (R,) with parameters `x` (R, n)."""
@@ -427,6 +439,7 @@ class Runner:
         if self.cache is None or not self.cache.at_start.runs:
             point, at = np.atleast_2d(np.asarray(x, dtype=np.float64)), np.zeros(1, np.intp)
             columns = self._bound.columns(self.cases.condition[at], point)
+            self._execution.repeated += 1
             if (how := ending(lambda: self.simulator(*columns))) is not None:
                 raise SimulatorError(
                     f"the simulator '{self.simulator.name}' ended the process of its first run "

@@ -293,7 +293,10 @@ class UMBridgeSimulator:
         return prevented(error, f"a run could not be made: {self.url} gives no answer")
 
 
-_MEND = "correct [simulator]; docs/simulators.md says how inputs and output are written"
+_MEND = (
+    "correct what the study says of the server; docs/simulators.md says how inputs and output are "
+    "written"
+)
 
 
 def _place(place: Place) -> tuple[int, int | None]:

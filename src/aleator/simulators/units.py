@@ -347,7 +347,7 @@ def _numbers(simulator: Simulator, returned: object, count: int) -> Array:
         raise SimulatorError(
             f"simulator '{simulator.name}' returned {'None' if returned is None else got} "
             f"for {count} runs, expected an array of shape ({count},)",
-            "set vectorized = false if it computes one run at a time (as float() and the "
+            "leave out vectorized if it computes one run at a time (as float() and the "
             "functions of math do); else let it return one number a run",
         )
     return _real(simulator, returned)

@@ -12,7 +12,7 @@ import pandas as pd
 
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
-from aleator.errors import SimulatorError
+from aleator.errors import WORKING_BOX, SimulatorError
 from aleator.fit.emulate import confirming, enlarged, usual
 from aleator.fit.question import (
     grids_each,
@@ -71,7 +71,7 @@ class SingleValues:
             reason = next(iter(why.values())).message if why else "no value"
             raise SimulatorError(
                 f"a run failed for {self.ids[index[lost[0]]]}: {reason}",
-                "let `aleator box STUDY.toml` find where every run works",
+                f"let {WORKING_BOX} find where every run works",
             )
         return found
 

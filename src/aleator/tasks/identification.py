@@ -64,7 +64,8 @@ class Identification(Result):
     >>> found
     95 % of experiments: x 0.79 to 1.27 (each end +- 0.29, 95 % confidence).
     A new experiment like experiment 3: y 2.36 to 3.82 (95 %).
-    2 hyperparameters identified from 4 experiments, ... runs of the simulator
+    2 hyperparameters identified from 4 experiments, ... different runs of the
+    simulator
     hyperparameter  estimate  std. error   95 % interval  note
     x.mean             1.031       0.062  0.873 .. 1.189
     x.sd               0.124       0.044  0.071 .. 0.303  sandwich error 0.018
@@ -220,9 +221,9 @@ class Identification(Result):
         tested conditions and ``status``. ``unseen`` is the largest probability of a region that the
         runs all over the law, in all their rounds, do not exclude with 95 % confidence; those of
         `checks` do not count, as they lie near the event that the surface shows. The status is
-        "not_reached" if no parameters within 6.5 standard deviations lead to the event. It is
-        "unsettled" if the last runs still change the probability, or leave open which outcomes are
-        in the event.
+        "never" if no parameters within 6.5 standard deviations lead to the event, and "always" if
+        none lead to its contrary. It is "unsettled" if the last runs still change the probability,
+        or leave open which outcomes are in the event.
 
         Raises InputsError for a text that is no event of one outcome, AleatorError as `predict`.
         """
@@ -379,6 +380,7 @@ def load(
     simulator: Callable[..., Any] | Simulator | None = None,
     inputs: Laws | None = None,
     vectorized: bool = False,
+    series: bool = False,
     noise: AnyNoise = None,
     experiments: Experiments | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
@@ -416,7 +418,8 @@ def load(
         return found
     laws, runner = inputs_of(inputs), None
     if simulator is not None:
-        runner = _runners(found, as_simulator(simulator, vectorized), laws, experiments, store)
+        made = as_simulator(simulator, vectorized, series=series)
+        runner = _runners(found, made, laws, experiments, store)
     session = Session.again(
         found, path, laws, noise_of(noise), experiments, propagation, density, runner
     )

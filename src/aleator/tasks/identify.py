@@ -55,6 +55,7 @@ def identify(
     outcome: str | list[str] | None = None,
     id: str | None = None,
     vectorized: bool = False,
+    series: bool = False,
     noise: AnyNoise = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,
@@ -76,7 +77,9 @@ def identify(
     alpha* = arg max sum_l log f_Yl(y_l | alpha) (paper, eq. (MLE)).
 
     `simulator` takes conditions and parameters by keyword and returns the outcome. It is called
-    with floats for each run, or with arrays of R runs if `vectorized`. With `jac=True` it returns a
+    with floats for each run, or with arrays of R runs if `vectorized`. With `series` it is called
+    once for a whole experiment: the conditions that vary within it, such as times, are arrays (m,)
+    of its m rows, and it returns an array (m,). With `jac=True` it returns a
     pair, the outcome and its derivatives by the parameters, or `jac` is a function that returns
     these (see `FunctionSimulator`); then fewer runs do. `experiments` is a data
     frame, or a mapping of columns, or `Experiments`. Its column `outcome` is the measured outcome,
@@ -120,7 +123,7 @@ def identify(
     _require_settings(propagation, search, verification, seed, progress, budget)
     known = (*table.observations.names, *map(str, table.table.columns), *inputs.names)
     shown = checked_units(units, known)
-    runner = as_runner(simulator, table, inputs.names, vectorized, executor, jac)
+    runner = as_runner(simulator, table, inputs.names, vectorized, executor, jac, series)
     runner.repeat_some()
     spend(budget, runner, inputs, propagation, density is not None)
     ledger = Ledger(runner, progress or Silent())

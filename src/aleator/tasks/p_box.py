@@ -57,6 +57,7 @@ from aleator.tasks.new_experiments import (
 from aleator.tasks.outcome_event import OutcomeEvent
 from aleator.tasks.prediction import PREDICTION, in_rows
 from aleator.tasks.probability import (
+    CERTAIN,
     Probability,
     probability,
     requested_responses,
@@ -178,9 +179,9 @@ class PBox:
                     law = AlphaDraws.at(alphas[0])
                     ends[key] = probability(predicted, law, wanted, checks, self.progress)
             found = {name: ends[alphas[0].tobytes()] for name, (_, alphas) in band.ends.items()}
-            bad = [p.status for p in found.values() if p.status not in ("solved", "not_reached")]
-            if found["upper"].status == "not_reached":
-                bad.append("not_reached")
+            bad = [p.status for p in found.values() if p.status not in ("solved", *CERTAIN)]
+            bad += ["never"] * (found["upper"].status == "never")
+            bad += ["always"] * (found["lower"].status == "always")
             parts.append(
                 _in_order({name: p.probability for name, p in found.items()})
                 | {name: column[0] for name, column in self._told(band).items()}

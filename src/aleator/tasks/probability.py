@@ -119,7 +119,12 @@ class Probability:
         return replace(
             self, probability=1.0 - self.probability, lower=1.0 - self.upper,
             upper=1.0 - self.lower, at_estimate=1.0 - self.at_estimate,
+            status=CERTAIN.get(self.status, self.status),
         )  # fmt: skip
+
+
+CERTAIN = {"never": "always", "always": "never"}
+"""The statuses of an event that a law cannot reach or cannot miss, each with its contrary's."""
 
 
 def probabilities(
@@ -353,7 +358,7 @@ class _Told:
         ends = widened_interval(np.array([whole, own[0]]), own[1:], self.weights)
         if draws.certain:
             ends = np.full(2, np.nan)
-        status = "unsettled" if not settled else "solved" if sample.reached else "not_reached"
+        status = "unsettled" if not settled else "solved" if sample.reached else "never"
         return Probability(
             whole, float(ends[0]), float(ends[1]), float(own[0]),
             float(np.hypot(self.error, change.error)), distance, change.runs,

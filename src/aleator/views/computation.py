@@ -62,9 +62,13 @@ def effort(document: Document) -> Iterator[Part]:
     stages, seconds = document.get("runs_by_stage") or {}, document.get("seconds") or {}
     if "runs" in document:
         made = ", ".join(f"{stage} {runs:,}" for stage, runs in stages.items() if runs)
-        direct = document.get("propagation") == "direct"
-        points = " points at which the simulator was evaluated, many in one call" * direct
-        told = f"{document['runs']:,}{points}{made and f': {made}'}"
+        what, twice = " different ones", (
+            ". The first one, and about as many as the square root of their number (at most 24), "
+            "are made twice, to check that outcomes repeat."
+        )
+        if direct := document.get("propagation") == "direct":
+            what, twice = " points at which the simulator was evaluated, many in one call", ""
+        told = f"{document['runs']:,}{what}{made and f': {made}'}{twice}"
         yield Sentence(told, head="evaluations" if direct else "runs", depth=WHOLE)
     if seconds:
         total = seconds.get("total", sum(seconds.values()))

@@ -13,10 +13,10 @@ import numpy as np
 
 from aleator.core.types import Array
 from aleator.views import chart
-from aleator.views.chart import CHARTS, Axis, Chart, Mark, Series
+from aleator.views.chart import CHARTS, Axis, Chart, Mark, Series, evenly
 from aleator.views.law_charts import law_chart, law_curves
 from aleator.views.measured import QUANTILES, AxisChoice, MeasuredValues, varying
-from aleator.views.outcome_charts import Individuals, hover, predicted_chart
+from aleator.views.outcome_charts import Individuals, hover, lines_of, predicted_chart
 
 Document = Mapping[str, Any]
 HEIGHT = 300
@@ -51,6 +51,8 @@ class OpeningSettings:
     see (some ten pixels): deviations from the predicted medians are drawn then. Of 24 beams with
     frequencies from 2.4 to 8 Hz it is 0.04.
     """
+    curves: int = 8
+    """The most experiments whose series are drawn as curves."""
     apart: float = 0.08
     """Distance between the bars of two values of the second condition, as a share of the least
     distance between two values of the first.
@@ -91,7 +93,8 @@ def outcome_chart(
 
     x is the condition that alone determines the prediction: the column `series` that varies within
     experiments, else the condition that orders the predicted medians best. If no condition alone
-    does, the last experiment is drawn over its `series`. Without a series, a second condition of
+    does, experiments with the same other conditions are drawn over the `series`, each a curve
+    (see `_alike`). Without a series, a second condition of
     few values has a color for each; else all outcomes are drawn from the lowest predicted median
     to the highest. Deviations from the median are drawn where the bands would be a hair (see
     `OpeningSettings.hair`). `source` has the rows that are drawn as points.
@@ -110,11 +113,18 @@ def outcome_chart(
     if choice is not None and _determines(seen, choice):
         return _bands(drawn, source, choice, caption)
     if choice is not None and series is not None:
-        last = seen.columns["id"][int(np.argmax(seen.array("row")))]
-        own = seen.part([k for k, one in enumerate(seen.columns["id"]) if one == last])
+        own, which, told = _alike(seen, choice)
         if _determines(own, choice):
-            told = _caption(own, noise=noise)
-            return _bands(own, own.named_series("last"), choice, told, f", experiment {last}")
+            told = f"{_caption(own, noise=noise)} {told}"
+            made = _bands(own, own.named_series("alike"), choice, told, f", {which}")
+            lines = lines_of(own, choice, [*dict.fromkeys(own.columns["id"])])
+            curves = Series("curves", {"id": [*lines], **{
+                name: [line[key] for line in lines.values()]
+                for name, key in (("x", "x"), ("y", "value"))
+            }})  # fmt: skip
+            *bands, points = made.marks
+            curve = Mark("lines", curves, color=chart.GRAY, width=CHARTS.thin)
+            return replace(made, marks=[*bands, curve, points])
     if choice is not None and series is None and (second := _second(seen, choice)) is not None:
         return _bars(drawn, choice, second, caption)
     return replace(
@@ -195,8 +205,35 @@ def _determines(
         if not np.all(apart <= settings.alike * width):
             return False
     steps = np.diff(seen.array("q0.5")[np.argsort(at)])
-    alone = sum(bool(one.name) for one in seen.choices) == 1
+    changing = [one for one in seen.choices if one.name and len({*seen.columns[one.key]}) > 1]
+    alone = changing == [choice]
     return values.size < at.size or alone or bool(np.all(steps >= 0.0) or np.all(steps <= 0.0))
+
+
+def _alike(
+    seen: MeasuredValues, series: AxisChoice, settings: OpeningSettings = OPENING
+) -> tuple[MeasuredValues, str, str]:
+    """The rows of a few experiments under the same conditions but for those of the `series`.
+
+    The conditions are those of most experiments; where several are equally frequent, the middle
+    ones in the order of the table. The texts name them, and say how many experiments are drawn.
+    """
+    others = [one for one in seen.choices if one.name and one != series]
+    under: dict[tuple[Any, ...], dict[str, list[int]]] = {}
+    for k, one in enumerate(seen.columns["id"]):
+        at = tuple(seen.columns[other.key][k] for other in others)
+        under.setdefault(at, {}).setdefault(one, []).append(k)
+    most = max(map(len, under.values()))
+    groups = [group for group in under.values() if len(group) == most]
+    group = groups[(len(groups) - 1) // 2]
+    drawn = [[*group][k] for k in evenly(len(group), settings.curves)]
+    rows = [k for one in drawn for k in group[one]]
+    apart = [one for one in others if len({*seen.columns[one.key]}) > 1]
+    named = [f"{one.name} {seen.columns[f'{one.key}_shown'][rows[0]]}" for one in apart]
+    which = ", ".join(named) if most > 1 and named else f"experiment {', '.join(drawn)}"
+    count = len({*seen.columns["id"]})
+    told = f"Lines join the values of each experiment; {len(drawn)} of {count:,} are drawn."
+    return seen.part(rows), which, told
 
 
 def _second(

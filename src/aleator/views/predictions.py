@@ -53,7 +53,7 @@ def probabilities(columns: Columns, title: str) -> Content:
             NONE if math.isnan(row["lower"])
             else f"{chance(row['lower'])} .. {chance(row['upper'])}",
             chance(row["error"], 1), beyond(row.get("beyond")),
-            _certain(row) if row["status"] == "not_reached" else _note(row["status"]),
+            _note(row["status"]),
         )
         for row in _rows(columns)
     ]  # fmt: skip
@@ -64,7 +64,7 @@ def probabilities(columns: Columns, title: str) -> Content:
             "which outcomes are in the event: it may be wrong by far more than +-. Allow the "
             "surface more runs (max_runs)."
         )
-    if "not_reached" in columns["status"]:
+    if not {"never", "always"}.isdisjoint(columns["status"]):
         notes.append(
             "never, always: within 6.5 standard deviations of the law, no parameters lead to the "
             "event, or none to its contrary."
@@ -135,10 +135,6 @@ def predicted_table(
     ]
     whole = [(*of, *found) for of, found in zip(cells, rows, strict=True)]
     return TextTable(shown, whole)
-
-
-def _certain(row: Mapping[Any, Any]) -> str:
-    return "always" if row["probability"] > 0.5 else "never"
 
 
 def _note(status: str) -> str:

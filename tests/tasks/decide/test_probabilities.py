@@ -131,7 +131,8 @@ def test_what_a_bounded_law_cannot_reach_has_the_probability_zero() -> None:
     law = Inputs({"a": Uniform(0.5, np.sqrt(1.0 / 12.0))})
     for fast in (True, False):
         told = found(ground(lambda load, a: load * a, law, fast=fast), above(1.1), known(law))
-        assert (told.probability, told.status) == (0.0, "not_reached")
+        assert (told.probability, told.status) == (0.0, "never")
+        assert (told.contrary.probability, told.contrary.status) == (1.0, "always")
 
 
 def test_a_slow_simulator_is_run_some_tens_of_times_and_checked() -> None:

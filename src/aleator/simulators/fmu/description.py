@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree
 
-from aleator.errors import SimulatorError, nearest
+from aleator.errors import SimulatorError, nearest, setting
 from aleator.simulators.protocol import RunFailed, name_lists, require_distinct, require_file
 
 Kind = Literal["co_simulation", "model_exchange"]
@@ -354,7 +354,8 @@ def settable(variable: Variable, what: str) -> Variable:
         f"{what}: a value is given to the FMU's variable {variable}, which {why}",
         "name a parameter, an input or a start value (initial = exact) of the FMU; a time of the "
         "experiment is named by stop_time, or in a series by time; a condition that is none of "
-        "these is left out by naming the others in [experiments] conditions",
+        "these is left out by naming the others: "
+        + setting("[experiments] conditions", "Experiments.from_frame(..., conditions=[...])"),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aleator.core.types import Array
-from aleator.errors import SimulatorError
+from aleator.errors import SimulatorError, setting
 from aleator.simulators.derived import Expression, parse
 from aleator.simulators.fmu.description import Description
 from aleator.simulators.fmu.session import SETTINGS
@@ -265,8 +265,11 @@ def require_constant(conditions: Columns, time: str) -> None:
             raise SimulatorError(
                 f"the condition '{name}' varies within an experiment, and an FMU has one start "
                 "value of it in a run",
-                "give it over time as an input (inputs), leave it out by naming the others in "
-                "[experiments] conditions, or leave out series: each row is then a run of its own",
+                "give it over time as an input (inputs), leave out series (each row is then a "
+                "run of its own), or leave it out by naming the others: "
+                + setting(
+                    "[experiments] conditions", "Experiments.from_frame(..., conditions=[...])"
+                ),
             )
 
 
