@@ -134,6 +134,22 @@ def test_a_program_is_found_from_its_placeholders(folder: Path) -> None:
     assert outcome.tolist() == [5.0]
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("out.csv", "mode,travel\n1,5.0\n"),
+        ("out.json", '{"mode": 1, "travel": 5.0}'),
+        ("out.txt", "mode 1\ntravel 5.0\n"),
+    ],
+)
+def test_a_file_that_the_command_names_is_read(folder: Path, name: str, text: str) -> None:
+    springs(folder)
+    (folder / "spring.sh").write_text(f"cat > $3 <<'END'\n{text}\nEND\n")
+    line = f"sh spring.sh {{force}} {{stiffness}} {name}"
+    done("new", "springs.csv", "--command", line, "--parameter", "stiffness=1:3")
+    assert load_study("study.toml").runner()([0], [[2.0]]).tolist() == [5.0]
+
+
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(("decades", "log"), [(2.5, False), (4.0, True)])
 def test_the_logarithm_is_taken_of_what_spans_many_decades(decades: float, log: bool) -> None:
