@@ -124,7 +124,7 @@ def check(
         quick = not runner.vectorized and look.seconds < LOOK.quick
         arrays = quick and runner.takes_arrays(plan.region)
     held = fixed_noise(value.experiments, value.noise)
-    document = look_document(look, cost, options.workers or 1, held, arrays)
+    document = look_document(look, cost, options.workers or 1, held, arrays, value.experiments)
     work.end(document, planning.first_look, draw=None if no_figures else save_check)
     if options.quiet:
         return

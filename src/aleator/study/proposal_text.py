@@ -84,6 +84,7 @@ def notes(proposal: Proposal) -> list[str]:
     if file is not None:
         said.append(f"the outcome is read from {file}, by the name {proposal.outcomes[0]}: if the "
                     "program calls it otherwise, change output in [simulator]")  # fmt: skip
+    said += proposal.gross_errors
     if proposal.series:
         said.append(f"a run serves all rows of an experiment, with arrays of "
                     f"{', '.join(proposal.within)}")  # fmt: skip

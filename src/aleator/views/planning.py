@@ -67,6 +67,14 @@ def first_look(document: Document) -> Content:
             "the noise from the law: if this number is a guess, the scatter of the law rests on it."
         )
         parts.append(Sentence(text, "plain", "Noise"))
+    parts += [
+        Sentence(
+            f"{slip['row']}: {label(document, slip['response'])} = {number(slip['value'])}, where "
+            f"{number(slip['fits'])} would lie among the others.",
+            "warning", "A wrong sign or a misplaced decimal point?",
+        )
+        for slip in document.get("gross_errors") or ()
+    ]  # fmt: skip
     if document["takes_arrays"]:
         parts.append(
             Sentence(
