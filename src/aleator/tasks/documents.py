@@ -92,6 +92,7 @@ def look_document(
             "least_runs": cost.least,
             "most_runs": cost.most,
             "direct": cost.direct,
+            "reused": cost.reused,
             "workers": workers,
             "hours": [n * look.seconds / 3600.0 / workers for n in (cost.least, cost.most)],
         },

@@ -198,7 +198,8 @@ def _cost(document: Document) -> str:
     low, high = (duration(hours) for hours in cost["hours"])
     by = f"with {cost['workers']} workers" if cost["workers"] > 1 else "with one worker"
     return (
-        f"An identification takes some {cost['least_runs']:,} to {cost['most_runs']:,} runs: "
+        f"An identification takes some {cost['least_runs']:,} to {cost['most_runs']:,} runs"
+        f"{', and begins with the stored ones, these among them' if cost.get('reused') else ''}: "
         f"{low if low == high else f'{low} to {high}'} {by}. Computation comes on top: seconds to "
         "minutes, whatever the simulator takes."
     )
