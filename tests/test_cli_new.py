@@ -134,6 +134,31 @@ def test_a_program_is_found_from_its_placeholders(folder: Path) -> None:
     assert outcome.tolist() == [5.0]
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("out.csv", "mode,travel\n1,5.0\n"),
+        ("out.json", '{"mode": 1, "travel": 5.0}'),
+        ("out.txt", "mode 1\ntravel 5.0\n"),
+    ],
+)
+def test_a_file_that_the_command_names_is_read(folder: Path, name: str, text: str) -> None:
+    springs(folder)
+    (folder / "spring.sh").write_text(f"cat > $3 <<'END'\n{text}\nEND\n")
+    line = f"sh spring.sh {{force}} {{stiffness}} {name}"
+    done("new", "springs.csv", "--command", line, "--parameter", "stiffness=1:3")
+    assert load_study("study.toml").runner()([0], [[2.0]]).tolist() == [5.0]
+
+
+@pytest.mark.parametrize(("wrong", "place"), [("-5.1", "line 3"), ("51", "line 3"), ("5.1", "")])
+def test_a_wrong_sign_and_a_misplaced_point_are_named(folder: Path, wrong: str, place: str) -> None:
+    rows = "".join(f"{force},{force / 2}\n" for force in range(11, 20))
+    (folder / "springs.csv").write_text(f"force,travel\n10,5.0\n10.2,{wrong}\n{rows}")
+    (folder / "model.py").write_text("def spring(force, stiffness=2.0):\n    return force\n")
+    said = done("new", "springs.csv", "--function", "model.py:spring").output
+    assert ("5.1 would" in said, bool(place) and place in said) == (bool(place), bool(place))
+
+
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(("decades", "log"), [(2.5, False), (4.0, True)])
 def test_the_logarithm_is_taken_of_what_spans_many_decades(decades: float, log: bool) -> None:

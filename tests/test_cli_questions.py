@@ -58,11 +58,11 @@ def test_check_tells_what_is_out_of_reach_and_idle_and_its_runs_are_kept() -> No
     result = read("out/check.json")
     assert result["out_of_reach"] == ["C", "E", "B"]
     assert [row["influence"] for row in result["parameters"]] == [True, False]
-    assert result["runs"] == 5 * 13 + 3  # a step from the limit for each value out of reach
+    assert result["runs"] == 5 * 9 + 3  # a step from the limit for each value out of reach
     assert result["seconds_a_run"] > 0.0
     assert result["takes_arrays"] is (result["seconds_a_run"] < LOOK.quick)
     assert result["fixed_noise"] == {}
-    assert "65 runs: 13 points under 5 of 5" in first.stderr
+    assert "45 runs: 9 points under 5 of 5" in first.stderr
     assert "aleator identify" not in first.stdout  # three values are to be looked at before
     shown_again(first, "out/check.json")
     figure = check_figure(result)
@@ -73,7 +73,7 @@ def test_check_tells_what_is_out_of_reach_and_idle_and_its_runs_are_kept() -> No
     again = done("check", "study.toml", "--output", "out", "--no-figures", "--quiet")
     assert "3 of 5 measured values are out of reach" in again.stdout
     assert read("out/check.json")["observations"] == result["observations"]
-    assert "68" in done("runs", "list", "study.toml").output
+    assert "48" in done("runs", "list", "study.toml").output
 
 
 def write_logarithmic(springs: str) -> None:

@@ -382,6 +382,8 @@ def test_failed_runs_do_not_fill_the_disk(tmp_path: Path) -> None:
         (OutputFile(), "echo NaN", "is NaN, which is not finite"),
         (OutputFile(), "echo -inf", "is -inf, which is not finite"),
         (RegexOutput("stdout", "t = (.*)"), "echo t: 3", "matches nothing in 'stdout'"),
+        (RegexOutput("stdout", "t = (.*)"), "echo t: 3", 'begins with "t: 3"'),
+        (RegexOutput("stdout", "(.*)="), "echo 3 > out.csv", "is empty; .* holds out.csv too"),
         (RegexOutput("stdout", "t = (.*)", 2), "echo t = 3", "matches 1 times"),
         (CsvOutput("stdout", "time"), "echo tim,x", r"no column 'time' \(did you mean 'tim'"),
         (CsvOutput("stdout", "time"), "echo time", "has 0 rows"),

@@ -237,6 +237,34 @@ def test_a_formula_is_nested_by_its_columns_and_not_by_its_spelling() -> None:
     }
 
 
+def test_a_model_without_the_shift_of_groups_is_a_special_case_under_another_name() -> None:
+    """y = own + shift of a group: the ratio of the analysis of variance, balanced (5 groups of 4).
+
+    The maximum has the variances SSE/15 within and SSB/5 between groups (Searle et al. 1992, 4.2).
+    """
+    rng = np.random.default_rng(1)
+    group = np.repeat([*"abcde"], 4)
+    y = 3.0 + np.repeat(rng.normal(0.0, 0.8, 5), 4) + rng.normal(0.0, 0.5, 20)
+    frame = pd.DataFrame({"id": range(20), "y": y, "group": group})
+    table = Experiments.from_frame(frame, outcome="y", id="id")
+    own, noise = Normal(Free(-9.0, 9.0), Free(0.0, 3.0)), Noise(0.1)
+    shift = Normal(0.0, Free(0.0, 3.0))
+    shifted = unjudged(
+        lambda own, shift: own + shift, table,
+        Inputs({"own": own, "shift": shift}, levels={"shift": "group"}), noise=noise,
+        vectorized=True,
+    )  # fmt: skip
+    plain = found_by(lambda m: m, table, noise, m=own)
+    (ratio,) = compare(plain=plain, shifted=shifted, ceilings=False).ratios
+    mean = frame.groupby("group")["y"].transform("mean")
+    within, between = ((y - mean) ** 2).sum(), ((mean - y.mean()) ** 2).sum()
+    exact = 20.0 * np.log((within + between) / 20.0) - 15.0 * np.log(within / 15.0)
+    exact -= 5.0 * np.log(between / 5.0)
+    assert (ratio.smaller, ratio.larger) == ("plain", "shifted")
+    assert ratio.reference == "1/2 chi2(0) + 1/2 chi2(1)"
+    assert ratio.statistic == pytest.approx(exact, abs=2e-3)
+
+
 def test_other_families_and_other_simulators_are_no_special_cases() -> None:
     """Their hyperparameters have the same names; their log-likelihoods there differ."""
     frame, fixed = made(), LogNormal(2.0, Free(0.0, 2.0))

@@ -90,9 +90,9 @@ def check(
 ) -> None:
     """Make the first runs, and tell what the rest will cost.
 
-    Each parameter takes five values over its limits while the others are in the middle of theirs.
-    Runs at the corners, where every parameter is at a limit, follow: in all 5 runs for each
-    experiment with one parameter, 13 with two, 21 with three. If runs are slow and experiments are
+    Each parameter takes three values over its limits while the others are in the middle of theirs.
+    Runs at the corners, where every parameter is at a limit, follow: in all 3 runs for each
+    experiment with one parameter, 9 with two, 15 with three. If runs are slow and experiments are
     many, some experiments are chosen, evenly over the measured values. Every run is kept in the
     store.
 
@@ -125,7 +125,7 @@ def check(
         quick = not runner.vectorized and look.seconds < LOOK.quick
         arrays = quick and runner.takes_arrays(plan.region)
     held = fixed_noise(value.experiments, value.noise)
-    document = look_document(look, cost, options.workers or 1, held, arrays)
+    document = look_document(look, cost, options.workers or 1, held, arrays, value.experiments)
     work.end(document, planning.first_look, draw=None if no_figures else save_check)
     if options.quiet:
         return

@@ -26,6 +26,7 @@ from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.alpha_draws import alpha_draws, estimated
 from aleator.inference.calibration import sequential_pit
 from aleator.inference.check import Check, Checked
+from aleator.inference.factors import factor_effects
 from aleator.inference.information import Inference
 from aleator.inference.law_ranges import law_ranges
 from aleator.inference.likelihood_at import OutcomesAt
@@ -127,6 +128,9 @@ def result_of(answer: Answer, table: Experiments, check: Check, ledger: Ledger) 
         transform=table.transform,
         parameter_correlations=parameter_correlations_of(
             likelihood.inputs, alpha, hyperparameters, inference
+        ),
+        factors=factor_effects(
+            likelihood.inputs, alpha, inference, covariates(table, likelihood.inputs.covariates)
         ),
         **own,
     )

@@ -199,10 +199,18 @@ def _on_limit(h: Hyperparameter, side: str) -> Diagnostic:
         "bounds",
         f"{h.name} ends on its {side} limit {h.lower if side == 'lower' else h.upper:.6g}; "
         "it has no standard error, and those of the others hold with it fixed there",
-        "widen the limit if it is not physical, or fix the hyperparameter"
+        f"widen the limit if it is not physical{_limit_key(h)}, or fix the hyperparameter"
         + (constant if scatter else ""),
         (h.name,),
     )
+
+
+def _limit_key(h: Hyperparameter) -> str:
+    """Where a study states the limits of a mean or sd: as those of its own, or by a box."""
+    name, _, key = h.name.rpartition(".")
+    if key not in ("mean", "sd") or name == "noise" or name.startswith("noise."):
+        return ""
+    return f" (box of {name} in the study, or {key} = {{lower = ..., upper = ...}} there)"
 
 
 def centering_advice(

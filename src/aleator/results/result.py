@@ -20,6 +20,7 @@ from aleator.results.values import (
     Diagnostic,
     Estimate,
     ExperimentReport,
+    FactorEffect,
     FailureReport,
     IndividualReport,
     LawRange,
@@ -76,6 +77,7 @@ class Result(Plain):
     failures: FailureReport | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
     parameter_correlations: tuple[ParameterCorrelation, ...] = ()
+    factors: tuple[FactorEffect, ...] = ()
     density_distances: tuple[DensityDistance, ...] = ()
     observations: tuple[ObservationReport, ...] = ()
     shrinkage: Mapping[str, float] = field(default_factory=dict)

@@ -161,6 +161,29 @@ class LawRange(LawEnds):
 
 
 @dataclass(frozen=True)
+class FactorEffect(Plain):
+    """How much a hyperparameter differs between the levels of a factor, a column of names.
+
+    The two levels `between` have the largest `difference`, that of the first minus that of the
+    second, with its `standard_error`. Its 95 % `interval` holds for the differences of all `pairs`
+    of levels together (Bonferroni). `wald` is the statistic of the test that all levels are equal,
+    with `df` degrees of freedom and the p value `p`. Where the formula has products with the
+    factor, each level has its mean over the experiments.
+    """
+
+    hyperparameter: str
+    factor: str
+    between: tuple[str, str]
+    difference: float
+    standard_error: float
+    interval: tuple[float, float]
+    pairs: int
+    wald: float
+    df: int
+    p: float
+
+
+@dataclass(frozen=True)
 class ParameterCorrelation(Plain):
     """The correlation of two parameters under the identified law.
 

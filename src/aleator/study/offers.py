@@ -288,6 +288,24 @@ def offered_by_command(command: str, template: Path | None = None) -> Offer:
     return Offer("command", command, given, (), further=further)
 
 
+def written_by(command: str) -> str | None:
+    """The file that a command tells its program to write; None if it names none.
+
+    It is the last argument that ends like a file of results, has no placeholder, and is no file of
+    the study.
+
+    >>> written_by("./beam.py {input} out.csv"), written_by("./spring {force} {study}/table.csv")
+    ('out.csv', None)
+    """
+    words = [word for word in command.split()[1:] if "{" not in word and "/" not in word]
+    told = [word for word in words if Path(word).suffix.lower() in RESULTS]
+    return told[-1] if told else None
+
+
+RESULTS = (".csv", ".json", ".txt", ".dat", ".out")
+"""The ends of names by which an argument of a command is a file that the program writes."""
+
+
 def reads_a_file(command: str) -> bool:
     """Whether a command has the placeholder {input}, for a file that is written for every run."""
     return INPUT in Text.parse(command, escapes=True).names

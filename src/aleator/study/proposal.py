@@ -11,6 +11,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from aleator.errors import ExperimentsError, SimulatorError, nearest
+from aleator.observations.gross_errors import gross_errors
 from aleator.observations.outcomes import Censoring
 from aleator.observations.tables import Table
 from aleator.study.offers import Offer, SimulatorInput, same_name
@@ -239,6 +240,20 @@ class Proposal:
         """For each outcome with cells that are no numbers, their count, texts and first rows."""
         found = {name: unread_cells(self.sheet.table, name) for name in self.outcomes}
         return {name: cells for name, cells in found.items() if cells}
+
+    @property
+    def gross_errors(self) -> list[str]:
+        """The measured values that look like slips of the pen, in words: row, value, what fits."""
+        table, found = self.sheet.table, list[str]()
+        for name in self.outcomes:
+            values = numbers_of(table, name)
+            slips = {} if values is None else gross_errors(values)
+            found += [
+                f"{table.places[row]}: {name} = {values[row]:g}, where {right:g} would lie among "
+                "the others: a wrong sign or a misplaced decimal point?"
+                for row, right in slips.items() if values is not None
+            ]  # fmt: skip
+        return found
 
     @property
     def conditions(self) -> tuple[str, ...]:

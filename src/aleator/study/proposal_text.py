@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from aleator.study.offers import Offer, SimulatorInput, without_unit
+from aleator.study.offers import Offer, SimulatorInput, without_unit, written_by
 from aleator.study.proposal import Proposal, Proposed
 
 OF_NOISE = "the number that is known: one value an experiment hardly tells it from the law"
@@ -80,6 +80,11 @@ def notes(proposal: Proposal) -> list[str]:
         for sd in proposal.assumed.values()
     ]
     said += [f"no numbers in column {name}: {cells}" for name, cells in proposal.unread.items()]
+    file = written_by(proposal.offer.value) if proposal.offer.kind == "command" else None
+    if file is not None:
+        said.append(f"the outcome is read from {file}, by the name {proposal.outcomes[0]}: if the "
+                    "program calls it otherwise, change output in [simulator]")  # fmt: skip
+    said += proposal.gross_errors
     if proposal.series:
         said.append(f"a run serves all rows of an experiment, with arrays of "
                     f"{', '.join(proposal.within)}")  # fmt: skip
@@ -190,12 +195,19 @@ def _simulator(proposal: Proposal) -> list[str]:
 def _of_command(proposal: Proposal) -> list[str]:
     """The lines of study.toml on the input file of a program, and where its outcome is read."""
     lines = [line(name, value, _FURTHER[name]) for name, value in proposal.offer.further.items()]
+    file = written_by(proposal.offer.value)
     if proposal.series:
-        read = off("output", {"file": "result.txt"}, "else all numbers that it prints")
-        return [*lines, line("series", True, "one run serves all rows of an experiment"), read]
+        lines.append(line("series", True, "one run serves all rows of an experiment"))
+        if file is None:
+            read = off("output", {"file": "result.txt"}, "else all numbers that it prints")
+            return [*lines, read]
+        return [*lines, _read_from(file, proposal.outcomes[0])]
     if len(proposal.outcomes) > 1:
-        columns = {name: {"file": "result.csv", "column": name} for name in proposal.outcomes}
+        columns = {name: {"file": file or "result.csv", "column": name}
+                   for name in proposal.outcomes}  # fmt: skip
         lines.append(fill("output", written(columns), "where the program writes each outcome"))
+    elif file is not None:
+        lines += [*_could_be_series(proposal), _read_from(file, proposal.outcomes[0])]
     else:
         lines += [
             *_could_be_series(proposal),
@@ -206,6 +218,23 @@ def _of_command(proposal: Proposal) -> list[str]:
             off("output", {"file": "result.csv", "column": proposal.outcomes[0]}, "or of a table"),
         ]
     return [*lines, off("timeout", 60, "seconds after which a run is stopped")]
+
+
+def _read_from(file: str, outcome: str) -> str:
+    """The line of study.toml on the outcome in a file that the program writes."""
+    if file.lower().endswith(".csv"):
+        remark = (
+            "the column of that table; a number counts columns without a header, -1 is the last"
+        )
+        return line("output", {"file": file, "column": outcome}, remark)
+    if file.lower().endswith(".json"):
+        return line(
+            "output", {"file": file, "path": outcome}, "the key in that file; a.b for inner"
+        )
+    return remarked(
+        f"output = {{file = {written(file)}, regex = '{reading(outcome)}'}}",
+        "what that file has after the outcome's name, or else the last word",
+    )
 
 
 def reading(outcome: str) -> str:

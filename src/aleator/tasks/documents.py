@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 
 from aleator.core.types import Array
+from aleator.observations.experiments import Experiments
+from aleator.observations.gross_errors import gross_errors
 from aleator.tasks.box import FeasibleBox
 from aleator.tasks.ceiling import Ceiling
 from aleator.tasks.first_look import Cost, Look
@@ -22,13 +24,15 @@ def look_document(
     workers: int,
     held: Mapping[str, Mapping[str, float]],
     takes_arrays: bool,
+    table: Experiments,
 ) -> dict[str, Any]:
     """The first runs of a study and its cost, as plain lists and numbers: the file check.json.
 
     Outcomes are in their own units, also where their logarithm enters the likelihood. An outcome
     comes to a measured value if it lies within the ends `accepted`, which the noise widens. `held`
     are the known numbers of the noise on which the law rests, and `takes_arrays` says that a
-    function of single numbers gives the same values for arrays.
+    function of single numbers gives the same values for arrays. `gross_errors` has the row of the
+    `table`, the value, and the value that would fit, of what looks like a slip of the pen.
     """
     plan, response = look.plan, np.array(look.response)
     of = {name: response == name for name in dict.fromkeys(look.response)}
@@ -64,6 +68,7 @@ def look_document(
         "lost": dict(look.lost),
         "fixed_noise": {name: dict(one) for name, one in held.items()},
         "takes_arrays": takes_arrays,
+        "gross_errors": _gross_errors(table),
         "noise": bool(np.any(look.margin > 0.0)),
         "measured": {r: _range(lower[own], upper[own]) for r, own in of.items()},
         "observations": [
@@ -87,10 +92,25 @@ def look_document(
             "least_runs": cost.least,
             "most_runs": cost.most,
             "direct": cost.direct,
+            "reused": cost.reused,
             "workers": workers,
             "hours": [n * look.seconds / 3600.0 / workers for n in (cost.least, cost.most)],
         },
     }
+
+
+def _gross_errors(table: Experiments) -> list[dict[str, Any]]:
+    """The measured values that look like slips of the pen, in the unit of the outcome."""
+    seen, found = table.observations, list[dict[str, Any]]()
+    exact = np.where(seen.lower == seen.upper, seen.lower, np.nan)
+    for k, response in enumerate(seen.responses):
+        values = response.transform.inverse(np.where(seen.response == k, exact, np.nan))
+        found += [
+            {"row": table.places[int(seen.row[l])], "response": response.name,
+             "value": float(values[l]), "fits": right}
+            for l, right in gross_errors(values).items()
+        ]  # fmt: skip
+    return found
 
 
 def _range(lower: Array, upper: Array) -> list[float]:

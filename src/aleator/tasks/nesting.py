@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice, permutations
 
 import numpy as np
 
@@ -26,6 +27,9 @@ class NestingSettings:
     spanned: float = 1e-6
     """A column of a design matrix lies in the column space of another if what that does not explain
     is smaller than this, relative to the column."""
+    renamings: int = 24
+    """The most ways to take parameters of the smaller model for those of the larger model with
+    other names; each costs an evaluation of the likelihood."""
 
 
 NESTING = NestingSettings()
@@ -56,16 +60,43 @@ def embedded(smaller: Fit, larger: Fit, settings: NestingSettings = NESTING) -> 
     The hyperparameters are matched by their names. The smaller model may have a number in place of
     a free hyperparameter, a constant in place of a law whose scale may be zero, no correlation, or
     a formula whose columns are linear combinations of those of the larger model, however it is
-    written. Laws must be of the same family. Every experiment must have the same log-likelihood in
+    written. It may lack a parameter whose scale may be zero, such as the shift of a group. A
+    parameter that has another name in the larger model is tried as each of those of its family
+    there. Laws must be of the same family. Every experiment must have the same log-likelihood in
     both models, or all together that share parameters, so that different simulators are not taken
-    as nested. Cost: an evaluation of the likelihood.
+    as nested. Cost: an evaluation of the likelihood, or one for each way to rename parameters.
     """
     if _free(larger) <= _free(smaller):
         return "neither has more free hyperparameters than the other"
-    if not _same_families(smaller.inputs.laws, larger.inputs.laws):
-        return "their parameters have laws of other families, or not the same parameters scatter"
-    spans = _spans(smaller.inputs, larger.inputs, settings)
-    found = matched(smaller.hyperparameters, larger.hyperparameters, spans)
+    reason = "their parameters have laws of other families, or not the same parameters scatter"
+    for names in islice(_renamings(smaller.inputs.laws, larger.inputs.laws), settings.renamings):
+        found = _embedded(smaller, larger, names, settings)
+        if isinstance(found, Embedding):
+            return found
+        reason = found
+    return reason
+
+
+def _renamings(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> Iterator[dict[str, str]]:
+    """The names in the larger model of the smaller model's parameters with another name there.
+
+    Each parameter of the smaller model that scatters has the same family in the larger model.
+    """
+    alone = [name for name in smaller if name not in larger]
+    for others in permutations([name for name in larger if name not in smaller], len(alone)):
+        names = dict(zip(alone, others, strict=True))
+        pairs = ((law, larger[names.get(name, name)]) for name, law in smaller.items())
+        if all(not law.scatters or _family(law) == _family(other) for law, other in pairs):
+            yield names
+
+
+def _embedded(
+    smaller: Fit, larger: Fit, names: Mapping[str, str], settings: NestingSettings
+) -> Embedding | str:
+    """The embedding where parameters of the smaller model have other `names` in the larger one."""
+    spans = _spans(smaller.inputs, larger.inputs, names, settings)
+    own = [replace(h, name=_renamed(h.name, names)) for h in smaller.hyperparameters]
+    found = matched(own, larger.hyperparameters, spans)
     if isinstance(found, str):
         return found
     alpha = found.of(smaller.alpha)
@@ -84,10 +115,10 @@ def _free(fit: Fit) -> int:
     return sum(h.free for h in fit.hyperparameters)
 
 
-def _same_families(smaller: Mapping[str, Law], larger: Mapping[str, Law]) -> bool:
-    return smaller.keys() == larger.keys() and all(
-        not law.scatters or _family(law) == _family(larger[name]) for name, law in smaller.items()
-    )
+def _renamed(name: str, names: Mapping[str, str]) -> str:
+    """The name of a hyperparameter whose parameter has another name."""
+    parameter, dot, rest = name.partition(".")
+    return names.get(parameter, parameter) + dot + rest
 
 
 def _family(law: Law) -> object:
@@ -105,7 +136,9 @@ def _frozen(value: object) -> object:
     return value if family is None else (family.name, value.args, value.kwds)  # type: ignore[attr-defined]
 
 
-def _spans(smaller: Inputs, larger: Inputs, settings: NestingSettings) -> dict[int, Array]:
+def _spans(
+    smaller: Inputs, larger: Inputs, names: Mapping[str, str], settings: NestingSettings
+) -> dict[int, Array]:
     """Rows of the matrix of an `Embedding` for coefficients that span those of the smaller model.
 
     They are by the places of the coefficients of the larger model, which must be free.
@@ -113,7 +146,10 @@ def _spans(smaller: Inputs, larger: Inputs, settings: NestingSettings) -> dict[i
     if larger.covariate_model is None:
         return {}
     found: dict[int, Array] = {}
-    own = {name: (places, design) for name, places, design in _designs(smaller, larger)}
+    own = {
+        _renamed(name, names): (places, design)
+        for name, places, design in _designs(smaller, larger)
+    }
     for entry in larger.covariate_model.entries:
         name = entry.hyperparameter.name
         known = next((own[one] for one in _aliases(name) if one in own), None)
@@ -215,4 +251,8 @@ def _absent(h: Hyperparameter, known: Mapping[str, int]) -> float | None:
     term = h.name.endswith("]") and any(name.startswith(f"{parameter}.") for name in known)
     if parameter == "correlation" or (term and not h.log):
         return 0.0 if h.lower <= 0.0 <= h.upper else None
-    return None
+    if parameter == "noise" or any(name.startswith(f"{parameter}.") for name in known):
+        return None
+    if h.free:
+        return h.lower if h.reaches_zero else None
+    return h.start  # such as the mean of a shift, which has no scatter then

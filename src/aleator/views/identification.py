@@ -171,6 +171,14 @@ def _gap(best: Document) -> str:
 
 def _estimates(document: Document, drawn: Drawn | None) -> Iterator[Part]:
     yield estimates(document)
+    if cut := [name for name, entry in document["alpha"].items() if entry.get("cut")]:
+        yield Sentence(
+            f"The {'intervals' if len(cut) > 1 else 'interval'} of {', '.join(cut)} would go on "
+            "beyond a limit: where that limit is not physical, widen it (box, or lower and upper) "
+            "and identify again.",
+            depth=WHOLE,
+        )
+    yield from factor_effects(document)
     yield log_likelihood(document)
     yield from _correlations(document)
     if drawn is None:
@@ -186,6 +194,21 @@ def _estimates(document: Document, drawn: Drawn | None) -> Iterator[Part]:
         yield law_charts.profile_chart(document, name)
     if chart := law_charts.surface_chart(document):
         yield chart
+
+
+def factor_effects(document: Document) -> Iterator[Part]:
+    """A sentence on each factor: its largest difference between levels, and whether all differ."""
+    for entry in document.get("factors") or ():
+        name = entry["hyperparameter"]
+        unit = unit_of(document, name.partition(".")[0])
+        ends = " to ".join(number(end, 3) for end in entry["interval"])
+        together = f", for all {entry['pairs']} differences together" if entry["pairs"] > 1 else ""
+        yield Sentence(
+            f"{name} by {entry['factor']}: largest difference {' - '.join(entry['between'])} = "
+            f"{number(entry['difference'], 3)} (95 %: {ends}{together}){f' {unit}' if unit else ''}"
+            f"; all levels equal: p = {number(entry['p'], 2)} (Wald)",
+            depth=WHOLE,
+        )
 
 
 def _correlations(document: Document, thresholds: Thresholds = THRESHOLDS) -> Iterator[Part]:

@@ -67,6 +67,14 @@ def first_look(document: Document) -> Content:
             "the noise from the law: if this number is a guess, the scatter of the law rests on it."
         )
         parts.append(Sentence(text, "plain", "Noise"))
+    parts += [
+        Sentence(
+            f"{slip['row']}: {label(document, slip['response'])} = {number(slip['value'])}, where "
+            f"{number(slip['fits'])} would lie among the others.",
+            "warning", "A wrong sign or a misplaced decimal point?",
+        )
+        for slip in document.get("gross_errors") or ()
+    ]  # fmt: skip
     if document["takes_arrays"]:
         parts.append(
             Sentence(
@@ -190,7 +198,8 @@ def _cost(document: Document) -> str:
     low, high = (duration(hours) for hours in cost["hours"])
     by = f"with {cost['workers']} workers" if cost["workers"] > 1 else "with one worker"
     return (
-        f"An identification takes some {cost['least_runs']:,} to {cost['most_runs']:,} runs: "
+        f"An identification takes some {cost['least_runs']:,} to {cost['most_runs']:,} runs"
+        f"{', and begins with the stored ones, these among them' if cost.get('reused') else ''}: "
         f"{low if low == high else f'{low} to {high}'} {by}. Computation comes on top: seconds to "
         "minutes, whatever the simulator takes."
     )

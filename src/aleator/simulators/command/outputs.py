@@ -51,6 +51,21 @@ def number(text: str, where: str) -> float:
 _STREAMS = {"stdout": STDOUT, "stderr": STDERR}
 
 
+def _files(folder: Path) -> list[str]:
+    """The sorted names of what is in the folder of a run, without what the program printed."""
+    return sorted(p.name for p in folder.iterdir() if p.name not in (STDOUT, STDERR))
+
+
+def _beginning(text: str, lines: int = 3, most: int = 80) -> str:
+    """The words that show how a text begins: its first lines, cut (both by judgement).
+
+    >>> _beginning("mode,frequency\\n1,5.2\\n"), _beginning(" ")
+    ('begins with "mode,frequency | 1,5.2"', 'is empty')
+    """
+    first = [line.strip()[:most] for line in text.strip().splitlines()[:lines]]
+    return f'begins with "{" | ".join(first)}"' if first else "is empty"
+
+
 class Output(Protocol):
     """Finds the outcome of a run of a program that ended successfully."""
 
@@ -90,16 +105,31 @@ class OutputFile:
         except OSError as error:
             if surroundings.cause(error):
                 raise
-            wrote = [p.name for p in folder.iterdir() if p.name not in (STDOUT, STDERR)]
+            wrote = _files(folder)
             what = "wrote no file" if isinstance(error, FileNotFoundError) else "left unreadable"
             raise RunFailed(
                 f"it {what} '{self.file}'{nearest(self.file, wrote)}; its folder holds "
-                f"{', '.join(sorted(wrote)[:8]) or 'nothing'}"
+                f"{', '.join(wrote[:8]) or 'nothing'}"
             ) from None
 
     def read(self, folder: Path, series: bool) -> float | list[float]:
-        """The number in the file, or all numbers of a series."""
+        """The number in the file, or all numbers of a series.
+
+        Where the text has no such number, the message shows how the text begins, and which files
+        the folder of the run holds.
+        """
         text = self.text(folder)
+        try:
+            return self.outcome(text, series)
+        except RunFailed as fault:
+            held = ", ".join(name for name in _files(folder)[:8] if name != self.file)
+            raise RunFailed(
+                f"{fault.message}; '{self.file}' {_beginning(text)}"
+                f"{f'; the folder of the run holds {held} too' if held else ''}"
+            ) from None
+
+    def outcome(self, text: str, series: bool) -> float | list[float]:
+        """The number in the text of the file, or all numbers of a series; raises RunFailed."""
         if series:
             return [number(one, self.file) for one in self.every(text)]
         return finite(self.one(text), self.file)
@@ -291,9 +321,9 @@ class JsonOutput(OutputFile):
 
     path: str = ""
 
-    def read(self, folder: Path, series: bool) -> float | list[float]:
-        """The number at that path, or the list of numbers of a series."""
-        at = self._at(self.text(folder))
+    def outcome(self, text: str, series: bool) -> float | list[float]:
+        """The number at that path, or the list of numbers of a series; raises RunFailed."""
+        at = self._at(text)
         if _is_number(at):
             return (number if series else finite)(str(at), self.file)
         if series and isinstance(at, list) and all(one is None or _is_number(one) for one in at):
