@@ -27,7 +27,7 @@ TABLE = pd.DataFrame({"time": TIME, "left": LEFT + 0.05 * RNG.standard_normal(24
 
 def found_with(simulator: Callable[..., Any], jac: bool) -> Identification:
     return identify(
-        simulator, TABLE, LAWS, outcome="left", noise=Noise(0.05), jac=jac,
+        simulator, TABLE, LAWS, outcome="left", noise=Noise(0.05), jac=jac, vectorized=False,
         consistency=False, best_law=False,
     )  # fmt: skip
 

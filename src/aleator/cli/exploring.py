@@ -29,7 +29,6 @@ from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
 from aleator.tasks.first_look import (
-    LOOK,
     expected_cost,
     first_look,
     fixed_noise,
@@ -121,10 +120,8 @@ def check(
             runner, value.experiments, value.inputs, value.noise, value.propagation,
             value.density, value.verification, plan,
         )  # fmt: skip
-        quick = not runner.vectorized and look.seconds < LOOK.quick
-        arrays = quick and runner.takes_arrays(plan.region)
     held = fixed_noise(value.experiments, value.noise)
-    document = look_document(look, cost, options.workers or 1, held, arrays)
+    document = look_document(look, cost, options.workers or 1, held, runner.array_fault)
     work.end(document, planning.first_look, draw=None if no_figures else save_check)
     if options.quiet:
         return

@@ -21,14 +21,14 @@ def look_document(
     cost: Cost | None,
     workers: int,
     held: Mapping[str, Mapping[str, float]],
-    takes_arrays: bool,
+    array_fault: str,
 ) -> dict[str, Any]:
     """The first runs of a study and its cost, as plain lists and numbers: the file check.json.
 
     Outcomes are in their own units, also where their logarithm enters the likelihood. An outcome
     comes to a measured value if it lies within the ends `accepted`, which the noise widens. `held`
-    are the known numbers of the noise on which the law rests, and `takes_arrays` says that a
-    function of single numbers gives the same values for arrays.
+    are the known numbers of the noise on which the law rests, and `array_fault` says why a
+    function that was tried with arrays is called once a run.
     """
     plan, response = look.plan, np.array(look.response)
     of = {name: response == name for name in dict.fromkeys(look.response)}
@@ -63,7 +63,7 @@ def look_document(
         ],
         "lost": dict(look.lost),
         "fixed_noise": {name: dict(one) for name, one in held.items()},
-        "takes_arrays": takes_arrays,
+        "array_fault": array_fault,
         "noise": bool(np.any(look.margin > 0.0)),
         "measured": {r: _range(lower[own], upper[own]) for r, own in of.items()},
         "observations": [

@@ -364,7 +364,7 @@ def load(
     *,
     simulator: Callable[..., Any] | Simulator | None = None,
     inputs: Laws | None = None,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     noise: AnyNoise = None,
     experiments: Experiments | None = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,

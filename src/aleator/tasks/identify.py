@@ -53,7 +53,7 @@ def identify(
     *,
     outcome: str | list[str] | None = None,
     id: str | None = None,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     noise: AnyNoise = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,
@@ -75,11 +75,12 @@ def identify(
     alpha* = arg max sum_l log f_Yl(y_l | alpha) (paper, eq. (MLE)).
 
     `simulator` takes conditions and parameters by keyword and returns the outcome. It is called
-    with floats for each run, or with arrays of R runs if `vectorized`. With `jac=True` it returns a
-    pair, the outcome and its derivatives by the parameters, or `jac` is a function that returns
-    these (see `FunctionSimulator`); then fewer runs do. `experiments` is a data
-    frame, or a mapping of columns, or `Experiments`. Its column `outcome` is the measured outcome,
-    or several columns are; the column `id` (by default "id", if there is one) names the experiment
+    with floats for each run, or with arrays of R runs if `vectorized`. None: one trial finds out
+    whether arrays give the same values. With `jac=True` it returns a pair, the outcome and its
+    derivatives by the parameters, or `jac` is a function that returns these (see
+    `FunctionSimulator`); then fewer runs do. `experiments` is a data frame, or a mapping of
+    columns, or `Experiments`. Its column `outcome` is the measured outcome, or several columns are;
+    the column `id` (by default "id", if there is one) names the experiment
     of each row: rows of one experiment share one draw of the parameters. The other columns are
     conditions. `inputs` is an `Inputs`, or a mapping from the names of parameters to their laws.
     `noise` is the standard deviation of the measurement error, a number or `Free(lower, upper)`, or
