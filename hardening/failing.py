@@ -105,8 +105,8 @@ def _beyond(mean: float, sd: float, limit: float) -> Callable[[float, float], bo
 def _identified(simulator: Callable[..., object], table: pd.DataFrame, sd: float) -> Identification:
     law = Inputs({"x": Normal(mean=Free(0.5, 1.5), sd=Free(0.01, 0.5))})
     return identify(
-        simulator, table, law, outcome="y", noise=Noise(sd), verification=Check(0),
-        consistency=False, best_law=False,
+        simulator, table, law, outcome="y", noise=Noise(sd), vectorized=False,
+        verification=Check(0), consistency=False, best_law=False,
     )  # fmt: skip
 
 

@@ -48,6 +48,7 @@ def length(load, softness):
     time.sleep(0.004)
     return load * softness ** 1.1
 """
+CALLED_ONCE_A_RUN = 'function = "model.py:length"\nvectorized = false'
 LENGTHS = (0.93, 2.1, 3.2, 3.7, 5.4, 5.8, 7.9, 7.6)
 PROGRAM = """\
 command = 'sleep 0.02; awk "BEGIN {{{{print {load} * {softness}}}}}" > length.txt'
@@ -95,7 +96,7 @@ class Folder:
         rows = [f"{chr(65 + k)},{k + 1},{length}" for k, length in enumerate(LENGTHS)]
         (path / "springs.csv").write_text("\n".join(["id,load,length", *rows]) + "\n")
         (path / "model.py").write_text(FUNCTION)
-        simulator = PROGRAM if way.program else 'function = "model.py:length"'
+        simulator = PROGRAM if way.program else CALLED_ONCE_A_RUN
         samples = 0 if way.program else 50
         (path / "study.toml").write_text(STUDY.format(simulator=simulator, samples=samples))
         return cls(path, mark)

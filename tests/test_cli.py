@@ -295,7 +295,7 @@ def test_a_hook_moves_no_run(study: Path, tmp_path: Path) -> None:
     study.with_name("hook.py").write_text(HOOK)
     study.with_name("t.txt").write_text("{softness}")
     study.with_name("elsewhere").mkdir()
-    text = SPRINGS.replace('function = "model.py:length"', COMMAND)
+    text = SPRINGS.replace('function = "model.py:length"\nvectorized = false', COMMAND)
     study.write_text(text.replace('"length"', '"length"\nconditions = []', 1))
     done("box", study, "--output", "found")
     made = files(tmp_path)

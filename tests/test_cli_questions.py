@@ -11,7 +11,6 @@ import pytest
 from scipy import stats
 from studies import done, estimate, read, refused, shown_again
 
-from aleator.tasks.first_look import LOOK
 from aleator.views.figures import check_figure
 
 LAW = "out/identification.json"
@@ -60,7 +59,7 @@ def test_check_tells_what_is_out_of_reach_and_idle_and_its_runs_are_kept() -> No
     assert [row["influence"] for row in result["parameters"]] == [True, False]
     assert result["runs"] == 5 * 9 + 3  # a step from the limit for each value out of reach
     assert result["seconds_a_run"] > 0.0
-    assert result["takes_arrays"] is (result["seconds_a_run"] < LOOK.quick)
+    assert (result["cost"]["direct"], result["array_fault"]) == (True, "")
     assert result["fixed_noise"] == {}
     assert "45 runs: 9 points under 5 of 5" in first.stderr
     assert "aleator identify" not in first.stdout  # three values are to be looked at before

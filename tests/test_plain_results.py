@@ -78,7 +78,7 @@ def by_moments() -> Identification:
 
 def noisy() -> Identification:
     prior = Inputs({"k": Normal(Free(0.5, 2.0, prior=Normal(1.1, 0.2)), Free(0.01, 0.8))})
-    return unjudged(product, TABLE, prior, outcome="y", noise=Noise(0.05))
+    return unjudged(product, TABLE, prior, outcome="y", noise=Noise(0.05), vectorized=False)
 
 
 def with_pictures() -> Identification:

@@ -57,7 +57,7 @@ def answer(
 
 def named(function: Callable[[float, float], float]) -> FunctionSimulator:
     """A function as a simulator with one fingerprint, whatever it does beside."""
-    simulator = FunctionSimulator(function, version="1")
+    simulator = FunctionSimulator(function, vectorized=False, version="1")
     simulator.name = "travel"
     return simulator
 

@@ -95,7 +95,11 @@ def test_a_budget_below_the_first_runs_of_few_conditions_is_kept() -> None:
             noise=Noise(0.05), consistency=False, best_law=False, **how,
         )  # fmt: skip
 
-    found, free, exact = within(budget=Budget(runs=22)), within(), within(vectorized=True)
+    found, free, exact = (
+        within(**how) for how in (
+            {"budget": Budget(runs=22)}, {"vectorized": False}, {"vectorized": True},
+        )
+    )  # fmt: skip
     assert found.runs <= 23
     assert found.emulator_error > free.emulator_error
     off = np.abs(found.values - exact.values) / exact.errors
@@ -122,7 +126,7 @@ def test_an_outcome_that_jumps_is_given_up_and_never_called_sound() -> None:
     y = step(CONDITION, A) + 0.05 * np.random.default_rng(3).standard_normal(COUNT)
     found = identify(
         step, pd.DataFrame({"c": CONDITION, "y": y}), Inputs({"a": LAWS["a"]}), outcome="y",
-        noise=Noise(0.05), consistency=False, best_law=False,
+        noise=Noise(0.05), vectorized=False, consistency=False, best_law=False,
     )  # fmt: skip
     assert found.runs < 40 * COUNT
     assert found.emulator_error > EMULATION.unknown

@@ -27,7 +27,7 @@ TABLE = pd.DataFrame({"time": TIME, "left": LEFT + 0.05 * RNG.standard_normal(24
 
 def found_with(simulator: Callable[..., Any], jac: bool) -> Identification:
     return identify(
-        simulator, TABLE, LAWS, outcome="left", noise=Noise(0.05), jac=jac,
+        simulator, TABLE, LAWS, outcome="left", noise=Noise(0.05), jac=jac, vectorized=False,
         consistency=False, best_law=False,
     )  # fmt: skip
 
@@ -47,7 +47,7 @@ def test_half_of_the_runs_give_the_same_estimates() -> None:
     assert sloped.surface["slopes"] == sloped.surface["runs"]
 
 
-STUDY = SPRINGS.replace('length"\n[param', 'length"\njac = true\n[param')
+STUDY = SPRINGS.replace("vectorized = false", "jac = true")
 MODEL = """\
 def length(load, softness):
     return load * softness**2, {"softness": 2.0 * load * softness}

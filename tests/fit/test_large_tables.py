@@ -1,10 +1,11 @@
-"""A function of single numbers under many observations: called with arrays where that is the same.
+"""A function of which nobody says whether it takes arrays: called so where that is the same.
 
 Synthetic straight lines, whose log-likelihood is a multivariate normal density.
 """
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,20 @@ import pandas as pd
 import pytest
 from scipy.stats import multivariate_normal
 
-from aleator import Experiments, Free, Inputs, Noise, Normal, ResponseSurface, Runner, identify
+from aleator import (
+    Budget,
+    Experiments,
+    Free,
+    Inputs,
+    Noise,
+    Normal,
+    ResponseSurface,
+    Runner,
+    identify,
+)
+from aleator.errors import SimulatorError
 from aleator.fit.question import way_of
+from aleator.simulators import FunctionSimulator, Store
 
 POINTS = 10
 REGION = np.array([[-1.0, 3.0], [0.0, 2.0]])
@@ -34,7 +47,7 @@ def lines(count: int) -> Experiments:
     return Experiments.from_frame(pd.DataFrame({"id": each, "z": z, "y": y}), outcome="y", id="id")
 
 
-MANY = lines(150)
+MANY, FEW = lines(150), lines(5)
 
 
 def line(z: float, a: float, b: float) -> float:
@@ -59,9 +72,16 @@ def centered(z: Any, a: Any, b: Any) -> Any:
     return line(z, a, b) + (a - np.mean(a))
 
 
-def way(function: Callable[..., Any], table: Experiments, chosen: ResponseSurface) -> bool:
-    runner = Runner(function, table, ["a", "b"])
-    return way_of(runner, chosen, np.array([1.0, 1.0]), REGION).direct
+def way(
+    function: Callable[..., Any],
+    table: Experiments = FEW,
+    chosen: ResponseSurface | None = None,
+    budget: Budget | None = None,
+    **kind: Any,
+) -> bool:
+    runner = Runner(FunctionSimulator(function, **kind), table, ["a", "b"])
+    runner.allow(budget or Budget())
+    return way_of(runner, chosen or ResponseSurface(), np.array([1.0, 1.0]), REGION).direct
 
 
 @pytest.mark.parametrize(
@@ -71,12 +91,90 @@ def way(function: Callable[..., Any], table: Experiments, chosen: ResponseSurfac
 def test_a_function_of_numbers_gets_arrays_where_the_values_are_the_same(
     function: Callable[..., Any], direct: bool
 ) -> None:
-    assert way(function, MANY, ResponseSurface()) is direct
+    assert way(function, MANY) is way(function) is direct
 
 
-def test_a_few_observations_and_a_choice_of_surfaces_keep_surfaces() -> None:
-    assert not way(line, lines(5), ResponseSurface())
-    assert not way(line, MANY, ResponseSurface(surfaces="own"))
+def series(z: Any, a: float, b: float) -> Any:
+    return a + b * z
+
+
+def sloped(z: float, a: float, b: float) -> Any:
+    return line(z, a, b), {"a": 1.0, "b": z}
+
+
+@pytest.mark.parametrize(
+    ("function", "how"),
+    [
+        (line, {"vectorized": False}),
+        (line, {"chosen": ResponseSurface(surfaces="own")}),
+        (line, {"budget": Budget(runs=100)}),
+        (line, {"budget": Budget(hours=1.0)}),
+        (line, {"timeout": 5.0}),
+        (series, {"series": True}),
+        (sloped, {"jac": True}),
+    ],
+)
+def test_what_else_is_stated_keeps_arrays_away(
+    function: Callable[..., Any], how: dict[str, Any]
+) -> None:
+    """The function would take them, and is not even tried."""
+    called = []
+
+    def told(z: Any, a: Any, b: Any) -> Any:
+        called.append(np.ndim(a))
+        return function(z, a, b)
+
+    assert not way(told, **how)
+    assert 1 not in called
+
+
+def nowhere_finite(z: Any, a: Any, b: Any) -> Any:
+    return line(z, a, b) + np.inf
+
+
+def fails_alone(z: Any, a: Any, b: Any) -> Any:
+    """Numbers divide by zero where arrays are infinite: no outcome either way."""
+    return line(z, a, b) / (a > 0.0)
+
+
+def written(z: Any, a: Any, b: Any) -> float:
+    """What a program would find of arrays in its input: the first number."""
+    return float(f"{z} {a} {b}".replace("[", "").split()[0])
+
+
+def test_what_has_no_outcome_proves_nothing() -> None:
+    assert not way(nowhere_finite)
+    assert way(lambda z, a, b: np.where(a > 0.0, line(z, a, b), np.nan))
+    assert not way(written)
+
+
+def test_a_trial_counts_its_runs_and_stores_none(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.sqlite") as store:
+        for function, compared in ((line, 16), (branching, 0), (centered, 1), (fails_alone, 16)):
+            runner = Runner(function, FEW, ["a", "b"], store=store)
+            for _ in range(2):  # once
+                assert runner.takes_arrays(REGION) is (compared == 16)
+            assert (runner.runs, runner.fresh, len(runner.failures)) == (compared, 0, 0)
+            assert bool(runner.array_fault) is (compared < 16)
+            assert store.counts(runner.cache.identity).runs == 0
+
+
+def test_stored_runs_serve_a_function_whether_arrays_are_refused_or_not_mentioned() -> None:
+    refused, unsaid = (FunctionSimulator(line, vectorized=v) for v in (False, None))
+    assert refused.fingerprint() == unsaid.fingerprint()
+    assert refused.fingerprint() != FunctionSimulator(line, vectorized=True).fingerprint()
+
+
+def test_arrays_that_mix_runs_where_the_trial_did_not_look_are_found() -> None:
+    def mixed(z: Any, a: Any, b: Any) -> Any:
+        return line(z, a, b) + (a - np.mean(a) if np.size(a) > 16 else 0.0)
+
+    runner = Runner(mixed, FEW, ["a", "b"])
+    runner.repeat_some()
+    assert runner.takes_arrays(REGION)
+    x = np.random.default_rng(0).uniform(*REGION.T, (100, 2))
+    with pytest.raises(SimulatorError, match="with arrays"):
+        runner.straight(np.zeros(100, int), x)
 
 
 def test_what_takes_no_arrays_is_called_once_for_the_trial() -> None:
@@ -86,8 +184,20 @@ def test_what_takes_no_arrays_is_called_once_for_the_trial() -> None:
         calls.append(z)
         return branching(z, a, b)
 
-    assert not way(counted, MANY, ResponseSurface())
+    assert not way(counted)
     assert len(calls) == 1
+
+
+def test_ctrl_c_in_the_trial_is_no_answer() -> None:
+    for dimensions in (0, 1):
+
+        def stopped(z: Any, a: Any, b: Any, at: int = dimensions) -> Any:
+            if np.ndim(a) == at:
+                raise KeyboardInterrupt
+            return line(z, a, b)
+
+        with pytest.raises(KeyboardInterrupt):
+            way(stopped)
 
 
 @pytest.mark.slow

@@ -172,7 +172,7 @@ def test_a_scale_that_only_one_experiment_needs_is_zero_without_it() -> None:
     law = Inputs({"x": Normal(Free(0.0, 5.0), Free(0.0, 2.0))})
     found = unjudged(
         lambda x: x, Experiments.from_frame(frame, outcome="y"), law, noise=Noise(Free(0.01, 2.0)),
-        verification=Check(0),
+        vectorized=False, verification=Check(0),
     )  # fmt: skip
     left_out = leave_one_out(found.fit)
     assert found.values["x.sd"] > 0.1

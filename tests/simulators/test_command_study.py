@@ -82,7 +82,7 @@ def identified(path: Path) -> Identification:
 
 def test_a_program_gives_the_answer_of_the_function(folder: Path) -> None:
     by_command = identified(study(folder, COMMAND))
-    by_function = identified(study(folder, 'function = "model.py:travel"'))
+    by_function = identified(study(folder, 'function = "model.py:travel"\nvectorized = false'))
     assert by_command.log_likelihood == by_function.log_likelihood
     for name, quantity in by_function.alpha.items():
         assert by_command.alpha[name].estimate == quantity.estimate

@@ -28,8 +28,8 @@ def stretch(load: float, e: float) -> float:
     return load / e
 
 
-@pytest.mark.parametrize("vectorized", [False, True])
-def test_a_function_gets_what_the_expressions_make(vectorized: bool) -> None:
+@pytest.mark.parametrize("vectorized", [None, True])
+def test_a_function_gets_what_the_expressions_make(vectorized: bool | None) -> None:
     simulator = derived(FunctionSimulator(stretch, vectorized=vectorized), E)
     run = Runner(simulator, TABLE, ["a", "b"])
     np.testing.assert_allclose(run([0, 1], X), TRUTH, rtol=1e-15)

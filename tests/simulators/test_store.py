@@ -367,6 +367,7 @@ file = "springs.csv"
 outcome = "length"
 [simulator]
 function = "model.py:length"
+vectorized = false
 [parameters.softness]
 law = "truncated_normal"
 box = [0.5, 1.5]

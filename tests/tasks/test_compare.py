@@ -378,7 +378,7 @@ def test_a_comparison_makes_no_run() -> None:
     laws = {"normal": Normal(Free(-1.0, 1.0), Free(0.01, 1.0)), "alike": Constant(Free(-1.0, 1.0))}
     models = {
         name: unjudged(
-            sprung, frame, Inputs({"k": law}), outcome="y", noise=Noise(0.02),
+            sprung, frame, Inputs({"k": law}), outcome="y", noise=Noise(0.02), vectorized=False,
             verification=Check(0),
         )
         for name, law in laws.items()

@@ -68,7 +68,7 @@ def test_a_known_constant_is_no_parameter_of_the_surface() -> None:
     y = 2.0 * replace(SAMPLE, z=np.zeros(20)).draw(8)
     inputs = Inputs({"x": SAMPLE.inputs.laws["x"], "k": Constant(2.0)})
     found = unjudged(
-        lambda x, k: k * x, pd.DataFrame({"y": y}), inputs, outcome="y",
+        lambda x, k: k * x, pd.DataFrame({"y": y}), inputs, outcome="y", vectorized=False,
         search=GradientMultistart(3), verification=Check(0),
     )  # fmt: skip
     assert found.alpha["x.mean"].estimate == pytest.approx(y.mean() / 2.0, abs=1e-4)
@@ -82,7 +82,8 @@ def test_constants_and_noise_alone_are_least_squares() -> None:
     inputs = Inputs({"b0": Constant(Free(-20.0, 20.0)), "b1": Constant(Free(-20.0, 20.0))})
     found = unjudged(
         lambda z, b0, b1: b0 + b1 * z, pd.DataFrame({"z": z, "y": y}), inputs, outcome="y",
-        noise=Noise(Free(0.01, 10.0)), search=GradientMultistart(3), verification=Check(64),
+        noise=Noise(Free(0.01, 10.0)), vectorized=False, search=GradientMultistart(3),
+        verification=Check(64),
     )  # fmt: skip
     design = np.stack([np.ones(40), z], axis=1)
     coefficients, rss, *_ = np.linalg.lstsq(design, y)

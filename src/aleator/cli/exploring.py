@@ -30,7 +30,6 @@ from aleator.study import Study
 from aleator.tasks.box import feasible_box
 from aleator.tasks.documents import box_document, look_document, sensitivity_document
 from aleator.tasks.first_look import (
-    LOOK,
     expected_cost,
     first_look,
     fixed_noise,
@@ -122,10 +121,9 @@ def check(
             runner, value.experiments, value.inputs, value.noise, value.propagation,
             value.density, value.verification, plan,
         )  # fmt: skip
-        quick = not runner.vectorized and look.seconds < LOOK.quick
-        arrays = quick and runner.takes_arrays(plan.region)
     held = fixed_noise(value.experiments, value.noise)
-    document = look_document(look, cost, options.workers or 1, held, arrays, value.experiments)
+    workers, fault = options.workers or 1, runner.array_fault
+    document = look_document(look, cost, workers, held, fault, value.experiments)
     work.end(document, planning.first_look, draw=None if no_figures else save_check)
     if options.quiet:
         return

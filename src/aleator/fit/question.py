@@ -398,9 +398,6 @@ class WaySettings:
     """Points on each line through the region on which isolated failing runs are searched for."""
     tried: int = 128
     """Points of the region at which all runs must fail before an observation is left out."""
-    rows: int = 1000
-    """The number of observations from which a function of single numbers is tried with arrays.
-    Chosen by judgement; `python -m benchmarks growth` measures a table of 5,600."""
     grids: tuple[int, int] = (100, 5000)
     """The least and largest number of grids for level sets in the studies of `make judges`."""
 
@@ -423,11 +420,11 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
     """Whether to use the simulator itself, if it takes arrays, or else response surfaces.
 
     The user's setting `surfaces` comes first. Surfaces are used where a tolerance or a budget of
-    runs is set, and where single runs fail between others that succeed. With many observations a
-    function of single numbers is tried with arrays (see `Runner.takes_arrays`). `x` (n,) is a point
-    of the `region` (n, 2) in which the laws may lie. No time is measured, so that the decision is
-    the same on every machine. Cost: 33 runs for each simulated unit and parameter, if the simulator
-    takes arrays.
+    runs is set, and where single runs fail between others that succeed. A function of which
+    `vectorized` is not stated is tried with arrays (see `Runner.takes_arrays`), unless there is a
+    budget. `x` (n,) is a point of the `region` (n, 2) in which the laws may lie. No time is
+    measured, so that the decision is the same on every machine. Cost: 33 runs for each simulated
+    unit and parameter, if the simulator takes arrays.
     """
     if choice.surfaces == "none":
         runner.takes_arrays(region)
@@ -438,13 +435,15 @@ def way_of(runner: Runner, choice: ResponseSurface, x: Array, region: Array) -> 
         return Way(False, "surfaces have a tolerance")
     if runner.account.budget.runs is not None:
         return Way(False, "runs have a budget")
-    many = runner.unit.size >= WAYS.rows
-    if not runner.vectorized and not (many and runner.takes_arrays(region)):
-        return Way(False, "the simulator makes one run at a time")
+    if not runner.vectorized and runner.account.budget.hours is not None:
+        return Way(False, "runs have a budget, and the simulator is not stated to take arrays")
+    if not runner.takes_arrays(region):
+        tried = ", as a call with arrays showed" if runner.array_fault else ""
+        return Way(False, f"the simulator makes one run at a time{tried}")
     if fails_here_and_there(runner, x, region):
         return Way(False, "the simulator takes arrays, but runs fail here and there")
     if not runner.vectorized:
-        return Way(True, "the function gives the same values when it is called with arrays")
+        return Way(True, "called with arrays, the function gives the same values")
     return Way(True, "the simulator takes arrays")
 
 

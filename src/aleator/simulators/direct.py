@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aleator.core.blocks import blocks
 from aleator.core.types import Array, Indices
 from aleator.errors import AleatorError, SurroundingsError
-from aleator.observations.tables import real_numbers
 from aleator.simulators.dispatch import Batch, make
 from aleator.simulators.function import FunctionSimulator
-from aleator.simulators.protocol import BLOCKS, RunStopped
+from aleator.simulators.protocol import RunStopped, describe
 from aleator.simulators.runs import NOT_FINITE, Failure, Runs
 from aleator.simulators.units import Bound
 
@@ -25,8 +24,8 @@ class DirectSettings:
     """Settings for runs that are not remembered. The values are chosen by judgement."""
 
     checked: int = 16
-    """The largest number of test runs in which calls with single numbers are compared with one call
-    with arrays. The test runs differ in their conditions and in every parameter."""
+    """The number of runs in which calls with single numbers are compared with one call with arrays,
+    if `vectorized` is not stated. They differ in their conditions and in every parameter."""
     relative: float = 1e-12
     """The tolerated relative difference. Powers and exponentials of arrays are computed by other
     code, which may change the last four bits; a difference of two such values loses more."""
@@ -37,110 +36,81 @@ class DirectSettings:
 SETTINGS = DirectSettings()
 
 
-class ArrayCalls:
-    """Calls an elementwise function once for many runs, with the rows of all runs in one array.
+@dataclass(frozen=True)
+class ArrayTrial:
+    """What the trial of a function with arrays showed.
 
-    >>> import pandas as pd
-    >>> from aleator.simulators.units import Cases
-    >>> from aleator.simulators.function import FunctionSimulator
-    >>> cases = Cases.of({"load": np.array([1.0, 2.0])}, 2)
-    >>> together = ArrayCalls(Bound(FunctionSimulator(lambda load, x: load * x), cases, ("x",)))
-    >>> together(np.array([0, 1, 1]), np.array([[1.0], [1.0], [3.0]])).tolist()
-    [[1.0], [2.0], [6.0]]
+    `fault` says what is wrong with the call with arrays; it is "" if its values are those of
+    `compared` calls with single numbers.
     """
 
-    def __init__(self, bound: Bound) -> None:
-        self._bound, self._form = bound, bound.form
-        rows = self._form.rows
-        self._rows = np.ones(len(bound.cases), dtype=np.intp) if rows is None else rows
-        self._start = np.cumsum(self._rows) - self._rows
-        self._columns = {
-            name: _flat(column, self._rows) for name, column in bound.cases.columns.items()
-        }
-        most = int(self._rows.max(initial=1))
-        self._each = most if np.all(self._rows == most) else 0
-
-    def __call__(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of runs under conditions number `case` (R,) with parameters `x` (R, n).
-
-        Raises whatever the function raises, and TypeError if the function returns neither an array
-        with a value for each row nor a number. Cost: some 15 ns a value, and the function itself.
-        """
-        size = len(self._form.responses)
-        values = np.full((len(case), self._form.width), np.nan)
-        if self._each:
-            rows = self._start[case]
-            columns = x.T.copy()
-            if self._each > 1:
-                rows = (rows[:, None] + np.arange(self._each)).ravel()
-                columns = np.repeat(columns, self._each, axis=1)
-            for k, part in enumerate(self._parts(rows, columns)):
-                values[:, k::size] = part.reshape(len(case), -1) if part.ndim else part
-            return values
-        sizes = self._rows[case]
-        run = np.repeat(np.arange(len(case)), sizes)
-        place = np.arange(len(run)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        parts = self._parts(self._start[case][run] + place, x[run].T.copy())
-        for k, part in enumerate(parts):
-            values[run, place * size + k] = part
-        return values
-
-    def _parts(self, rows: Indices, x: Array) -> list[Array]:
-        """The function's value for each response at x (n, rows): an array (rows,) or one number."""
-        columns = {name: column[rows] for name, column in self._columns.items()}
-        simulator: Any = self._bound.simulator
-        with np.errstate(all="ignore"):
-            returned = simulator.function(
-                **columns, **dict(zip(self._bound.parameters, x, strict=True))
-            )
-        names = self._form.responses
-        if not isinstance(returned, Mapping) and len(names) > 1:
-            raise TypeError("it named no responses")
-        parts = [returned[n] for n in names] if isinstance(returned, Mapping) else [returned]
-        return [_values(part, len(rows)) for part in parts]
+    compared: int
+    fault: str = ""
 
 
-def elementwise(bound: Bound, case: Indices, x: Array, settings: DirectSettings = SETTINGS) -> bool:
-    """Whether one call of a function with arrays gives the same values as a call for each run.
+def array_trial(
+    bound: Bound, case: Indices, x: Array, settings: DirectSettings = SETTINGS
+) -> ArrayTrial:
+    """Compare one call of a function with arrays with a call for each run.
 
     Up to `checked` runs are compared, out of those under conditions number `case` (R,) with
     parameters `x` (R, n); they should differ in both. Relative differences up to `relative` are
-    tolerated. A function that raises an exception in either way is not elementwise. The call with
-    arrays comes first, so that a slow function that takes no arrays costs one call. Cost: at most
-    checked + 1 calls.
+    tolerated, and a value that is not finite either way is the same. The call with arrays comes
+    first, and the first difference ends the trial, so that a function that takes no arrays
+    costs one or two calls. Cost: at most checked + 1 calls.
 
     >>> from aleator.simulators.units import Cases
     >>> from aleator.simulators.function import FunctionSimulator
-    >>> def is_so(function):
+    >>> def tried(function):
     ...     bound = Bound(FunctionSimulator(function), Cases.of({}, 1), ("x",))
-    ...     return elementwise(bound, np.zeros(2, int), np.array([[1.0], [2.0]]))
-    >>> is_so(lambda x: 2.0 * x), is_so(lambda x: 2.0 if x > 1.5 else x)
-    (True, False)
+    ...     return array_trial(bound, np.zeros(2, int), np.array([[1.0], [2.0]]))
+    >>> tried(lambda x: 2.0 * x), tried(lambda x: x - x.mean()).compared
+    (ArrayTrial(compared=2, fault=''), 1)
+    >>> tried(lambda x: 2.0 if x > 1.5 else x).fault
+    'it raised ValueError: The truth value of an array with more than one element is ambiguous...
     """
     case, x = case[: settings.checked], x[: settings.checked]
     try:
-        together = ArrayCalls(bound)(case, x)
-        returned = bound.simulator(*bound.columns(case, x))
-        each = bound.form.some(case).shaped(bound.simulator, returned, len(case))
+        together = _called(with_arrays(bound), case, x)
     except (KeyboardInterrupt, SurroundingsError):
         raise
-    except BaseException:
-        return False
-    return bool(np.allclose(together, each, rtol=settings.relative, atol=0.0, equal_nan=True))
+    except BaseException as error:
+        return ArrayTrial(0, f"it raised {describe(error)}")
+    if not np.isfinite(together).any():
+        return ArrayTrial(0, "it returned no finite number")
+    for k in range(len(case)):
+        try:
+            alone = _called(bound, case[k : k + 1], x[k : k + 1])[0]
+        except SurroundingsError:
+            raise
+        except BaseException as error:
+            _require_no_interrupt(error)
+            alone = np.full(together.shape[1], np.nan)
+        same = np.isclose(together[k], alone, settings.relative, 0.0, equal_nan=True)
+        if not np.all(same | ~(np.isfinite(together[k]) | np.isfinite(alone))):
+            return ArrayTrial(k + 1, "it returned other values than calls with single numbers")
+    return ArrayTrial(len(case))
 
 
-def _flat(column: NDArray[Any], rows: Indices) -> NDArray[Any]:
-    """A column (C,) over distinct conditions, expanded to an entry for each row of their series."""
-    if column.dtype == object and len(column) and isinstance(column[0], np.ndarray):
-        return np.concatenate([*column])
-    return np.repeat(column, rows)
+def with_arrays(bound: Bound) -> Bound:
+    """The same function, called with arrays."""
+    simulator: Any = bound.simulator
+    return replace(bound, simulator=simulator.with_arrays())
 
 
-def _values(part: Any, rows: int) -> Array:
-    numbers = real_numbers(part)
-    if numbers.shape not in ((), (rows,)):
-        raise TypeError(f"it returned values of shape {numbers.shape}")
-    return numbers
+def _called(bound: Bound, case: Indices, x: Array) -> Array:
+    """Values (R, W) of one call of the simulator."""
+    with warnings.catch_warnings():
+        # What a trial warns of is no concern of the user, and must not decide as an error.
+        warnings.simplefilter("ignore")
+        returned = bound.simulator(*bound.columns(case, x))
+    return bound.form.some(case).shaped(bound.simulator, returned, len(case))
+
+
+def _require_no_interrupt(error: BaseException) -> None:
+    """Raise the KeyboardInterrupt that stopped a simulator that runs one at a time."""
+    if isinstance(error, RunStopped) and isinstance(error.__cause__, KeyboardInterrupt):
+        raise error.__cause__ from None
 
 
 Failures = Mapping[int, Failure]
@@ -149,9 +119,9 @@ Failures = Mapping[int, Failure]
 class DirectRuns:
     """Makes runs that are not remembered: `count` counts them, `lost` counts the failed ones.
 
-    A run has failed if it lacks a measured value; `failures` has the first failed runs. After a
-    call of `find_arrays`, a function of single numbers is called with arrays, if its values are the
-    same then.
+    A run has failed if it lacks a measured value; `failures` has the first failed runs. `trial`
+    is what `find_arrays` found, if it tried the function; if its values are the same, the function
+    is called with arrays from then on.
 
     >>> inverse = FunctionSimulator(lambda x: 1.0 / x, vectorized=True)
     >>> from aleator.simulators.units import Cases
@@ -161,11 +131,11 @@ class DirectRuns:
     """
 
     def __init__(self, bound: Bound, settings: DirectSettings = SETTINGS) -> None:
-        self._bound, self._simulator, self._form = bound, bound.simulator, bound.form
+        self._bound, self._form, self._called = bound, bound.form, bound
         self._settings = settings
         observed = np.zeros((len(bound.cases), self._form.width), dtype=np.bool_)
         self._unmeasured = replace(bound, form=replace(bound.form, observed=observed))
-        self._together: ArrayCalls | None = None
+        self.trial: ArrayTrial | None = None
         self.count = self.lost = self.repeated = 0
         self.failures = Runs.planned(np.empty(0, np.intp), np.empty((0, len(bound.parameters))))
 
@@ -178,41 +148,47 @@ class DirectRuns:
         """
         self.count += len(case)
         values = np.empty((len(case), self._form.width))
-        for rows in blocks(len(case), 1, self._size):
-            values[rows], failures = self._block(case[rows], x[rows])
+        for rows in blocks(len(case), 1, self._called.simulator.block):
+            values[rows], failures = self._block(self._called, case[rows], x[rows])
             self._note(case[rows], x[rows], values[rows], failures)
         return values
 
     def again(self, case: Indices, x: Array) -> Array:
-        """Values (R, W) of runs that are made once more, as a check; `repeated` counts them."""
+        """Values (R, W) of runs that are made once more, as a check; `repeated` counts them.
+
+        A function that was found to take arrays is called with single numbers.
+        """
         self.repeated += len(case)
-        parts = blocks(len(case), 1, self._size)
-        return np.concatenate([self._block(case[rows], x[rows])[0] for rows in parts])
+        parts = blocks(len(case), 1, self._bound.simulator.block)
+        return np.concatenate([self._block(self._bound, case[at], x[at])[0] for at in parts])
 
     @property
-    def _size(self) -> int:
-        together = max(BLOCKS.arrays // self._form.width, 1)
-        return together if self._together else self._simulator.block
+    def calls_arrays(self) -> bool:
+        """Whether the trial found that the function takes arrays."""
+        return self.trial is not None and not self.trial.fault
 
     def find_arrays(self, region: Array) -> bool:
-        """Whether the simulator takes arrays: it is vectorized, or an elementwise function.
+        """Whether the simulator takes arrays: as it is stated, or as one trial found.
 
-        An unvectorized function is tried at some points of the parameter region (n, 2), each under
-        other conditions. A function with a time limit is not, since one call would make many runs.
+        A function of which `vectorized` is not stated is tried once, at some points of the
+        parameter region (n, 2), each under other conditions. A function is not tried if it makes
+        series, gives derivatives, or has a time limit, since one call would make many runs.
         """
-        simulator = self._simulator
-        if not isinstance(simulator, FunctionSimulator) or simulator.vectorized:
+        simulator = self._bound.simulator
+        if not isinstance(simulator, FunctionSimulator) or simulator.vectorized is not None:
             return getattr(simulator, "vectorized", False) is True
-        if simulator.timeout is not None or simulator.sloped:
+        if simulator.series or simulator.sloped or simulator.timeout is not None:
             return False
-        count = self._settings.checked
-        case = np.linspace(0, len(self._bound.cases) - 1, count).astype(np.intp)
-        share = np.random.default_rng(0).random((count, len(region)))
-        points = region[:, 0] + share * (region[:, 1] - region[:, 0])
-        self.count += count
-        found = elementwise(self._bound, case, points, self._settings)
-        self._together = ArrayCalls(self._bound) if found else None
-        return found
+        if self.trial is None:
+            count = self._settings.checked
+            case = np.linspace(0, len(self._bound.cases) - 1, count).astype(np.intp)
+            share = np.random.default_rng(0).random((count, len(region)))
+            points = region[:, 0] + share * (region[:, 1] - region[:, 0])
+            self.trial = array_trial(self._bound, case, points, self._settings)
+            self.count += self.trial.compared
+            if self.calls_arrays:
+                self._called = with_arrays(self._bound)
+        return self.calls_arrays
 
     def _note(self, case: Indices, x: Array, values: Array, failures: Failures) -> None:
         """Remember the reasons of the runs that have no outcome."""
@@ -233,24 +209,21 @@ class DirectRuns:
         lost = replace(Runs.planned(case[first], x[first]), failures=noted)
         self.failures = Runs.joined([self.failures, lost])
 
-    def _block(self, case: Indices, x: Array) -> tuple[Array, Failures]:
+    def _block(self, bound: Bound, case: Indices, x: Array) -> tuple[Array, Failures]:
         try:
-            if self._together is not None:
-                return self._together(case, x), {}
-            returned = self._simulator(*self._bound.columns(case, x))
-            found = self._form.some(case).shaped(self._simulator, returned, len(case))
+            returned = bound.simulator(*bound.columns(case, x))
+            found = self._form.some(case).shaped(bound.simulator, returned, len(case))
             return found[:, : self._form.width], {}
         except (AleatorError, KeyboardInterrupt):
             raise
         except BaseException as error:
-            if isinstance(error.__cause__, KeyboardInterrupt) and isinstance(error, RunStopped):
-                raise error.__cause__ from None
+            _require_no_interrupt(error)
             return self._carefully(case, x)
 
     def _carefully(self, case: Indices, x: Array) -> tuple[Array, Failures]:
         """Values (R, W) of runs of which some raise an exception; the values of these are NaN."""
         runs = Runs.planned(case, x, self._form.width)
-        made = make(self._simulator, Batch.of(self._unmeasured, runs), np.inf)
+        made = make(self._bound.simulator, Batch.of(self._unmeasured, runs), np.inf)
         if made.stopped:
             raise made.stopped
         return made.outcome[:, : self._form.width], made.failures

@@ -143,7 +143,7 @@ def make(simulator: Simulator, batch: Batch, budget: float, timed: float = BATCH
     >>> made.outcome.tolist(), [*made.failures]
     ([[0.5], [nan], [0.25]], [1])
     """
-    alone = getattr(simulator, "vectorized", True) is False
+    alone = not getattr(simulator, "vectorized", True)
     size, began = 1 if alone else simulator.block, time.perf_counter()
     parts: list[Runs] = []
     done = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import importlib
 import importlib.util
@@ -10,7 +11,7 @@ import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -190,7 +191,9 @@ class FunctionSimulator:
 
     `vectorized=False`: the function is called once for each run and gets floats (a text condition
     stays a text). `vectorized=True`: it is called with arrays (R,) for R runs and returns an array
-    (R,); it must treat the runs independently of each other. `series=True`: it is called once for a
+    (R,); it must treat the runs independently of each other. None: it is called once for each run,
+    but is tried once with arrays where many runs would follow (see `Runner.takes_arrays`), and
+    called with arrays there if they give the same values. `series=True`: it is called once for a
     whole experiment of m rows. Conditions that vary within any experiment are then arrays (m,), the
     others and the parameters are floats; it returns an array (m,), or one number for all rows. For
     several responses the function returns a mapping from their names to such values.
@@ -228,7 +231,7 @@ class FunctionSimulator:
     def __init__(
         self,
         function: Callable[..., Any],
-        vectorized: bool = False,
+        vectorized: bool | None = None,
         version: str = "",
         block: int | None = None,
         series: bool = False,
@@ -259,7 +262,7 @@ class FunctionSimulator:
         self.jac = jac
         self.version = version
         self.timeout = checked_limit(timeout)
-        self.block = block or (BLOCKS.arrays if vectorized else BLOCKS.single)
+        self._block = block
         self._reference: tuple[str, str] | None = None
         self._digests: dict[str, str] | None = None
         self.name = str(getattr(function, "__qualname__", type(function).__name__))
@@ -288,7 +291,18 @@ class FunctionSimulator:
     @property
     def options(self) -> tuple[Any, ...]:
         """The arguments that the class takes after `function`."""
-        return self.vectorized, self.version, self.block, self.series, self.timeout, self.jac
+        return self.vectorized, self.version, self._block, self.series, self.timeout, self.jac
+
+    @property
+    def block(self) -> int:
+        """The most runs of one call of the simulator."""
+        return self._block or (BLOCKS.arrays if self.vectorized else BLOCKS.single)
+
+    def with_arrays(self) -> Self:
+        """The same function, called with arrays."""
+        made = copy.copy(self)
+        made.vectorized = True
+        return made
 
     @property
     def sloped(self) -> bool:
@@ -378,7 +392,7 @@ class FunctionSimulator:
         elsewhere, and in variables that the function has captured are not noticed. A `version`
         replaces all that.
         """
-        kind = "series" if self.series else self.vectorized
+        kind = "series" if self.series else bool(self.vectorized)
         digest = hashlib.sha256(f"{self.name} {kind}".encode())
         if callable(self.jac) and not self.version:
             digest.update(source(self.jac).encode())
@@ -542,7 +556,7 @@ def defaults_left(simulator: Simulator, given: Collection[str]) -> dict[str, flo
 
 def as_simulator(
     simulator: Simulator | Callable[..., Any],
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     jac: bool | Callable[..., Any] = False,
     series: bool = False,
 ) -> Simulator:
@@ -551,8 +565,8 @@ def as_simulator(
     `vectorized`, `jac` and `series` are those of `FunctionSimulator`. Raises SimulatorError for
     `series` beside a simulator that is no series: its own option decides.
 
-    >>> as_simulator(lambda load, stiffness: load / stiffness).vectorized
-    False
+    >>> as_simulator(lambda load, stiffness: load / stiffness, vectorized=True).vectorized
+    True
     """
     if all(hasattr(simulator, member) for member in ("name", "block", "asks", "fingerprint")):
         if series and not getattr(simulator, "series", False):

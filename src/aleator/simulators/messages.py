@@ -73,6 +73,16 @@ class Messages:
             "no state from run to run, and let it return no measurement noise",
         )
 
+    def not_the_same(self, runs: Runs, row: int, arrays: float, alone: float) -> SimulatorError:
+        """The error that a call with arrays gave another outcome than one with single numbers."""
+        return SimulatorError(
+            f"simulator '{self.simulator.name}' returned {arrays:.8g} when called with arrays and "
+            f"{alone:.8g} when called with single numbers, for the same run: "
+            f"{self._run(runs, row)}",
+            "state vectorized = false (vectorized=False in Python), so that it is called once a "
+            "run; or let it treat the runs independently of each other",
+        )
+
     def _not_finite(self, tried: Runs, row: int) -> SimulatorError:
         failed = _failed(tried)
         message = tried.failures[row].message.removeprefix("it ")

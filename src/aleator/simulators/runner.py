@@ -101,7 +101,7 @@ def as_runner(
     simulator: Runner | Simulator | Callable[..., Any],
     experiments: Experiments | Conditions,
     parameters: Sequence[str],
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     executor: Executor | None = None,
     jac: bool | Callable[..., Any] = False,
     series: bool = False,
@@ -352,7 +352,8 @@ class Runner:
         values = self._direct(case, x)
         if len(again := self._repeats.chosen(len(case))):
             first = replace(Runs.planned(case[again], x[again]), outcome=values[again])
-            self._compare(first, self._direct.again(first.case, first.x))
+            values_again = self._direct.again(first.case, first.x)
+            self._compare(first, values_again, self._direct.calls_arrays)
         return self._served.transformed(values)
 
     @property
@@ -368,11 +369,17 @@ class Runner:
     def takes_arrays(self, region: Array) -> bool:
         """Whether `straight` makes many runs in one call; tried at 16 points of `region` (n, 2).
 
-        It does so for a vectorized function, and for a function of single numbers that returns the
-        same values when called with arrays (see `elementwise`). From now on such a function is
-        called with arrays.
+        It does so for a vectorized function, and for one of which `vectorized` is not stated if
+        arrays give the same values as single numbers: it is tried once, by at most 17 calls (see
+        `array_trial`). The calls with single numbers count as runs, the one with arrays does not,
+        and none is stored.
         """
         return self._direct.find_arrays(region)
+
+    @property
+    def array_fault(self) -> str:
+        """What was wrong with the call with arrays; "" if nothing was, or none was made."""
+        return self._direct.trial.fault if self._direct.trial else ""
 
     def _attempted(self, index: ArrayLike, x: ArrayLike, most: float | None) -> Array:
         keys, distinct = self._keys(index, x)
@@ -467,15 +474,15 @@ class Runner:
         if len(first):
             self._compare(first, self._execution.again(first))
 
-    def _compare(self, first: Runs, again: Array) -> None:
+    def _compare(self, first: Runs, again: Array, arrays: bool = False) -> None:
+        """Raise SimulatorError if outcomes differ from the first, which `arrays` may have given."""
         width = self._served.width
         values, others = (
             self._served.transformed(part[:, :width]) for part in (first.outcome, again)
         )
         if found := differing(values, others):
-            raise self._messages.not_repeatable(
-                first, found[0], float(values[found]), float(others[found])
-            )
+            differ = self._messages.not_the_same if arrays else self._messages.not_repeatable
+            raise differ(first, found[0], float(values[found]), float(others[found]))
 
     def _keys(self, index: ArrayLike, x: ArrayLike) -> tuple[list[bytes], list[bytes]]:
         """The key of each run, and the distinct keys in the order of their first appearance."""

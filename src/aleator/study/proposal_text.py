@@ -177,11 +177,14 @@ def _simulator(proposal: Proposal) -> list[str]:
     offer = proposal.offer
     lines = ["[simulator]", line(offer.kind, offer.value, _SIMULATORS[offer.kind])]
     if offer.kind == "function":
-        shape = "with arrays of many runs" if offer.vectorized else "once a run, with numbers"
         if proposal.series:
             lines.append(line("series", True, "called once for all rows of an experiment"))
         else:
-            lines.append(line("vectorized", offer.vectorized, f"called {shape}"))
+            lines.append(
+                line("vectorized", True, "called with arrays of many runs")
+                if offer.vectorized
+                else off("vectorized", False, "if a run takes long: never tried with arrays")
+            )
             lines += _could_be_series(proposal)
     if offer.kind == "fmu":
         lines += _of_fmu(proposal, offer)

@@ -172,7 +172,7 @@ class RunsSection(Section):
 def function(
     function: str,
     folder: Path,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     version: str = "",
     block: Annotated[int, Field(ge=1)] | None = None,
     series: bool = False,

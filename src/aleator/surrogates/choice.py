@@ -26,8 +26,8 @@ class ResponseSurface:
     from the surfaces; None lets the program choose.
     surfaces: "process": Gaussian processes over conditions and parameters learn from the runs of
     all experiments. "own": each experiment has a polynomial of its own. "none": the simulator
-    itself is run at every node. None: a vectorized simulator gets no surfaces, any other gets
-    "process", or "own" with a tolerance. A tolerance is admitted only with surfaces of their own.
+    itself is run at every node. None: a simulator that takes arrays gets no surfaces, any other
+    gets "process", or "own" with a tolerance. A tolerance is only for surfaces of their own.
     together: the least number of runs of a round of the processes, at least 1. None: two for each
     worker. Where this exceeds what a round takes anyway, the answer depends on it.
 

@@ -116,7 +116,7 @@ def feasible_box(
     experiments: AnyTable,
     inputs: Laws,
     *,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     executor: Executor | None = None,

@@ -23,15 +23,15 @@ def look_document(
     cost: Cost | None,
     workers: int,
     held: Mapping[str, Mapping[str, float]],
-    takes_arrays: bool,
+    array_fault: str,
     table: Experiments,
 ) -> dict[str, Any]:
     """The first runs of a study and its cost, as plain lists and numbers: the file check.json.
 
     Outcomes are in their own units, also where their logarithm enters the likelihood. An outcome
     comes to a measured value if it lies within the ends `accepted`, which the noise widens. `held`
-    are the known numbers of the noise on which the law rests, and `takes_arrays` says that a
-    function of single numbers gives the same values for arrays. `gross_errors` has the row of the
+    are the known numbers of the noise on which the law rests, and `array_fault` says why a
+    function that was tried with arrays is called once a run. `gross_errors` has the row of the
     `table`, the value, and the value that would fit, of what looks like a slip of the pen.
     """
     plan, response = look.plan, np.array(look.response)
@@ -67,7 +67,7 @@ def look_document(
         ],
         "lost": dict(look.lost),
         "fixed_noise": {name: dict(one) for name, one in held.items()},
-        "takes_arrays": takes_arrays,
+        "array_fault": array_fault,
         "gross_errors": _gross_errors(table),
         "noise": bool(np.any(look.margin > 0.0)),
         "measured": {r: _range(lower[own], upper[own]) for r, own in of.items()},

@@ -141,9 +141,6 @@ class LookSettings:
     """The least size of an outcome in the test whether a parameter has any influence."""
     nothing: float = 1e-6
     """The share of an outcome's whole range below which a parameter's effect counts as zero."""
-    quick: float = 0.01
-    """The seconds a run below which a function of single numbers is tried with arrays, in 17 calls;
-    a hint follows, and no answer depends on it."""
     near: int = 20
     """The largest number of values out of reach near which more runs are made: the nearest ones."""
     halvings: int = 5

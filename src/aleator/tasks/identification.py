@@ -69,10 +69,10 @@ class Identification(Result):
     hyperparameter  estimate  std. error   95 % interval  note
     x.mean             1.031       0.062  0.873 .. 1.189
     x.sd               0.124       0.044  0.071 .. 0.303  sandwich error 0.018
-    log-likelihood -0.511 +- 0.01 by level sets
+    log-likelihood -0.511 +- ... by level sets
     ...
-    Computed soundly: the search converged, every density was solved, and the emulator
-    of the simulator moves the estimates by 0.0... standard errors.
+    Computed soundly: the search converged, every density was solved; the simulator
+    itself was integrated over.
     Not tested whether consistent with the experiments: there are only 4 observations.
     >>> float(found.values["x.mean"]), found.intervals.loc["x.mean"].round(3).tolist()
     (1.031, [0.873, 1.189])
@@ -379,7 +379,7 @@ def load(
     *,
     simulator: Callable[..., Any] | Simulator | None = None,
     inputs: Laws | None = None,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     series: bool = False,
     noise: AnyNoise = None,
     experiments: Experiments | None = None,

@@ -54,7 +54,7 @@ def identify(
     *,
     outcome: str | list[str] | None = None,
     id: str | None = None,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     series: bool = False,
     noise: AnyNoise = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
@@ -77,13 +77,14 @@ def identify(
     alpha* = arg max sum_l log f_Yl(y_l | alpha) (paper, eq. (MLE)).
 
     `simulator` takes conditions and parameters by keyword and returns the outcome. It is called
-    with floats for each run, or with arrays of R runs if `vectorized`. With `series` it is called
-    once for a whole experiment: the conditions that vary within it, such as times, are arrays (m,)
-    of its m rows, and it returns an array (m,). With `jac=True` it returns a
-    pair, the outcome and its derivatives by the parameters, or `jac` is a function that returns
-    these (see `FunctionSimulator`); then fewer runs do. `experiments` is a data
-    frame, or a mapping of columns, or `Experiments`. Its column `outcome` is the measured outcome,
-    or several columns are; the column `id` (by default "id", if there is one) names the experiment
+    with floats for each run, or with arrays of R runs if `vectorized`. None: one trial finds out
+    whether arrays give the same values. With `series` it is called once for a whole experiment: the
+    conditions that vary within it, such as times, are arrays (m,) of its m rows, and it returns an
+    array (m,). With `jac=True` it returns a pair, the outcome and its derivatives by the
+    parameters, or `jac` is a function that returns these (see `FunctionSimulator`); then fewer runs
+    do. `experiments` is a data frame, or a mapping of columns, or `Experiments`. Its column
+    `outcome` is the measured outcome, or several columns are; the column `id` (by default "id", if
+    there is one) names the experiment
     of each row: rows of one experiment share one draw of the parameters. The other columns are
     conditions. `inputs` is an `Inputs`, or a mapping from the names of parameters to their laws.
     `noise` is the standard deviation of the measurement error, a number or `Free(lower, upper)`, or

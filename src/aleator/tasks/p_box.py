@@ -381,7 +381,7 @@ def p_box(
     inputs: Laws,
     alpha: Mapping[str, float | Estimate] | None = None,
     *,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     noise: AnyNoise = None,
     propagation: ResponseSurface = DEFAULT_PROPAGATION,
     progress: Progress | None = None,

@@ -36,7 +36,7 @@ def predict(
     inputs: Laws,
     alpha: Mapping[str, float | Estimate],
     *,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     noise: AnyNoise = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,

@@ -187,7 +187,7 @@ def recover(
     inputs: Laws,
     truth: Mapping[str, float],
     *,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     noise: AnyNoise = None,
     propagation: ResponseSurface | Collocation = DEFAULT_PROPAGATION,
     density: Density | None = None,

@@ -27,7 +27,7 @@ def runner_on(
     simulator: AnySimulator,
     table: AnyTable,
     parameters: Sequence[str],
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     executor: Executor | None = None,
 ) -> Runner:
     """The runner of a simulator under the conditions of a table; a Runner is returned unchanged.

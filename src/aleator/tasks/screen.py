@@ -168,7 +168,7 @@ def screen(
     experiments: AnyTable,
     inputs: Laws,
     *,
-    vectorized: bool = False,
+    vectorized: bool | None = None,
     only: Sequence[str] | None = None,
     runs: int | None = None,
     seed: int = 0,

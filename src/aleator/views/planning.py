@@ -75,14 +75,13 @@ def first_look(document: Document) -> Content:
         )
         for slip in document.get("gross_errors") or ()
     ]  # fmt: skip
-    if document["takes_arrays"]:
-        parts.append(
-            Sentence(
-                "the function gives the same values for arrays: vectorized = true in [simulator] "
-                "makes many runs in one call.",
-                "plain", "Faster",
-            )
-        )  # fmt: skip
+    if fault := document["array_fault"]:
+        text = (
+            f"the function was called once with arrays: {fault}. So it is called once for each "
+            "run, and an emulator takes its place; a formula in NumPy that takes arrays (np.where "
+            "for if, np.exp for math.exp) needs none."
+        )
+        parts.append(Sentence(text, "plain", "Arrays"))
     return Content(
         document.get("title") or "First look",
         [Sentence(f"{document['runs']:,} runs under {under}; one takes {took} s.")],
