@@ -454,8 +454,9 @@ class Emulation:
         made, points = [], []
         if self.calm and self.nodes:
             at, weight = self.nodes, self.nodes.effect * np.isin(self.nodes.case, able)
-            some = processes.farthest(at.case, at.x, weight, count)
-            made, points, count = at.case[some].tolist(), [at.x[some]], 0
+            inside = np.clip(at.x, *processes.box.T)
+            some = processes.farthest(at.case, inside, weight, count)
+            made, points, count = at.case[some].tolist(), [inside[some]], 0
         for place, one in enumerate(order[:count].tolist()):
             some = x[np.unique(near[np.unique(experiment[case == one])])]
             each = -(-(count - place) // order.size)
@@ -493,7 +494,7 @@ class Emulation:
         # Without free hyperparameters, the error of the log-likelihood decides.
         by = root.T if last else np.ones((1, 1))
         shares = np.einsum("ki,cij,kj->c", by, alone[:, : len(by), : len(by)], by)
-        self.nodes = Nodes.of(replace(found, x=inside), processes.case, by, self._scatter)
+        self.nodes = Nodes.of(found, processes.case, by, self._scatter)
         least = self.settings.search**2
         return replace(
             before, alpha=max(of_alpha, least) ** 0.5,
