@@ -1,4 +1,4 @@
-"""Ten unlike simulators with the laws, the experiments and the errors of a study; all synthetic.
+"""Eleven unlike simulators with the laws, the experiments and the errors of a study; all synthetic.
 
 Each study is drawn from its own law by a seed. The truth of a benchmark is the exact answer to a
 study, not the law that it was drawn from.
@@ -254,6 +254,35 @@ def front(c: Array, a: Array, b: Array) -> Array:
     return np.asarray(np.tanh((c - a - 0.3 * b) / 0.1) + b * c)
 
 
+SWINGS = 0.25 * np.arange(1, 21)
+"""The times at which an oscillator is measured: seven half cycles."""
+
+
+def oscillator(amplitude: Array, time: Array, decay: Array, dry: Array, rate: Array) -> Array:
+    """A mass on a spring with viscous and dry friction that comes to rest: one with kinks.
+
+    Each half cycle begins and ends at a turning point. The mass moves about the offset `dry` on its
+    side, as one without dry friction, or stays where it is, if that is no farther out.
+    """
+    half, left = np.pi / rate, np.asarray(time, dtype=np.float64)
+    turning = out = amplitude + 0.0 * left * rate
+    for _ in range(int(np.ceil(np.max(time) / np.min(half)))):
+        side, away = np.sign(turning), np.maximum(np.abs(turning) - dry, 0.0)
+        t = np.clip(left, 0.0, half)
+        swing = np.exp(-decay * t) * (np.cos(rate * t) + decay / rate * np.sin(rate * t))
+        out = np.where((left > 0.0) & (away > 0.0), side * (dry + away * swing), out)
+        end = side * (dry - away * np.exp(-decay * half))
+        turning, left = np.where(away > 0.0, end, turning), left - half
+        out = np.where(left > 0.0, turning, out)
+    return np.asarray(out)
+
+
+def _masses(rng: np.random.Generator) -> pd.DataFrame:
+    amplitude = np.repeat(rng.permutation(np.repeat([10.0, 20.0], 7)), SWINGS.size)
+    unit = np.repeat(np.arange(14), SWINGS.size)
+    return pd.DataFrame({"id": unit, "amplitude": amplitude, "time": np.tile(SWINGS, 14)})
+
+
 COEFFICIENTS = np.random.default_rng(31).standard_normal((40, 8))
 
 
@@ -357,6 +386,12 @@ SIMULATORS = (
             {**_means_and_sds(cl=(0.6, 0.15), v=(2.0, 0.4)), "q.value": 0.5, "v2.value": 2.0,
              "base.value": 0.1, "noise.sd": 0.03},
             _units, Noise(Free(0.005, 0.3)), series=compartments),
+    Studied("oscillator", oscillator,
+            {"decay": _in_box(TruncatedNormal, 0.0, 0.5), "dry": _in_box(TruncatedNormal, 0.0, 3.0),
+             "rate": _constant(4.2, 4.7)},
+            {**_means_and_sds(decay=(0.09, 0.025), dry=(0.7, 0.16)), "rate.value": 4.43,
+             "noise.sd": 0.3},
+            _masses, Noise(Free(0.05, 2.0)), series=oscillator),
     Studied("front", front,
             ({"a": _law(Normal, (0.3, 1.7), (0.01, 0.8)), "b": _in_box(TruncatedNormal, 0.0, 2.0)}),
             {**_means_and_sds(a=(0.8, 0.2), b=(1.0, 0.15)), "noise.sd": 0.1},
@@ -392,4 +427,4 @@ SIMULATORS = (
             _evenly(0.3, 3.0, 24),
             dict.fromkeys(("level", "rate", "peak"), Noise(Free(0.01, 0.5)))),
 )  # fmt: skip
-"""Ten simulators: 12 to 120 experiments, one to four parameters that scatter, seven laws."""
+"""Eleven simulators: 12 to 120 experiments, one to four parameters that scatter, seven laws."""

@@ -4,7 +4,9 @@ The processes of all outputs (`surrogates.processes`) begin with a few runs of e
 condition. Each round makes runs where the parameters agree with the measured values, and maximizes
 again. The error of alpha that the processes cause is computed to first order
 (`inference.emulator_error`). It is multiplied by how much farther the new values lay from what was
-expected than the processes say. The rounds end when it is small, or when the budget is spent.
+expected than the processes say. Once it is small, a round tests it: its runs lie where alpha
+depends most on the simulated values and far from other runs, whatever the processes say of their
+error. The rounds end when the error is small after such tests, or when the budget is spent.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ from aleator.fit.quadrature import (
 from aleator.fit.question import Question, start_point
 from aleator.fit.regions import (
     REGIONS,
+    agreeing,
     draws,
     hull,
     interval_alphas,
@@ -46,7 +49,7 @@ from aleator.fit.regions import (
 )
 from aleator.fit.search import searched
 from aleator.inference import surface_diagnostics
-from aleator.inference.emulator_error import Functional, functional, near_outcomes
+from aleator.inference.emulator_error import Functional, Nodes, functional, near_outcomes
 from aleator.inference.information import INTERVALS, Inference, infer
 from aleator.likelihood.individual import (
     GaussHermite,
@@ -204,7 +207,8 @@ class Emulation:
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
     `itself` says whether the processes themselves are used in place of these. `together` is the
     number of runs of a round if workers enlarge it, or zero. `earlier` is the number of stored runs
-    with which the processes began. `told` has the errors of all rounds.
+    with which the processes began. `told` has the errors of all rounds. `nodes` are the points
+    whose values alpha depends on.
     """
 
     def __init__(
@@ -233,6 +237,7 @@ class Emulation:
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
         self.distances, self.calm, self.terms, self.itself = np.empty(0), 0, 0, False
         self.told: list[EmulatorRound] = []
+        self.nodes: Nodes | None = None
         self.surface: Surface
         self.where: Array
 
@@ -434,7 +439,8 @@ class Emulation:
         """Make a round of runs; False if the budget allows none.
 
         The runs are of the conditions that cause most of the error, at those of the draws x (D, n)
-        that agree with the measured values, with the numbers `near` (N, A).
+        that agree with the measured values, with the numbers `near` (N, A). After a small error
+        they are tests.
         """
         question, processes, settings = self.question, self.processes, self.settings
         shares = self.error.shares
@@ -446,6 +452,11 @@ class Emulation:
             return False
         case, experiment = processes.case[self.of], question.table.observations.experiment
         made, points = [], []
+        if self.calm and self.nodes:
+            at, weight = self.nodes, self.nodes.effect * np.isin(self.nodes.case, able)
+            inside = np.clip(at.x, *processes.box.T)
+            some = processes.farthest(at.case, inside, weight, count)
+            made, points, count = at.case[some].tolist(), [inside[some]], 0
         for place, one in enumerate(order[:count].tolist()):
             some = x[np.unique(near[np.unique(experiment[case == one])])]
             each = -(-(count - place) // order.size)
@@ -483,6 +494,7 @@ class Emulation:
         # Without free hyperparameters, the error of the log-likelihood decides.
         by = root.T if last else np.ones((1, 1))
         shares = np.einsum("ki,cij,kj->c", by, alone[:, : len(by), : len(by)], by)
+        self.nodes = Nodes.of(found, processes.case, by, self._scatter)
         least = self.settings.search**2
         return replace(
             before, alpha=max(of_alpha, least) ** 0.5,
@@ -500,10 +512,13 @@ class Emulation:
             held = near.by(self._rule(near), alpha)
         else:
             held = likelihood if alpha is end.alpha else likelihood.adapted(alpha)
-        scatter = np.where(self.surface.scatter > 0.0, self.surface.scatter, 1.0)
-        return functional(
-            held, alpha, free, covariance, moving_parameters(self.region), spread, self.of, scatter
-        )
+        moving = moving_parameters(self.region)
+        return functional(held, alpha, free, covariance, moving, spread, self.of, self._scatter)
+
+    @property
+    def _scatter(self) -> Array:
+        """The scatter of each output under the laws (U,), or one where it has none."""
+        return np.where(self.surface.scatter > 0.0, self.surface.scatter, 1.0)
 
     def _of_fit(self, site: Indices, x: Array, weights: Array) -> Array:
         """Squares and products (K, K) of the polynomials' errors in sums over sites, with weights.
@@ -669,25 +684,6 @@ def enlarged(
     stated = None if choice is None else choice.together
     together = stated or settings.each_worker * runner.workers
     return together if together > usual(len(runner.cases), settings) else 0
-
-
-def agreeing(
-    likelihood: AnyLikelihood, alpha: Array, of: Indices, x: Array, values: Array, near: int
-) -> Indices:
-    """The numbers (N, near) of the draws x (D, n) that agree best with each experiment.
-
-    `values` (U, D) are the values of all outputs at the draws, and `of` (M,) is the output of each
-    observation.
-    """
-    if isinstance(likelihood, Problem):
-        off = np.abs(values[of] - likelihood.outcomes[:, None])
-        return np.argsort(off, axis=1, kind="stable")[:, :near]
-    out = np.empty((likelihood.count, min(near, len(x))), dtype=np.intp)
-    for block in likelihood.layout.blocks(len(x)):
-        sums = likelihood.sums_of(alpha, block, values[of[block.rows]])
-        order = np.argsort(-np.nan_to_num(sums, nan=-np.inf), axis=1, kind="stable")
-        out[block.experiments] = order[:, :near]
-    return out
 
 
 def _limits(question: Question, far: float) -> dict[int, tuple[float, float]]:

@@ -14,11 +14,13 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
-from aleator.core.types import Array, Flags
+from aleator.core.types import Array, Flags, Indices
 from aleator.inference.information import Inference
 from aleator.laws import Hyperparameter
 from aleator.laws.hyperparameter import limits_of
 from aleator.laws.inputs import Inputs
+from aleator.likelihood.individual import IndividualLikelihood
+from aleator.likelihood.problem import Problem
 from aleator.simulators.response_functions import moving_parameters
 
 
@@ -265,3 +267,27 @@ def next_region(
 def _laws(inputs: Inputs, experiments: int) -> int:
     """The number of distinct laws: one for each experiment if laws have covariates, else one."""
     return experiments if inputs.regressed else 1
+
+
+def agreeing(
+    likelihood: Problem | IndividualLikelihood,
+    alpha: Array,
+    of: Indices,
+    x: Array,
+    values: Array,
+    near: int,
+) -> Indices:
+    """The numbers (N, near) of the draws x (D, n) that agree best with each experiment.
+
+    `values` (U, D) are the values of all outputs at the draws, and `of` (M,) is the output of each
+    observation.
+    """
+    if isinstance(likelihood, Problem):
+        off = np.abs(values[of] - likelihood.outcomes[:, None])
+        return np.argsort(off, axis=1, kind="stable")[:, :near]
+    out = np.empty((likelihood.count, min(near, len(x))), dtype=np.intp)
+    for block in likelihood.layout.blocks(len(x)):
+        sums = likelihood.sums_of(alpha, block, values[of[block.rows]])
+        order = np.argsort(-np.nan_to_num(sums, nan=-np.inf), axis=1, kind="stable")
+        out[block.experiments] = order[:, :near]
+    return out

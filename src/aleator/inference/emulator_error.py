@@ -56,6 +56,30 @@ class Functional:
     weights: Array
 
 
+@dataclass(frozen=True)
+class Nodes:
+    """Points x (P, n) of cases (P,) whose values alpha depends on.
+
+    `effect` (P,) is the root mean square change of alpha in standard errors, where each value at
+    the point has an independent error as large as its scatter. Without free hyperparameters it is
+    the change of the log-likelihood.
+    """
+
+    case: Indices
+    x: Array
+    effect: Array
+
+    @classmethod
+    def of(cls, found: Functional, case: Indices, by: Array, scatter: Array) -> Nodes:
+        """The points of a functional: `by` (K, F) times changes of alpha are in standard errors."""
+        each = found.weights[:, : by.shape[1]] @ by.T * scatter[found.site, None]
+        points, owner = np.unique(
+            np.column_stack([case[found.site], found.x]), axis=0, return_inverse=True
+        )
+        squares = np.bincount(owner.ravel(), (each**2).sum(axis=1))
+        return cls(points[:, 0].astype(np.intp), points[:, 1:], np.sqrt(squares))
+
+
 def functional(
     likelihood: IndividualLikelihood,
     alpha: Array,

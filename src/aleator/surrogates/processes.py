@@ -492,6 +492,21 @@ class Processes:
             ]
         return np.asarray(x[chosen])
 
+    def farthest(self, case: Indices, x: Array, weight: Array, count: int) -> Indices:
+        """The numbers of `count` of the points x (P, n) of cases (P,), farthest from all runs.
+
+        The distance from the nearest run of the same case is multiplied by the weight (P,) of a
+        point.
+        """
+        z, chosen = self.axes.inward(x), list[int]()
+        distance = self._nearest(case, z)
+        for _ in range(count):
+            chosen.append(int(np.argmax(weight * distance)))
+            apart = np.abs(z - z[chosen[-1]]).max(axis=1)
+            same = case == case[chosen[-1]]
+            distance[same] = np.minimum(distance, apart)[same]
+        return np.array(chosen, dtype=np.intp)
+
     def _surprises(self, case: Indices, x: Array, y: Array) -> Array:
         z, found, least = self.axes.inward(x), [np.empty(0)], np.finfo(float).tiny
         for group in self.groups:
