@@ -49,7 +49,12 @@ from aleator.fit.regions import (
 )
 from aleator.fit.search import searched
 from aleator.inference import surface_diagnostics
-from aleator.inference.emulator_error import Functional, Nodes, functional, near_outcomes
+from aleator.inference.emulator_error import (
+    Functional,
+    InfluentialPoints,
+    functional,
+    near_outcomes,
+)
 from aleator.inference.information import INTERVALS, Inference, infer
 from aleator.likelihood.individual import (
     GaussHermite,
@@ -207,7 +212,7 @@ class Emulation:
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
     `itself` says whether the processes themselves are used in place of these. `together` is the
     number of runs of a round if workers enlarge it, or zero. `earlier` is the number of stored runs
-    with which the processes began. `told` has the errors of all rounds. `nodes` are the points
+    with which the processes began. `told` has the errors of all rounds. `influential` are the points
     whose values alpha depends on.
     """
 
@@ -237,7 +242,7 @@ class Emulation:
         self.error = EmulatorError(np.inf, np.inf, 1.0, np.ones(len(runner.cases)))
         self.distances, self.calm, self.terms, self.itself = np.empty(0), 0, 0, False
         self.told: list[EmulatorRound] = []
-        self.nodes: Nodes | None = None
+        self.influential: InfluentialPoints | None = None
         self.surface: Surface
         self.where: Array
 
@@ -452,8 +457,9 @@ class Emulation:
             return False
         case, experiment = processes.case[self.of], question.table.observations.experiment
         made, points = [], []
-        if self.calm and self.nodes:
-            at, weight = self.nodes, self.nodes.effect * np.isin(self.nodes.case, able)
+        if self.calm and self.influential:
+            at = self.influential
+            weight = at.effect * np.isin(at.case, able)
             inside = np.clip(at.x, *processes.box.T)
             some = processes.farthest(at.case, inside, weight, count)
             made, points, count = at.case[some].tolist(), [inside[some]], 0
@@ -494,7 +500,7 @@ class Emulation:
         # Without free hyperparameters, the error of the log-likelihood decides.
         by = root.T if last else np.ones((1, 1))
         shares = np.einsum("ki,cij,kj->c", by, alone[:, : len(by), : len(by)], by)
-        self.nodes = Nodes.of(found, processes.case, by, self._scatter)
+        self.influential = InfluentialPoints.of(found, processes.case, by, self._scatter)
         least = self.settings.search**2
         return replace(
             before, alpha=max(of_alpha, least) ** 0.5,

@@ -57,7 +57,7 @@ class Functional:
 
 
 @dataclass(frozen=True)
-class Nodes:
+class InfluentialPoints:
     """Points x (P, n) of cases (P,) whose values alpha depends on.
 
     `effect` (P,) is the root mean square change of alpha in standard errors, where each value at
@@ -70,7 +70,7 @@ class Nodes:
     effect: Array
 
     @classmethod
-    def of(cls, found: Functional, case: Indices, by: Array, scatter: Array) -> Nodes:
+    def of(cls, found: Functional, case: Indices, by: Array, scatter: Array) -> InfluentialPoints:
         """The points of a functional: `by` (K, F) times changes of alpha are in standard errors."""
         each = found.weights[:, : by.shape[1]] @ by.T * scatter[found.site, None]
         points, owner = np.unique(

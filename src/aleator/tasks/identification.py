@@ -64,8 +64,7 @@ class Identification(Result):
     >>> found
     95 % of experiments: x 0.79 to 1.27 (each end +- 0.29, 95 % confidence).
     A new experiment like experiment 3: y 2.36 to 3.82 (95 %).
-    2 hyperparameters identified from 4 experiments, ... different runs of the
-    simulator
+    2 hyperparameters identified from 4 experiments
     hyperparameter  estimate  std. error   95 % interval  note
     x.mean             1.031       0.062  0.873 .. 1.189
     x.sd               0.124       0.044  0.071 .. 0.303  sandwich error 0.018

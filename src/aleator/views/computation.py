@@ -62,12 +62,10 @@ def effort(document: Document) -> Iterator[Part]:
     stages, seconds = document.get("runs_by_stage") or {}, document.get("seconds") or {}
     if "runs" in document:
         made = ", ".join(f"{stage} {runs:,}" for stage, runs in stages.items() if runs)
-        what, twice = (
-            " different ones",
-            (
-                ". The first one, and about as many as the square root of their number (at most 24), "
-                "are made twice, to check that outcomes repeat."
-            ),
+        what = " different ones"
+        twice = (
+            ". The first one, and about as many as the square root of their number (at most 24), "
+            "are made twice, to check that outcomes repeat."
         )
         if direct := document.get("propagation") == "direct":
             what, twice = " points at which the simulator was evaluated, many in one call", ""
