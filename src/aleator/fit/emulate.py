@@ -212,8 +212,7 @@ class Emulation:
     `error` is the last error that the processes cause, and `surface` the polynomials in use.
     `itself` says whether the processes themselves are used in place of these. `together` is the
     number of runs of a round if workers enlarge it, or zero. `earlier` is the number of stored runs
-    with which the processes began. `told` has the errors of all rounds. `influential` are the points
-    whose values alpha depends on.
+    with which the processes began. `told` has the errors of all rounds.
     """
 
     def __init__(
@@ -458,9 +457,8 @@ class Emulation:
         case, experiment = processes.case[self.of], question.table.observations.experiment
         made, points = [], []
         if self.calm and self.influential:
-            at = self.influential
+            at, inside = self.influential, np.clip(self.influential.x, *processes.box.T)
             weight = at.effect * np.isin(at.case, able)
-            inside = np.clip(at.x, *processes.box.T)
             some = processes.farthest(at.case, inside, weight, count)
             made, points, count = at.case[some].tolist(), [inside[some]], 0
         for place, one in enumerate(order[:count].tolist()):
