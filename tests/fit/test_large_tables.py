@@ -86,7 +86,15 @@ def way(
 
 @pytest.mark.parametrize(
     ("function", "direct"),
-    [(line, True), (rounded, True), (branching, False), (single, False), (centered, False)],
+    [
+        (line, True),
+        (rounded, True),
+        (branching, False),
+        (single, False),
+        (centered, False),
+        (np.vectorize(branching), False),
+        (lambda z, a, b: np.array([line(*one) for one in np.broadcast(z, a, b)]).squeeze(), False),
+    ],
 )
 def test_a_function_of_numbers_gets_arrays_where_the_values_are_the_same(
     function: Callable[..., Any], direct: bool

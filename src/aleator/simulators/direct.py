@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -57,7 +58,9 @@ def array_trial(
     parameters `x` (R, n); they should differ in both. Relative differences up to `relative` are
     tolerated, and a value that is not finite either way is the same. The call with arrays comes
     first, and the first difference ends the trial, so that a function that takes no arrays
-    costs one or two calls. Cost: at most checked + 1 calls.
+    costs one or two calls. A function that loops over the runs in Python (`np.vectorize`) gains
+    nothing by arrays, and may be slow: it is one that makes another call of a function for most
+    further runs. Cost: at most checked + 2 calls.
 
     >>> from aleator.simulators.units import Cases
     >>> from aleator.simulators.function import FunctionSimulator
@@ -71,16 +74,19 @@ def array_trial(
     """
     case, x = case[: settings.checked], x[: settings.checked]
     try:
-        together = _called(with_arrays(bound), case, x)
+        together, calls = _called(with_arrays(bound), case, x)
+        fewer = _called(with_arrays(bound), case[:2], x[:2])[1]
     except (KeyboardInterrupt, SurroundingsError):
         raise
     except BaseException as error:
         return ArrayTrial(0, f"it raised {describe(error)}")
     if not np.isfinite(together).any():
         return ArrayTrial(0, "it returned no finite number")
+    if 2 * (calls - fewer) > len(case) - 2:
+        return ArrayTrial(0, "it loops over the runs")
     for k in range(len(case)):
         try:
-            alone = _called(bound, case[k : k + 1], x[k : k + 1])[0]
+            alone = _called(bound, case[k : k + 1], x[k : k + 1])[0][0]
         except SurroundingsError:
             raise
         except BaseException as error:
@@ -98,13 +104,23 @@ def with_arrays(bound: Bound) -> Bound:
     return replace(bound, simulator=simulator.with_arrays())
 
 
-def _called(bound: Bound, case: Indices, x: Array) -> Array:
-    """Values (R, W) of one call of the simulator."""
+def _called(bound: Bound, case: Indices, x: Array) -> tuple[Array, int]:
+    """Values (R, W) of one call of the simulator, and the number of calls that it makes itself."""
+    columns, before, calls = bound.columns(case, x), sys.getprofile(), 0
+
+    def count(_frame: object, event: str, _argument: object) -> None:
+        nonlocal calls
+        calls += event in ("call", "c_call")
+
     with warnings.catch_warnings():
         # What a trial warns of is no concern of the user, and must not decide as an error.
         warnings.simplefilter("ignore")
-        returned = bound.simulator(*bound.columns(case, x))
-    return bound.form.some(case).shaped(bound.simulator, returned, len(case))
+        sys.setprofile(count)
+        try:
+            returned = bound.simulator(*columns)
+        finally:
+            sys.setprofile(before)
+    return bound.form.some(case).shaped(bound.simulator, returned, len(case)), calls
 
 
 def _require_no_interrupt(error: BaseException) -> None:

@@ -370,8 +370,8 @@ class Runner:
         """Whether `straight` makes many runs in one call; tried at 16 points of `region` (n, 2).
 
         It does so for a vectorized function, and for one of which `vectorized` is not stated if
-        arrays give the same values as single numbers: it is tried once, by at most 17 calls (see
-        `array_trial`). The calls with single numbers count as runs, the one with arrays does not,
+        arrays give the same values as single numbers: it is tried once, by at most 18 calls (see
+        `array_trial`). The calls with single numbers count as runs, those with arrays do not,
         and none is stored.
         """
         return self._direct.find_arrays(region)
