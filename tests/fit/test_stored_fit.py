@@ -42,12 +42,15 @@ def lengths(load: Array, x: Array) -> Array:
     return load * x
 
 
+SLOW = FunctionSimulator(length, vectorized=False)
+
+
 def experiments(table: pd.DataFrame = TABLE) -> Experiments:
     return Experiments.from_frame(table, outcome="y")
 
 
 def identified(path: Path, store: Store, noise: Noise | None) -> Identification:
-    runner = Runner(FunctionSimulator(length), experiments(), LAW.names, store=store)
+    runner = Runner(SLOW, experiments(), LAW.names, store=store)
     found = identify(
         runner, experiments(), LAW, noise=noise, verification=Check(0), consistency=False,
         best_law=False,
@@ -65,7 +68,7 @@ def test_a_stored_answer_tells_the_next_experiment_as_the_identification_does(
         found = identified(path, store, noise)
         expected = next_experiments(found, OFFERED, count=1)
         given: dict[str, Any] = {
-            "simulator": length, "inputs": LAW, "noise": noise, "experiments": experiments()
+            "simulator": SLOW, "inputs": LAW, "noise": noise, "experiments": experiments()
         }  # fmt: skip
         MADE.clear()
         again = load(path, **given, store=store).with_fit()

@@ -112,7 +112,7 @@ def test_derivatives_of_another_form_are_told(returned: Any, told: str) -> None:
 
 
 def test_a_pair_without_jac_is_told() -> None:
-    with pytest.raises(SimulatorError, match="say jac = true"):
+    with pytest.raises(SimulatorError, match="jac = true"):
         runner(by_order, False)([0], X[:1])
 
 

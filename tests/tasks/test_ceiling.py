@@ -230,5 +230,5 @@ def test_what_was_read_from_a_file_is_refused_and_keeps_its_line(
     (tmp_path / "identification.json").write_text(json.dumps(document))
     read = load(tmp_path / "identification.json")
     assert math.isnan(read.best_possible["gap"])
-    with pytest.raises(AleatorError, match="surfaces"):
+    with pytest.raises(AleatorError, match="read from a file"):
         ceiling(read)

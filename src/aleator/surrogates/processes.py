@@ -293,7 +293,9 @@ class Processes:
 
     def _nearest(self, case: Indices, z: Array) -> Array:
         """The distance (R,) of the nearest run of each case from z (R, n), in any parameter."""
-        there, out = self.axes.inward(self.x), np.full(len(z), np.inf)
+        out = np.full(len(z), np.inf)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            there = np.nan_to_num(self.axes.inward(self.x), nan=np.inf)
         for one in np.unique(self.of_run):
             rows, own = case == one, there[self.of_run == one]
             apart = np.abs(z[rows, None] - own).max(axis=2)
