@@ -21,11 +21,11 @@ from rich.console import Console
 
 from aleator import Check, Experiments, Inputs, identify
 from aleator.core.progress import Silent
-from aleator.fit.emulate import EMULATION, Emulation, admitted_change, usual
-from aleator.fit.expected_runs import RoundsAhead
+from aleator.fit.emulate import Emulation
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import Choices
 from aleator.fit.regions import first_region
+from aleator.fit.rounds import EMULATION, RoundsAhead, admitted_change, usual
 from aleator.simulators import Runner, as_runner
 from aleator.simulators.function import FunctionSimulator
 from aleator.tasks.first_look import expected_cost, planned_look

@@ -21,8 +21,14 @@ from aleator import (
     TruncatedNormal,
     identify,
 )
-from aleator.fit.emulate import EMULATION, EmulatorError, EmulatorRound, admitted_change, usual
-from aleator.fit.expected_runs import RoundsAhead
+from aleator.fit.rounds import (
+    EMULATION,
+    EmulatorError,
+    EmulatorRound,
+    RoundsAhead,
+    admitted_change,
+    usual,
+)
 from aleator.simulators.function import FunctionSimulator
 
 RNG = np.random.default_rng(12)

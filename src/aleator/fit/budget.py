@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from aleator.errors import InputsError
-from aleator.fit.emulate import EMULATION
+from aleator.fit.rounds import EMULATION
 from aleator.laws.inputs import Inputs
 from aleator.simulators import Budget, Runner
 from aleator.simulators.response_functions import moving_parameters

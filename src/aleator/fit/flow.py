@@ -12,11 +12,11 @@ import numpy as np
 from aleator.core.types import Array, Indices
 from aleator.fit.budget import affordable
 from aleator.fit.earlier_runs import with_earlier_runs
-from aleator.fit.emulate import enlarged
 from aleator.fit.ledger import Ledger
 from aleator.fit.question import Question, start_point
 from aleator.fit.refine import EXACT, Refinement, refined
 from aleator.fit.regions import REGIONS, draws, plausible_alphas
+from aleator.fit.rounds import enlarged
 from aleator.fit.uncertainty import Inferred, with_uncertainty
 from aleator.inference import diagnostics, surface_diagnostics
 from aleator.inference.check import Check, Checked, checked, smoothed, unsmoothed

@@ -8,9 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from aleator.core.types import Array, Flags
-from aleator.fit.emulate import EMULATION, Emulation, EmulatorError
+from aleator.fit.emulate import Emulation
 from aleator.fit.flow import Answer
 from aleator.fit.quadrature import AnyLikelihood, Maximum
+from aleator.fit.rounds import EMULATION, EmulatorError
 from aleator.inference import diagnostics
 from aleator.inference import surface_diagnostics as on_surfaces
 from aleator.inference.identifiability import identifiability_warnings, left_open

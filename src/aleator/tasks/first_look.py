@@ -13,7 +13,6 @@ import pandas as pd
 from aleator.core.progress import Progress, Silent
 from aleator.core.types import Array, Flags, Indices
 from aleator.errors import WORKING_BOX, SimulatorError
-from aleator.fit.emulate import confirming, enlarged, usual
 from aleator.fit.question import (
     grids_each,
     is_exact,
@@ -23,6 +22,7 @@ from aleator.fit.question import (
     way_of_outcomes,
 )
 from aleator.fit.regions import widest_region
+from aleator.fit.rounds import confirming, enlarged, usual
 from aleator.inference.check import Check
 from aleator.laws import Free
 from aleator.laws.inputs import Inputs
