@@ -220,6 +220,27 @@ def test_a_run_is_made_where_it_tells_most(front: Processes) -> None:
     assert np.sum(told(made, np.full(40, 5), x)[1] ** 2) < 0.9 * np.sum(left**2)
 
 
+def test_tests_lie_far_from_the_runs_of_their_condition_and_from_each_other(
+    front: Processes,
+) -> None:
+    x, case = anywhere(60), np.repeat([5, 9], 30)
+    weight = np.where(case == 5, 1.0, 0.0)
+    some = front.farthest(case, x, weight, 8)
+    assert np.all(case[some] == 5)
+    assert len(set(some.tolist())) == 8
+
+    def apart(of: Array, others: Array) -> Array:
+        return np.abs(unit(of)[:, None] - unit(others)).max(axis=2).min(axis=1)
+
+    seen = front.x[front.of_run == 5]
+    assert some[0] == np.argmax(np.where(case == 5, apart(x, seen), 0.0))
+    for k in range(1, 8):
+        seen = np.vstack([seen, x[some[k - 1]]])
+        assert apart(x[some[k]][None], seen)[0] == apart(x[case == 5], seen).max()
+    doubled = front.farthest(case, x, np.where(np.arange(60) == 3, 1e6, weight), 2)
+    assert doubled[0] == 3
+
+
 @pytest.mark.parametrize(("scaled", "power"), [(True, -3.0), (False, 1.0)])
 def test_coordinates_are_logarithmic_where_the_values_say_so(scaled: bool, power: float) -> None:
     box, everyone = np.array([[0.1, 5.0]]), np.arange(len(CONDITIONS))
