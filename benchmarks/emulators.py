@@ -1,6 +1,6 @@
 """`python -m benchmarks.emulators RECORD.jsonl`: what an emulator in place of the simulator costs.
 
-Ten unlike simulators with six data sets each, all synthetic (`benchmarks.simulators`), are
+Eleven unlike simulators with six data sets each, all synthetic (`benchmarks.simulators`), are
 identified by default settings as ones that are not vectorized. Each answer is compared with that of
 the same study where the simulator itself is integrated over. The error of alpha in the worst
 direction is sqrt(2 (L(exact) - L(found))) in standard errors, where L is the exact log-likelihood.
