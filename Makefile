@@ -43,6 +43,8 @@ reproduce: $(STAMP) ## Compute the paper's figures and judge its claims, into ou
 	$(BIN)/python -m reproduction --output out/paper
 
 test: $(STAMP) ## Run the tests, the doctests of the source and the README
+	@# Once, not in each process that a test starts: some systems keep no bytecode.
+	$(BIN)/python -m compileall -q src
 	$(BIN)/pytest -m "not long" --numprocesses auto --dist loadfile --no-loadscope-reorder --durations=20
 
 test-long: $(STAMP) ## Run the tests that take a minute or more each

@@ -196,7 +196,7 @@ def prepared(folder: Path) -> None:
     for name, sound in STUDIES.items():
         os.chdir(written(sound, folder / name))
         if name in RESULTS:
-            _run("identify", "study.toml", "--quiet", "--output", "out")
+            _run("identify", "study.toml", "--quiet", "--no-figures", "--output", "out")
         if name == STORE:
             _run("runs", "export", "study.toml", "runs.csv")
         if name == REPLICATED:

@@ -147,10 +147,10 @@ def test_who_imports_the_command_line_keeps_its_own_answer_to_ctrl_c() -> None:
 # ------------------------------------------------------------------------------ clusters
 
 
-QUICK = SPRINGS + "[verification]\nsamples = 0\n"
+QUICK = SPRINGS.replace("starts = 2", "starts = 1") + "[verification]\nsamples = 0\n"
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
-# Runs are logged with their process, beginning and end, and slow enough for several batches; one of
-# them ends a process, once.
+# Runs are logged with their process, beginning and end, and slow enough for several batches; about
+# the twentieth of them ends a process, once.
 MODEL = """\
 import os, pathlib, signal, time
 
@@ -161,7 +161,7 @@ def length(load, softness):
     began = time.monotonic()
     time.sleep(0.02)
     victim = HERE / "victim"
-    if load == 4.0 and softness > 1.0 and victim.exists():
+    if load == 4.0 and softness > 1.4 and victim.exists():
         pid = int(victim.read_text() or os.getpid())
         victim.unlink()
         os.kill(pid, signal.SIGKILL)
@@ -216,26 +216,23 @@ def kept(folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-def test_two_workers_run_at_once_to_the_same_answer_also_where_one_is_killed(
+def test_two_workers_run_at_once_and_to_the_same_answer_where_one_is_killed(
     tmp_path: Path, alone: dict[str, Any]
 ) -> None:
-    whole, folder = study_in(tmp_path / "whole"), study_in(tmp_path / "springs")
+    folder = study_in(tmp_path / "springs")
     (folder / "victim").touch()  # whoever comes first
     with DaskProcesses(tmp_path, workers=2) as cluster:
-        done = aleator_run(whole, "--dask", str(cluster.file))
-        assert done.returncode == 0, done.stderr
-        assert answer(whole) == alone
-        runs = sorted((float(began), float(end), pid) for _, _, pid, began, end in logged(whole))
-        at_once = sum(
-            pid != other and later < end
-            for (_, end, pid), (later, _, other) in pairwise(runs)
-        )  # fmt: skip
-        assert at_once > len(runs) / 4
         done = aleator_run(folder, "--dask", str(cluster.file))
         assert done.returncode == 0, done.stderr
         assert [worker.poll() for worker in cluster.workers].count(None) == 1
     assert "tcp://" in done.stderr  # the worker that was lost
     assert answer(folder) == alone
+    runs = sorted((float(began), float(end), pid) for _, _, pid, began, end in logged(folder))
+    at_once = sum(
+        pid != other and later < end
+        for (_, end, pid), (later, _, other) in pairwise(runs[:16])  # before the end of one
+    )  # fmt: skip
+    assert at_once > 4
     assert len(kept(folder)) == len(set(kept(folder)))
     assert set(kept(folder)) == set(runs_made(folder))
 

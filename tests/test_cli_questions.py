@@ -87,7 +87,7 @@ def write_logarithmic(springs: str) -> None:
     )
 
 
-@pytest.mark.usefixtures("folder")
+@pytest.mark.usefixtures("folder", "unreported", "unjudged_commands")
 def test_an_experiment_without_a_run_is_told_and_outcomes_are_in_their_own_unit() -> None:
     write_logarithmic("id,force,travel\nA,10,4\nB,-20,6\nC,30,25\nD,40,15\n")
     said = done("check", "study.toml", "--output", "out", "--no-figures", "--quiet").stdout
@@ -216,7 +216,7 @@ def test_next_prints_tables_and_writes_files() -> None:
     assert "4 experiments" in quiet.stdout
 
 
-@pytest.mark.usefixtures("to_measure")
+@pytest.mark.usefixtures("to_measure", "unreported", "unjudged_commands")
 def test_next_takes_the_stored_answer_of_the_same_study_only() -> None:
     asked = ("next", "study.toml", "--candidates", "new.csv", "--count", 1, "--output", "out")
     done(*asked)
@@ -506,7 +506,7 @@ def test_conditions_are_values_by_name_or_those_of_the_experiments() -> None:
     assert pd.read_csv("p.csv")["load"].tolist() == [2.5, 6.0]
 
 
-@pytest.mark.usefixtures("folder")
+@pytest.mark.usefixtures("folder", "unreported", "unjudged_commands")
 def test_why_runs_fail_under_new_conditions_is_told() -> None:
     write_logarithmic("id,force,travel\nA,10,4\nB,20,6\nC,30,10\nD,40,12\n")
     done("identify", "study.toml", "--output", "out", "--no-figures", "--quiet")

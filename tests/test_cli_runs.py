@@ -12,7 +12,7 @@ from studies import done, read, refused, run, springs
 from aleator.simulators import Store, records
 from aleator.simulators.fmu import FMUSimulator
 
-pytestmark = pytest.mark.usefixtures("unreported")
+pytestmark = pytest.mark.usefixtures("unreported", "unjudged_commands")
 MODEL = """\
 def length(load, bench, softness):
     if softness > 1.45 and load > 3:

@@ -48,6 +48,8 @@ def own() -> np.ndarray:
 @pytest.mark.parametrize(("asked", "known"), CASES)
 def test_an_answer_is_the_same_under_every_kernel(asked: str, known: str, own: np.ndarray) -> None:
     choice = {"OPENBLAS_CORETYPE": asked}
+    if kernels.taken({}) == known:
+        pytest.skip(f"{asked} is the kernel that all others are held against")
     if kernels.taken(choice) != known:
         pytest.skip(f"the processor or the BLAS lacks {asked}")
     assert_same(answers(choice), own)

@@ -13,7 +13,7 @@ from aleator.study.nonmem import SubjectTable, subject_table
 from aleator.study.roles import sheet_of
 
 THEOPHYLLINE = Path(__file__).parent / "data" / "theophylline.csv"
-pytestmark = pytest.mark.usefixtures("unjudged_commands")
+pytestmark = pytest.mark.usefixtures("unreported", "unjudged_commands")
 MODEL = """
 import json
 import numpy as np

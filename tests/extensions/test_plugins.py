@@ -21,7 +21,7 @@ from aleator.cli import main
 from aleator.errors import SimulatorError, StudyError
 from aleator.study import load_study
 
-pytestmark = pytest.mark.usefixtures("unreported")
+pytestmark = pytest.mark.usefixtures("unreported", "unjudged_commands")
 UNCHECKED = Check(0)
 Install = Callable[[str, str, str], None]
 Write = Callable[..., Path]

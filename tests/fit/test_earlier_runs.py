@@ -27,7 +27,7 @@ from aleator.fit.question import Choices
 from aleator.simulators import FunctionSimulator, Runner, Store
 
 RNG = np.random.default_rng(5)
-COUNT, SD, BOX = 40, 0.05, (1.0, 3.0)
+COUNT, SD, BOX = 32, 0.05, (1.0, 3.0)
 LOAD = RNG.uniform(1.0, 4.0, COUNT)
 TRAVEL = LOAD / np.clip(RNG.normal(1.8, 0.25, COUNT), *BOX) + SD * RNG.standard_normal(COUNT)
 TABLE = Experiments.from_frame(pd.DataFrame({"load": LOAD, "y": TRAVEL}), outcome="y")

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 from studies import SPRINGS, done, refused, springs
 
 from aleator import Constant, Free, Identification, Inputs, Noise, Normal, identify
 
 RNG = np.random.default_rng(12)
-TIME, RATE = np.linspace(0.5, 3.0, 24), RNG.normal(0.8, 0.15, 24)
+TIME, RATE = np.linspace(0.5, 3.0, 20), RNG.normal(0.8, 0.15, 20)
 LAWS = Inputs({"rate": Normal(Free(0.3, 1.5), Free(0.02, 0.5)), "start": Constant(Free(3.0, 7.0))})
 
 
@@ -21,8 +22,8 @@ def fading(time: float, rate: float, start: float) -> tuple[float, list[float]]:
     return left, [-time * left, left / start]
 
 
-LEFT = np.array([fading(*row)[0] for row in zip(TIME, RATE, np.full(24, 5.0), strict=True)])
-TABLE = pd.DataFrame({"time": TIME, "left": LEFT + 0.05 * RNG.standard_normal(24)})
+LEFT = np.array([fading(*row)[0] for row in zip(TIME, RATE, np.full(20, 5.0), strict=True)])
+TABLE = pd.DataFrame({"time": TIME, "left": LEFT + 0.05 * RNG.standard_normal(20)})
 
 
 def found_with(simulator: Callable[..., Any], jac: bool) -> Identification:
@@ -54,6 +55,7 @@ def length(load, softness):
 """
 
 
+@pytest.mark.usefixtures("unjudged_commands")
 def test_a_study_with_derivatives_is_replayed_from_its_store(tmp_path: Path) -> None:
     study = springs(tmp_path, study=STUDY, model=MODEL)
     for folder in ("first", "again"):

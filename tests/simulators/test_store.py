@@ -415,6 +415,7 @@ def lines_of(log: Path) -> int:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unreported", "unjudged_commands")
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there is no kill -9")
 def test_a_study_killed_again_and_again_ends_with_the_same_answer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -443,8 +444,8 @@ def test_a_study_killed_again_and_again_ends_with_the_same_answer(
         kept = stored(store)
         assert kept >= before
         assert kept >= lines_of(log) - (number + 1) * (PART + 1 + REPEATABILITY.most)
-    done = subprocess.run([*COMMAND, *arguments, "result"], check=False)
-    assert done.returncode == 0
+    done = CliRunner().invoke(cli.main, [*arguments, "result"])
+    assert done.exit_code == 0, done.output
     assert document(tmp_path / "result") == document(tmp_path / "whole")
     assert stored(store) == distinct
     assert lines_of(log) <= distinct + kills * PART + (kills + 1) * (1 + REPEATABILITY.most)

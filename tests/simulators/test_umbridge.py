@@ -80,6 +80,7 @@ def test_a_series_fills_a_vector_and_reads_one(server: str) -> None:
     np.testing.assert_array_equal(run.values([0, 1], [[0.5], [0.5]])[0], expected)
 
 
+@pytest.mark.usefixtures("unreported", "unjudged_commands")
 def test_a_study_on_a_server_is_the_study_on_the_function(
     server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -37,7 +37,7 @@ def recovered_of(problem: Problem, truth: dict[str, float], replicates: int, **m
 
 
 def test_the_answer_depends_on_the_seed_and_not_on_the_number_of_workers() -> None:
-    problem = replace(SAMPLE, z=np.zeros(15))
+    problem = replace(SAMPLE, z=np.zeros(8))
     truth = {"x.mean": 1.0, "x.sd": 0.6}
     one = recovered_of(problem, truth, 3, density=Gaussian(), seed=5)
     two = recovered_of(problem, truth, 3, density=Gaussian(), seed=5)

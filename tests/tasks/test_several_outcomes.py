@@ -174,7 +174,7 @@ def test_outcomes_at_two_loads_and_a_constant() -> None:
 
 @pytest.mark.slow
 def test_a_slow_simulator_of_two_outcomes_is_emulated() -> None:
-    frame, logs = drawn(12)
+    frame, logs = drawn(8)
     found = unjudged(one_at_a_time, table(frame), PAIR)
     alpha, value = closed(frame, logs)
     assert found.runs < 200

@@ -146,9 +146,10 @@ def test_watching_changes_no_answer_and_a_page_needs_a_folder(
 
 
 SLOW = """\
-import time
+import pathlib, time
 def length(load, softness):
-    time.sleep(0.15)
+    if pathlib.Path("slow").exists():
+        time.sleep(0.15)
     return load * softness
 """
 
@@ -186,7 +187,8 @@ def test_the_page_of_a_slow_study_during_work_after_ctrl_c_and_after_its_end(
 ) -> None:
     springs(tmp_path, model=SLOW, lengths=LENGTHS[:5])
     monkeypatch.chdir(tmp_path)
-    file = Path("out/progress.html")
+    file, slow = Path("out/progress.html"), Path("slow")
+    slow.touch()
     asked = ("identify", "study.toml", "--no-verify", "--watch", "--output", "out")
     with started(*asked) as process:
         during = text_with(file, r"\d+ of \d+ runs")
@@ -195,6 +197,7 @@ def test_the_page_of_a_slow_study_during_work_after_ctrl_c_and_after_its_end(
         assert process.wait(60.0) == 130
     after = file.read_text()
     assert (state(after), refreshed(after)) == ("stopped", False)
+    slow.unlink()
     done(*asked)
     end = file.read_text()
     assert (state(end), refreshed(end)) == ("done", False)

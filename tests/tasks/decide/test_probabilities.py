@@ -207,8 +207,8 @@ def bump(place: tuple[float, float], width: float) -> Callable[..., np.ndarray]:
 
 
 def by_cells(response: Callable[..., np.ndarray], limit: float) -> float:
-    """P(y(a, b) > limit) of two standard normal variates by 3201 x 3201 cells."""
-    a = np.linspace(-8.0, 8.0, 3201)
+    """P(y(a, b) > limit) of two standard normal variates by 1601 x 1601 cells."""
+    a = np.linspace(-8.0, 8.0, 1601)
     density = stats.norm.pdf(a)
     inside = response(1.0, a[:, None], a) > limit
     return float(np.sum(inside * density[:, None] * density) * (a[1] - a[0]) ** 2)
