@@ -59,7 +59,9 @@ class Noise:
             raise InputsError("noise: neither sd nor relative is given", "give one of them")
         for name, value in (("sd", self.sd), ("relative", self.relative)):
             if value == 0:
-                raise InputsError(f"noise: {name} = 0 is no noise", "leave the noise out")
+                other = self.relative if name == "sd" else self.sd
+                out = "leave the noise out" if other is None else f"leave {name} out"
+                raise InputsError(f"noise: {name} = 0 is no noise", out)
         require_filled(self.kind, ObservationModel, "noise")
         if self.variance is not None:
             require_filled(self.variance, VarianceFunction, "noise: variance")

@@ -237,7 +237,18 @@ class DirectRuns:
             return self._carefully(case, x)
 
     def _carefully(self, case: Indices, x: Array) -> tuple[Array, Failures]:
-        """Values (R, W) of runs of which some raise an exception; the values of these are NaN."""
+        """Values (R, W) of runs of which some raise an exception; the values of these are NaN.
+
+        If each of a few raises one, spread over all, the others are not made.
+        """
+        if len(case) > (few := self._settings.checked):
+            some = np.linspace(0, len(case) - 1, few).astype(np.intp)
+            failures = self._carefully(case[some], x[some])[1]
+            if len(failures) == few:
+                every = range(self._settings.remembered)
+                return np.full((len(case), self._form.width), np.nan), dict.fromkeys(
+                    every, failures[0]
+                )
         runs = Runs.planned(case, x, self._form.width)
         made = make(self._bound.simulator, Batch.of(self._unmeasured, runs), np.inf)
         if made.stopped:

@@ -55,6 +55,13 @@ class Messages:
         if hint and len(self.units) == len(self.ids) and not self.units.series:
             write = setting("[experiments] id and [simulator] series", 'id="...", series=True')
             hint += f"; if it takes all rows of an experiment at once, say so: {write}"
+        if hint and self.units.series:
+            hint += "; it gets arrays of an experiment's rows (np.exp in place of math.exp)"
+        if hint and getattr(self.simulator, "vectorized", None) is True:
+            off = setting("[simulator] vectorized = false", "vectorized=False")
+            hint = (
+                f"let it take arrays (np.exp in place of math.exp), or call it with numbers: {off}"
+            )
         return self._no_outcome(
             f": {failed:,} of {total:,} runs failed, too many to go on; the first for "
             f"{self._run(tried, row)}: {_with_log(tried.failures[row])}",
@@ -104,10 +111,12 @@ class Messages:
         experiment: it wants arrays if it then returns a number for each row.
         """
         case, simulator = int(tried.case[row]), self.simulator
+        if not isinstance(simulator, FunctionSimulator) or simulator.series:
+            return
         own = self.units.experiment == self.units.experiment[self.cases.first[case]]
         cells = self.cases.at(self.cases.condition[own])
         arrays = {name: cell for name, cell in cells.items() if np.any(cell != cell[0])}
-        if not arrays or not isinstance(simulator, FunctionSimulator) or simulator.series:
+        if not arrays:
             return
         single = {name: cell[0] for name, cell in cells.items() if name not in arrays}
         x = dict(zip(self.parameters, tried.x[row].tolist(), strict=True))

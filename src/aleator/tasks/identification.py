@@ -416,6 +416,11 @@ def load(
     if inputs is None:
         return found
     laws, runner = inputs_of(inputs), None
+    if experiments is not None and not isinstance(experiments, Experiments):
+        raise InputsError(
+            "load: experiments is a table, not Experiments",
+            "give Experiments.from_frame(table, outcome=..., id=...), as in the identification",
+        )
     if simulator is not None:
         made = as_simulator(simulator, vectorized, series=series)
         runner = _runners(found, made, laws, experiments, store)
