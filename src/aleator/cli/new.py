@@ -266,10 +266,9 @@ def chosen_parameters(
         f"{name}={f'{ends[0]:g}:{ends[1]:g}' if ends else 'LOW:HIGH'}"
         for name, ends in limits.items()
     )
-    question = (
-        "Parameters that differ between experiments, with limits: as wide as physics allows, not "
-        "where you expect them, for the law is cut there"
-    )
+    click.echo("Limits of parameters: as wide as physics allows, not where you expect them, for "
+               "the law is cut there.", err=True)  # fmt: skip
+    question = "Parameters that differ between experiments, with limits"
     known_ends = all(limits.values())
     return dict(
         click.prompt(

@@ -350,7 +350,7 @@ def _other_law(limits: tuple[float, float] | None) -> list[str]:
 
     A lognormal law has values above zero; where the limits reach below, it is a normal law.
     """
-    law, of = "lognormal", "skewed, above zero, without an upper end; gamma and weibull alike"
+    law, of = "lognormal", "skewed, above zero, without an upper end; gamma alike"
     if limits is not None and limits[0] <= 0.0:
         law, of = "normal", "without ends"
     mean = "{lower = ..., upper = ...}" if limits is None else ends(limits)
